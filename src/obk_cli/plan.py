@@ -1,0 +1,81 @@
+"""The intermediate form: which processes run, with which parameters, in which order they come up.
+
+What comes out of `lower`, and all that a back end or the launcher needs to know of a config.
+Holds no YAML and no ROS types.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+__all__ = ["TIERS", "Endpoint", "Origin", "ParameterValue", "Plan", "Process"]
+
+ParameterValue = (
+    bool | int | float | str | tuple[bool, ...] | tuple[int, ...] | tuple[float, ...] | tuple[str, ...]
+)
+
+TIERS = ("robot", "sensing", "estimation", "control", "viz", "joystick")
+"""Sections in bring-up order: data flows downstream, so nobody activates into a void."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Origin:
+    """The place in the user's text that made something; line and column count from 1."""
+
+    path: str
+    line: int
+    column: int
+
+    def __str__(self) -> str:
+        return f"{self.path}:{self.line}:{self.column}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Endpoint:
+    """One end of a topic; `msg_type` is full (`pkg/msg/Name`) or None where only the code knows it.
+
+    `rate_hz` [Hz] is what the config promises, None where nothing in it sets the pace.
+    """
+
+    topic: str
+    msg_type: str | None
+    rate_hz: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Process:
+    """One node and the process that runs it."""
+
+    node: str
+    """Node name without its namespace, `obelisk_control_0`."""
+    namespace: str
+    """ROS namespace, `/` where none is given."""
+    section: str
+    device: str
+    package: str
+    executable: str
+    origin: Origin
+    parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
+    remappings: tuple[tuple[str, str], ...] = ()
+    env: Mapping[str, str] = field(default_factory=dict)
+    log_level: str | None = None
+    publishes: tuple[Endpoint, ...] = ()
+    subscribes: tuple[Endpoint, ...] = ()
+
+    @property
+    def full_name(self) -> str:
+        """The node's name in the ROS graph, `/ns/obelisk_control_0`."""
+        return f"{self.namespace.rstrip('/')}/{self.node}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """A whole stack."""
+
+    name: str
+    processes: tuple[Process, ...]
+
+    @property
+    def tiers(self) -> tuple[tuple[Process, ...], ...]:
+        """The processes in bring-up order, a tuple for each tier that has any."""
+        tiers = (tuple(p for p in self.processes if p.section == section) for section in TIERS)
+        return tuple(tier for tier in tiers if tier)
