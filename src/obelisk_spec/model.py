@@ -1,0 +1,85 @@
+"""What the checks need to know of a MuJoCo model, without MuJoCo.
+
+`read_model_facts` takes a `mujoco.MjSpec` that the caller has loaded; nothing is compiled and no
+mesh is opened, so the facts of a model are known although its meshes are missing.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+__all__ = ["ModelFacts", "SensorFact", "read_model_facts"]
+
+_SENSOR_TAGS = {"geomdist": "distance", "geomnormal": "normal", "geomfromto": "fromto"}
+"""Sensor types whose MJCF tag is not the name of the enum in small letters."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorFact:
+    """One named sensor."""
+
+    name: str
+    type: str
+    """As the MJCF tag: `jointpos`, `framequat`."""
+    object_type: str
+    """What it is attached to: `joint`, `site`, `body`."""
+    object_name: str
+    reference_type: str | None = None
+    reference_name: str | None = None
+    joint_type: str | None = None
+    """`hinge`, `slide`, `ball` or `free` for a sensor of a joint, else None."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelFacts:
+    """One model; names as keys, in the order of the model."""
+
+    sensors: Mapping[str, SensorFact] = field(default_factory=dict)
+    joints: Mapping[str, str] = field(default_factory=dict)
+    """Name -> type."""
+    geoms: Mapping[str, str] = field(default_factory=dict)
+    """Name -> type, `box`, `sphere`."""
+    sites: tuple[str, ...] = ()
+    cameras: tuple[str, ...] = ()
+    keyframes: tuple[str, ...] = ()
+    actuators: int = 0
+    timestep: float = 0.002
+    """[s]"""
+
+
+def read_model_facts(spec: Any) -> ModelFacts:
+    """The facts of a loaded `mujoco.MjSpec`."""
+    joints = {joint.name: _enum_word(joint.type) for joint in spec.joints if joint.name}
+    sensors = (_read_sensor(sensor, joints) for sensor in spec.sensors if sensor.name)
+    return ModelFacts(
+        sensors={sensor.name: sensor for sensor in sensors},
+        joints=joints,
+        geoms={geom.name: _enum_word(geom.type) for geom in spec.geoms if geom.name},
+        sites=_names(spec.sites),
+        cameras=_names(spec.cameras),
+        keyframes=_names(spec.keys),
+        actuators=len(spec.actuators),
+        timestep=float(spec.option.timestep),
+    )
+
+
+def _read_sensor(sensor: Any, joints: Mapping[str, str]) -> SensorFact:
+    word = _enum_word(sensor.type)
+    return SensorFact(
+        name=sensor.name,
+        type=_SENSOR_TAGS.get(word, word),
+        object_type=_enum_word(sensor.objtype),
+        object_name=sensor.objname,
+        reference_type=_enum_word(sensor.reftype) if sensor.refname else None,
+        reference_name=sensor.refname or None,
+        joint_type=joints.get(sensor.objname) if _enum_word(sensor.objtype) == "joint" else None,
+    )
+
+
+def _enum_word(member: Any) -> str:
+    """`mjSENS_JOINTPOS` -> `jointpos`."""
+    return str(member.name).partition("_")[2].lower()
+
+
+def _names(elements: Iterable[Any]) -> tuple[str, ...]:
+    return tuple(element.name for element in elements if element.name)

@@ -1,0 +1,210 @@
+"""Checks of one sensor group of a `sim` block, against its rule and against the model.
+
+Pure; the group must have the shape that `sim_shape` asks for.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from obelisk_spec.model import ModelFacts, SensorFact
+from obelisk_spec.near import did_you_mean, list_names, near_names
+from obelisk_spec.sensors import SENSOR_GROUPS, GroupRule, sensor_group
+from obelisk_spec.sim_faults import SimFault, SimPath
+
+__all__ = ["check_group_against_model", "check_group_rule"]
+
+_GEOM_GROUPS = range(6)
+_ONE_PLACE = 2
+"""From this many sensors on they can disagree about where they sit."""
+
+
+def check_group_rule(group: Mapping[str, Any], path: SimPath) -> Iterator[SimFault]:
+    """Findings that need no model: the message, the sensor types, the ray pattern."""
+    written = str(group["msg_type"])
+    rule = sensor_group(written)
+    if rule is None:
+        yield SimFault(
+            code="OBK319",
+            severity="error",
+            path=(*path, "msg_type"),
+            message=f"`{written}` is not a message that a sensor group can publish",
+            help=did_you_mean(written, SENSOR_GROUPS),
+        )
+        return
+    if rule.reads_sensors:
+        yield from _check_types(group.get("sensor_names") or {}, written, rule, path)
+    if rule.patterns:
+        yield from _check_pattern(group.get("scan_config") or {}, written, rule, path)
+
+
+def _check_types(
+    names: Mapping[str, str], written: str, rule: GroupRule, path: SimPath
+) -> Iterator[SimFault]:
+    for name, sensor_type in names.items():
+        if sensor_type not in rule.takes:
+            yield SimFault(
+                code="OBK305",
+                severity="error",
+                path=(*path, "sensor_names", name),
+                message=f"`{written}` cannot carry the `{sensor_type}` sensor `{name}`",
+                help=f"it takes {list_names(rule.takes)}",
+            )
+    yield from _check_counts(names, written, rule, path)
+
+
+def _check_counts(
+    names: Mapping[str, str], written: str, rule: GroupRule, path: SimPath
+) -> Iterator[SimFault]:
+    counts = Counter(names.values())
+    if not any(sensor_type in counts for sensor_type in rule.takes):
+        yield SimFault(
+            code="OBK306",
+            severity="error",
+            path=(*path, "sensor_names") if names else path,
+            points_at="key" if names else "value",
+            message=f"`{written}` has no sensor to publish",
+            help=f"it takes {list_names(rule.takes)}",
+        )
+        return
+    for sensor_type, use in rule.takes.items():
+        if use.at_most is not None and counts[sensor_type] > use.at_most:
+            last = [name for name, written_type in names.items() if written_type == sensor_type][-1]
+            yield SimFault(
+                code="OBK306",
+                severity="error",
+                path=(*path, "sensor_names", last),
+                points_at="key",
+                message=f"`{written}` takes {use.at_most} `{sensor_type}` sensor, "
+                f"{counts[sensor_type]} are given",
+                help="put the others into a sensor group of their own",
+            )
+        if counts[sensor_type] or use.presence == "optional":
+            continue
+        yield SimFault(
+            code="OBK306" if use.presence == "required" else "OBK307",
+            severity="error" if use.presence == "required" else "info",
+            path=(*path, "sensor_names"),
+            points_at="key",
+            message=f"`{written}` without a `{sensor_type}` sensor"
+            + (" cannot be filled" if use.presence == "required" else " leaves that part empty"),
+        )
+
+
+def _check_pattern(
+    scan: Mapping[str, Any], written: str, rule: GroupRule, path: SimPath
+) -> Iterator[SimFault]:
+    pattern = scan.get("pattern")
+    kind = pattern.get("type") if isinstance(pattern, Mapping) else None
+    if isinstance(kind, str) and kind not in rule.patterns:
+        yield SimFault(
+            code="OBK305",
+            severity="error",
+            path=(*path, "scan_config", "pattern", "type"),
+            message=f"`{written}` cannot carry the ray pattern `{kind}`",
+            help=f"it takes {list_names(rule.patterns)}",
+        )
+    groups = scan.get("geom_groups")
+    for index, group in enumerate(groups if isinstance(groups, list | tuple) else ()):
+        if not (isinstance(group, int) and group in _GEOM_GROUPS):
+            yield SimFault(
+                code="OBK314",
+                severity="error",
+                path=(*path, "scan_config", "geom_groups", index),
+                message=f"geom group {group!r} does not exist",
+                help="MuJoCo has the groups 0 to 5",
+            )
+
+
+def check_group_against_model(
+    group: Mapping[str, Any], path: SimPath, facts: ModelFacts
+) -> Iterator[SimFault]:
+    """Findings about names, types and places of the model's sensors and sites."""
+    names: Mapping[str, str] = group.get("sensor_names") or {}
+    rule = sensor_group(str(group["msg_type"]))
+    for name, sensor_type in names.items():
+        yield from _check_sensor(name, sensor_type, (*path, "sensor_names", name), facts, rule)
+    if rule is not None:
+        found = [facts.sensors[name] for name in names if name in facts.sensors]
+        yield from _check_one_place(found, rule, path, str(group["msg_type"]))
+        if rule.patterns:
+            yield from _check_site(group.get("scan_config") or {}, path, facts)
+
+
+def _check_sensor(
+    name: str, written: str, path: SimPath, facts: ModelFacts, rule: GroupRule | None
+) -> Iterator[SimFault]:
+    sensor = facts.sensors.get(name)
+    if sensor is None:
+        if name in facts.cameras and written == "camera":
+            return
+        yield SimFault(
+            code="OBK303",
+            severity="error",
+            path=path,
+            points_at="key",
+            message=f"sensor `{name}` is not in the model",
+            help=_near_sensors(name, written, facts),
+        )
+    elif sensor.type != written:
+        yield SimFault(
+            code="OBK304",
+            severity="error",
+            path=path,
+            message=f"sensor `{name}` is written as `{written}`, in the model it is a "
+            f"`{sensor.type}`",
+            help=f"write `{name}: {sensor.type}`, or name a `{written}` sensor",
+            element=("sensor", name),
+        )
+    elif rule and rule.objects == "scalar joint" and sensor.joint_type in ("ball", "free"):
+        yield SimFault(
+            code="OBK309",
+            severity="error",
+            path=path,
+            points_at="key",
+            message=f"sensor `{name}` is on the {sensor.joint_type} joint `{sensor.object_name}`, "
+            "expected a hinge or slide joint",
+            element=("joint", sensor.object_name),
+        )
+
+
+def _near_sensors(name: str, written: str, facts: ModelFacts) -> str | None:
+    """Near names among the sensors of the type that was written, then among all."""
+    same_type = [sensor.name for sensor in facts.sensors.values() if sensor.type == written]
+    if near_names(name, same_type) or not near_names(name, facts.sensors):
+        return did_you_mean(name, same_type or facts.sensors)
+    return did_you_mean(name, facts.sensors)
+
+
+def _check_one_place(
+    found: list[SensorFact], rule: GroupRule, path: SimPath, written: str
+) -> Iterator[SimFault]:
+    placed = [sensor for sensor in found if sensor.type in rule.takes]
+    if rule.objects not in ("one site", "one object") or len(placed) < _ONE_PLACE:
+        return
+    first, *others = placed
+    for sensor in others:
+        if (sensor.object_type, sensor.object_name) == (first.object_type, first.object_name):
+            continue
+        yield SimFault(
+            code="OBK308",
+            severity="error",
+            path=(*path, "sensor_names", sensor.name),
+            points_at="key",
+            message=f"the sensors of `{written}` must sit at {rule.objects}: `{sensor.name}` is on "
+            f"the {sensor.object_type} `{sensor.object_name}`, `{first.name}` on the "
+            f"{first.object_type} `{first.object_name}`",
+            element=("sensor", sensor.name),
+        )
+
+
+def _check_site(scan: Mapping[str, Any], path: SimPath, facts: ModelFacts) -> Iterator[SimFault]:
+    site = scan.get("site_name")
+    if isinstance(site, str) and site not in facts.sites:
+        yield SimFault(
+            code="OBK313",
+            severity="error",
+            path=(*path, "scan_config", "site_name"),
+            message=f"site `{site}` is not in the model",
+            help=did_you_mean(site, facts.sites),
+        )

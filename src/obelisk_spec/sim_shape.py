@@ -1,0 +1,82 @@
+"""Whether a `sim` block that came as text has the shape that the other checks rely on.
+
+The tool knows this from its typed config; a simulator that is started by hand does not.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+from obelisk_spec.sim_faults import SimFault, SimPath
+
+__all__ = ["check_sim_shape"]
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and bool(value)
+
+
+def _is_period(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and value > 0
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 1
+
+
+def _is_mapping(value: object) -> bool:
+    return isinstance(value, Mapping)
+
+
+def _is_list_of_mappings(value: object) -> bool:
+    return (
+        isinstance(value, Sequence)
+        and not isinstance(value, str)
+        and all(isinstance(item, Mapping) for item in value)
+    )
+
+
+_Rule = tuple[str, bool, Callable[[object], bool], str]
+
+_BLOCK: tuple[_Rule, ...] = (
+    ("model_xml_path", True, _is_text, "a path"),
+    ("num_steps_per_viz", False, _is_count, "a whole number of at least 1"),
+    ("time_step", False, _is_period, "a number of seconds greater than 0"),
+    ("sensor_settings", False, _is_list_of_mappings, "a list of sensor groups"),
+    ("viz_geoms", False, _is_mapping, "a mapping of geom names to geom types"),
+)
+_GROUP: tuple[_Rule, ...] = (
+    ("topic", True, _is_text, "a topic"),
+    ("dt", True, _is_period, "a number of seconds greater than 0"),
+    ("msg_type", True, _is_text, "a message type"),
+    ("history_depth", False, _is_count, "a whole number of at least 1"),
+    ("sensor_names", False, _is_mapping, "a mapping of sensor names to sensor types"),
+    ("scan_config", False, _is_mapping, "a mapping"),
+)
+
+
+def check_sim_shape(block: Mapping[str, Any]) -> tuple[SimFault, ...]:
+    """The findings about keys that are missing or of the wrong kind; empty for a sound block."""
+    faults = list(_check(block, _BLOCK, ()))
+    groups = block.get("sensor_settings")
+    if _is_list_of_mappings(groups):
+        for index, group in enumerate(groups or ()):
+            faults += _check(group, _GROUP, ("sensor_settings", index))
+    return tuple(faults)
+
+
+def _check(
+    mapping: Mapping[str, object], rules: tuple[_Rule, ...], path: SimPath
+) -> Iterator[SimFault]:
+    for key, required, is_right, wanted in rules:
+        value = mapping.get(key)
+        if value is None and required:
+            yield SimFault(
+                code="OBK102", severity="error", path=path, message=f"key `{key}` is missing"
+            )
+        elif value is not None and not is_right(value):
+            yield SimFault(
+                code="OBK103",
+                severity="error",
+                path=(*path, key),
+                message=f"`{key}` is {value!r}, expected {wanted}",
+            )

@@ -1,0 +1,71 @@
+"""YAML 1.2 core scalars, whatever PyYAML's own default: `on` is a string, `1e-3` a float.
+
+Text in, plain Python values out; the safe subset only, so no tag can build an object.
+
+Source: YAML 1.2.2, 10.3 Core Schema.
+"""
+
+import re
+from typing import Final
+
+import yaml
+
+__all__ = ["Scalar", "YamlTextError", "core_scalar", "load_yaml_core"]
+
+Scalar = None | bool | int | float | str
+
+_CONSTANTS: Final[dict[str, Scalar]] = {
+    **dict.fromkeys(("", "~", "null", "Null", "NULL")),
+    **dict.fromkeys(("true", "True", "TRUE"), True),
+    **dict.fromkeys(("false", "False", "FALSE"), False),
+    **dict.fromkeys((".inf", ".Inf", ".INF", "+.inf", "+.Inf", "+.INF"), float("inf")),
+    **dict.fromkeys(("-.inf", "-.Inf", "-.INF"), float("-inf")),
+    **dict.fromkeys((".nan", ".NaN", ".NAN"), float("nan")),
+}
+_INT: Final = re.compile(r"[-+]?[0-9]+")
+_BASED: Final = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
+_FLOAT: Final = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_MAY_BE_NUMBER: Final = frozenset("+-.0123456789")
+_LONGEST_INT: Final = 4000
+"""Digits; Python refuses to convert longer ones, and no robot needs them."""
+
+
+def core_scalar(text: str) -> Scalar:
+    """The value of a plain (unquoted) scalar by the YAML 1.2 core schema."""
+    if text in _CONSTANTS:
+        return _CONSTANTS[text]
+    if text[0] not in _MAY_BE_NUMBER:
+        return text
+    if _INT.fullmatch(text) and len(text) < _LONGEST_INT:
+        return int(text)
+    if _BASED.fullmatch(text):
+        return int(text[2:], 8 if text[1] == "o" else 16)
+    return float(text) if _FLOAT.fullmatch(text) else text
+
+
+class YamlTextError(ValueError):
+    """Text that is not YAML of the safe subset; the message says where and why."""
+
+
+class _CoreLoader(yaml.SafeLoader):
+    """SafeLoader whose plain scalars are those of YAML 1.2 core."""
+
+    yaml_implicit_resolvers = {  # noqa: RUF012  (the attribute's name and type are PyYAML's)
+        "<": [("tag:yaml.org,2002:merge", re.compile(r"<<$"))],
+        None: [("!plain", re.compile(""))],
+    }
+
+
+_CoreLoader.add_constructor("!plain", lambda _, node: core_scalar(node.value))
+
+
+def load_yaml_core(text: str) -> object:
+    """The value of one YAML document.
+
+    Raises:
+        YamlTextError: the text is not YAML, or uses a tag that builds objects.
+    """
+    try:
+        return yaml.load(text, Loader=_CoreLoader)  # noqa: S506  (a SafeLoader)
+    except (yaml.YAMLError, RecursionError, UnicodeError, ValueError) as error:
+        raise YamlTextError(" ".join(str(error).split())) from error
