@@ -1,0 +1,1 @@
+"""From a few answers to a ROS 2 package that runs: questions, render, decide, write."""

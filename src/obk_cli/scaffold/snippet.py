@@ -1,0 +1,64 @@
+"""The piece of a config that puts a new node into a stack.
+
+In: the answers. Out: YAML text for the section's list, with the dummy example's topics.
+"""
+
+from dataclasses import dataclass
+
+from obk_cli.scaffold.questions import Answers, MessageType
+
+__all__ = ["SECTIONS", "config_snippet"]
+
+SECTIONS = {"controller": "control", "estimator": "estimation"}
+"""The section of the config that a kind of node belongs to."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Wiring:
+    """The components of a kind of node: (ROS parameter, topic, message type), and its timer."""
+
+    publisher: tuple[str, str, MessageType]
+    subscriber: tuple[str, str, MessageType]
+    timer: str
+
+
+def config_snippet(answers: Answers) -> str:
+    """The node as one entry of a section's list."""
+    wiring = _wire(answers)
+    return "\n".join(
+        [
+            f"- pkg: {answers.package}",
+            f"  executable: {answers.node}",
+            "  publishers:",
+            *_topic_lines(*wiring.publisher),
+            "  subscribers:",
+            *_topic_lines(*wiring.subscriber),
+            "  timers:",
+            f"    - ros_parameter: {wiring.timer}",
+            "      timer_period_sec: 0.001",
+        ]
+    )
+
+
+def _wire(answers: Answers) -> _Wiring:
+    estimate = "/obelisk/dummy/est"
+    if answers.kind == "controller":
+        return _Wiring(
+            publisher=("pub_ctrl_setting", "/obelisk/dummy/ctrl", answers.ctrl),
+            subscriber=("sub_est_setting", estimate, answers.est),
+            timer="timer_ctrl_setting",
+        )
+    sensor = "/obelisk/dummy/joint_encoders"
+    return _Wiring(
+        publisher=("pub_est_setting", estimate, answers.est),
+        subscriber=("sub_sensor_setting", sensor, answers.sensor),
+        timer="timer_est_setting",
+    )
+
+
+def _topic_lines(ros_parameter: str, topic: str, message: MessageType) -> tuple[str, ...]:
+    return (
+        f"    - ros_parameter: {ros_parameter}",
+        f"      topic: {topic}",
+        f"      msg_type: {message.spelling}",
+    )

@@ -1,0 +1,102 @@
+"""Files to disk, all of them or none.
+
+In: a package's folder and the decisions. Out: the folder as decided. A new package appears in one
+rename; in a package that is there every change is undone if one fails. Never follows a symbolic
+link out of the folder, and never decides anything.
+"""
+
+import shutil
+import tempfile
+from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path, PurePosixPath
+
+from obk_cli.scaffold.decide import Action, Decision, Existing
+from obk_cli.scaffold.render import RenderedFile
+
+__all__ = ["read_existing", "write_decisions"]
+
+_WRITTEN = frozenset({Action.CREATE, Action.REPLACE, Action.EDIT})
+
+
+def read_existing(root: Path, paths: Iterable[PurePosixPath]) -> dict[PurePosixPath, Existing]:
+    """What stands at each path below `root`; a path with nothing there is left out.
+
+    Raises:
+        OSError: a file is there and cannot be read.
+    """
+    found = ((path, _read_place(root, path)) for path in paths)
+    return {path: there for path, there in found if there is not None}
+
+
+def write_decisions(root: Path, decisions: Iterable[Decision]) -> None:
+    """Carry out the decisions below `root`, which need not exist yet.
+
+    Everything is written to a folder beside `root` first. Whatever goes wrong later, an
+    interrupt too, leaves what was there before.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    files = [decision.file for decision in decisions if decision.action in _WRITTEN]
+    with ExitStack() as undo_folders:
+        _make_folders(root.parent, undo_folders)
+        with (
+            tempfile.TemporaryDirectory(prefix=f".{root.name}.", dir=root.parent) as stage,
+            ExitStack() as undo,
+        ):
+            fresh = Path(stage, "new")
+            _write_files(fresh, files)
+            if root.exists():
+                _merge(fresh, root, [file.path for file in files], Path(stage, "old"), undo)
+            else:
+                fresh.rename(root)
+            undo.pop_all()
+        undo_folders.pop_all()
+
+
+def _read_place(root: Path, path: PurePosixPath) -> Existing | None:
+    target = root / path
+    if not target.resolve().is_relative_to(root.resolve()):
+        return Existing(content=None, reason=f"a symbolic link leads it to {target.resolve()}")
+    if target.is_file():
+        return Existing(content=target.read_bytes())
+    if target.exists() or target.is_symlink():
+        return Existing(content=None, reason="it is there and is no file")
+    blocked = next((p for p in target.relative_to(root).parents if (root / p).is_file()), None)
+    return Existing(content=None, reason=f"`{blocked}` is a file, not a folder") if blocked else None
+
+
+def _write_files(folder: Path, files: Iterable[RenderedFile]) -> None:
+    folder.mkdir()
+    for file in files:
+        target = folder / file.path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(file.content)
+        target.chmod(file.mode)
+
+
+def _merge(
+    fresh: Path, root: Path, paths: Iterable[PurePosixPath], backup: Path, undo: ExitStack
+) -> None:
+    """Move files into a folder that is there; each step's way back is known before the step."""
+    for path in paths:
+        target, saved = root / path, backup / path
+        if target.exists():
+            saved.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(target, saved)
+            shutil.copymode(target, fresh / path)
+            undo.callback(saved.replace, target)
+        else:
+            _make_folders(target.parent, undo)
+            undo.callback(target.unlink, missing_ok=True)
+        (fresh / path).replace(target)
+
+
+def _make_folders(folder: Path, undo: ExitStack) -> None:
+    """Make a folder and its missing parents; the way back removes those that were made."""
+    if folder.is_dir():
+        return
+    _make_folders(folder.parent, undo)
+    folder.mkdir()
+    undo.callback(folder.rmdir)
