@@ -1,0 +1,37 @@
+"""Builds ROS 2 message packages for the running Python, without CMake and without ament.
+
+In go folders with a `package.xml` and `msg/`, `srv/` or `action/`; out comes a prefix with
+`lib/`, `include/` and `share/` that rclpy can use. Works against the ROS 2 wheels of the
+environment and against a sourced ROS 2. Never prints and never leaves a half-built package
+in the prefix.
+"""
+
+from obk_interfaces.build import BuildReport, build
+from obk_interfaces.errors import (
+    BuildToolError,
+    CommandError,
+    DefinitionError,
+    DependencyError,
+    InterfaceError,
+    PackageError,
+    Problem,
+)
+from obk_interfaces.package import Interface, InterfacePackage, discover
+from obk_interfaces.progress import Progress, ProgressCallback
+
+__all__ = [
+    "BuildReport",
+    "BuildToolError",
+    "CommandError",
+    "DefinitionError",
+    "DependencyError",
+    "Interface",
+    "InterfaceError",
+    "InterfacePackage",
+    "PackageError",
+    "Problem",
+    "Progress",
+    "ProgressCallback",
+    "build",
+    "discover",
+]

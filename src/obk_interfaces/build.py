@@ -1,0 +1,201 @@
+"""The one module that knows the order of a build: check, generate, compile, link, install.
+
+In go packages and folders; out come installed packages and a report. Generation runs in this
+thread while the compiler runs on what is generated already. Nothing is installed unless
+everything was built.
+"""
+
+import os
+import subprocess
+import time
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+from obk_interfaces.commands import compile_command, include_flags, link_command, output_of
+from obk_interfaces.definition import check_package
+from obk_interfaces.errors import CommandError, DefinitionError, DependencyError
+from obk_interfaces.fingerprint import fingerprint_of
+from obk_interfaces.generate import generate
+from obk_interfaces.install import assemble, install_into, is_installed
+from obk_interfaces.libraries import Library, libraries_of
+from obk_interfaces.order import order_by_dependency
+from obk_interfaces.package import InterfacePackage
+from obk_interfaces.prefix import Prefixes, find_ros_prefix
+from obk_interfaces.progress import Progress, ProgressCallback, Step
+from obk_interfaces.toolchain import Toolchain, find_toolchain
+from obk_interfaces.tree import PackageTree
+from obk_interfaces.units import object_of, write_units
+
+__all__ = ["BuildReport", "build"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BuildReport:
+    """What a build has done; names of packages in the order in which they were built."""
+
+    built: tuple[str, ...]
+    unchanged: tuple[str, ...]
+    prefix: Path
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Job:
+    """A package in the making: where, against what, and what its objects will be linked to."""
+
+    tree: PackageTree
+    prefixes: Prefixes
+    fingerprint: str
+    libraries: tuple[tuple[Library, tuple[Path, ...]], ...]
+    compiles: tuple[tuple[str, ...], ...]
+
+
+def build(
+    packages: Iterable[InterfacePackage],
+    *,
+    build_dir: Path,
+    prefix: Path,
+    underlays: Sequence[Path] = (),
+    jobs: int | None = None,
+    on_progress: ProgressCallback = lambda _: None,
+) -> BuildReport:
+    """Build packages and install them into a prefix.
+
+    Args:
+        packages: what to build, in any order.
+        build_dir: scratch; kept between builds it lets unchanged packages be skipped.
+        prefix: receives `lib/`, `include/` and `share/`; packages that are there already are seen.
+        underlays: further prefixes whose packages may be used, nearest first.
+        jobs: how many compilers run at once; None: as many as there are processors.
+        on_progress: called from this thread when a step has advanced.
+
+    Raises:
+        DefinitionError: message definitions that cannot be built.
+        DependencyError: a needed package is nowhere, or there is a circle.
+        BuildToolError: compiler, headers or generators are missing.
+        CommandError: a compiler or a generator failed.
+    """
+    started = time.perf_counter()
+    build_dir, prefix = build_dir.resolve(), prefix.resolve()
+    ordered = order_by_dependency(packages)
+    prefixes = Prefixes(layers=(prefix, *underlays), ros=find_ros_prefix())
+    _check(ordered, prefixes)
+    toolchain = find_toolchain()
+    trees = [PackageTree(package=p, root=build_dir / p.name) for p in ordered]
+    finished = _make(trees, prefixes, toolchain, jobs or os.cpu_count() or 1, on_progress)
+    for done, tree in enumerate(trees, start=1):
+        if not is_installed(tree, prefix):
+            install_into(tree, prefix)
+        on_progress(_progress("install", tree.package.name, done, len(trees)))
+    return BuildReport(
+        built=finished,
+        unchanged=tuple(p.name for p in ordered if p.name not in finished),
+        prefix=prefix,
+        duration_s=time.perf_counter() - started,
+    )
+
+
+def _check(packages: Sequence[InterfacePackage], prefixes: Prefixes) -> None:
+    """Refuse what would fail in the middle of the build, all of it at once."""
+    by_name = {package.name: package for package in packages}
+    for package in packages:
+        interfaces = (d for d in package.depends if d.endswith(("_msgs", "_interfaces")))
+        missing = [d for d in interfaces if d not in by_name and prefixes.share_of(d) is None]
+        if missing:
+            looked = ", ".join(str(p) for p in prefixes.all)
+            raise DependencyError(
+                f"{package.root / 'package.xml'}: {package.name} depends on {', '.join(missing)}, "
+                f"found neither among the packages to build nor in {looked}"
+            )
+    problems = [x for package in packages for x in check_package(package, by_name, prefixes)]
+    if problems:
+        raise DefinitionError(problems)
+
+
+def _make(
+    trees: Sequence[PackageTree],
+    prefixes: Prefixes,
+    toolchain: Toolchain,
+    workers: int,
+    on_progress: ProgressCallback,
+) -> tuple[str, ...]:
+    """Bring every package's own prefix up to date; return the names of those that were built."""
+    jobs: list[_Job] = []
+    compiles: list[Future[None]] = []
+    pool = ThreadPoolExecutor(workers)
+    try:
+        for done, tree in enumerate(trees, start=1):
+            fingerprint = fingerprint_of(tree.package, prefixes, toolchain)
+            step: Step = "unchanged"
+            if not _is_built(tree, fingerprint):
+                step = "generate"
+                job = _prepare(tree, prefixes, toolchain, fingerprint)
+                jobs.append(job)
+                compiles += [pool.submit(_run, command) for command in job.compiles]
+            prefixes = prefixes.above(tree.install)
+            on_progress(_progress(step, tree.package.name, done, len(trees)))
+        for done, future in enumerate(as_completed(compiles), start=1):
+            future.result()
+            on_progress(_progress("compile", "", done, len(compiles)))
+    finally:
+        pool.shutdown(cancel_futures=True)
+    for done, job in enumerate(jobs, start=1):
+        _link(job, toolchain)
+        on_progress(_progress("link", job.tree.package.name, done, len(jobs)))
+    return tuple(job.tree.package.name for job in jobs)
+
+
+def _is_built(tree: PackageTree, fingerprint: str) -> bool:
+    return tree.fingerprint.is_file() and tree.fingerprint.read_text() == fingerprint
+
+
+def _prepare(tree: PackageTree, prefixes: Prefixes, toolchain: Toolchain, fingerprint: str) -> _Job:
+    """Generate a package and plan its compilation."""
+    tree.clear()
+    generate(tree, prefixes)
+    assemble(tree)
+    includes = include_flags(tree, prefixes, toolchain)
+    libraries, compiles = [], []
+    for library in libraries_of(tree, prefixes.closure(tree.package)):
+        objects = []
+        for unit in write_units(library, tree.objects):
+            target = object_of(library, unit, tree.objects)
+            command = compile_command(
+                unit, target, tree=tree, includes=includes, toolchain=toolchain
+            )
+            objects.append(target)
+            compiles.append(command)
+        libraries.append((library, tuple(objects)))
+    return _Job(
+        tree=tree,
+        prefixes=prefixes,
+        fingerprint=fingerprint,
+        libraries=tuple(libraries),
+        compiles=tuple(compiles),
+    )
+
+
+def _link(job: _Job, toolchain: Toolchain) -> None:
+    """Link the libraries of a package; the fingerprint says that it is whole."""
+    for library, objects in job.libraries:
+        output_of(library, job.tree.install).parent.mkdir(parents=True, exist_ok=True)
+        command = link_command(
+            library, objects, tree=job.tree, prefixes=job.prefixes, toolchain=toolchain
+        )
+        _run(command)
+    job.tree.fingerprint.write_text(job.fingerprint)
+
+
+def _run(command: Sequence[str]) -> None:
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    if result.returncode:
+        raise CommandError(
+            f"command failed with exit code {result.returncode}: {' '.join(command)}",
+            output=result.stderr[-4000:],
+        )
+
+
+def _progress(step: Step, subject: str, done: int, total: int) -> Progress:
+    return Progress(step=step, subject=subject, done=done, total=total)

@@ -1,0 +1,194 @@
+"""Checks message definitions before anything is generated.
+
+In goes the text of a `.msg`, `.srv` or `.action` file; out come all its problems, each with
+its place. What the generators themselves report well (default values, constants) is left to them.
+Never raises because of the text.
+"""
+
+import difflib
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from obk_interfaces.errors import Problem
+from obk_interfaces.package import Interface, InterfacePackage
+from obk_interfaces.prefix import Prefixes
+from obk_interfaces.reserved import languages_reserving
+
+__all__ = ["check_definition", "check_package", "known_messages"]
+
+# Source: design.ros2.org/articles/legacy_interface_definition.html
+_PRIMITIVES = frozenset(
+    "bool byte char float32 float64 int8 uint8 int16 uint16 int32 uint32 int64 uint64 string "
+    "wstring".split()
+)
+_BOUNDED = frozenset({"string", "wstring"})
+_FIELD_NAME = re.compile(r"(?!.*__)(?!.*_$)[a-z][a-z0-9_]*")
+_CONSTANT_NAME = re.compile(r"[A-Z]([A-Z0-9_]?[A-Z0-9]+)*")
+_MESSAGE_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
+_TYPE = re.compile(r"(?P<base>[A-Za-z][\w/]*)(?P<bound><=\d+)?(?P<array>\[(<=)?\d*\])?")
+_LINE = re.compile(r"\s*(?P<type>\S+)(\s+(?P<name>[^\s=]+)\s*(?P<equals>=)?)?")
+_SECTIONS = {"msg": 1, "srv": 2, "action": 3}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Line:
+    path: Path
+    number: int
+    text: str
+
+    def problem(self, token: str, sentence: str, help: str = "") -> Problem:
+        column = self.text.find(token) + 1
+        return Problem(
+            path=self.path, line=self.number, column=column, sentence=sentence, help=help
+        )
+
+
+def check_package(
+    package: InterfacePackage, others: Mapping[str, InterfacePackage], prefixes: Prefixes
+) -> tuple[Problem, ...]:
+    """Check every definition of a package; `others` are the packages built together with it."""
+    messages = known_messages(package, others, prefixes)
+    problems: list[Problem] = []
+    for interface in package.interfaces:
+        path = package.root / interface.file
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError as error:
+            line = path.read_bytes()[: error.start].count(b"\n") + 1
+            problems.append(Problem(path=path, line=line, column=1, sentence="not UTF-8 text"))
+            continue
+        problems += check_definition(path, interface, text, package=package, messages=messages)
+    return tuple(problems)
+
+
+def known_messages(
+    package: InterfacePackage, others: Mapping[str, InterfacePackage], prefixes: Prefixes
+) -> frozenset[str]:
+    """Return every `package/Message` that this package may name."""
+    known = {f"{package.name}/{i.name}" for i in package.interfaces if i.kind == "msg"}
+    for name in package.depends:
+        if other := others.get(name):
+            known |= {f"{name}/{i.name}" for i in other.interfaces if i.kind == "msg"}
+        elif share := prefixes.share_of(name):
+            known |= {f"{name}/{file.stem}" for file in (share / "msg").glob("*.idl")}
+    return frozenset(known)
+
+
+def check_definition(
+    path: Path,
+    interface: Interface,
+    text: str,
+    *,
+    package: InterfacePackage,
+    messages: frozenset[str],
+) -> tuple[Problem, ...]:
+    """Return every problem of one definition, in the order of its lines."""
+    problems: list[Problem] = []
+    if not _MESSAGE_NAME.fullmatch(interface.name):
+        sentence = f"'{interface.name}' cannot be the name of a message"
+        help = "a message's file is named in capitals and small letters, such as JointState.msg"
+        problems.append(Problem(path=path, line=1, column=1, sentence=sentence, help=help))
+    sections = _sections(path, text)
+    expected = _SECTIONS[interface.kind]
+    if len(sections) != expected:
+        sentence = (
+            f"{len(sections) - 1} lines '---', where a .{interface.kind} file has {expected - 1}"
+        )
+        problems.append(Problem(path=path, line=1, column=1, sentence=sentence))
+    for lines in sections:
+        problems += _check_section(lines, package, messages)
+    return tuple(problems)
+
+
+def _sections(path: Path, text: str) -> list[list[_Line]]:
+    """Split at the lines `---` and drop comments and empty lines."""
+    sections: list[list[_Line]] = [[]]
+    for number, raw in enumerate(text.splitlines(), start=1):
+        line = raw.partition("#")[0].rstrip()
+        if line == "---":
+            sections.append([])
+        elif line.strip():
+            sections[-1].append(_Line(path=path, number=number, text=line))
+    return sections
+
+
+def _check_section(
+    lines: Sequence[_Line], package: InterfacePackage, messages: frozenset[str]
+) -> Iterator[Problem]:
+    first_line_of: dict[str, int] = {}
+    for line in lines:
+        match = _LINE.match(line.text)
+        if match is None or match["name"] is None:
+            token = line.text.strip()
+            yield line.problem(token, f"'{token}' has a type but no name", "write: <type> <name>")
+            continue
+        name = match["name"]
+        yield from _check_type(line, match["type"], package, messages)
+        yield from _check_constant(line, name) if match["equals"] else _check_field(line, name)
+        if name in first_line_of:
+            yield line.problem(name, f"'{name}' is already defined in line {first_line_of[name]}")
+        first_line_of.setdefault(name, line.number)
+
+
+def _check_field(line: _Line, name: str) -> Iterator[Problem]:
+    if languages := languages_reserving(name):
+        yield line.problem(
+            name,
+            f"field '{name}' is a keyword of {' and '.join(languages)}: "
+            "the generated code would not compile",
+            f"choose another name, such as '{name}_value'",
+        )
+    elif not _FIELD_NAME.fullmatch(name):
+        yield line.problem(
+            name,
+            f"'{name}' cannot be the name of a field",
+            "small letters, digits and single underscores, starting with a letter",
+        )
+
+
+def _check_constant(line: _Line, name: str) -> Iterator[Problem]:
+    if not _CONSTANT_NAME.fullmatch(name):
+        yield line.problem(
+            name,
+            f"'{name}' cannot be the name of a constant",
+            "capital letters, digits and single underscores, such as MAX_SPEED",
+        )
+
+
+def _check_type(
+    line: _Line, text: str, package: InterfacePackage, messages: frozenset[str]
+) -> Iterator[Problem]:
+    match = _TYPE.fullmatch(text)
+    if match is None or (match["bound"] and match["base"] not in _BOUNDED):
+        help = "examples: float64, float64[], float64[9], string<=10, geometry_msgs/Vector3[<=4]"
+        yield line.problem(text, f"'{text}' is not a type", help)
+        return
+    base = match["base"]
+    if base in _PRIMITIVES:
+        return
+    full = base.replace("/msg/", "/") if "/" in base else f"{package.name}/{base}"
+    if full not in messages:
+        yield _unknown_type(line, base, package, messages)
+
+
+def _unknown_type(
+    line: _Line, base: str, package: InterfacePackage, messages: frozenset[str]
+) -> Problem:
+    owner, slash, _ = base.partition("/")
+    if slash and owner != package.name and owner not in package.depends:
+        help = f"package.xml does not depend on {owner}: add <depend>{owner}</depend>"
+        return line.problem(base, f"the type '{base}' is not known", help)
+    names = [*_PRIMITIVES, *messages, *(m.partition("/")[2] for m in messages)]
+    near = difflib.get_close_matches(base.replace("/msg/", "/"), sorted(set(names)), n=3)
+    spelled = dict.fromkeys(_spelled_out(name, package, messages) for name in near)
+    help = "did you mean " + ", ".join(spelled) + "?" if spelled else ""
+    return line.problem(base, f"the type '{base}' is not known", help)
+
+
+def _spelled_out(name: str, package: InterfacePackage, messages: frozenset[str]) -> str:
+    """Return how the type is written in this package's definitions."""
+    if "/" in name or name in _PRIMITIVES or f"{package.name}/{name}" in messages:
+        return name
+    return next(message for message in sorted(messages) if message.endswith(f"/{name}"))

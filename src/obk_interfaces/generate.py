@@ -1,0 +1,151 @@
+"""Runs the rosidl generators on one package, in this process.
+
+In goes a package; out come the translated definitions, C, C++ and Python sources in its tree.
+Never compiles and never writes outside the tree.
+"""
+
+import contextlib
+import importlib
+import io
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+from obk_interfaces.errors import BuildToolError, CommandError
+from obk_interfaces.idl_cache import parsing_each_idl_once
+from obk_interfaces.package import Interface
+from obk_interfaces.prefix import Prefixes
+from obk_interfaces.tree import C_GENERATORS, TYPE_SUPPORTS, PackageTree
+
+__all__ = ["generate"]
+
+_PY = "rosidl_generator_py"
+_HASH = "rosidl_generator_type_description"
+
+
+def generate(tree: PackageTree, prefixes: Prefixes) -> None:
+    """Generate every source of a package.
+
+    Raises:
+        BuildToolError: a generator is not installed.
+        CommandError: a generator refused a definition.
+    """
+    _make_folders(tree)
+    for interface in tree.package.interfaces:
+        _translate(tree, interface)
+    with parsing_each_idl_once():
+        _describe_types(tree, prefixes)
+        _generate_c(tree, prefixes)
+        _generate_python(tree, prefixes)
+    _write_visibility_headers(tree, prefixes)
+    shutil.copyfile(tree.package.root / "package.xml", tree.share / "package.xml")
+
+
+def _make_folders(tree: PackageTree) -> None:
+    # The generators expect their output folders; the visibility headers always go to msg/.
+    for kind in {*tree.package.kinds, "msg"}:
+        for generator in C_GENERATORS:
+            (tree.code_of(generator) / kind / "detail").mkdir(parents=True, exist_ok=True)
+    for kind in tree.package.kinds:
+        (tree.python / kind).mkdir(parents=True)
+        (tree.share / kind).mkdir(parents=True)
+
+
+def _translate(tree: PackageTree, interface: Interface) -> None:
+    """Copy one definition and write its IDL beside it."""
+    source = tree.package.root / interface.file
+    shutil.copyfile(source, tree.share / interface.file)
+    convert = _function("rosidl_adapter", "convert_to_idl")
+    _quietly(
+        f"{source}: cannot be translated",
+        lambda: convert(tree.package.root, tree.package.name, Path(interface.file), tree.share),
+    )
+
+
+def _describe_types(tree: PackageTree, prefixes: Prefixes) -> None:
+    include = [f"{name}:{share}" for name, share in prefixes.closure(tree.package).items()]
+    arguments = _arguments(tree, prefixes, _HASH, tree.share, include_paths=include)
+    describe = _function(_HASH, "generate_type_hash")
+    _quietly(f"{tree.package.name}: type hashes", lambda: describe(arguments))
+
+
+def _generate_c(tree: PackageTree, prefixes: Prefixes) -> None:
+    described = [
+        f"{i.idl}:{tree.share / Path(i.idl).with_suffix('.json')}" for i in tree.package.interfaces
+    ]
+    extra_keys = {"rosidl_generator_c": {"type_description_tuples": described}}
+    extra_arguments = {"rosidl_typesupport_c": (list(TYPE_SUPPORTS),)}
+    names = {"rosidl_typesupport_fastrtps_c": "generate_typesupport_fastrtps_c"}
+    for generator in C_GENERATORS:
+        run = _function(generator, names.get(generator, "generate_c"))
+        arguments = _arguments(
+            tree, prefixes, generator, tree.code_of(generator), **extra_keys.get(generator, {})
+        )
+        _run_generator(tree, generator, run, arguments, *extra_arguments.get(generator, ()))
+
+
+def _generate_python(tree: PackageTree, prefixes: Prefixes) -> None:
+    run = _function(_PY, "generate_py")
+    arguments = _arguments(tree, prefixes, _PY, tree.python)
+    _run_generator(tree, _PY, run, arguments, ["rosidl_typesupport_c"])
+    (tree.python / "__init__.py").write_text("", encoding="utf-8")
+
+
+def _run_generator(
+    tree: PackageTree, generator: str, run: Callable[..., object], *arguments: object
+) -> None:
+    _quietly(f"{tree.package.name}: {generator} failed", lambda: run(*arguments))
+
+
+def _arguments(
+    tree: PackageTree, prefixes: Prefixes, generator: str, output: Path, **extra: list[str]
+) -> str:
+    """Write the argument file that every rosidl generator reads; return its path."""
+    package = tree.package
+    document = {
+        "package_name": package.name,
+        "output_dir": str(output),
+        "template_dir": str(prefixes.ros / "share" / generator / "resource"),
+        "idl_tuples": [f"{tree.share}:{interface.idl}" for interface in package.interfaces],
+        "ros_interface_files": [str(tree.share / i.file) for i in package.interfaces],
+        "ros_interface_dependencies": [],
+        "target_dependencies": [],
+        **extra,
+    }
+    path = tree.generated / f"{generator}.json"
+    path.write_text(json.dumps(document), encoding="utf-8")
+    return str(path)
+
+
+def _write_visibility_headers(tree: PackageTree, prefixes: Prefixes) -> None:
+    name = tree.package.name
+    for generator in C_GENERATORS:
+        header = f"{generator}__visibility_control.h"
+        template = prefixes.ros / "share" / generator / "resource" / f"{header}.in"
+        if template.is_file():
+            text = template.read_text(encoding="utf-8")
+            text = text.replace("@PROJECT_NAME_UPPER@", name.upper())
+            text = text.replace("@PROJECT_NAME@", name)
+            (tree.code_of(generator) / "msg" / header).write_text(text, encoding="utf-8")
+
+
+def _function(module: str, name: str) -> Callable[..., object]:
+    try:
+        function: Callable[..., object] = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise BuildToolError(f"the ROS 2 generator {module}.{name} is missing: {error}") from error
+    return function
+
+
+def _quietly(failure: str, run: Callable[[], object]) -> None:
+    """Run a generator without its chatter; turn what it raises into one error with the chatter.
+
+    Generators print, raise exceptions of every kind, and some end the interpreter.
+    """
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            run()
+    except (Exception, SystemExit) as error:
+        raise CommandError(f"{failure}: {error}", output=said.getvalue()[-4000:]) from error

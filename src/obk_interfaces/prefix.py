@@ -1,0 +1,102 @@
+"""Where installed packages are: the ROS 2 that is built against, and the layers above it.
+
+In go folders, out come folders. Never writes.
+"""
+
+import importlib.util
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from obk_interfaces.errors import BuildToolError
+from obk_interfaces.package import KINDS, InterfacePackage, read_depends
+
+__all__ = ["Prefixes", "find_ros_prefix", "include_folders", "site_packages_in"]
+
+_IMPLICIT = {
+    "msg": (),
+    "srv": ("service_msgs", "builtin_interfaces"),
+    "action": ("action_msgs", "unique_identifier_msgs", "service_msgs", "builtin_interfaces"),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prefixes:
+    """Installed trees, nearest first; `ros` holds the generators and always comes last."""
+
+    layers: tuple[Path, ...]
+    ros: Path
+
+    @property
+    def all(self) -> tuple[Path, ...]:
+        """Every prefix once, nearest first."""
+        return tuple(dict.fromkeys((*self.layers, self.ros)))
+
+    def above(self, layer: Path) -> "Prefixes":
+        """Return the same prefixes with one more in front."""
+        return Prefixes(layers=(layer, *self.layers), ros=self.ros)
+
+    def share_of(self, package: str) -> Path | None:
+        """Return the share folder of an installed package, or None."""
+        shares = (prefix / "share" / package for prefix in self.all)
+        return next((share for share in shares if (share / "package.xml").is_file()), None)
+
+    def interface_share_of(self, package: str) -> Path | None:
+        """Return the share folder of an installed interface package, or None."""
+        share = self.share_of(package)
+        return share if share and any((share / kind).is_dir() for kind in KINDS) else None
+
+    def closure(self, package: InterfacePackage) -> dict[str, Path]:
+        """Return the share folder of every interface package that this one may refer to."""
+        implicit = (name for kind in package.kinds for name in _IMPLICIT[kind])
+        todo = [*package.depends, *implicit]
+        closure: dict[str, Path] = {}
+        while todo:
+            name = todo.pop(0)
+            share = self.interface_share_of(name)
+            if share is None or name in closure or name == package.name:
+                continue
+            closure[name] = share
+            todo += read_depends(share / "package.xml")
+        return closure
+
+
+def find_ros_prefix() -> Path:
+    """Return the prefix that the importable ROS 2 generators belong to.
+
+    It is found from the generators themselves: in a build environment `sys.prefix` is another
+    place, and with a sourced ROS 2 it is the virtual environment.
+
+    Raises:
+        BuildToolError: the generators cannot be imported, or lack their templates.
+    """
+    spec = importlib.util.find_spec("rosidl_generator_c")
+    if spec is None or spec.origin is None:
+        raise BuildToolError(
+            f"the ROS 2 message generators are not importable by {sys.executable}: install the ROS "
+            "wheels (pip install 'obelisk-cli[ros]') or source a ROS 2 (. /opt/ros/jazzy/setup.sh)"
+        )
+    origin = Path(spec.origin)
+    for prefix in origin.parents:
+        if (prefix / "share" / "rosidl_generator_c" / "resource").is_dir():
+            return prefix
+    raise BuildToolError(
+        f"{origin.parent} has no share/rosidl_generator_c above it: "
+        "this installation of the ROS 2 message generators is incomplete"
+    )
+
+
+def site_packages_in(prefix: Path) -> Path:
+    """Return the folder for Python packages in a prefix."""
+    return prefix / "lib" / f"python{sys.version_info[0]}.{sys.version_info[1]}" / "site-packages"
+
+
+def include_folders(prefixes: Iterable[Path]) -> tuple[Path, ...]:
+    """Return the header folders of the prefixes: `include/` and each `include/X` that has `X/X`."""
+    found: list[Path] = []
+    for include in (prefix / "include" for prefix in prefixes):
+        if include.is_dir():
+            nested = (d for d in sorted(include.iterdir()) if (d / d.name).is_dir())
+            found += [include, *nested]
+    return tuple(dict.fromkeys(found))
