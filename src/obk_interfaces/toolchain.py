@@ -14,7 +14,7 @@ from pathlib import Path
 
 from obk_interfaces.errors import BuildToolError
 
-__all__ = ["Toolchain", "find_toolchain"]
+__all__ = ["Toolchain", "find_compilers", "find_python_headers", "find_toolchain"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,10 +32,19 @@ def find_toolchain() -> Toolchain:
     Raises:
         BuildToolError: something is missing; the text says what to install.
     """
-    return Toolchain(
-        cc=_compiler("CC", "C", ("gcc", "cc", "clang")),
-        cxx=_compiler("CXX", "C++", ("g++", "c++", "clang++")),
-        includes=(*_python_includes(), _numpy_include()),
+    cc, cxx = find_compilers()
+    return Toolchain(cc=cc, cxx=cxx, includes=(*find_python_headers(), _numpy_include()))
+
+
+def find_compilers() -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the commands for C and for C++.
+
+    Raises:
+        BuildToolError: one of them is not installed.
+    """
+    return (
+        _compiler("CC", "C", ("gcc", "cc", "clang")),
+        _compiler("CXX", "C++", ("g++", "c++", "clang++")),
     )
 
 
@@ -52,7 +61,12 @@ def _compiler(variable: str, language: str, usual: tuple[str, ...]) -> tuple[str
     )
 
 
-def _python_includes() -> tuple[Path, ...]:
+def find_python_headers() -> tuple[Path, ...]:
+    """Return the folders of `Python.h` and `pyconfig.h`.
+
+    Raises:
+        BuildToolError: the headers are not installed.
+    """
     paths = sysconfig.get_paths()
     candidates = (paths["include"], paths["platinclude"], sysconfig.get_config_var("INCLUDEPY"))
     found = (Path(c) for c in dict.fromkeys(candidates) if c and Path(c, "Python.h").is_file())

@@ -1,0 +1,88 @@
+# One command each. Every target sets the environment up first, if need be.
+#
+#   make setup                    .venv with everything, ROS 2 from wheels
+#   make setup ROS=system         the same on the ROS 2 that is sourced in this shell
+#   make setup PYTHON=python3.12  with another Python (3.11 to 3.13)
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+# An environment stays with the ROS 2 it was made for until another one is asked for.
+ROS ?= $(or $(shell cat $(VENV)/.ros 2>/dev/null),wheels)
+
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+INSTALL := $(PIP) install --no-deps --no-build-isolation
+PYTHONS := 3.12 3.13
+
+.PHONY: setup demo test test-unit check golden lock clean
+.DELETE_ON_ERROR:
+
+setup: $(VENV)/.interfaces
+
+demo: setup
+	$(BIN)/python examples/dummy/demo.py
+
+test: setup
+	$(BIN)/python -m pytest
+
+test-unit: setup
+	$(BIN)/python -m pytest -m "not ros and not mujoco"
+
+check: setup
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/python -m pytest --quiet tests/test_architecture.py
+
+# Rewrites the expected outputs of the tests; look at the difference before committing it.
+golden: setup
+	$(BIN)/python -m pytest tests/golden --update-golden
+
+# --- the environment, in four steps; each is done again only when what it is made from changes ---
+
+ifneq ($(ROS),$(shell cat $(VENV)/.ros 2>/dev/null))
+.PHONY: $(VENV)/.ros
+endif
+
+$(VENV)/.ros:
+	@$(PYTHON) tools/preflight.py $(ROS)
+	@echo "setup: new environment in $(VENV), ROS 2 from $(ROS)"
+	@rm -rf $(VENV)
+	@$(PYTHON) -m venv $(VENV)
+	@echo $(ROS) > $@
+
+$(VENV)/requirements.txt: requirements.lock $(VENV)/.ros
+	@echo "setup: packages of requirements.lock"
+ifeq ($(ROS),system)
+	@grep -v '^ros-' requirements.lock > $@
+else
+	@cp requirements.lock $@
+endif
+	@$(PIP) install --no-deps -r $@
+
+$(VENV)/.project: pyproject.toml $(shell find ros_packages -type f) $(VENV)/requirements.txt
+	@echo "setup: obelisk-cli (editable)"
+	@$(INSTALL) --editable .
+	@touch $@
+
+$(VENV)/.interfaces: $(shell find interfaces -type f -not -path 'interfaces/build/*' -not -name '*.pyc') \
+		$(wildcard src/obk_interfaces/*.py) $(VENV)/.project
+	@echo "setup: obelisk-interfaces (compiles the message packages)"
+	@$(INSTALL) --force-reinstall ./interfaces
+	@touch $@
+
+# --- maintenance ---
+
+# Resolved for the oldest Python, so that one version of each package fits all; then checked
+# that the newer ones need nothing else.
+lock: setup
+	$(BIN)/uv pip compile pyproject.toml --quiet --upgrade --python-version 3.11 \
+		--extra sim --extra ros-wheels --extra dev --no-annotate --no-header \
+		--no-emit-index-url --no-emit-find-links --output-file requirements.lock
+	for version in $(PYTHONS); do \
+		$(BIN)/uv pip compile requirements.lock --quiet --python-version $$version --no-annotate \
+			--no-header --no-emit-index-url --no-emit-find-links | diff requirements.lock - || exit 1; \
+	done
+
+clean:
+	rm -rf $(VENV) build dist interfaces/build .mypy_cache .pytest_cache .ruff_cache .hypothesis

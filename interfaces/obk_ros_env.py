@@ -1,0 +1,102 @@
+"""Start hook of the interpreter: lets this environment's ROS 2 be found, and no other.
+
+`obk_ros_env.pth` calls `activate()` at every start of Python, so it is cheap and uses the standard
+library alone. It does three things:
+
+- the ament index: this environment and its overlays come first in `AMENT_PREFIX_PATH`;
+- overlays (message packages built by `obk build`): their Python packages are importable;
+- where ROS 2 comes from wheels: their libraries are put on `LD_LIBRARY_PATH`, in a fixed order and
+  without those of a ROS 2 that the shell has sourced. The dynamic loader reads that variable once,
+  at the start of a process, so the interpreter then starts itself anew, once.
+
+Where ROS 2 was sourced and no wheels are installed, only the first two happen.
+It sorts before the start hook of the ROS wheels, which does the last step in random order.
+"""
+
+import os
+import sys
+
+__all__ = ["activate"]
+
+_DONE = "_OBK_ROS_ENV"
+_WHEELS_DONE = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+
+
+def activate() -> None:
+    """Set the environment of this process; start the interpreter anew if the loader needs it."""
+    site = os.path.dirname(os.path.abspath(__file__))
+    prefix = os.path.dirname(os.path.dirname(os.path.dirname(site)))
+    layers = [*_overlays(prefix), prefix]
+    has_wheels = _has_ros(prefix)
+    foreign = [p for p in _entries("AMENT_PREFIX_PATH") if p not in layers]
+    if has_wheels:
+        foreign = [p for p in foreign if not _has_ros(p)]
+    os.environ["AMENT_PREFIX_PATH"] = os.pathsep.join(layers + foreign)
+    sys.path[:0] = [s for s in map(_site_of, layers[:-1]) if os.path.isdir(s) and s not in sys.path]
+    if has_wheels:
+        _load_wheels(layers, site)
+
+
+def _load_wheels(layers: list[str], site: str) -> None:
+    """Start the interpreter anew, unless the loader and the module search are right already."""
+    wanted = {
+        "LD_LIBRARY_PATH": _libraries(layers, site),
+        # A sourced ROS 2 shows its Python packages here; they do not fit these libraries.
+        "PYTHONPATH": [p for p in _entries("PYTHONPATH") if not _exists(p, "rclpy")],
+    }
+    if all(_entries(name) == value for name, value in wanted.items()):
+        os.environ[_WHEELS_DONE] = "1"
+        return
+    this_process = f"{layers[-1]}:{os.getpid()}"
+    if os.environ.get(_DONE) == this_process or not sys.executable or not sys.orig_argv:
+        return
+    for name, value in wanted.items():
+        if value:
+            os.environ[name] = os.pathsep.join(value)
+        else:
+            os.environ.pop(name, None)
+    os.environ.update({_DONE: this_process, _WHEELS_DONE: "1"})
+    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
+
+
+def _libraries(layers: list[str], site: str) -> list[str]:
+    """Return the library folders: ours, then those of others that hold no ROS 2."""
+    private = sorted(
+        entry.path
+        for entry in os.scandir(site)
+        if entry.name.startswith("ros_") and entry.name.endswith(".libs")
+    )
+    ours = [os.path.join(layer, "lib") for layer in layers] + private
+    return ours + [
+        folder
+        for folder in _entries("LD_LIBRARY_PATH")
+        if folder not in ours and not _exists(folder, "librcl.so") and not _is_private(folder)
+    ]
+
+
+def _is_private(folder: str) -> bool:
+    name = os.path.basename(folder)
+    return name.startswith("ros_") and name.endswith(".libs")
+
+
+def _overlays(prefix: str) -> list[str]:
+    own = os.path.join(prefix, "overlay")
+    found = _entries("OBK_OVERLAY_PATH") + ([own] if os.path.isdir(own) else [])
+    return list(dict.fromkeys(found))
+
+
+def _site_of(prefix: str) -> str:
+    version = f"python{sys.version_info[0]}.{sys.version_info[1]}"
+    return os.path.join(prefix, "lib", version, "site-packages")
+
+
+def _has_ros(prefix: str) -> bool:
+    return _exists(prefix, "lib", "librcl.so")
+
+
+def _exists(*parts: str) -> bool:
+    return os.path.exists(os.path.join(*parts))
+
+
+def _entries(name: str) -> list[str]:
+    return [entry for entry in os.environ.get(name, "").split(os.pathsep) if entry]

@@ -1,0 +1,84 @@
+"""Looks before `make setup` leaps: is what it needs from the machine there?
+
+In go the running Python and the chosen ROS 2 (`wheels` or `system`); out comes exit code 0, or 1
+after one sentence for each thing that is missing. Never installs anything. The first lines are
+written for any Python 3, so that an old one gets a sentence and not a syntax error.
+"""
+
+import importlib.util
+import os
+import sys
+
+
+def version_fault():
+    """Return what is wrong with this Python's version, or an empty string."""
+    if (3, 11) <= sys.version_info[:2] <= (3, 13):
+        return ""
+    return (
+        "%s is Python %d.%d: Obelisk needs 3.11, 3.12 or 3.13. "
+        "Choose another one with: make setup PYTHON=/path/to/python3"
+        % ((sys.executable,) + sys.version_info[:2])
+    )
+
+
+def venv_fault():
+    """Return what keeps this Python from making virtual environments."""
+    if importlib.util.find_spec("ensurepip") and importlib.util.find_spec("venv"):
+        return ""
+    return "%s cannot make virtual environments (Debian, Ubuntu: apt install python3-venv)" % (
+        sys.executable
+    )
+
+
+def ros_fault(ros):
+    """Return why the ROS 2 that was asked for cannot be used."""
+    if ros == "wheels":
+        machine = os.uname().machine
+        if machine == "x86_64":
+            return ""
+        return (
+            "there are no ROS 2 wheels for %s: install ROS 2 Jazzy, source it, "
+            "and run: make setup ROS=system" % machine
+        )
+    if ros != "system":
+        return "ROS=%s is not known: say ROS=wheels (the default) or ROS=system" % ros
+    if not os.environ.get("AMENT_PREFIX_PATH"):
+        return (
+            "ROS=system, but no ROS 2 is sourced (AMENT_PREFIX_PATH is empty): "
+            "run first: . /opt/ros/jazzy/setup.sh"
+        )
+    if importlib.util.find_spec("rclpy") is None:
+        return (
+            "ROS=system, but %s cannot import rclpy: use the Python that the sourced ROS 2 was "
+            "built for, with: make setup ROS=system PYTHON=/usr/bin/python3" % sys.executable
+        )
+    return ""
+
+
+def compiler_fault():
+    """Return what is missing to compile the message packages."""
+    sys.path.insert(0, os.path.join(os.path.dirname(os.path.dirname(__file__)), "src"))
+    from obk_interfaces import BuildToolError
+    from obk_interfaces.toolchain import find_compilers, find_python_headers
+
+    try:
+        find_compilers()
+        find_python_headers()
+    except BuildToolError as error:
+        return str(error)
+    return ""
+
+
+def main():
+    """Print every fault; return the exit code."""
+    ros = sys.argv[1] if len(sys.argv) > 1 else "wheels"
+    faults = [version_fault()]
+    if not faults[0]:
+        faults += [venv_fault(), ros_fault(ros), compiler_fault()]
+    for fault in filter(None, faults):
+        sys.stderr.write("make setup: %s\n" % fault)
+    return int(any(faults))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
