@@ -10,7 +10,7 @@ BIN := $(VENV)/bin
 # An environment stays with the ROS 2 it was made for until another one is asked for.
 ROS ?= $(or $(shell cat $(VENV)/.ros 2>/dev/null),wheels)
 
-PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
 INSTALL := $(PIP) install --no-deps --no-build-isolation
 PYTHONS := 3.12 3.13
 
@@ -60,7 +60,7 @@ else
 endif
 	@$(PIP) install --no-deps -r $@
 
-$(VENV)/.project: pyproject.toml $(shell find ros_packages -type f) $(VENV)/requirements.txt
+$(VENV)/.project: pyproject.toml hatch_build.py $(shell find ros_packages -type f) $(VENV)/requirements.txt
 	@echo "setup: obelisk-cli (editable)"
 	@$(INSTALL) --editable .
 	@touch $@
