@@ -57,6 +57,7 @@ class _CoreLoader(yaml.SafeLoader):
 
 
 _CoreLoader.add_constructor("!plain", lambda _, node: core_scalar(node.value))
+_CoreLoader.add_constructor("tag:yaml.org,2002:merge", lambda _, node: node.value)
 
 
 def load_yaml_core(text: str) -> object:

@@ -1,0 +1,1 @@
+"""The `obk` tool: reads a config, checks it, lowers it to a plan, launches it."""

@@ -1,0 +1,237 @@
+"""The typed config: what a stack is, each field with the place that wrote it.
+
+Made by reading a tree; holds what the user wrote, defaults not filled in.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Generic, Literal, TypeVar
+
+from obelisk_spec.components import component_identity
+from obk_cli.source import Span
+from obk_cli.tree import TreeMap, plain_value
+
+__all__ = [
+    "NODE_SECTIONS",
+    "CallbackGroup",
+    "Component",
+    "ComponentKind",
+    "FileSearch",
+    "Joystick",
+    "Node",
+    "Parameter",
+    "ParameterValue",
+    "Qos",
+    "SensorGroup",
+    "Sim",
+    "Spanned",
+    "Stack",
+]
+
+T = TypeVar("T")
+
+ParameterValue = (
+    bool | int | float | str | tuple[bool, ...] | tuple[int, ...] | tuple[float, ...] | tuple[str, ...]
+)
+"""What a ROS parameter can hold."""
+
+ComponentKind = Literal["publisher", "subscriber", "timer"]
+
+NODE_SECTIONS = ("control", "estimation", "robot", "sensing")
+"""Sections that are lists of nodes; `viz` holds nodes one level deeper."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spanned(Generic[T]):
+    """A value with its place and, where it has one, its key's."""
+
+    value: T
+    span: Span
+    key_span: Span | None = None
+
+    @property
+    def entry_span(self) -> Span:
+        """The place of the key, else of the value."""
+        return self.key_span or self.span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileSearch:
+    """Where a path that the config names was looked for."""
+
+    written: Spanned[str]
+    found: Path | None
+    tried: tuple[Path, ...] = ()
+    missing_package: str | None = None
+    """A `robot_pkg` that is nowhere."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Qos:
+    """Quality of service of one end of a topic."""
+
+    reliability: Spanned[str] | None = None
+    durability: Spanned[str] | None = None
+    history_depth: Spanned[int] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Component:
+    """A publisher, subscriber or timer of a node."""
+
+    kind: ComponentKind
+    span: Span
+    tree: TreeMap
+    ros_parameter: Spanned[str] | None = None
+    key: Spanned[str] | None = None
+    topic: Spanned[str] | None = None
+    msg_type: Spanned[str] | None = None
+    history_depth: Spanned[int] | None = None
+    qos: Qos = field(default_factory=Qos)
+    callback_group: Spanned[str] | None = None
+    timer_period_s: Spanned[float] | None = None
+
+    @property
+    def name(self) -> Spanned[str] | None:
+        """What names the component: its `ros_parameter`, else its `key`."""
+        return self.ros_parameter or self.key
+
+    @property
+    def identity(self) -> str | None:
+        """The component of the code that is meant, `pub_ctrl`."""
+        return component_identity(self.name.value) if self.name else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CallbackGroup:
+    """A named callback group of a node."""
+
+    name: Spanned[str]
+    type: Spanned[str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """One ROS parameter of the user's, nested names joined by dots."""
+
+    name: str
+    value: ParameterValue
+    span: Span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorGroup:
+    """Sensors of the model that are published together."""
+
+    topic: Spanned[str]
+    msg_type: Spanned[str] | None
+    period_s: Spanned[float] | None
+    span: Span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sim:
+    """One `sim` block; `tree` is the block in the newer names of its keys."""
+
+    tree: TreeMap
+    ros_parameter: Spanned[str] | None
+    model_xml_path: Spanned[str] | None
+    robot_pkg: Spanned[str] | None
+    sensor_groups: tuple[SensorGroup, ...]
+    config_paths: tuple[Spanned[str], ...] = ()
+    is_sound: bool = True
+    """Whether the block was read without an error, so that it can be checked further."""
+    model: FileSearch | None = None
+    files: tuple[FileSearch, ...] = ()
+
+    @property
+    def span(self) -> Span:
+        """Where the block starts."""
+        return self.tree.span
+
+    @property
+    def block(self) -> dict[str, object]:
+        """The block as plain values."""
+        value = plain_value(self.tree)
+        assert isinstance(value, dict)  # a TreeMap's value is one
+        return value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Node:
+    """One ROS node of the stack."""
+
+    section: str
+    device: str
+    index: int
+    """Position among the nodes of its section, over all devices, from 0."""
+    span: Span
+    pkg: Spanned[str] | None = None
+    executable: Spanned[str] | None = None
+    name: Spanned[str] | None = None
+    namespace: Spanned[str] | None = None
+    params_path: Spanned[str] | None = None
+    params: tuple[Parameter, ...] = ()
+    callback_groups: tuple[CallbackGroup, ...] = ()
+    components: tuple[Component, ...] = ()
+    remappings: tuple[tuple[str, str], ...] = ()
+    env: tuple[tuple[str, str], ...] = ()
+    log_level: Spanned[str] | None = None
+    respawn: Spanned[bool] | None = None
+    on_crash: Spanned[str] | None = None
+    is_simulated: Spanned[bool] | None = None
+    sims: tuple[Sim, ...] = ()
+    robot_pkg: Spanned[str] | None = None
+    urdf: Spanned[str] | None = None
+    robot_topic: Spanned[str] | None = None
+    tf_prefix: Spanned[str] | None = None
+    params_file: FileSearch | None = None
+    urdf_file: FileSearch | None = None
+
+    @property
+    def node_name(self) -> str:
+        """The node's ROS name without its namespace, `obelisk_control_0`."""
+        return f"obelisk_{self.section}_{self.name.value if self.name else self.index}"
+
+    @property
+    def ros_namespace(self) -> str:
+        """The node's namespace with its leading `/`."""
+        return "/" + (self.namespace.value.strip("/") if self.namespace else "")
+
+    @property
+    def full_name(self) -> str:
+        """The node's name in the ROS graph."""
+        return f"{self.ros_namespace.rstrip('/')}/{self.node_name}"
+
+    @property
+    def runs_simulation(self) -> bool:
+        """Whether a simulator stands in for the robot."""
+        return bool(self.sims) and (self.is_simulated is None or self.is_simulated.value)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Joystick:
+    """The joystick node of a stack."""
+
+    on: bool
+    device: str
+    span: Span
+    pub_topic: Spanned[str] | None = None
+    sub_topic: Spanned[str] | None = None
+    params: tuple[Parameter, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stack:
+    """A whole config."""
+
+    name: Spanned[str] | None
+    nodes: tuple[Node, ...]
+    span: Span
+    joysticks: tuple[Joystick, ...] = ()
+    ignored_codes: tuple[str, ...] = ()
+
+    def section(self, section: str) -> Iterator[Node]:
+        """The nodes of one section."""
+        return (node for node in self.nodes if node.section == section)

@@ -1,0 +1,68 @@
+"""Findings in the user's text, as values: collected, never raised."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from obk_cli.codes import Severity, rule_of
+from obk_cli.source import Span
+
+__all__ = ["Diagnostic", "Related", "Severity", "found", "in_order", "worst"]
+
+_WORST_FIRST: tuple[Severity, ...] = ("error", "warning", "info")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Related:
+    """Another place that a finding is about."""
+
+    message: str
+    span: Span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Diagnostic:
+    """One finding."""
+
+    code: str
+    severity: Severity
+    message: str
+    span: Span
+    help: str | None = None
+    related: tuple[Related, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.span}: {self.severity}[{self.code}]: {self.message}"
+
+
+def found(
+    code: str,
+    message: str,
+    span: Span,
+    *,
+    help: str | None = None,
+    related: Iterable[Related] = (),
+    severity: Severity | None = None,
+) -> Diagnostic:
+    """A finding with the severity of its rule, unless another is given."""
+    return Diagnostic(
+        code=code,
+        severity=severity or rule_of(code).severity,
+        message=message,
+        span=span,
+        help=help,
+        related=tuple(related),
+    )
+
+
+def in_order(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """Findings in reading order, the same finding once."""
+    unique = dict.fromkeys(diagnostics)
+    return tuple(
+        sorted(unique, key=lambda d: (d.span.path, d.span.line, d.span.column, d.code, d.message))
+    )
+
+
+def worst(diagnostics: Iterable[Diagnostic]) -> Severity | None:
+    """The worst severity among the findings, None where there are none."""
+    present = {diagnostic.severity for diagnostic in diagnostics}
+    return next((severity for severity in _WORST_FIRST if severity in present), None)

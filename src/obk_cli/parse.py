@@ -1,0 +1,226 @@
+"""Text -> tree with places. Whatever the text is, the result is a tree, findings, or both.
+
+Built on PyYAML's event stream: scalars are read by YAML 1.2 core, only the safe subset is taken,
+aliases may expand only so far. Opens no file.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NoReturn
+
+import yaml
+
+from obelisk_spec.yaml_core import core_scalar
+from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.source import SourceFile, Span
+from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar
+from obk_cli.yaml_faults import explain_yaml_error, forbidden_character
+
+__all__ = ["LONGEST_FILE_BYTES", "Parsed", "decode_source", "parse_source"]
+
+LONGEST_FILE_BYTES = 10 * 1024 * 1024
+_MOST_ALIASED_VALUES = 100_000
+_DEEPEST = 100
+
+_CORE_TAGS = {
+    f"tag:yaml.org,2002:{name}" for name in ("str", "int", "float", "bool", "null", "map", "seq")
+}
+_QUOTED_STYLES = ("'", '"', "|", ">")
+_Loader = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parsed:
+    """What a text held; no tree where it is empty or nothing of it could be read."""
+
+    tree: Tree | None
+    diagnostics: tuple[Diagnostic, ...] = ()
+
+
+def decode_source(path: str, data: bytes) -> SourceFile | Diagnostic:
+    """The bytes of a file as a source, or why they cannot be one."""
+    if len(data) > LONGEST_FILE_BYTES:
+        start = Span.at(SourceFile.of(path, ""), 1, 1)
+        size = len(data) / 1024 / 1024
+        return found("OBK007", f"the file is {size:.1f} MiB, at most 10 MiB are read", start)
+    try:
+        return SourceFile.of(path, data.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        before = data[: error.start].decode("utf-8", errors="replace").splitlines() or [""]
+        line = SourceFile.of(path, "\n".join(before))
+        place = Span.at(line, len(before), len(before[-1]) + 1)
+        return found("OBK002", f"byte 0x{data[error.start]:02x} is not UTF-8", place)
+
+
+def parse_source(source: SourceFile) -> Parsed:
+    """The tree of a text that holds one YAML document."""
+    unreadable = forbidden_character(source)
+    if unreadable is not None:
+        return Parsed(tree=None, diagnostics=(unreadable,))
+    composer = _Composer(source)
+    try:
+        tree = composer.document(iter(yaml.parse(source.text, Loader=_Loader)))
+    except yaml.MarkedYAMLError as error:
+        composer.faults.append(explain_yaml_error(error, source))
+        tree = None
+    except _GivenUpError:
+        tree = None
+    return Parsed(tree=tree, diagnostics=tuple(composer.faults))
+
+
+class _GivenUpError(Exception):
+    """The rest of the text is not worth reading; the finding is already noted."""
+
+
+@dataclass(slots=True)
+class _Collection:
+    """A list or mapping whose end has not come yet."""
+
+    start: yaml.Event
+    items: list[Tree] = field(default_factory=list)
+    keys: list[tuple[str, Span]] = field(default_factory=list)
+    weight: int = 1
+
+
+@dataclass(slots=True)
+class _Anchored:
+    tree: Tree
+    weight: int
+
+
+class _Composer:
+    """Turns one event stream into one tree; keeps its own stack, so depth is not Python's."""
+
+    def __init__(self, source: SourceFile) -> None:
+        self.faults: list[Diagnostic] = []
+        self._source = source
+        self._anchors: dict[str, _Anchored | None] = {}
+        self._open: list[_Collection] = []
+        self._aliased_values = 0
+
+    def document(self, events: Iterator[yaml.Event]) -> Tree | None:
+        """The tree of the first document; a second one is a finding."""
+        tree: Tree | None = None
+        documents = 0
+        for event in events:
+            if isinstance(event, yaml.DocumentStartEvent):
+                documents += 1
+                if documents > 1:
+                    message = "a second document starts here, a config is one document"
+                    self._give_up("OBK003", message, event)
+            done = self._take(event)
+            tree = done or tree
+        return tree
+
+    def _take(self, event: yaml.Event) -> Tree | None:
+        match event:
+            case yaml.ScalarEvent():
+                return self._add(self._scalar(event), 1, event)
+            case yaml.AliasEvent():
+                anchored = self._aliased(event)
+                return self._add(anchored.tree, anchored.weight, event)
+            case yaml.CollectionStartEvent():
+                self._check_tag(event)
+                if len(self._open) >= _DEEPEST:
+                    self._give_up("OBK013", f"values are nested over {_DEEPEST} deep", event)
+                if event.anchor:
+                    self._anchors[event.anchor] = None
+                self._open.append(_Collection(event))
+            case yaml.CollectionEndEvent():
+                collection = self._open.pop()
+                return self._add(self._closed(collection, event), collection.weight, collection.start)
+        return None
+
+    def _add(self, tree: Tree, weight: int, event: yaml.NodeEvent) -> Tree | None:
+        """Put a finished value where it belongs; returns it if it is the whole document."""
+        if event.anchor and not isinstance(event, yaml.AliasEvent):
+            self._anchors[event.anchor] = _Anchored(tree, weight)
+        if not self._open:
+            return tree
+        parent = self._open[-1]
+        parent.weight += weight
+        is_map = isinstance(parent.start, yaml.MappingStartEvent)
+        if is_map and len(parent.keys) == len(parent.items):
+            parent.keys.append((self._key(tree), tree.span))
+        else:
+            parent.items.append(tree)
+        return None
+
+    def _scalar(self, event: yaml.ScalarEvent) -> TreeScalar:
+        self._check_tag(event)
+        span = self._span(event, event)
+        is_text = event.tag == "tag:yaml.org,2002:str" or event.style in _QUOTED_STYLES
+        return TreeScalar(event.value if is_text else core_scalar(event.value), span)
+
+    def _key(self, tree: Tree) -> str:
+        if isinstance(tree, TreeScalar):
+            return tree.span.text if isinstance(tree.value, float | int) else str(tree.value or "")
+        self.faults.append(found("OBK003", "a list or mapping cannot be a key", tree.span))
+        return ""
+
+    def _closed(self, collection: _Collection, end: yaml.Event) -> Tree:
+        span = self._span(collection.start, end)
+        if isinstance(collection.start, yaml.SequenceStartEvent):
+            return TreeList(tuple(collection.items), span)
+        entries: dict[str, Entry] = {}
+        merged: list[Entry] = []
+        for (key, key_span), value in zip(collection.keys, collection.items, strict=True):
+            if key == "<<" and key_span.text == "<<":
+                merged += self._merged(value)
+            elif key in entries:
+                self._duplicate(entries[key], key_span)
+            else:
+                entries[key] = Entry(key, key_span, value)
+        for entry in merged:
+            entries.setdefault(entry.key, entry)
+        return TreeMap(tuple(entries.values()), span)
+
+    def _merged(self, value: Tree) -> list[Entry]:
+        """The entries that `<<: value` brings, those of earlier mappings first."""
+        sources = value.items if isinstance(value, TreeList) else (value,)
+        entries: list[Entry] = []
+        for source in sources:
+            if isinstance(source, TreeMap):
+                entries += source.entries
+            else:
+                message = "`<<` merges mappings, this is none"
+                self.faults.append(found("OBK003", message, source.span))
+        return entries
+
+    def _duplicate(self, first: Entry, second: Span) -> None:
+        self.faults.append(
+            found(
+                "OBK004",
+                f"key `{first.key}` stands twice in this mapping",
+                second,
+                related=(Related(message="it stands here first", span=first.key_span),),
+            )
+        )
+
+    def _aliased(self, event: yaml.AliasEvent) -> _Anchored:
+        anchored = self._anchors.get(event.anchor)
+        if anchored is None:
+            inside = event.anchor in self._anchors
+            why = "stands inside its own value" if inside else "has no anchor before it"
+            self._give_up("OBK003", f"alias `*{event.anchor}` {why}", event)
+        self._aliased_values += anchored.weight
+        if self._aliased_values > _MOST_ALIASED_VALUES:
+            message = f"aliases expand to more than {_MOST_ALIASED_VALUES:,} values"
+            self._give_up("OBK006", message, event)
+        return anchored
+
+    def _check_tag(self, event: yaml.ScalarEvent | yaml.CollectionStartEvent) -> None:
+        if event.tag and event.tag not in _CORE_TAGS and event.tag != "!":
+            tag = event.tag.replace("tag:yaml.org,2002:", "!!")
+            span = self._span(event, event)
+            self.faults.append(
+                found("OBK005", f"tag `{tag}` is not taken, a config holds plain values", span)
+            )
+
+    def _give_up(self, code: str, message: str, event: yaml.Event) -> NoReturn:
+        self.faults.append(found(code, message, self._span(event, event)))
+        raise _GivenUpError
+
+    def _span(self, first: yaml.Event, last: yaml.Event) -> Span:
+        start, end = first.start_mark, last.end_mark
+        return Span(self._source, start.line + 1, start.column + 1, end.line + 1, end.column + 1)

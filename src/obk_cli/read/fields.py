@@ -1,0 +1,199 @@
+"""Reading the keys of one mapping: each value of the right kind, or a finding and None.
+
+Null is the same as not written, except where a key is required.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
+from obelisk_spec.near import did_you_mean, list_names, near_names
+from obk_cli.config import Spanned
+from obk_cli.diagnostics import Diagnostic, found
+from obk_cli.read.keys import NO_EFFECT_KEYS
+from obk_cli.source import Span
+from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
+
+__all__ = ["Faults", "Fields", "read_items", "read_text"]
+
+T = TypeVar("T")
+
+Faults = list[Diagnostic]
+
+
+class Fields:
+    """The keys of one mapping; findings go into the list that it was made with."""
+
+    def __init__(self, tree: TreeMap, what: str, keys: tuple[str, ...], faults: Faults) -> None:
+        self.tree = tree
+        self._what = what
+        self._faults = faults
+        self._entries = {entry.key: entry for entry in tree}
+        for entry in tree:
+            if entry.key not in keys:
+                self._unknown(entry, keys)
+            elif entry.key in NO_EFFECT_KEYS:
+                message = f"`{entry.key}` has no effect"
+                faults.append(found("OBK506", message, entry.key_span))
+
+    def _unknown(self, entry: Entry, keys: tuple[str, ...]) -> None:
+        useful = [key for key in keys if key not in NO_EFFECT_KEYS]
+        near = near_names(entry.key, useful)
+        help = did_you_mean(entry.key, useful) if near else f"it takes {list_names(useful, most=20)}"
+        message = f"{self._what} has no key `{entry.key}`"
+        self._faults.append(found("OBK101", message, entry.key_span, help=help))
+
+    def entry(self, key: str, *, required: bool = False) -> Entry | None:
+        """The entry of a key that holds something."""
+        entry = self._entries.get(key)
+        if entry is None:
+            if required:
+                near = near_names(key, (e.key for e in self.tree), most=1)
+                help = f"is it what `{near[0]}` was meant to be?" if near else None
+                message = f"{self._what} has no `{key}`"
+                self._faults.append(found("OBK102", message, self.start, help=help))
+            return None
+        if isinstance(entry.value, TreeScalar) and entry.value.value is None:
+            if required:
+                self._faults.append(found("OBK103", f"`{key}` is empty", entry.key_span))
+            return None
+        return entry
+
+    @property
+    def start(self) -> Span:
+        """The place of the mapping's first key, or of the mapping."""
+        first = next(iter(self.tree), None)
+        return first.key_span if first else self.tree.span
+
+    def text(self, key: str, *, required: bool = False) -> Spanned[str] | None:
+        """A text that is not empty."""
+        return self._read(key, required, "text", _text)
+
+    def no_or_text(self, key: str) -> Spanned[str] | None:
+        """A text; the word `None` counts as not written."""
+        text = self.text(key)
+        return None if text is None or text.value == "None" else text
+
+    def boolean(self, key: str) -> Spanned[bool] | None:
+        """`true` or `false`."""
+        return self._read(key, False, "`true` or `false`", _boolean)
+
+    def count(self, key: str, *, least: int = 1) -> Spanned[int] | None:
+        """A whole number of at least `least`."""
+        wanted = f"a whole number of at least {least}"
+        number = self._read(key, False, wanted, _integer)
+        return self._within(key, number, wanted, lambda value: value >= least)
+
+    def period_s(self, key: str, *, required: bool = False) -> Spanned[float] | None:
+        """A number of seconds above 0."""
+        wanted = "a number of seconds greater than 0"
+        number = self._read(key, required, wanted, _number)
+        return self._within(key, number, wanted, lambda value: 0 < value < float("inf"))
+
+    def one_of(self, key: str, allowed: Iterable[str]) -> Spanned[str] | None:
+        """One of certain words."""
+        text = self.text(key)
+        words = tuple(allowed)
+        if text is None or text.value in words:
+            return text
+        message = f"`{key}` is `{text.value}`, expected one of {list_names(words)}"
+        near = near_names(text.value, words)
+        help = did_you_mean(text.value, words) if near else None
+        self._faults.append(found("OBK105", message, text.span, help=help))
+        return None
+
+    def mapping(self, key: str, *, required: bool = False) -> TreeMap | None:
+        """A mapping."""
+        entry = self.entry(key, required=required)
+        if entry is None or isinstance(entry.value, TreeMap):
+            return entry.value if entry and isinstance(entry.value, TreeMap) else None
+        self._wrong(key, entry.value, "a mapping")
+        return None
+
+    def maps(self, key: str) -> tuple[TreeMap, ...]:
+        """A list of mappings, or one mapping for a list of one."""
+        entry = self.entry(key)
+        return () if entry is None else read_items(key, entry.value, self._faults)
+
+    def _read(
+        self, key: str, required: bool, wanted: str, convert: Callable[[object], T | None]
+    ) -> Spanned[T] | None:
+        entry = self.entry(key, required=required)
+        if entry is None:
+            return None
+        value = convert(entry.value.value) if isinstance(entry.value, TreeScalar) else None
+        if value is None:
+            self._wrong(key, entry.value, wanted)
+            return None
+        return Spanned(value, entry.value.span, entry.key_span)
+
+    def _within(
+        self, key: str, number: Spanned[T] | None, wanted: str, is_within: Callable[[T], bool]
+    ) -> Spanned[T] | None:
+        if number is None or is_within(number.value):
+            return number
+        message = f"`{key}` is {number.value}, expected {wanted}"
+        self._faults.append(found("OBK104", message, number.span))
+        return None
+
+    def _wrong(self, key: str, value: Tree, wanted: str) -> None:
+        message = f"`{key}` is {kind_of(value)}, expected {wanted}"
+        self._faults.append(found("OBK103", message, value.span, help=_hint(value, wanted)))
+
+
+def read_items(key: str, tree: Tree, faults: Faults) -> tuple[TreeMap, ...]:
+    """The mappings of a list; one mapping counts as a list of one."""
+    if isinstance(tree, TreeMap):
+        return (tree,)
+    if not isinstance(tree, TreeList):
+        message = f"`{key}` is {kind_of(tree)}, expected a list of mappings"
+        faults.append(found("OBK103", message, tree.span, help=_hint(tree, "a mapping")))
+        return ()
+    maps: list[TreeMap] = []
+    for item in tree.items:
+        if isinstance(item, TreeMap):
+            maps.append(item)
+        else:
+            message = f"an item of `{key}` is {kind_of(item)}, expected a mapping"
+            faults.append(found("OBK103", message, item.span, help=_hint(item, "a mapping")))
+    return tuple(maps)
+
+
+def read_text(what: str, tree: Tree, faults: Faults) -> Spanned[str] | None:
+    """A value that must be text."""
+    if isinstance(tree, TreeScalar) and isinstance(tree.value, str) and tree.value:
+        return Spanned(tree.value, tree.span)
+    message = f"{what} is {kind_of(tree)}, expected text"
+    faults.append(found("OBK103", message, tree.span, help=_hint(tree, "text")))
+    return None
+
+
+def _hint(value: Tree, wanted: str) -> str | None:
+    if not isinstance(value, TreeScalar):
+        return None
+    if wanted == "text" and value.value not in (None, ""):
+        return f'write it in quotes: "{value.span.text}"'
+    if isinstance(value.value, str):
+        head, colon, tail = value.value.partition(":")
+        if colon and head.isidentifier() and wanted == "a mapping":
+            return f"put a space after the colon: `{head}: {tail.strip()}`"
+        if wanted == "`true` or `false`" and value.value.lower() in ("yes", "no", "on", "off"):
+            return f"in YAML 1.2 `{value.value}` is text; write `true` or `false`"
+    return None
+
+
+def _text(value: object) -> str | None:
+    return value if isinstance(value, str) and value else None
+
+
+def _boolean(value: object) -> bool | None:
+    return value if isinstance(value, bool) else None
+
+
+def _integer(value: object) -> int | None:
+    return value if isinstance(value, int) and not isinstance(value, bool) else None
+
+
+def _number(value: object) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value)

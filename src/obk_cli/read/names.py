@@ -1,0 +1,59 @@
+"""Names that ROS must take, checked where they are written."""
+
+from collections.abc import Callable
+
+from obelisk_spec.messages import near_msg_types, resolve_msg_type
+from obelisk_spec.names import namespace_fault, node_name_fault, package_name_fault, topic_name_fault
+from obk_cli.config import Spanned
+from obk_cli.diagnostics import found
+from obk_cli.read.fields import Faults
+
+__all__ = ["check_msg_type", "check_namespace", "check_node_name", "check_package", "check_topic"]
+
+
+def check_topic(topic: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
+    """The topic if it is one."""
+    return _checked(topic, topic_name_fault, "OBK109", "topic", faults)
+
+
+def check_namespace(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
+    """The namespace if it is one."""
+    return _checked(name, namespace_fault, "OBK110", "namespace", faults)
+
+
+def check_node_name(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
+    """The node's name part if it can be one."""
+    # A digit may come first: the whole name starts with `obelisk_`.
+    return _checked(name, lambda text: node_name_fault(f"n{text}"), "OBK110", "node name", faults)
+
+
+def check_package(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
+    """The package's name if it is one."""
+    return _checked(name, package_name_fault, "OBK111", "package", faults)
+
+
+def check_msg_type(msg_type: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
+    """The message type if it is known."""
+    if msg_type is None or resolve_msg_type(msg_type.value):
+        return msg_type
+    near = near_msg_types(msg_type.value)
+    help = "write the package too, `my_msgs/MyMessage`, if it is your own"
+    if near:
+        help = f"did you mean {' or '.join(f'`{name}`' for name in near)}?"
+    message = f"message type `{msg_type.value}` is not known"
+    faults.append(found("OBK115", message, msg_type.span, help=help))
+    return None
+
+
+def _checked(
+    name: Spanned[str] | None,
+    fault_of: Callable[[str], str | None],
+    code: str,
+    what: str,
+    faults: Faults,
+) -> Spanned[str] | None:
+    fault = fault_of(name.value) if name else None
+    if name is None or fault is None:
+        return name
+    faults.append(found(code, f"{what} `{name.value}` is not one: {fault}", name.span))
+    return None

@@ -1,0 +1,167 @@
+"""The whole config: its name, its devices in either spelling, its sections."""
+
+from collections import Counter
+
+from obelisk_spec.near import did_you_mean, list_names, near_names
+from obk_cli.config import NODE_SECTIONS, Joystick, Node, Stack
+from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.read.fields import Faults, Fields, read_items
+from obk_cli.read.keys import (
+    JOYSTICK_KEYS,
+    OBK_KEYS,
+    RAY_CASTER_KEYS,
+    RESERVED_KEYS,
+    SECTION_KEYS,
+    VIZ_KEYS,
+)
+from obk_cli.read.names import check_package, check_topic
+from obk_cli.read.nodes import read_node
+from obk_cli.read.params import read_params
+from obk_cli.source import Span
+from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
+
+__all__ = ["read_stack"]
+
+_ONE_DEVICE = "onboard"
+"""The device of a config whose sections stand at the top level."""
+
+
+def read_stack(tree: Tree) -> tuple[Stack | None, tuple[Diagnostic, ...]]:
+    """The typed config, None where the text is no config at all."""
+    faults: Faults = []
+    if not isinstance(tree, TreeMap) or not _is_config(tree):
+        return None, (_not_a_config(tree),)
+    reader = _StackReader(faults)
+    devices = [entry for entry in tree if _is_device(entry)]
+    sections = [entry for entry in tree if entry.key in SECTION_KEYS]
+    if devices and sections:
+        faults.append(_mixed(devices[0], sections[0]))
+    for device in devices:
+        reader.read_device(device)
+    for section in sections:
+        reader.read_section(section, _ONE_DEVICE)
+    known = (*RESERVED_KEYS, *(device.key for device in devices))
+    top = Fields(tree, "a config", known, faults)
+    stack = Stack(
+        name=top.text("config"),
+        nodes=tuple(reader.nodes),
+        span=top.start,
+        joysticks=tuple(reader.joysticks),
+        ignored_codes=_read_ignored(top, faults),
+    )
+    return stack, tuple(faults)
+
+
+def _is_device(entry: Entry) -> bool:
+    """Whether a top-level key is a device: not reserved, and with a section inside."""
+    if entry.key in RESERVED_KEYS or not isinstance(entry.value, TreeMap):
+        return False
+    return any(inner.key in SECTION_KEYS for inner in entry.value)
+
+
+def _is_config(tree: TreeMap) -> bool:
+    """Whether anything at the top level belongs to the language."""
+    return not tree.entries or any(
+        entry.key in RESERVED_KEYS or _is_device(entry) for entry in tree
+    ) or not any(entry.key in RAY_CASTER_KEYS for entry in tree) and any(
+        near_names(entry.key, RESERVED_KEYS, most=1) for entry in tree
+    )
+
+
+def _not_a_config(tree: Tree) -> Diagnostic:
+    if not isinstance(tree, TreeMap):
+        return found("OBK114", f"the file holds {kind_of(tree)}, not a config", tree.span)
+    span = tree.entries[0].key_span
+    if any(entry.key in RAY_CASTER_KEYS for entry in tree):
+        message = "this is a ray-caster file, not a config"
+        help = "name it as `config_path` in the sensor group that uses it"
+        return found("OBK114", message, span, help=help)
+    keys = list_names(entry.key for entry in tree)
+    message = f"the file holds {keys}, none of which is a section of a config"
+    return found("OBK114", message, span, help=f"the sections are {list_names(SECTION_KEYS)}")
+
+
+def _mixed(device: Entry, section: Entry) -> Diagnostic:
+    return found(
+        "OBK112",
+        f"section `{section.key}` stands at the top level although there is a device "
+        f"`{device.key}`",
+        section.key_span,
+        help=f"move it into `{device.key}`, or take the device's sections out of it",
+        related=(Related(message="the device", span=device.key_span),),
+    )
+
+
+def _read_ignored(top: Fields, faults: Faults) -> tuple[str, ...]:
+    tree = top.mapping("obk")
+    entry = Fields(tree, "`obk`", OBK_KEYS, faults).entry("ignore") if tree else None
+    if entry is None:
+        return ()
+    items = entry.value.items if isinstance(entry.value, TreeList) else (entry.value,)
+    return tuple(str(item.value) for item in items if isinstance(item, TreeScalar))
+
+
+class _StackReader:
+    """Collects the nodes of all devices; nodes are counted through over devices."""
+
+    def __init__(self, faults: Faults) -> None:
+        self.nodes: list[Node] = []
+        self.joysticks: list[Joystick] = []
+        self._faults = faults
+        self._counts: Counter[str] = Counter()
+
+    def read_device(self, device: Entry) -> None:
+        """All sections of one device."""
+        assert isinstance(device.value, TreeMap)  # `_is_device` asked
+        for entry in device.value:
+            if entry.key in SECTION_KEYS:
+                self.read_section(entry, device.key)
+            else:
+                help = did_you_mean(entry.key, SECTION_KEYS)
+                message = f"device `{device.key}` has no section `{entry.key}`"
+                self._faults.append(found("OBK101", message, entry.key_span, help=help))
+
+    def read_section(self, section: Entry, device: str) -> None:
+        """One section of one device."""
+        if isinstance(section.value, TreeScalar) and section.value.value is None:
+            return
+        if section.key in NODE_SECTIONS:
+            self._read_nodes(section.key, section.value, section.key, device)
+        elif not isinstance(section.value, TreeMap):
+            message = f"`{section.key}` is {kind_of(section.value)}, expected a mapping"
+            self._faults.append(found("OBK103", message, section.value.span))
+        elif section.key == "viz":
+            self._read_viz(section.value, device)
+        else:
+            self._read_joystick(section.value, section.key_span, device)
+
+    def _read_nodes(self, key: str, tree: Tree, section: str, device: str) -> None:
+        for item in read_items(key, tree, self._faults):
+            index = self._counts[section]
+            self._counts[section] += 1
+            self.nodes.append(read_node(item, section, device, index, self._faults))
+
+    def _read_viz(self, tree: TreeMap, device: str) -> None:
+        fields = Fields(tree, "`viz`", VIZ_KEYS, self._faults)
+        check_package(fields.no_or_text("rviz_pkg"), self._faults)
+        fields.text("rviz_config")
+        on = fields.boolean("on")
+        nodes = fields.entry("viz_nodes")
+        if nodes is not None and (on is None or on.value):
+            self._read_nodes("viz_nodes", nodes.value, "viz", device)
+
+    def _read_joystick(self, tree: TreeMap, span: Span, device: str) -> None:
+        fields = Fields(tree, "`joystick`", JOYSTICK_KEYS, self._faults)
+        on = fields.boolean("on")
+        settings = TreeMap(
+            tuple(e for e in tree if e.key in JOYSTICK_KEYS[3:]), tree.span
+        )
+        joystick = Joystick(
+            on=on is None or on.value,
+            device=device,
+            span=span,
+            pub_topic=check_topic(fields.text("pub_topic"), self._faults),
+            sub_topic=check_topic(fields.text("sub_topic"), self._faults),
+            params=read_params(settings, self._faults),
+        )
+        self.joysticks.append(joystick)

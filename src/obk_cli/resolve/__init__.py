@@ -1,0 +1,1 @@
+"""Many trees into one: includes, merge, `${VAR}`, `--set`, paths. Every value keeps its place."""

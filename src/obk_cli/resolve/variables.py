@@ -1,0 +1,80 @@
+"""`${NAME}` and `${NAME:-text}` in string values. The environment comes in as a mapping."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+
+from obelisk_spec.near import did_you_mean, near_names
+from obelisk_spec.yaml_core import core_scalar
+from obk_cli.diagnostics import Diagnostic, found
+from obk_cli.source import Span
+from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar
+
+__all__ = ["resolve_variables"]
+
+_REFERENCE = re.compile(r"\$\$\{|\$\{([A-Za-z_][A-Za-z0-9_]*)(?::-([^}]*))?\}|\$\{")
+
+
+def resolve_variables(
+    tree: Tree, environment: Mapping[str, str]
+) -> tuple[Tree, tuple[Diagnostic, ...]]:
+    """The tree with every reference replaced; findings for those that nothing stands for.
+
+    An unquoted value is read anew afterwards, so `${STEP:-0.001}` is a number.
+    """
+    faults: list[Diagnostic] = []
+    return _replaced(tree, environment, faults), tuple(faults)
+
+
+def _replaced(tree: Tree, environment: Mapping[str, str], faults: list[Diagnostic]) -> Tree:
+    match tree:
+        case TreeMap():
+            entries = (
+                replace(entry, value=_replaced(entry.value, environment, faults)) for entry in tree
+            )
+            return TreeMap(tuple(entries), tree.span)
+        case TreeList():
+            items = (_replaced(item, environment, faults) for item in tree.items)
+            return TreeList(tuple(items), tree.span)
+        case TreeScalar(value=str() as text) if "${" in text:
+            return _replaced_text(text, tree.span, environment, faults)
+    return tree
+
+
+def _replaced_text(
+    text: str, span: Span, environment: Mapping[str, str], faults: list[Diagnostic]
+) -> TreeScalar:
+    def value_of(reference: re.Match[str]) -> str:
+        name, default = reference.groups()
+        if reference[0] == "$${":
+            return "${"
+        if name in environment:
+            return environment[name]
+        if default is None:
+            faults.append(_undefined(reference[0], name, span, environment))
+            return reference[0]
+        return str(default)
+
+    new = _REFERENCE.sub(value_of, text)
+    is_plain = span.text[:1] not in ("'", '"', "|", ">")
+    return TreeScalar(core_scalar(new) if is_plain else new, span)
+
+
+def _undefined(
+    reference: str, name: str | None, span: Span, environment: Mapping[str, str]
+) -> Diagnostic:
+    offset = span.text.find(reference)
+    place = span
+    if offset >= 0:
+        place = Span.at(span.source, span.line, span.column + offset, len(reference))
+    if name is None:
+        message = "`${` does not begin a `${NAME}`"
+        return found("OBK011", message, place, help="write `$${` for a literal `${`")
+    hint = did_you_mean(name, environment) if near_names(name, environment) else None
+    default = f"write `${{{name}:-text}}` to give a default"
+    return found(
+        "OBK011",
+        f"environment variable `{name}` is not set",
+        place,
+        help=f"{hint} or {default}" if hint else default,
+    )

@@ -1,0 +1,67 @@
+"""The user's text and places in it.
+
+Lines and columns count from 1, columns in characters. Imports nothing of ours, reads no file.
+"""
+
+from dataclasses import dataclass, field
+
+__all__ = ["COMMAND_LINE", "SourceFile", "Span"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceFile:
+    """One text, by the path under which the user knows it."""
+
+    path: str
+    text: str = field(repr=False)
+    lines: tuple[str, ...] = field(default=(), repr=False, compare=False)
+
+    @classmethod
+    def of(cls, path: str, text: str) -> "SourceFile":
+        """A source whose lines are cut at LF, CRLF or CR, as YAML does."""
+        lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        return cls(path=path, text=text, lines=tuple(lines))
+
+    def line(self, number: int) -> str:
+        """The line of that number, empty past the end."""
+        return self.lines[number - 1] if 0 < number <= len(self.lines) else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A stretch of a source, its end exclusive."""
+
+    source: SourceFile
+    line: int
+    column: int
+    end_line: int
+    end_column: int
+
+    @classmethod
+    def at(cls, source: SourceFile, line: int, column: int, length: int = 1) -> "Span":
+        """A stretch within one line."""
+        return cls(source, line, column, line, column + length)
+
+    @property
+    def path(self) -> str:
+        """The path of the source."""
+        return self.source.path
+
+    @property
+    def text(self) -> str:
+        """What stands there, cut to its first line."""
+        return self.source.line(self.line)[self.column - 1 : self.first_line_end - 1]
+
+    @property
+    def first_line_end(self) -> int:
+        """Where the stretch ends on its first line: a column, exclusive."""
+        if self.end_line == self.line:
+            return self.end_column
+        return max(len(self.source.line(self.line).rstrip()) + 1, self.column + 1)
+
+    def __str__(self) -> str:
+        return f"{self.path}:{self.line}:{self.column}"
+
+
+COMMAND_LINE = "<command line>"
+"""The path of values that `--set` gave."""
