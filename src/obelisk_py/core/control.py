@@ -1,0 +1,51 @@
+"""`ObeliskController`: turns state estimates into control messages."""
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+from obelisk_py.core.node import ObeliskNode
+from obelisk_py.core.obelisk_typing import ObeliskControlMsg, ObeliskEstimatorMsg
+
+__all__ = ["ObeliskController"]
+
+
+class ObeliskController(ABC, ObeliskNode):
+    """Base of controllers.
+
+    Registers the timer `timer_ctrl` -> `compute_control`, the publisher `pub_ctrl`, and the
+    subscription `sub_est` -> `update_x_hat`, each with the ROS parameter `<key>_setting`.
+    """
+
+    def __init__(
+        self,
+        node_name: str,
+        ctrl_msg_type: type[Any] | None = None,
+        est_msg_type: type[Any] | None = None,
+        **kwargs: Any,
+    ) -> None:
+        """Make the node and register its three components.
+
+        Args:
+            node_name: name in the ROS graph, where no remapping gives another.
+            ctrl_msg_type: class of the control message; without it the config names the type.
+            est_msg_type: class of the estimate's message; without it the config names the type.
+            kwargs: handed to `rclpy.node.Node`.
+        """
+        super().__init__(node_name, **kwargs)
+        self.register_obk_timer("timer_ctrl_setting", self.compute_control, key="timer_ctrl")
+        self.register_obk_publisher("pub_ctrl_setting", key="pub_ctrl", msg_type=ctrl_msg_type)
+        self.register_obk_subscription(
+            "sub_est_setting", self.update_x_hat, key="sub_est", msg_type=est_msg_type
+        )
+
+    @abstractmethod
+    def update_x_hat(self, x_hat_msg: ObeliskEstimatorMsg) -> None:  # type: ignore[misc]
+        """Take a new state estimate.
+
+        Args:
+            x_hat_msg: the estimate.
+        """
+
+    @abstractmethod
+    def compute_control(self) -> ObeliskControlMsg:  # type: ignore[type-var]
+        """Compute the control, publish it on `pub_ctrl`, and return it."""

@@ -1,0 +1,35 @@
+"""`ObeliskEstimator`: turns sensor messages into state estimates."""
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+from obelisk_py.core.node import ObeliskNode
+from obelisk_py.core.obelisk_typing import ObeliskEstimatorMsg
+
+__all__ = ["ObeliskEstimator"]
+
+
+class ObeliskEstimator(ABC, ObeliskNode):
+    """Base of state estimators.
+
+    Registers the timer `timer_est` -> `compute_state_estimate` and the publisher `pub_est`, each
+    with the ROS parameter `<key>_setting`. The inheriting class registers its sensors.
+    """
+
+    def __init__(
+        self, node_name: str, est_msg_type: type[Any] | None = None, **kwargs: Any
+    ) -> None:
+        """Make the node and register its two components.
+
+        Args:
+            node_name: name in the ROS graph, where no remapping gives another.
+            est_msg_type: class of the estimate's message; without it the config names the type.
+            kwargs: handed to `rclpy.node.Node`.
+        """
+        super().__init__(node_name, **kwargs)
+        self.register_obk_timer("timer_est_setting", self.compute_state_estimate, key="timer_est")
+        self.register_obk_publisher("pub_est_setting", key="pub_est", msg_type=est_msg_type)
+
+    @abstractmethod
+    def compute_state_estimate(self) -> ObeliskEstimatorMsg:  # type: ignore[type-var]
+        """Compute the estimate, publish it on `pub_est`, and return it."""

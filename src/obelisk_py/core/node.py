@@ -1,0 +1,337 @@
+"""`ObeliskNode`: a life-cycle node whose publishers, subscriptions and timers come from settings.
+
+The constructor registers components; configure builds them from ROS parameters, activate starts
+them, deactivate stops them, cleanup destroys them, so that configure can run again.
+"""
+
+import importlib
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle.publisher import LifecyclePublisher
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+
+from obelisk_py.core.components import Component, ComponentKind, ComponentTable, spellings
+from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError, ObeliskMsgError
+from obelisk_py.core.lifecycle import GuardedLifecycleNode
+from obelisk_py.core.messages import message_class, message_name
+from obelisk_py.core.settings import (
+    NodeSettings,
+    find_settings,
+    parse_node_settings,
+    timer_settings,
+    topic_settings,
+)
+from obelisk_spec.components import CALLBACK_GROUP_TYPES
+
+__all__ = ["ObeliskNode"]
+
+Default = str | Mapping[str, Any] | None
+
+
+class ObeliskNode(GuardedLifecycleNode):
+    """A life-cycle node wired by an Obelisk config."""
+
+    def __init__(self, node_name: str, **kwargs: Any) -> None:
+        """Make the node; register components in the constructor of the inheriting class.
+
+        Args:
+            node_name: name in the ROS graph, where no remapping gives another.
+            kwargs: handed to `rclpy.node.Node`.
+        """
+        super().__init__(node_name, **kwargs)
+        self.declare_parameter("params_path", "")
+        self.declare_parameter("obelisk_settings", "")
+        self.obk_publishers: ComponentTable[LifecyclePublisher] = ComponentTable(
+            ComponentKind.PUBLISHER
+        )
+        self.obk_subscriptions: ComponentTable[Subscription] = ComponentTable(
+            ComponentKind.SUBSCRIPTION
+        )
+        self.obk_timers: ComponentTable[Timer] = ComponentTable(ComponentKind.TIMER)
+        self.obk_callback_groups: dict[str, CallbackGroup] = {}
+        self._components: list[Component] = []
+        self._registration_open = True
+
+    @property
+    def t(self) -> float:
+        """The node clock's time [s]."""
+        return float(self.get_clock().now().nanoseconds * 1e-9)
+
+    @property
+    def params_path(self) -> str:
+        """The ROS parameter `params_path` as the config wrote it; empty where it wrote none."""
+        return str(self.get_parameter("params_path").value)
+
+    def register_obk_publisher(
+        self,
+        ros_parameter: str | None = None,
+        key: str | None = None,
+        msg_type: type[Any] | None = None,
+        default: Default = None,
+        *,
+        required: bool = True,
+    ) -> None:
+        """Register a publisher, to be made at configure.
+
+        Args:
+            ros_parameter: the ROS parameter that carries its settings; declared here.
+            key: its name in `obk_publishers`.
+            msg_type: its message class; without it the settings name the type.
+            default: its settings where neither parameter nor `obelisk_settings` has any.
+            required: without settings, fail configure instead of leaving it out.
+
+        Raises:
+            ObeliskConfigError: no name, a name twice, or the node was configured already.
+        """
+        self._register(
+            Component(
+                kind=ComponentKind.PUBLISHER,
+                ros_parameter=ros_parameter,
+                key=key,
+                msg_type=msg_type,
+                default=default,
+                required=required,
+            )
+        )
+
+    def register_obk_subscription(
+        self,
+        ros_parameter: str | None = None,
+        callback: Callable[[Any], Any] | None = None,
+        key: str | None = None,
+        msg_type: type[Any] | None = None,
+        default: Default = None,
+        *,
+        required: bool = True,
+    ) -> None:
+        """Register a subscription, to be made at configure.
+
+        Args:
+            ros_parameter: the ROS parameter that carries its settings; declared here.
+            callback: called with each message.
+            key: its name in `obk_subscriptions`.
+            msg_type: its message class; without it the settings name the type.
+            default: its settings where neither parameter nor `obelisk_settings` has any.
+            required: without settings, fail configure instead of leaving it out.
+
+        Raises:
+            ObeliskConfigError: no name, no callback, a name twice, or configured already.
+        """
+        self._register(
+            Component(
+                kind=ComponentKind.SUBSCRIPTION,
+                ros_parameter=ros_parameter,
+                key=key,
+                callback=callback,
+                msg_type=msg_type,
+                default=default,
+                required=required,
+            )
+        )
+
+    def register_obk_timer(
+        self,
+        ros_parameter: str | None = None,
+        callback: Callable[[], Any] | None = None,
+        key: str | None = None,
+        default: Default = None,
+        *,
+        required: bool = True,
+    ) -> None:
+        """Register a timer, to be made at configure and started at activate.
+
+        Args:
+            ros_parameter: the ROS parameter that carries its settings; declared here.
+            callback: called at each period.
+            key: its name in `obk_timers`.
+            default: its settings where neither parameter nor `obelisk_settings` has any.
+            required: without settings, fail configure instead of leaving it out.
+
+        Raises:
+            ObeliskConfigError: no name, no callback, a name twice, or configured already.
+        """
+        self._register(
+            Component(
+                kind=ComponentKind.TIMER,
+                ros_parameter=ros_parameter,
+                key=key,
+                callback=callback,
+                default=default,
+                required=required,
+            )
+        )
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Build callback groups, publishers, subscriptions and (stopped) timers.
+
+        Raises:
+            ObeliskConfigError: settings are missing or wrong; all of them are named at once.
+        """
+        self._registration_open = False
+        result = super().on_configure(state)
+        node = parse_node_settings(str(self.get_parameter("obelisk_settings").value))
+        self.obk_callback_groups = {
+            name: getattr(importlib.import_module("rclpy.callback_groups"), kind)()
+            for name, kind in node.callback_groups.items()
+        }
+        faults: list[str] = []
+        for component in self._components:
+            try:
+                self._build(component, node)
+            except ObeliskError as error:
+                faults.append(str(error))
+        if faults:
+            self._release()
+            raise ObeliskConfigError("\n".join(faults))
+        return result
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let the publishers send and start the timers."""
+        result = super().on_activate(state)
+        for timer in self.obk_timers.values():
+            timer.reset()
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop the timers and hold the publishers."""
+        for timer in self.obk_timers.values():
+            timer.cancel()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Destroy what configure built."""
+        self._release()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Destroy what configure built, whatever the state."""
+        self._release()
+        return super().on_shutdown(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Destroy what configure built; success leads back to `unconfigured`."""
+        self._release()
+        return super().on_error(state)
+
+    def _register(self, component: Component) -> None:
+        if not self._registration_open:
+            raise ObeliskConfigError(
+                f"the {component} was registered after configure; "
+                "components are registered in the constructor"
+            )
+        for other in self._components:
+            if other.kind is component.kind and other.names & component.names:
+                raise ObeliskConfigError(f"the {component} is registered already, as the {other}")
+        if component.ros_parameter:
+            self.declare_parameter(component.ros_parameter, "")
+        self._components.append(component)
+
+    def _build(self, component: Component, node: NodeSettings) -> None:
+        parameter = component.ros_parameter
+        text = str(self.get_parameter(parameter).value) if parameter else ""
+        raw = find_settings(component, text, node)
+        if raw is None:
+            self._without_settings(component)
+            return
+        config_key = raw.get("key")
+        names = component.names | spellings(config_key)
+        name = component.key or str(config_key or parameter).removesuffix("_setting")
+        if component.kind is ComponentKind.TIMER:
+            self.obk_timers.add(name, names, self._timer(component, raw))
+        elif component.kind is ComponentKind.PUBLISHER:
+            self.obk_publishers.add(name, names, self._publisher(component, raw))
+        else:
+            self.obk_subscriptions.add(name, names, self._subscription(component, raw))
+
+    def _without_settings(self, component: Component) -> None:
+        where = (
+            f"the parameter '{component.ros_parameter}'"
+            if component.ros_parameter
+            else (f"an entry with 'key: {component.key}' in the parameter 'obelisk_settings'")
+        )
+        if component.required:
+            raise ObeliskConfigError(f"the {component} has no settings: set {where}")
+        self.get_logger().info(f"the optional {component} is left out: {where} is not set")
+
+    def _publisher(self, component: Component, raw: Mapping[str, Any]) -> LifecyclePublisher:
+        settings = topic_settings(component, raw)
+        return self.create_lifecycle_publisher(
+            self._message_class(component, settings.msg_type),
+            settings.topic,
+            settings.qos,
+            callback_group=self._group(component, settings.callback_group),
+        )
+
+    def _subscription(self, component: Component, raw: Mapping[str, Any]) -> Subscription:
+        settings = topic_settings(component, raw)
+        assert component.callback is not None
+        return self.create_subscription(
+            self._message_class(component, settings.msg_type),
+            settings.topic,
+            self.guarded(component.callback),
+            settings.qos,
+            callback_group=self._group(component, settings.callback_group),
+        )
+
+    def _timer(self, component: Component, raw: Mapping[str, Any]) -> Timer:
+        settings = timer_settings(component, raw)
+        assert component.callback is not None
+        return self.create_timer(
+            settings.period_s,
+            self.guarded(component.callback),
+            callback_group=self._group(component, settings.callback_group),
+            clock=self._timer_clock(),
+            autostart=False,
+        )
+
+    def _timer_clock(self) -> Clock:
+        # A jump of the wall clock must not stop or hurry a control loop; only simulated time,
+        # which a user asks for, is followed.
+        if self.get_parameter("use_sim_time").value:
+            return self.get_clock()
+        return Clock(clock_type=ClockType.STEADY_TIME)
+
+    def _group(self, component: Component, name: str | None) -> CallbackGroup | None:
+        if name is None:
+            return None
+        if name not in self.obk_callback_groups:
+            have = ", ".join(self.obk_callback_groups) or f"none (types: {CALLBACK_GROUP_TYPES})"
+            raise ObeliskConfigError(
+                f"the {component} is in the callback group '{name}'; there are: {have}"
+            )
+        return self.obk_callback_groups[name]
+
+    def _message_class(self, component: Component, configured: str | None) -> type[Any]:
+        if component.msg_type is None and configured is None:
+            raise ObeliskMsgError(
+                f"the {component} has no message type: give 'msg_type' in the config or in the code"
+            )
+        if component.msg_type is None:
+            assert configured is not None
+            return message_class(configured)
+        if configured is not None and message_class(configured) is not component.msg_type:
+            raise ObeliskMsgError(
+                f"the {component} is a {message_name(component.msg_type)} in the code "
+                f"and a {configured} in the config"
+            )
+        return component.msg_type
+
+    def _release(self) -> None:
+        for timer in self.obk_timers.values():
+            self.destroy_timer(timer)
+        for subscription in self.obk_subscriptions.values():
+            self.destroy_subscription(subscription)
+        for publisher in self.obk_publishers.values():
+            self.destroy_lifecycle_publisher(publisher)
+        for table in (self.obk_timers, self.obk_subscriptions, self.obk_publishers):
+            table.clear()
+        self.obk_callback_groups = {}
+        # A group keeps a dead reference for every entity that it ever held.
+        group = self.default_callback_group
+        group.entities = {entity for entity in group.entities if entity() is not None}

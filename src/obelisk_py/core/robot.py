@@ -1,0 +1,127 @@
+"""`ObeliskRobot` and `ObeliskSimRobot`: the system that is controlled, real or simulated."""
+
+import threading
+from abc import ABC, abstractmethod
+from typing import Any
+
+from obelisk_sensor_msgs.msg import TrueSimState
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.node import ObeliskNode
+from obelisk_py.core.obelisk_typing import ObeliskControlMsg
+
+__all__ = ["ObeliskRobot", "ObeliskSimRobot"]
+
+
+class ObeliskRobot(ABC, ObeliskNode):
+    """Base of robots.
+
+    Registers the subscription `sub_ctrl` -> `apply_control` with the ROS parameter
+    `sub_ctrl_setting`. The inheriting class registers its sensors' publishers.
+    """
+
+    def __init__(
+        self, node_name: str, ctrl_msg_type: type[Any] | None = None, **kwargs: Any
+    ) -> None:
+        """Make the node and register the control subscription.
+
+        Args:
+            node_name: name in the ROS graph, where no remapping gives another.
+            ctrl_msg_type: class of the control message; without it the config names the type.
+            kwargs: handed to `rclpy.node.Node`.
+        """
+        super().__init__(node_name, **kwargs)
+        self.register_obk_subscription(
+            "sub_ctrl_setting", self.apply_control, key="sub_ctrl", msg_type=ctrl_msg_type
+        )
+
+    @abstractmethod
+    def apply_control(self, control_msg: ObeliskControlMsg) -> None:  # type: ignore[misc]
+        """Apply a control message to the system.
+
+        Args:
+            control_msg: the newest control.
+        """
+
+
+class ObeliskSimRobot(ObeliskRobot):
+    """Base of simulated robots.
+
+    Registers, both optional, the timer `timer_true_sim_state` -> `publish_true_sim_state` and the
+    publisher `pub_true_sim_state`. While the node is active, `run_simulator` runs in a thread of
+    its own.
+    """
+
+    def __init__(
+        self, node_name: str, ctrl_msg_type: type[Any] | None = None, **kwargs: Any
+    ) -> None:
+        """Make the node and register its components.
+
+        Args:
+            node_name: name in the ROS graph, where no remapping gives another.
+            ctrl_msg_type: class of the control message; without it the config names the type.
+            kwargs: handed to `rclpy.node.Node`.
+        """
+        super().__init__(node_name, ctrl_msg_type, **kwargs)
+        self.simulator_stop = threading.Event()
+        """Set when `run_simulator` is to return."""
+        self._simulator: threading.Thread | None = None
+        self.register_obk_timer(
+            "timer_true_sim_state_setting",
+            self.publish_true_sim_state,
+            key="timer_true_sim_state",
+            required=False,
+        )
+        self.register_obk_publisher(
+            "pub_true_sim_state_setting",
+            key="pub_true_sim_state",
+            msg_type=TrueSimState,
+            required=False,
+        )
+
+    @abstractmethod
+    def run_simulator(self) -> None:
+        """Step the simulation until `simulator_stop` is set; what it raises fails the node."""
+
+    def publish_true_sim_state(self) -> TrueSimState:
+        """Publish the simulator's own state on `pub_true_sim_state`, and return it.
+
+        Raises:
+            ObeliskConfigError: the inheriting class has no such state, yet the config asks for it.
+        """
+        raise ObeliskConfigError(
+            f"{type(self).__name__} does not implement publish_true_sim_state, "
+            "but the config sets timer_true_sim_state"
+        )
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Start the components, then the simulator's thread."""
+        result = super().on_activate(state)
+        self.simulator_stop.clear()
+        self._simulator = threading.Thread(
+            target=self.guarded(self.run_simulator), name="simulator", daemon=True
+        )
+        self._simulator.start()
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop the simulator's thread, then the components."""
+        self._stop_simulator()
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop the simulator's thread and destroy the components, whatever the state."""
+        self._stop_simulator()
+        return super().on_shutdown(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop the simulator's thread and destroy the components."""
+        self._stop_simulator()
+        return super().on_error(state)
+
+    def _stop_simulator(self) -> None:
+        self.simulator_stop.set()
+        if self._simulator is not None:
+            self._simulator.join()
+            self._simulator = None

@@ -1,0 +1,26 @@
+"""`ObeliskSensor`: publishes what a sensor outside the robot measures."""
+
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+
+from obelisk_py.core.components import ComponentKind
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.node import ObeliskNode
+
+__all__ = ["ObeliskSensor"]
+
+
+class ObeliskSensor(ObeliskNode):
+    """Base of sensor nodes; registers nothing, the inheriting class registers its publishers."""
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Build the components.
+
+        Raises:
+            ObeliskConfigError: the class has registered no publisher.
+        """
+        if not any(c.kind is ComponentKind.PUBLISHER for c in self._components):
+            raise ObeliskConfigError(
+                f"{type(self).__name__} registers no publisher; a sensor needs at least one: "
+                "call register_obk_publisher in its constructor"
+            )
+        return super().on_configure(state)

@@ -1,0 +1,189 @@
+"""Settings of components, from ROS parameter text to typed values.
+
+Takes the text of a component's own parameter, the entries of `obelisk_settings`, or a default, and
+gives frozen values with a QoS profile in them; raises `ObeliskConfigError` with a sentence that
+names the component and what would be right.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+
+from obelisk_py.core.components import Component, ComponentKind, spellings
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_spec.components import CALLBACK_GROUP_TYPES, DEFAULT_HISTORY_DEPTH
+from obelisk_spec.settings import parse_component_setting, parse_mapping
+
+__all__ = [
+    "NodeSettings",
+    "TimerSettings",
+    "TopicSettings",
+    "find_settings",
+    "parse_node_settings",
+    "timer_settings",
+    "topic_settings",
+]
+
+P = TypeVar("P")
+
+RELIABILITY = {
+    "reliable": QoSReliabilityPolicy.RELIABLE,
+    "best_effort": QoSReliabilityPolicy.BEST_EFFORT,
+}
+DURABILITY = {
+    "volatile": QoSDurabilityPolicy.VOLATILE,
+    "transient_local": QoSDurabilityPolicy.TRANSIENT_LOCAL,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicSettings:
+    """How a publisher or subscription is wired."""
+
+    topic: str
+    msg_type: str | None
+    qos: QoSProfile
+    callback_group: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimerSettings:
+    """How a timer runs."""
+
+    period_s: float
+    callback_group: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeSettings:
+    """The content of the ROS parameter `obelisk_settings`."""
+
+    components: Mapping[ComponentKind, tuple[Mapping[str, Any], ...]]
+    callback_groups: Mapping[str, str]
+
+
+def parse_node_settings(text: str) -> NodeSettings:
+    """Read the ROS parameter `obelisk_settings`; empty text is no settings.
+
+    Raises:
+        ObeliskConfigError: it is no mapping of lists of mappings, or names an unknown group type.
+    """
+    block = _parsed(parse_mapping, text, "the parameter 'obelisk_settings'")
+    groups = block.get("callback_groups") or {}
+    if not isinstance(groups, Mapping):
+        raise ObeliskConfigError("obelisk_settings: 'callback_groups' is not a mapping")
+    for name, kind in groups.items():
+        if kind not in CALLBACK_GROUP_TYPES:
+            raise ObeliskConfigError(
+                f"callback group '{name}' has the type '{kind}'; there are: "
+                f"{', '.join(CALLBACK_GROUP_TYPES)}"
+            )
+    return NodeSettings(
+        components={kind: _entries(block.get(kind.value), kind) for kind in ComponentKind},
+        callback_groups=dict(groups),
+    )
+
+
+def find_settings(
+    component: Component, parameter_text: str, node: NodeSettings
+) -> Mapping[str, Any] | None:
+    """A component's settings, from the first place that has them, or None.
+
+    The order is: its own ROS parameter, its entry in `obelisk_settings`, the default in the code.
+    The entry is also where a key comes from that only the config knows.
+    """
+    entry = next(
+        (e for e in node.components[component.kind] if component.names & entry_names(e)), None
+    )
+    if parameter_text.strip():
+        where = f"the parameter '{component.ros_parameter}'"
+        own = _parsed(parse_component_setting, parameter_text, where)
+        return {"key": entry["key"], **own} if entry and "key" in entry else own
+    if entry is not None:
+        return entry
+    if isinstance(component.default, str):
+        return _parsed(
+            parse_component_setting, component.default, f"the default of the {component}"
+        )
+    return component.default
+
+
+def entry_names(entry: Mapping[str, Any]) -> frozenset[str]:
+    """Every name under which a settings entry is known."""
+    return spellings(entry.get("ros_parameter"), entry.get("key"))
+
+
+def topic_settings(component: Component, raw: Mapping[str, Any]) -> TopicSettings:
+    """Typed settings of a publisher or subscription.
+
+    Raises:
+        ObeliskConfigError: no topic, or a value out of its range.
+    """
+    topic = raw.get("topic")
+    if not isinstance(topic, str) or not topic:
+        raise ObeliskConfigError(f"the {component} has no 'topic' in its settings {dict(raw)}")
+    qos = raw.get("qos") or {}
+    if not isinstance(qos, Mapping):
+        raise ObeliskConfigError(f"the {component}: 'qos' is {qos!r}, expected a mapping")
+    depth = qos.get("history_depth", raw.get("history_depth", DEFAULT_HISTORY_DEPTH))
+    if not isinstance(depth, int) or isinstance(depth, bool) or depth < 1:
+        raise ObeliskConfigError(
+            f"the {component}: 'history_depth' is {depth!r}, expected an integer of at least 1"
+        )
+    return TopicSettings(
+        topic=topic,
+        msg_type=_named(raw.get("msg_type")),
+        qos=QoSProfile(
+            depth=depth,
+            reliability=_policy(component, qos, "reliability", "reliable", RELIABILITY),
+            durability=_policy(component, qos, "durability", "volatile", DURABILITY),
+        ),
+        callback_group=_named(raw.get("callback_group")),
+    )
+
+
+def timer_settings(component: Component, raw: Mapping[str, Any]) -> TimerSettings:
+    """Typed settings of a timer.
+
+    Raises:
+        ObeliskConfigError: no period, or one that is not a number above 0.
+    """
+    period = raw.get("timer_period_sec")
+    if isinstance(period, bool) or not isinstance(period, int | float) or not period > 0:
+        raise ObeliskConfigError(
+            f"the {component}: 'timer_period_sec' is {period!r}, expected seconds above 0"
+        )
+    return TimerSettings(period_s=float(period), callback_group=_named(raw.get("callback_group")))
+
+
+def _policy(
+    component: Component, qos: Mapping[str, Any], key: str, default: str, table: Mapping[str, P]
+) -> P:
+    value = str(qos.get(key, default)).lower()
+    if value not in table:
+        raise ObeliskConfigError(
+            f"the {component}: qos '{key}' is '{value}'; there are: {', '.join(table)}"
+        )
+    return table[value]
+
+
+def _named(value: Any) -> str | None:
+    # The language writes the string `None` for "not given".
+    return None if value in (None, "", "None") else str(value)
+
+
+def _entries(value: Any, kind: ComponentKind) -> tuple[Mapping[str, Any], ...]:
+    if value is None:
+        return ()
+    if not isinstance(value, Iterable) or not all(isinstance(e, Mapping) for e in value):
+        raise ObeliskConfigError(f"obelisk_settings: '{kind.value}' is not a list of mappings")
+    return tuple(value)
+
+
+def _parsed(parse: Any, text: str, where: str) -> dict[str, Any]:
+    try:
+        return parse(text)  # type: ignore[no-any-return]
+    except ValueError as error:
+        raise ObeliskConfigError(f"{where} cannot be read: {error}") from error

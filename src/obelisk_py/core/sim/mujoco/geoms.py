@@ -1,0 +1,140 @@
+"""Geoms of the model as markers for a visualiser.
+
+In: names of geoms and the state. Out: a `visualization_msgs/MarkerArray` in the frame `world`.
+Sizes are full lengths, as RViz wants them, where MuJoCo's are half lengths and radii. A capsule,
+for which RViz has no marker, is a cylinder and two spheres.
+
+Source: visualization_msgs/Marker.msg; MuJoCo XML reference, body/geom/size.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import mujoco
+import numpy as np
+from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
+from visualization_msgs.msg import Marker, MarkerArray
+
+from obelisk_py.core.sim.mujoco.sensors.fields import set_quaternion, set_xyz
+from obelisk_py.core.sim.mujoco.sensors.kind import WORLD
+
+__all__ = ["GEOM_KINDS", "MARKER_NAMESPACE", "marker_sampler"]
+
+MARKER_NAMESPACE: Final = "mujoco"
+_UNPAINTED: Final = (0.5, 0.5, 0.5, 1.0)
+"""MuJoCo's default of a geom's rgba; a material wins over it."""
+
+Sizes = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Part:
+    """One marker of a geom."""
+
+    marker_type: int
+    scale: Sizes
+    """Full lengths along x, y, z [m]."""
+    along_z: float = 0.0
+    """How far from the geom's centre, in its own frame [m]."""
+
+
+def _box(x: float, y: float, z: float) -> tuple[_Part, ...]:
+    return (_Part(marker_type=Marker.CUBE, scale=(2 * x, 2 * y, 2 * z)),)
+
+
+def _sphere(radius: float, _y: float, _z: float) -> tuple[_Part, ...]:
+    return (_Part(marker_type=Marker.SPHERE, scale=(2 * radius, 2 * radius, 2 * radius)),)
+
+
+def _ellipsoid(x: float, y: float, z: float) -> tuple[_Part, ...]:
+    return (_Part(marker_type=Marker.SPHERE, scale=(2 * x, 2 * y, 2 * z)),)
+
+
+def _cylinder(radius: float, half: float, _z: float) -> tuple[_Part, ...]:
+    return (_Part(marker_type=Marker.CYLINDER, scale=(2 * radius, 2 * radius, 2 * half)),)
+
+
+def _capsule(radius: float, half: float, z: float) -> tuple[_Part, ...]:
+    ball: Sizes = (2 * radius, 2 * radius, 2 * radius)
+    return (
+        *_cylinder(radius, half, z),
+        _Part(marker_type=Marker.SPHERE, scale=ball, along_z=half),
+        _Part(marker_type=Marker.SPHERE, scale=ball, along_z=-half),
+    )
+
+
+GEOM_KINDS: Final[Mapping[str, Callable[[float, float, float], tuple[_Part, ...]]]] = (
+    MappingProxyType(
+        {
+            "box": _box,
+            "sphere": _sphere,
+            "cylinder": _cylinder,
+            "capsule": _capsule,
+            "ellipsoid": _ellipsoid,
+        }
+    )
+)
+"""Geom type -> its markers, from MuJoCo's three sizes."""
+
+
+def marker_sampler(
+    model: mujoco.MjModel, data: mujoco.MjData, geoms: Mapping[str, str]
+) -> Callable[[Time], MarkerArray]:
+    """What makes the markers of the present state; the argument is their stamp.
+
+    Args:
+        model: the model.
+        data: its state.
+        geoms: geom name -> geom type, a key of `GEOM_KINDS`.
+    """
+    parts = [
+        (model.geom(name).id, part)
+        for name, kind in geoms.items()
+        for part in GEOM_KINDS[kind](*model.geom(name).size.tolist())
+    ]
+    colours = [_colour(model, geom) for geom, _ in parts]
+
+    def sample(stamp: Time) -> MarkerArray:
+        message = MarkerArray()
+        message.markers = [
+            _marker(data, geom, part, colour, number, stamp)
+            for number, ((geom, part), colour) in enumerate(zip(parts, colours, strict=True))
+        ]
+        return message
+
+    return sample
+
+
+def _marker(
+    data: mujoco.MjData,
+    geom: int,
+    part: _Part,
+    colour: Iterable[float],
+    number: int,
+    stamp: Time,
+) -> Marker:
+    marker = Marker()
+    marker.header.stamp = stamp
+    marker.header.frame_id = WORLD
+    marker.ns, marker.id = MARKER_NAMESPACE, number
+    marker.type, marker.action = part.marker_type, Marker.ADD
+    axis_z: NDArray[np.float64] = data.geom_xmat[geom][2::3]
+    set_xyz(marker.pose.position, data.geom_xpos[geom] + part.along_z * axis_z)
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, data.geom_xmat[geom])
+    set_quaternion(marker.pose.orientation, quaternion)
+    marker.scale.x, marker.scale.y, marker.scale.z = part.scale
+    marker.color.r, marker.color.g, marker.color.b, marker.color.a = colour
+    return marker
+
+
+def _colour(model: mujoco.MjModel, geom: int) -> list[float]:
+    own: list[float] = model.geom_rgba[geom].tolist()
+    material = int(model.geom_matid[geom])
+    if material < 0 or not np.allclose(own, _UNPAINTED):
+        return own
+    painted: list[float] = model.mat_rgba[material].tolist()
+    return painted

@@ -1,0 +1,82 @@
+"""From the text of a `sim` block to a compiled model, or to everything that is wrong with it.
+
+In: the text, the keyframe that the config asks for. Out: model, block and keyframe. Reads the
+model's files and nothing else.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+from obelisk_spec.model import read_model_facts
+
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.sim.mujoco.block import (
+    SimBlock,
+    findings_of,
+    not_given,
+    read_block,
+    typed_block,
+)
+from obelisk_py.core.sim.mujoco.model import DEFAULT_KEYFRAME, compile_model, find_model, load_spec
+
+__all__ = ["LoadedModel", "load_model"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadedModel:
+    """A model that passed every check."""
+
+    model: mujoco.MjModel
+    block: SimBlock
+    keyframe: str | None
+    """Where a run starts; None: the model's own start."""
+
+
+def load_model(
+    text: str,
+    *,
+    keyframe: str,
+    folder: Path,
+    share_of: Callable[[str], Path | None],
+    warn: Callable[[str], None],
+) -> LoadedModel:
+    """Read, check and compile.
+
+    Args:
+        text: the `sim` block.
+        keyframe: the keyframe that was asked for; empty: `ic` if the model has it.
+        folder: what a relative `model_xml_path` is relative to.
+        share_of: share folder of a package, None if there is no such package.
+        warn: takes the findings that do not stop the simulator.
+
+    Raises:
+        ObeliskConfigError: with all findings, one a line.
+    """
+    raw = read_block(text)
+    spec, errors = _read_spec(raw, folder, share_of)
+    facts = None if spec is None else read_model_facts(spec)
+    errors += findings_of(raw, {"ic_keyframe": keyframe} if keyframe else {}, facts, warn)
+    if spec is None or facts is None or errors:
+        raise ObeliskConfigError("the sim block cannot be simulated:\n" + "\n".join(errors))
+    block = typed_block(raw)
+    default = DEFAULT_KEYFRAME if DEFAULT_KEYFRAME in facts.keyframes else None
+    return LoadedModel(
+        model=compile_model(spec, block.time_step_s), block=block, keyframe=keyframe or default
+    )
+
+
+def _read_spec(
+    raw: Mapping[str, Any], folder: Path, share_of: Callable[[str], Path | None]
+) -> tuple[mujoco.MjSpec | None, list[str]]:
+    """The model, or why there is none; neither where the block has no path to speak of."""
+    path, package = raw.get("model_xml_path"), raw.get("robot_pkg")
+    if not isinstance(path, str) or not path:
+        return None, []
+    try:
+        found = find_model(path, None if not_given(package) else str(package), folder, share_of)
+        return load_spec(found), []
+    except ObeliskConfigError as error:
+        return None, [str(error)]

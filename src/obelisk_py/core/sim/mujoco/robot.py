@@ -1,0 +1,253 @@
+"""`ObeliskMujocoRobot`: a life-cycle node that is MuJoCo in place of the robot, for any model.
+
+In: the `sim` block as text in the ROS parameter `mujoco_setting`, control messages. Out: the sensor
+groups of that block, `TrueSimState`, markers of geoms, `~/rtf`, and `/clock` with `use_sim_time`.
+Whatever is published in simulation time is published by the stepping thread.
+"""
+
+import math
+import time
+from pathlib import Path
+from typing import Any, Final
+
+import mujoco
+from ament_index_python.packages import PackageNotFoundError, get_package_share_path
+from builtin_interfaces.msg import Time
+from obelisk_sensor_msgs.msg import TrueSimState
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle.publisher import LifecyclePublisher
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64
+
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.obelisk_typing import ObeliskControlMsg
+from obelisk_py.core.robot import ObeliskSimRobot
+from obelisk_py.core.sim.mujoco.block import PARAMETER
+from obelisk_py.core.sim.mujoco.control import ControlInbox, control_field
+from obelisk_py.core.sim.mujoco.loading import load_model
+from obelisk_py.core.sim.mujoco.outputs import outputs_of
+from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.stepper import Output, Stepper, StepReport
+from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace, SampleTimes
+from obelisk_py.core.sim.mujoco.true_state import StateCopy, TrueStateReader
+
+__all__ = ["ObeliskMujocoRobot"]
+
+_DEPTH: Final = 10
+
+
+class ObeliskMujocoRobot(ObeliskSimRobot):
+    """A simulated robot.
+
+    ROS parameters: `mujoco_setting` (the sim block), `ic_keyframe` (default `ic` where the model
+    has it), `realtime_factor` (simulation time over wall time; 0: as fast as possible).
+    """
+
+    def __init__(
+        self,
+        node_name: str = "obelisk_mujoco_robot",
+        ctrl_msg_type: type[Any] | None = None,
+        **kwargs: Any,
+    ) -> None:
+        """Make the node.
+
+        Args:
+            node_name: name in the ROS graph, where no remapping gives another.
+            ctrl_msg_type: class of the control message; without it the config names the type.
+            kwargs: handed to `rclpy.node.Node`.
+        """
+        super().__init__(node_name, ctrl_msg_type, **kwargs)
+        self.declare_parameter(PARAMETER, "")
+        self.declare_parameter("ic_keyframe", "")
+        # A config may write 0 or 1 as well as 0.5.
+        self.declare_parameter("realtime_factor", 1.0, ParameterDescriptor(dynamic_typing=True))
+        self._simulation: Simulation | None = None
+        self._inbox: ControlInbox | None = None
+        self._stepper: Stepper | None = None
+        self._true_state: TrueStateReader | None = None
+        self._state_copy: StateCopy | None = None
+        self._keyframe: str | None = None
+        self._own_publishers: list[LifecyclePublisher] = []
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Read and check the sim block, load the model, make the publishers.
+
+        Raises:
+            ObeliskConfigError: with every finding about the block.
+        """
+        result = super().on_configure(state)
+        factor = self._realtime_factor()
+        loaded = load_model(
+            str(self.get_parameter(PARAMETER).value),
+            keyframe=str(self.get_parameter("ic_keyframe").value),
+            folder=Path.cwd(),
+            share_of=_share_of,
+            warn=self._warn,
+        )
+        self._keyframe = loaded.keyframe
+        self._inbox = ControlInbox(
+            field=control_field(self.obk_subscriptions["sub_ctrl"].msg_type),
+            size=loaded.model.nu,
+            monotonic_s=time.monotonic,
+        )
+        # MuJoCo would write its warnings into a file in the working directory; here they are
+        # read from the state after each step.
+        mujoco.set_mju_user_warning(_drop)
+        self._simulation = Simulation(loaded.model, self._inbox)
+        outputs = outputs_of(self._simulation, loaded.block, self._own_publisher, self._warn)
+        self._stepper = self._make_stepper(self._simulation, factor, outputs)
+        return result
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go to the keyframe and start stepping."""
+        assert self._simulation is not None and self._stepper is not None
+        self._simulation.reset(self._keyframe)
+        self._copy_state(self._stamp())
+        result = super().on_activate(state)
+        self._stepper.start()
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop stepping."""
+        self._stop()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Free the model."""
+        self._free()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop stepping and free the model, whatever the state."""
+        self._free()
+        return super().on_shutdown(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop stepping and free the model."""
+        self._free()
+        return super().on_error(state)
+
+    def destroy_node(self) -> None:
+        """Stop stepping before the node goes."""
+        self._stop()
+        super().destroy_node()
+
+    def apply_control(self, control_msg: ObeliskControlMsg) -> None:  # type: ignore[misc]
+        """Have a control applied at the next step, or refuse it.
+
+        Args:
+            control_msg: the newest control.
+        """
+        refusal = self._inbox.offer(control_msg) if self._inbox is not None else None
+        if refusal is not None:
+            self._warn(refusal)
+
+    def publish_true_sim_state(self) -> TrueSimState:
+        """Publish the state that was reached last on `pub_true_sim_state`, and return it."""
+        assert self._true_state is not None and self._state_copy is not None
+        message = self._true_state.message(self._state_copy)
+        self.obk_publishers["pub_true_sim_state"].publish(message)
+        return message
+
+    def _realtime_factor(self) -> float:
+        factor = self.get_parameter("realtime_factor").value
+        if isinstance(factor, bool) or not isinstance(factor, int | float):
+            raise ObeliskConfigError(f"the parameter 'realtime_factor' is {factor!r}, no number")
+        if not (math.isfinite(factor) and factor >= 0):
+            raise ObeliskConfigError(
+                f"the parameter 'realtime_factor' is {factor:g}; expected a number above 0, or 0 "
+                "for as fast as possible"
+            )
+        return float(factor)
+
+    def _make_stepper(
+        self, simulation: Simulation, factor: float, outputs: tuple[Output, ...]
+    ) -> Stepper:
+        rtf = self._own_publisher(Float64, "~/rtf", _DEPTH)
+
+        def report(measured: StepReport) -> None:
+            rtf.publish(Float64(data=measured.realtime_factor))
+            self._report(measured)
+
+        return Stepper(
+            simulation,
+            pace=Pace(simulation.step_s / factor) if factor else None,
+            clock=MonotonicClock(),
+            outputs=(*self._every_step(simulation), *outputs),
+            stamp=self._stamp,
+            warn=self._warn,
+            report=report,
+            fail=lambda error: self.fail(error, "simulation"),
+        )
+
+    def _every_step(self, simulation: Simulation) -> list[Output]:
+        """What follows each step, before the sensors: the clock, the copy for `TrueSimState`."""
+        calls = []
+        if self._uses_simulation_time():
+            clock = self._own_publisher(Clock, "/clock", _DEPTH)
+            calls.append(lambda stamp: clock.publish(Clock(clock=stamp)))
+        if "pub_true_sim_state" in self.obk_publishers:
+            self._true_state = TrueStateReader(simulation.model)
+            calls.append(self._copy_state)
+        step_s = simulation.step_s
+        return [
+            Output(times=SampleTimes(period_s=step_s, step_s=step_s), publish=call)
+            for call in calls
+        ]
+
+    def _uses_simulation_time(self) -> bool:
+        return bool(self.get_parameter("use_sim_time").value)
+
+    def _stamp(self) -> Time:
+        if not self._uses_simulation_time():
+            return self.get_clock().now().to_msg()
+        assert self._simulation is not None
+        seconds, nanoseconds = divmod(round(self._simulation.data.time * NS_PER_S), NS_PER_S)
+        return Time(sec=seconds, nanosec=nanoseconds)
+
+    def _copy_state(self, stamp: Time) -> None:
+        assert self._simulation is not None
+        data = self._simulation.data
+        self._state_copy = StateCopy(stamp=stamp, qpos=data.qpos.copy(), qvel=data.qvel.copy())
+
+    def _report(self, report: StepReport) -> None:
+        refused = self._inbox.report() if self._inbox is not None else None
+        if refused is not None:
+            self._warn(refused)
+        if report.overruns:
+            self._warn(
+                f"the simulation fell behind {report.overruns} times in the last second and gave "
+                f"up {report.lost_s:.3f} s; real-time factor {report.realtime_factor:.3f}"
+            )
+
+    def _own_publisher(self, message: type[Any], topic: str, depth: int) -> LifecyclePublisher:
+        publisher = self.create_lifecycle_publisher(message, topic, depth)
+        self._own_publishers.append(publisher)
+        return publisher
+
+    def _warn(self, text: str) -> None:
+        self.get_logger().warning(text)
+
+    def _stop(self) -> None:
+        if self._stepper is not None:
+            self._stepper.stop()
+
+    def _free(self) -> None:
+        self._stop()
+        self._stepper = self._simulation = self._inbox = None
+        self._true_state = self._state_copy = None
+        for publisher in self._own_publishers:
+            self.destroy_lifecycle_publisher(publisher)
+        self._own_publishers.clear()
+
+
+def _share_of(package: str) -> Path | None:
+    try:
+        return Path(get_package_share_path(package))
+    except (PackageNotFoundError, OSError):
+        return None
+
+
+def _drop(_text: str) -> None:
+    """Takes a warning of MuJoCo's and does nothing."""

@@ -1,0 +1,29 @@
+"""Sensor groups: from MuJoCo's sensors to messages, one module per kind.
+
+`SENSOR_KINDS` maps the `msg_type` of a group to what builds its sampler. A new kind is a module
+with a builder and a line in this table.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from obelisk_py.core.sim.mujoco.sensors.frame_pose import FRAME_POSE, POSE_STAMPED
+from obelisk_py.core.sim.mujoco.sensors.imu import IMU, OBK_IMU
+from obelisk_py.core.sim.mujoco.sensors.joint_encoders import JOINT_ENCODERS, OBK_JOINT_ENCODERS
+from obelisk_py.core.sim.mujoco.sensors.kind import Sampler, SensorKind, SensorSource
+from obelisk_py.core.sim.mujoco.sensors.odometry import ODOMETRY
+
+__all__ = ["SENSOR_KINDS", "Sampler", "SensorKind", "SensorSource"]
+
+SENSOR_KINDS: Mapping[str, SensorKind] = MappingProxyType(
+    {
+        "ObkJointEncoders": OBK_JOINT_ENCODERS,
+        "JointEncoders": JOINT_ENCODERS,
+        "ObkImu": OBK_IMU,
+        "Imu": IMU,
+        "ObkFramePose": FRAME_POSE,
+        "PoseStamped": POSE_STAMPED,
+        "Odometry": ODOMETRY,
+    }
+)
+"""Bare `msg_type` of a sensor group -> its kind."""

@@ -1,0 +1,95 @@
+"""What every kind of sensor group has in common: where its numbers come from, what it makes.
+
+In: a model, its data, the names of a group's sensors. Out: views of MuJoCo's own sensor memory and
+names of frames, found once, so that a sample costs no look-up.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
+
+__all__ = ["WORLD", "Array", "Sampler", "SensorKind", "SensorSource"]
+
+Array = NDArray[np.float64]
+
+Sampler = Callable[[Time], Any]
+"""Makes the message of the present state; the argument is its stamp."""
+
+WORLD: Final = "world"
+"""Name of the frame that is fixed."""
+
+_NAMED_OBJECTS: Final = {
+    int(mujoco.mjtObj.mjOBJ_BODY),
+    int(mujoco.mjtObj.mjOBJ_XBODY),
+    int(mujoco.mjtObj.mjOBJ_GEOM),
+    int(mujoco.mjtObj.mjOBJ_SITE),
+    int(mujoco.mjtObj.mjOBJ_CAMERA),
+}
+"""Types of objects that are frames."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorSource:
+    """The sensors of one group, in the order of the config.
+
+    A group that was checked against the model has the sensors that are asked for here.
+    """
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    names: Mapping[str, str]
+    """Sensor name -> MuJoCo sensor type, `joint_pos: jointpos`."""
+    warn: Callable[[str], None]
+    """Takes a sentence about a group that can be published but says something odd."""
+
+    def of_type(self, sensor_type: str) -> tuple[str, ...]:
+        """Names of the group's sensors of one type."""
+        return tuple(name for name, its_type in self.names.items() if its_type == sensor_type)
+
+    def first(self, sensor_type: str) -> str | None:
+        """The first of the group's sensors of one type, None if it has none."""
+        return next(iter(self.of_type(sensor_type)), None)
+
+    def view(self, sensor: str) -> Array:
+        """MuJoCo's memory of a sensor's values, shape `(dim,)`; changes with each step."""
+        number = self.model.sensor(sensor).id
+        start = int(self.model.sensor_adr[number])
+        values: Array = self.data.sensordata[start : start + int(self.model.sensor_dim[number])]
+        return values
+
+    def object(self, sensor: str) -> tuple[int, int]:
+        """Type and number of the object that a sensor is attached to."""
+        number = self.model.sensor(sensor).id
+        return int(self.model.sensor_objtype[number]), int(self.model.sensor_objid[number])
+
+    def frame(self, sensor: str) -> str:
+        """Name of the object that a sensor is attached to."""
+        return self._name(*self.object(sensor))
+
+    def reference(self, sensor: str) -> str:
+        """Name of the frame that a sensor's values are given in: its reference object or world."""
+        number = self.model.sensor(sensor).id
+        if int(self.model.sensor_refid[number]) < 0:
+            return WORLD
+        return self._name(
+            int(self.model.sensor_reftype[number]), int(self.model.sensor_refid[number])
+        )
+
+    def _name(self, object_type: int, number: int) -> str:
+        if object_type not in _NAMED_OBJECTS:
+            return WORLD
+        return mujoco.mj_id2name(self.model, object_type, number) or WORLD
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorKind:
+    """One `msg_type` of a sensor group."""
+
+    message_type: type[Any]
+    build: Callable[[SensorSource], Sampler]
+    """Makes the sampler; raises ObeliskConfigError where the model does not allow it."""

@@ -1,0 +1,157 @@
+"""Odometry: `nav_msgs/Odometry`.
+
+In: `framepos` and `framequat` of the object whose odometry it is, `velocimeter` and `gyro`. The
+pose is given in `header.frame_id`, the reference object of the position or `world`; the twist in
+`child_frame_id`, the object. Velocimeter and gyro may sit at other sites of the object's body: what
+they measure is brought to the object. Covariances are 0, which means unknown.
+
+Source: nav_msgs/Odometry.msg.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from builtin_interfaces.msg import Time
+from nav_msgs.msg import Odometry
+
+from obelisk_py.core.sim.mujoco.sensors.fields import set_quaternion, set_xyz
+from obelisk_py.core.sim.mujoco.sensors.frame_pose import pose_reference
+from obelisk_py.core.sim.mujoco.sensors.kind import (
+    WORLD,
+    Array,
+    Sampler,
+    SensorKind,
+    SensorSource,
+)
+
+__all__ = ["ODOMETRY"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Mount:
+    """Where something sits on its body."""
+
+    body: int
+    position: Array
+    """In the body's frame [m], shape `(3,)`."""
+    rotation: Array
+    """From its own frame to the body's, shape `(3, 3)`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Twist:
+    """Velocities of the object in its own frame, from those at the sensors; constant matrices."""
+
+    linear: Array | None
+    """Velocimeter -> linear velocity, shape `(3, 3)`; None: the identity."""
+    lever: Array | None
+    """Gyro -> linear velocity, shape `(3, 3)`; None where velocimeter and object coincide."""
+    angular: Array | None
+    """Gyro -> angular velocity, shape `(3, 3)`; None: the identity."""
+
+
+def _build(source: SensorSource) -> Sampler:
+    position, orientation = source.first("framepos"), source.first("framequat")
+    velocimeter, gyro = source.first("velocimeter"), source.first("gyro")
+    pose_sensor = position or orientation
+    frame = source.frame(pose_sensor) if pose_sensor else ""
+    reference = source.reference(pose_sensor) if pose_sensor else WORLD
+    if position and orientation:
+        reference = pose_reference(source, position, orientation)
+    at, turn = _view(source, position), _view(source, orientation)
+    speed, rate = _view(source, velocimeter), _view(source, gyro)
+    twist = _twist(source, pose_sensor, velocimeter, gyro)
+
+    def sample(stamp: Time) -> Odometry:
+        message = Odometry()
+        message.header.stamp = stamp
+        message.header.frame_id = reference
+        message.child_frame_id = frame
+        if at is not None:
+            set_xyz(message.pose.pose.position, at)
+        if turn is not None:
+            set_quaternion(message.pose.pose.orientation, turn)
+        if speed is not None:
+            linear = speed if twist.linear is None else twist.linear @ speed
+            if twist.lever is not None and rate is not None:
+                linear = linear + twist.lever @ rate
+            set_xyz(message.twist.twist.linear, linear)
+        if rate is not None:
+            angular = rate if twist.angular is None else twist.angular @ rate
+            set_xyz(message.twist.twist.angular, angular)
+        return message
+
+    return sample
+
+
+def _view(source: SensorSource, sensor: str | None) -> Array | None:
+    return None if sensor is None else source.view(sensor)
+
+
+def _twist(
+    source: SensorSource, pose: str | None, velocimeter: str | None, gyro: str | None
+) -> _Twist:
+    if pose is None:
+        return _Twist(linear=None, lever=None, angular=None)
+    target = _mount(source, pose)
+    speed = _mount_on(source, target, velocimeter, pose)
+    spin = _mount_on(source, target, gyro, pose)
+    linear = np.eye(3) if speed is None else target.rotation.T @ speed.rotation
+    angular = np.eye(3) if spin is None else target.rotation.T @ spin.rotation
+    lever = np.zeros((3, 3))
+    if speed is not None and spin is not None:
+        arm = target.rotation.T @ (target.position - speed.position)
+        lever = -_cross_matrix(arm) @ angular
+    return _Twist(
+        linear=_unless(linear, np.eye(3)),
+        lever=_unless(lever, np.zeros((3, 3))),
+        angular=_unless(angular, np.eye(3)),
+    )
+
+
+def _mount_on(source: SensorSource, target: _Mount, sensor: str | None, pose: str) -> _Mount | None:
+    """Where a sensor sits on the target's body; None, with a warning, if it is on another."""
+    if sensor is None:
+        return None
+    mount = _mount(source, sensor)
+    if mount.body == target.body:
+        return mount
+    source.warn(
+        f"the sensor `{sensor}` and the pose of `{source.frame(pose)}` are on different bodies; its "
+        "values are passed on as they are"
+    )
+    return None
+
+
+def _mount(source: SensorSource, sensor: str) -> _Mount:
+    object_type, number = source.object(sensor)
+    model = source.model
+    tables = {
+        int(mujoco.mjtObj.mjOBJ_BODY): (model.body_ipos, model.body_iquat, range(model.nbody)),
+        int(mujoco.mjtObj.mjOBJ_SITE): (model.site_pos, model.site_quat, model.site_bodyid),
+        int(mujoco.mjtObj.mjOBJ_GEOM): (model.geom_pos, model.geom_quat, model.geom_bodyid),
+        int(mujoco.mjtObj.mjOBJ_CAMERA): (model.cam_pos, model.cam_quat, model.cam_bodyid),
+    }
+    if object_type not in tables:
+        return _Mount(body=number, position=np.zeros(3), rotation=np.eye(3))
+    positions, quaternions, bodies = tables[object_type]
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, quaternions[number])
+    return _Mount(
+        body=int(bodies[number]), position=positions[number], rotation=rotation.reshape(3, 3)
+    )
+
+
+def _cross_matrix(a: Array) -> Array:
+    """The matrix of `a x`."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+def _unless(matrix: Array, trivial: Array) -> Array | None:
+    """None for a matrix that changes nothing, so that numbers pass through untouched."""
+    return None if np.allclose(matrix, trivial, atol=1e-12) else matrix
+
+
+ODOMETRY = SensorKind(message_type=Odometry, build=_build)
+"""nav_msgs/Odometry."""

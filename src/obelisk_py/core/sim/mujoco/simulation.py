@@ -1,0 +1,96 @@
+"""A model and its state, stepped: no thread, no ROS, no wall clock.
+
+In: controls through a `ControlInbox`. Out: the state in `data`, whose sensors always belong to the
+state that was reached last.
+"""
+
+from typing import Final
+
+import mujoco
+
+from obelisk_py.core.sim.mujoco.control import ControlInbox
+from obelisk_py.core.sim.mujoco.faults import StepWarnings
+from obelisk_py.core.sim.mujoco.model import reset_state
+
+__all__ = ["Simulation", "SimulationDiverged"]
+
+_SPLIT_INTEGRATORS: Final = frozenset(
+    {
+        int(mujoco.mjtIntegrator.mjINT_EULER),
+        int(mujoco.mjtIntegrator.mjINT_IMPLICIT),
+        int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
+    }
+)
+"""Integrators for which mj_step1 and mj_step2 together are mj_step.
+
+Source: https://mujoco.readthedocs.io/en/stable/programming/simulation.html (simulation loop).
+"""
+
+
+class SimulationDiverged(Exception):
+    """The state is no longer finite; the message says when and where."""
+
+
+class Simulation:
+    """One model being simulated.
+
+    mj_step leaves sensors that belong to the state before it. Here its second half comes first,
+    then its first half, so that positions, velocities and the sensors of both belong to the time
+    that `data.time` says; the trajectory is that of mj_step to the bit. An accelerometer tells the
+    acceleration of the step that has just ended: that of the next depends on a control that is
+    still to come.
+    """
+
+    def __init__(self, model: mujoco.MjModel, inbox: ControlInbox) -> None:
+        """Take a compiled model; `reset` brings it to its start."""
+        self.model = model
+        self.data = mujoco.MjData(model)
+        self.steps = 0
+        """Steps since the reset."""
+        self._inbox = inbox
+        self._applied: object = None
+        self._ctrl = self.data.ctrl
+        self._warnings = StepWarnings(model, self.data)
+        self._split = int(model.opt.integrator) in _SPLIT_INTEGRATORS
+
+    @property
+    def step_s(self) -> float:
+        """Simulation time of a step [s]."""
+        return float(self.model.opt.timestep)
+
+    def reset(self, keyframe: str | None) -> None:
+        """Go to a keyframe, with its control, or to the model's own start; controls are dropped."""
+        self._inbox.clear()
+        self._applied = None
+        reset_state(self.model, self.data, keyframe)
+        self.steps = 0
+        self._warnings.restart()
+
+    def advance(self, count: int = 1) -> tuple[str, ...]:
+        """Apply the newest control and take `count` steps.
+
+        Returns:
+            Warnings of MuJoCo's that are new, as sentences.
+
+        Raises:
+            SimulationDiverged: the state is no longer finite.
+        """
+        control = self._inbox.newest
+        if control is not self._applied and control is not None:
+            self._ctrl[:] = control
+            self._applied = control
+        if self._split:
+            mujoco.mj_step2(self.model, self.data)
+            if count > 1:
+                mujoco.mj_step(self.model, self.data, count - 1)
+        else:
+            mujoco.mj_step(self.model, self.data, count)
+        mujoco.mj_step1(self.model, self.data)
+        self.steps += count
+        return self._look_at_warnings() if self._warnings.changed() else ()
+
+    def _look_at_warnings(self) -> tuple[str, ...]:
+        fatal = self._warnings.fatal()
+        if fatal is not None:
+            raise SimulationDiverged(fatal)
+        return self._warnings.tolerable()

@@ -1,0 +1,174 @@
+"""The thread that steps a simulation at its pace and publishes what is due.
+
+In: a simulation, a pace, outputs with their sample times. Out: calls of the outputs on the
+stepping thread, a report each second of wall time, one fault if it ends badly. Knows no ROS.
+"""
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, Clock, Pace, SampleTimes
+
+__all__ = ["Output", "StepReport", "Stepper"]
+
+LONGEST_BATCH: Final = 16
+"""Steps taken in one call where no pace holds them back; a control waits for so many at most."""
+JOIN_DEADLINE_S: Final = 5.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Output:
+    """Something that is published from time to time."""
+
+    times: SampleTimes
+    publish: Callable[[Any], None]
+    """Called after a step that `times` names; the argument is the stamp of that step."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepReport:
+    """How a second of wall time went."""
+
+    realtime_factor: float
+    """Simulation time over wall time."""
+    overruns: int
+    """How often the schedule was given up, in this second."""
+    lost_s: float
+    """Wall time by which it was given up [s]."""
+
+
+class Stepper:
+    """Steps one simulation on a thread of its own, from `start` to `stop`."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        *,
+        pace: Pace | None,
+        clock: Clock,
+        outputs: Sequence[Output],
+        stamp: Callable[[], Any],
+        warn: Callable[[str], None],
+        report: Callable[[StepReport], None],
+        fail: Callable[[BaseException], None],
+    ) -> None:
+        """Make a stepper that stands still.
+
+        Args:
+            simulation: what is stepped; nobody else may touch it while it runs.
+            pace: when steps are due; None: one after another, as fast as possible.
+            clock: the wall clock of `pace`.
+            outputs: what is published.
+            stamp: makes the stamp of the present step.
+            warn: takes MuJoCo's warnings.
+            report: called about once per second of wall time.
+            fail: takes what ended the stepping, if something did.
+        """
+        self._simulation = simulation
+        self._pace = pace
+        self._clock = clock
+        self._outputs = tuple(outputs)
+        self._stamp = stamp
+        self._warn = warn
+        self._report = report
+        self._fail = fail
+        self._stopping = False
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Begin stepping."""
+        self._stopping = False
+        self._thread = threading.Thread(target=self._guarded_run, name="mujoco-stepping")
+        self._thread.daemon = True
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End stepping, and wait until the present step is done.
+
+        Raises:
+            TimeoutError: the step does not end.
+        """
+        self._stopping = True
+        thread, self._thread = self._thread, None
+        if thread is None or thread is threading.current_thread():
+            return
+        thread.join(JOIN_DEADLINE_S)
+        if thread.is_alive():
+            raise TimeoutError(f"a simulation step did not end within {JOIN_DEADLINE_S:g} s")
+
+    def run(self) -> None:
+        """Step until `stop`, on the caller's thread."""
+        simulation, pace, clock = self._simulation, self._pace, self._clock
+        now_ns = clock.now_ns()
+        if pace is not None:
+            pace.start(now_ns)
+        for output in self._outputs:
+            output.times.restart()
+        due = self._next_due()
+        meter = _Meter(now_ns=now_ns, step_s=simulation.step_s)
+        while not self._stopping:
+            count = 1
+            if pace is None:
+                count = min(LONGEST_BATCH, due - simulation.steps)
+                now_ns = clock.now_ns()
+            else:
+                now_ns = clock.sleep_until_ns(pace.next_deadline_ns(now_ns), self._is_stopping)
+                if self._stopping:
+                    break
+            for warning in simulation.advance(count):
+                self._warn(warning)
+            if simulation.steps >= due:
+                self._publish_due()
+                due = self._next_due()
+            if now_ns >= meter.next_report_ns:
+                self._report(meter.report(now_ns, simulation.steps, pace))
+
+    def _guarded_run(self) -> None:
+        try:
+            self.run()
+        except Exception as error:
+            self._fail(error)
+
+    def _is_stopping(self) -> bool:
+        return self._stopping
+
+    def _next_due(self) -> int:
+        never = self._simulation.steps + LONGEST_BATCH
+        return min((output.times.next_step for output in self._outputs), default=never)
+
+    def _publish_due(self) -> None:
+        step = self._simulation.steps
+        stamp = self._stamp()
+        for output in self._outputs:
+            if output.times.next_step <= step:
+                output.publish(stamp)
+                output.times.pass_step(step)
+
+
+class _Meter:
+    """Compares simulation time with wall time, second by second."""
+
+    def __init__(self, *, now_ns: int, step_s: float) -> None:
+        self._step_s = step_s
+        self._since_ns = now_ns
+        self._steps = 0
+        self._overruns = 0
+        self._lost_s = 0.0
+        self.next_report_ns = now_ns + NS_PER_S
+
+    def report(self, now_ns: int, steps: int, pace: Pace | None) -> StepReport:
+        simulated_s = (steps - self._steps) * self._step_s
+        overruns = pace.overruns if pace else 0
+        lost_s = pace.lost_s if pace else 0.0
+        report = StepReport(
+            realtime_factor=simulated_s * NS_PER_S / (now_ns - self._since_ns),
+            overruns=overruns - self._overruns,
+            lost_s=lost_s - self._lost_s,
+        )
+        self._since_ns, self._steps = now_ns, steps
+        self._overruns, self._lost_s = overruns, lost_s
+        self.next_report_ns = now_ns + NS_PER_S
+        return report

@@ -1,0 +1,122 @@
+"""When a step is due, and which steps a sample follows: arithmetic of time, with a clock put in.
+
+In: a clock, a period, the times at which the caller woke. Out: deadlines, and counts of what was
+missed. Never reads a clock of its own and never waits, `MonotonicClock` aside.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from typing import Final, Protocol
+
+__all__ = ["Clock", "MonotonicClock", "Pace", "SampleTimes"]
+
+NS_PER_S: Final = 1_000_000_000
+CATCH_UP_S: Final = 0.02
+"""Lateness that is made up for by steps in quick succession [s]; the scheduler's hiccups are
+shorter, a machine that is too slow is soon beyond it."""
+LONGEST_SLEEP_NS: Final = 50_000_000
+"""A sleep cannot be interrupted, so a slow simulation still answers a stop within this time [ns]."""
+
+
+class Clock(Protocol):
+    """A clock that never jumps, and a wait on it."""
+
+    def now_ns(self) -> int:
+        """Now [ns], from an origin of the clock's own."""
+
+    def sleep_until_ns(self, deadline_ns: int, stopped: Callable[[], bool]) -> int:
+        """Wait for `deadline_ns` or for `stopped`; the time at which it returned [ns]."""
+
+
+class MonotonicClock:
+    """CLOCK_MONOTONIC; waits in the kernel, without spinning."""
+
+    def now_ns(self) -> int:
+        """Now [ns]."""
+        return time.monotonic_ns()
+
+    def sleep_until_ns(self, deadline_ns: int, stopped: Callable[[], bool]) -> int:
+        """Wait for `deadline_ns` or for `stopped`; the time at which it returned [ns]."""
+        now_ns = time.monotonic_ns()
+        while now_ns < deadline_ns and not stopped():
+            # Python's sleep is clock_nanosleep to an absolute time of CLOCK_MONOTONIC.
+            time.sleep(min(deadline_ns - now_ns, LONGEST_SLEEP_NS) / NS_PER_S)
+            now_ns = time.monotonic_ns()
+        return now_ns
+
+
+class Pace:
+    """The absolute schedule of steps: step n is due n periods after the anchor.
+
+    Lateness of up to `CATCH_UP_S` is made up for, so there is no drift. Beyond that the schedule
+    is anchored anew at the present and the lost time is counted: no racing.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        """Make a schedule; `start` sets its anchor.
+
+        Args:
+            period_s: wall time between two steps [s], > 0.
+        """
+        self._period_ns = period_s * NS_PER_S
+        self._catch_up_ns = CATCH_UP_S * NS_PER_S
+        self._anchor_ns = 0
+        self._count = 0
+        self.overruns = 0
+        """How often the schedule was anchored anew since `start`."""
+        self.lost_s = 0.0
+        """Wall time given up by that [s]."""
+
+    def start(self, now_ns: int) -> None:
+        """Anchor the schedule at `now_ns`; the first step is due one period later."""
+        self._anchor_ns = now_ns
+        self._count = 0
+        self.overruns = 0
+        self.lost_s = 0.0
+
+    def next_deadline_ns(self, now_ns: int) -> int:
+        """When the next step is due [ns]; in the past where it is late."""
+        self._count += 1
+        deadline_ns = self._anchor_ns + round(self._count * self._period_ns)
+        late_ns = now_ns - deadline_ns
+        if late_ns <= self._catch_up_ns:
+            return deadline_ns
+        self.overruns += 1
+        self.lost_s += late_ns / NS_PER_S
+        self._anchor_ns = now_ns
+        self._count = 0
+        return now_ns
+
+
+class SampleTimes:
+    """The steps after which something is sampled: those that reach a multiple of its period.
+
+    A period that is no whole number of steps keeps its mean rate: each multiple is rounded up to
+    a step for itself. A period shorter than the step is sampled at every step.
+    """
+
+    _TOLERANCE = 1e-6
+    """Of a step: 0.002 / 0.001 may come out a hair above 2."""
+
+    def __init__(self, *, period_s: float, step_s: float) -> None:
+        """Start at step 0.
+
+        Args:
+            period_s: simulation time between two samples [s], > 0.
+            step_s: simulation time of a step [s], > 0.
+        """
+        self._steps_per_sample = period_s / step_s
+        self.next_step = 0
+        """The step after which the next sample is taken; steps count from 1."""
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin again at step 0."""
+        self.pass_step(0)
+
+    def pass_step(self, step: int) -> None:
+        """Look for the next sample after `step`."""
+        multiple = math.floor(step / self._steps_per_sample + self._TOLERANCE) + 1
+        reached = math.ceil(multiple * self._steps_per_sample - self._TOLERANCE)
+        self.next_step = max(step + 1, reached)

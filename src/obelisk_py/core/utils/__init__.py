@@ -1,0 +1,1 @@
+"""Functions around a node: spinning it, and arrays in messages."""

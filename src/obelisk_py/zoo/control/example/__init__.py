@@ -1,0 +1,1 @@
+"""The example controller of the two-link robot."""
