@@ -41,12 +41,12 @@ class InterfacesHook(BuildHookInterface[Any]):
         self.app.display_info(f"built: {report.built}, unchanged: {report.unchanged}")
         build_data["pure_python"] = False
         build_data["infer_tag"] = True
-        packages = sorted(site_packages_in(stage).iterdir())
-        build_data["force_include"].update({str(path): path.name for path in packages})
         build_data["force_include"].update(_egg_info_guards(work / "guards"))
-        shared = {str(file): f"lib/{file.name}" for file in sorted((stage / "lib").glob("*.so"))}
-        shared |= {str(stage / name): name for name in ("include", "share")}
-        build_data["shared_data"].update(shared)
+        for file in sorted(f for f in stage.rglob("*") if f.is_file()):
+            site = site_packages_in(stage)
+            is_python = file.is_relative_to(site)
+            kind, base = ("force_include", site) if is_python else ("shared_data", stage)
+            build_data[kind][str(file)] = str(file.relative_to(base))
 
 
 def _egg_info_guards(folder: Path) -> dict[str, str]:
