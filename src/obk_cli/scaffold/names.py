@@ -40,7 +40,9 @@ def check_name(name: str, *, kind: str, owner_of: Callable[[str], str | None]) -
         sentence = f"the name `{name}` is a path; a bare name was expected"
         return Problem(sentence=sentence, help=f"{_try(suggestion)}; --dest DIR chooses the folder")
     reason = _shape_fault(name) or _use_fault(name, owner_of)
-    return Problem(sentence=f"the name `{name}` {reason}", help=_try(suggestion)) if reason else None
+    if reason is None:
+        return None
+    return Problem(sentence=f"the name `{name}` {reason}", help=_try(suggestion))
 
 
 def suggest_name(name: str, *, kind: str) -> str:
@@ -49,7 +51,7 @@ def suggest_name(name: str, *, kind: str) -> str:
     humps = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", last)
     words = re.findall(r"[a-z0-9]+", humps.lower())
     snake = "_".join(words).lstrip("0123456789_")
-    if snake == name or len(snake) < 2:  # noqa: PLR2004
+    if snake == name or len(snake) < 2:
         snake = f"{snake}_{kind}" if snake else f"my_{kind}"
     return snake[:LONGEST_NAME].rstrip("_")
 

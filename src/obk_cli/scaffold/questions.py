@@ -5,13 +5,12 @@ Never touches the disk and never imports a message.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal
 
 from obelisk_spec.messages import near_msg_types, resolve_msg_type
 from obelisk_spec.near import list_names
-
 from obk_cli.scaffold.names import Problem, check_name
 
 __all__ = ["Answers", "Kind", "MessageType", "Question", "check_answers"]
@@ -75,11 +74,15 @@ class Answers:
         """The message types that this kind of node works with."""
         return (self.ctrl, self.est) if self.kind == "controller" else (self.est, self.sensor)
 
+    def in_package(self, package: str) -> "Answers":
+        """The same node in a package of another name."""
+        return replace(self, package=package)
+
 
 def check_answers(
-    question: Question, *, package: str | None, owner_of: Callable[[str], str | None]
+    question: Question, *, owner_of: Callable[[str], str | None]
 ) -> Answers | tuple[Problem, ...]:
-    """Check all that was typed; the node goes into `package`, or a new one of its own name.
+    """Check all that was typed; the node goes into a new package of its own name.
 
     `owner_of` tells who has a top-level module name already, None if nobody.
     """
@@ -95,7 +98,7 @@ def check_answers(
     ):
         answers = Answers(
             kind=question.kind,
-            package=package or question.name,
+            package=question.name,
             node=question.name,
             ctrl=ctrl,
             est=est,

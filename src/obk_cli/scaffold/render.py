@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath
 from jinja2 import StrictUndefined, TemplateError, TemplateSyntaxError
 from jinja2.sandbox import SandboxedEnvironment
 
+from obk_cli.errors import CommandFailedError
 from obk_cli.scaffold.fields import control_filling, estimate_filling
 from obk_cli.scaffold.imports import LINE_LENGTH, import_block, message_imports
 from obk_cli.scaffold.questions import Answers
@@ -20,7 +21,7 @@ __all__ = [
     "NODE_VARIABLE",
     "RenderedFile",
     "Template",
-    "TemplateFault",
+    "TemplateFaultError",
     "dependencies",
     "entry_point",
     "read_templates",
@@ -38,7 +39,7 @@ _BASES = {
 }
 
 
-class TemplateFault(Exception):
+class TemplateFaultError(CommandFailedError):
     """A template that cannot be rendered; the text names the file, the line and the reason."""
 
 
@@ -80,8 +81,8 @@ def render_templates(
     """Render names and contents; only `.jinja` files are templates, others are copied.
 
     Raises:
-        TemplateFault: a template does not parse, uses an unknown variable, does what the sandbox
-            forbids, or names a file outside the package.
+        TemplateFaultError: a template does not parse, uses an unknown variable, does what the
+            sandbox forbids, or names a file outside the package.
     """
     environment = SandboxedEnvironment(
         undefined=StrictUndefined,
@@ -154,10 +155,10 @@ def _render_file(
         if template.name.endswith(_SUFFIX):
             content = environment.from_string(content.decode()).render(variables).encode()
     except TemplateSyntaxError as fault:
-        raise TemplateFault(f"{template.name}:{fault.lineno}: {fault.message}") from fault
+        raise TemplateFaultError(f"{template.name}:{fault.lineno}: {fault.message}") from fault
     except (TemplateError, UnicodeDecodeError) as fault:
-        raise TemplateFault(f"{template.name}: {fault}") from fault
+        raise TemplateFaultError(f"{template.name}: {fault}") from fault
     path = PurePosixPath(name)
     if path.is_absolute() or ".." in path.parts or not path.parts:
-        raise TemplateFault(f"{template.name}: it would make `{name}`, outside the package")
+        raise TemplateFaultError(f"{template.name}: it would make `{name}`, outside the package")
     return RenderedFile(path=path, content=content)

@@ -12,6 +12,13 @@ __all__ = ["SECTIONS", "config_snippet"]
 SECTIONS = {"controller": "control", "estimator": "estimation"}
 """The section of the config that a kind of node belongs to."""
 
+_SENSOR_TOPICS = {
+    "obelisk_sensor_msgs/msg/JointEncoders": "/obelisk/dummy/joint_encoders",
+    "obelisk_sensor_msgs/msg/ObkJointEncoders": "/obelisk/dummy/obk_joint_encoders",
+    "obelisk_sensor_msgs/msg/ObkImu": "/obelisk/dummy/imu",
+    "obelisk_sensor_msgs/msg/ObkFramePose": "/obelisk/dummy/framepose",
+}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Wiring:
@@ -48,7 +55,7 @@ def _wire(answers: Answers) -> _Wiring:
             subscriber=("sub_est_setting", estimate, answers.est),
             timer="timer_ctrl_setting",
         )
-    sensor = "/obelisk/dummy/joint_encoders"
+    sensor = _SENSOR_TOPICS.get(answers.sensor.full, "/obelisk/dummy/sensor")
     return _Wiring(
         publisher=("pub_est_setting", estimate, answers.est),
         subscriber=("sub_sensor_setting", sensor, answers.sensor),

@@ -64,7 +64,9 @@ def _read_place(root: Path, path: PurePosixPath) -> Existing | None:
     if target.exists() or target.is_symlink():
         return Existing(content=None, reason="it is there and is no file")
     blocked = next((p for p in target.relative_to(root).parents if (root / p).is_file()), None)
-    return Existing(content=None, reason=f"`{blocked}` is a file, not a folder") if blocked else None
+    if blocked is None:
+        return None
+    return Existing(content=None, reason=f"`{blocked}` is a file, not a folder")
 
 
 def _write_files(folder: Path, files: Iterable[RenderedFile]) -> None:

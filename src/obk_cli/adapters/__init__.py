@@ -1,0 +1,1 @@
+"""Foreign libraries and the surroundings, each behind one door."""
