@@ -17,6 +17,14 @@ __all__ = ["Answers", "Kind", "MessageType", "Question", "check_answers"]
 
 Kind = Literal["controller", "estimator"]
 
+_CLASSES_IN_USE = (
+    "Iterator",
+    "LifecycleState",
+    "ObeliskController",
+    "ObeliskEstimator",
+    "TransitionCallbackReturn",
+)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MessageType:
@@ -123,12 +131,21 @@ def _check_message(option: str, written: str) -> MessageType | Problem:
 
 
 def _check_clashes(answers: Answers) -> tuple[Problem, ...]:
-    """Two classes of one name cannot both be imported into the node's module."""
-    return tuple(
+    """Two classes of one name cannot both be in the node's module."""
+    twice = tuple(
         Problem(
             sentence=f"`{one.full}` and `{other.full}` have the same class name `{one.name}`",
             help="choose message types whose last names differ",
         )
         for one, other in combinations(answers.messages, 2)
         if one.name == other.name and one != other
+    )
+    own = {answers.class_name, *_CLASSES_IN_USE}
+    return twice + tuple(
+        Problem(
+            sentence=f"`{message.full}` has the name of a class that the node's module needs",
+            help="choose another name for the node, or another message type",
+        )
+        for message in answers.messages
+        if message.name in own
     )

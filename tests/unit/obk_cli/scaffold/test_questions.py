@@ -1,0 +1,88 @@
+from collections.abc import Callable
+
+import pytest
+
+from obk_cli.scaffold.questions import Answers, MessageType, Question, check_answers
+
+
+def nobody(_name: str) -> str | None:
+    return None
+
+
+def test_messages_are_resolved_to_their_packages(answer: Callable[..., Answers]) -> None:
+    answers = answer("estimator", "foo", est_msg="nav_msgs/Odometry", sensor_msg="ObkImu")
+    assert answers.est.full == "nav_msgs/msg/Odometry"
+    assert answers.sensor.module == "obelisk_sensor_msgs.msg"
+
+
+@pytest.mark.parametrize(
+    ("written", "spelling"),
+    [
+        ("PositionSetpoint", "PositionSetpoint"),
+        ("obelisk_control_msgs/msg/PositionSetpoint", "PositionSetpoint"),
+        ("my_msgs/Thrust", "my_msgs/msg/Thrust"),
+        ("std_msgs/UInt8MultiArray", "std_msgs/msg/UInt8MultiArray"),
+    ],
+)
+def test_a_config_spells_a_message_bare_where_that_means_the_same(
+    answer: Callable[..., Answers], written: str, spelling: str
+) -> None:
+    assert answer(ctrl_msg=written).ctrl.spelling == spelling
+
+
+def test_every_wrong_answer_is_told_at_once() -> None:
+    question = Question(kind="controller", name="Foo", ctrl_msg="PositionSetpont", est_msg="x/y")
+    problems = check_answers(question, owner_of=nobody)
+    assert isinstance(problems, tuple)
+    assert [p.sentence.partition(";")[0] for p in problems] == [
+        "the name `Foo` is not lower snake case",
+        "--ctrl-msg: there is no message type `PositionSetpont`",
+        "--est-msg: there is no message type `x/y`",
+    ]
+    assert problems[1].help is not None
+    assert problems[1].help.startswith("did you mean `PositionSetpoint`?")
+
+
+def test_a_message_that_an_obelisk_package_does_not_have_is_refused() -> None:
+    question = Question(kind="controller", name="foo", ctrl_msg="obelisk_control_msgs/Nothing")
+    assert isinstance(check_answers(question, owner_of=nobody), tuple)
+
+
+def test_two_messages_of_one_class_name_are_refused() -> None:
+    question = Question(
+        kind="controller", name="foo", ctrl_msg="a_msgs/State", est_msg="b_msgs/State"
+    )
+    problems = check_answers(question, owner_of=nobody)
+    assert isinstance(problems, tuple)
+    assert problems[0].sentence == (
+        "`a_msgs/msg/State` and `b_msgs/msg/State` have the same class name `State`"
+    )
+
+
+@pytest.mark.parametrize("clash", ["my_msgs/FooController", "my_msgs/ObeliskController"])
+def test_a_message_that_has_the_name_of_another_class_of_the_module_is_refused(clash: str) -> None:
+    question = Question(kind="controller", name="foo", ctrl_msg=clash)
+    problems = check_answers(question, owner_of=nobody)
+    assert isinstance(problems, tuple)
+    assert "has the name of a class" in problems[0].sentence
+
+
+def test_the_same_message_in_and_out_is_fine(answer: Callable[..., Answers]) -> None:
+    assert answer(ctrl_msg="JointState", est_msg="JointState").ctrl == MessageType(
+        package="sensor_msgs", name="JointState"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "class_name"),
+    [
+        ("foo", "FooController"),
+        ("foo_controller", "FooController"),
+        ("leg_2_pd", "Leg2PdController"),
+        ("controller", "ControllerController"),
+    ],
+)
+def test_the_class_is_named_after_the_node_and_its_kind(
+    answer: Callable[..., Answers], name: str, class_name: str
+) -> None:
+    assert answer(name=name).class_name == class_name

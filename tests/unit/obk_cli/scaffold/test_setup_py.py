@@ -1,0 +1,93 @@
+import ast
+from collections.abc import Callable
+from pathlib import PurePosixPath
+
+import pytest
+
+from obk_cli.scaffold.names import Problem
+from obk_cli.scaffold.render import RenderedFile
+from obk_cli.scaffold.setup_py import add_entry_point
+
+NEW = "new = foo.new:main"
+
+
+def setup_py(scripts: str) -> str:
+    return (
+        "# naïve — bytes are not characters\n"
+        "from setuptools import setup\n\n"
+        f'setup(name="foo", entry_points={{"x": "é", "console_scripts": {scripts}}}, zip_safe=True)\n'
+    )
+
+
+def scripts_of(text: str) -> list[str]:
+    """Read the list as an independent reader would."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Dict):
+            for key, value in zip(node.keys, node.values, strict=True):
+                if isinstance(key, ast.Constant) and key.value == "console_scripts":
+                    found = ast.literal_eval(value)
+                    assert isinstance(found, list)
+                    return found
+    raise AssertionError(text)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ('["a = b:c"]', f'["a = b:c", "{NEW}"]'),
+        ('["a = b:c",]', f'["a = b:c", "{NEW}",]'),
+        ("[]", f'[\n    "{NEW}",\n]'),
+        ('[\n    "a = b:c",\n]', f'[\n    "a = b:c",\n    "{NEW}",\n]'),
+        ('[\n    "a = b:c"\n]', f'[\n    "a = b:c",\n    "{NEW}",\n]'),
+        ('[\n  "a = b:c"  # é, why\n]', f'[\n  "a = b:c",  # é, why\n  "{NEW}",\n]'),
+        ('[\n\t"a = b:c",\n\t# last\n]', f'[\n\t"a = b:c",\n\t# last\n\t"{NEW}",\n]'),
+        ('["a = b:c",\n]', f'["a = b:c",\n    "{NEW}",\n]'),
+        ('[\r\n    "a = b:c",\r\n]', f'[\r\n    "a = b:c",\r\n    "{NEW}",\r\n]'),
+    ],
+)
+def test_an_entry_point_is_added_and_the_rest_is_kept(before: str, after: str) -> None:
+    old = scripts_of(setup_py(before))
+    changed = add_entry_point(setup_py(before), NEW)
+    assert changed == setup_py(after)
+    assert scripts_of(changed) == [*old, NEW]
+
+
+def test_the_generated_setup_takes_one_more(
+    package: Callable[..., dict[PurePosixPath, RenderedFile]],
+) -> None:
+    text = package()[PurePosixPath("setup.py")].content.decode()
+    changed = add_entry_point(text, NEW)
+    assert isinstance(changed, str)
+    assert scripts_of(changed) == ["foo = foo.foo:main", NEW]
+
+
+def test_the_same_entry_point_again_changes_nothing() -> None:
+    text = setup_py('["new=foo.new:main"]')
+    assert add_entry_point(text, NEW) == text
+
+
+def test_an_executable_of_another_module_is_not_replaced() -> None:
+    problem = add_entry_point(setup_py('["new = foo.other:main"]'), NEW)
+    assert problem == Problem(
+        sentence="setup.py has the executable `new` already: new = foo.other:main",
+        help="choose another name",
+    )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "setup(",
+        setup_py("scripts()"),
+        setup_py('["a = b:c", *more]'),
+        setup_py('[f"{name} = b:c"]'),
+        setup_py('["a = b:c"]') + setup_py('["d = e:f"]'),
+    ],
+)
+def test_a_setup_that_is_not_plain_is_refused_with_the_line_to_add(text: str) -> None:
+    problem = add_entry_point(text, NEW)
+    assert isinstance(problem, Problem)
+    assert "cannot be added without touching the rest" in problem.sentence
+    assert problem.help is not None
+    assert f'"{NEW}"' in problem.help
