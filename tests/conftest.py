@@ -1,0 +1,87 @@
+"""What every test can ask for: the checkout's folder, and for ROS tests a world of their own."""
+
+import fcntl
+import os
+import tempfile
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+# Above these the ports of DDS run into those the kernel hands out to others.
+_DOMAIN_IDS = range(1, 101)
+_MARK = "OBELISK_TEST_RUN"
+_FOREIGN_ROS_VARIABLES = (
+    "ROS_LOCALHOST_ONLY",
+    "ROS_STATIC_PEERS",
+    "ROS_DISCOVERY_SERVER",
+    "ROS_NAMESPACE",
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+    "FASTDDS_DEFAULT_PROFILES_FILE",
+)
+
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """The root of the checkout."""
+    return Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A domain id that no other test uses; processes started by the test see only one another.
+
+    Fails the test if a process that it started, or one that those started, is still there.
+    """
+    mark = uuid.uuid4().hex
+    with _locked_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
+        monkeypatch.setenv(_MARK, mark)
+        for name in _FOREIGN_ROS_VARIABLES:
+            monkeypatch.delenv(name, raising=False)
+        yield domain
+        left_over = _end_processes_marked(mark)
+        assert not left_over, f"the test left processes behind: {left_over}"
+
+
+@pytest.fixture(autouse=True)
+def _own_world_for_ros_tests(request: pytest.FixtureRequest) -> None:
+    if request.node.get_closest_marker("ros"):
+        request.getfixturevalue("ros_domain")
+
+
+class _locked_domain:  # noqa: N801 - used as a `with` word
+    """Holds a lock file for one domain id, so that test runs side by side do not meet."""
+
+    def __enter__(self) -> int:
+        folder = Path(tempfile.gettempdir(), f"obelisk-ros-domains-{os.getuid()}")
+        folder.mkdir(exist_ok=True)
+        for domain in _DOMAIN_IDS:
+            self._file = (folder / str(domain)).open("w")
+            try:
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                self._file.close()
+            else:
+                return domain
+        raise RuntimeError(f"every ROS domain id of {_DOMAIN_IDS} is in use by another test run")
+
+    def __exit__(self, *exception: object) -> None:
+        self._file.close()
+
+
+def _end_processes_marked(mark: str) -> list[str]:
+    """Kill what carries the mark in its environment; return the command lines."""
+    left_over = []
+    for process in psutil.process_iter():
+        try:
+            if process.pid != os.getpid() and process.environ().get(_MARK) == mark:
+                left_over.append(f"{process.pid}: {' '.join(process.cmdline())}")
+                process.kill()
+        except psutil.Error:  # ended meanwhile, or another user's
+            continue
+    return left_over
