@@ -1,36 +1,34 @@
-"""Who has a package name already: Python, ROS, or something installed.
+"""Who has a package name already: Python, ROS, the workspace, or something installed.
 
-In: a name. Out: a description of its owner, or None. Looks at the interpreter and the
-environment; never imports what it finds.
+In: a name. Out: a description of its owner, or None. Looks at the interpreter and at folders;
+never imports what it finds.
 """
 
 import importlib.util
-import os
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 
 from obelisk_spec.messages import OBELISK_MESSAGES, ROS_MESSAGES
+from obk_cli.adapters.packages import PackageIndex
 
-__all__ = ["ament_prefixes", "owner_of_name"]
-
-
-def ament_prefixes() -> tuple[Path, ...]:
-    """Where ROS packages may be installed: `AMENT_PREFIX_PATH`, then this Python's prefix."""
-    listed = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    return (*(Path(prefix) for prefix in listed if prefix), Path(sys.prefix))
+__all__ = ["owner_of_module", "owner_of_package"]
 
 
-def owner_of_name(name: str, *, own_folder: Path, prefixes: Iterable[Path]) -> str | None:
-    """Who has the name, in words that follow "is"; what lies in `own_folder` does not count."""
-    if name in sys.stdlib_module_names:
-        return "a module of Python's standard library"
+def owner_of_module(name: str) -> str | None:
+    """Who has a module name that must not be had twice, in words that follow "is"."""
+    return "a module of Python's standard library" if name in sys.stdlib_module_names else None
+
+
+def owner_of_package(name: str, *, own_folder: Path, index: PackageIndex) -> str | None:
+    """Who has a package name, in words that follow "is"; what is in `own_folder` does not count."""
+    module = owner_of_module(name)
+    if module is not None:
+        return module
     if name in OBELISK_MESSAGES or name in ROS_MESSAGES:
         return "a ROS message package"
-    shares = (prefix / "share" / name / "package.xml" for prefix in prefixes)
-    installed = [path for path in shares if path.is_file() and not _inside(path, own_folder)]
-    if installed:
-        return f"an installed ROS package ({installed[0].parent})"
+    share = index.find_package_share(name)
+    if share is not None and not _inside(share, own_folder):
+        return f"a ROS package ({share})"
     spec = importlib.util.find_spec(name)
     # A folder without `__init__.py` on the path is no module, whatever Python makes of it.
     if spec is None or spec.origin is None or _inside(Path(spec.origin), own_folder):

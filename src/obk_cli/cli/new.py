@@ -1,5 +1,6 @@
 """`obk new controller|estimator NAME`: a package that runs, or a node more in the one around."""
 
+import os
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
@@ -7,8 +8,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from obk_cli.adapters.taken_names import ament_prefixes, owner_of_name
-from obk_cli.cli.new_target import Target, find_target, read_text
+from obk_cli.adapters.packages import PackageIndex
+from obk_cli.adapters.taken_names import owner_of_module, owner_of_package
+from obk_cli.cli.new_target import Place, find_place, find_root, read_text
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.resources import resource_folder
 from obk_cli.scaffold.compose import (
@@ -79,35 +81,45 @@ def new_estimator(
 
 
 def _run(question: Question, dest: Path | None, *, dry_run: bool, force: bool, form: str) -> None:
-    target, answers = _answer(question, dest)
-    composition = _compose(answers, target)
+    place = find_place(dest)
+    answers = _answer(question, place)
+    root = find_root(place, answers.node)
+    composition = _compose(answers, root, is_package=place.package is not None)
     paths = [file.path for file in (*composition.files, *composition.edits)]
     decisions = decide(
         composition.files,
-        read_existing(target.root, paths),
+        read_existing(root, paths),
         edits=composition.edits,
         force=force,
     )
-    _refuse_conflicts(target.root, decisions)
+    _refuse_conflicts(root, decisions)
     if not dry_run:
-        _write(target.root, decisions)
+        _write(root, decisions)
     outcome = Outcome(
         answers=answers,
-        folder=_short(target.root),
+        folder=_short(root),
         decisions=decisions,
         dry_run=dry_run,
     )
     typer.echo(describe_json(outcome) if form == "json" else describe_text(outcome))
 
 
-def _answer(question: Question, dest: Path | None) -> tuple[Target, Answers]:
-    """Check what was typed, then find the folder: a wrong name must not reach the disk."""
-    owner_of = partial(owner_of_name, own_folder=dest or Path(), prefixes=ament_prefixes())
-    answers = check_answers(question, owner_of=owner_of)
-    if not isinstance(answers, Answers):
-        raise _misuse(answers)
-    target = find_target(answers.node, dest)
-    return target, answers.in_package(target.package.name) if target.package else answers
+def _answer(question: Question, place: Place) -> Answers:
+    if place.package is not None:
+        answers = check_answers(question, owner_of=owner_of_module)
+        return _accept(answers).in_package(place.package.name)
+    owner_of = partial(
+        owner_of_package,
+        own_folder=place.folder / question.name,
+        index=PackageIndex.around(place.folder, Path.cwd(), os.environ),
+    )
+    return _accept(check_answers(question, owner_of=owner_of))
+
+
+def _accept(answers: Answers | tuple[Problem, ...]) -> Answers:
+    if isinstance(answers, Answers):
+        return answers
+    raise _misuse(answers)
 
 
 def _misuse(problems: Iterable[Problem]) -> MisuseError:
@@ -117,14 +129,14 @@ def _misuse(problems: Iterable[Problem]) -> MisuseError:
     return MisuseError("\n".join([*lines, last.sentence]), help=last.help)
 
 
-def _compose(answers: Answers, target: Target) -> Composition:
+def _compose(answers: Answers, root: Path, *, is_package: bool) -> Composition:
     folder = resource_folder("templates")
     templates = read_templates(folder / layer for layer in LAYERS[answers.kind])
-    if target.package is None:
+    if not is_package:
         return compose_package(answers, templates)
     texts = PackageTexts(
-        package_xml=read_text(target.root / "package.xml"),
-        setup_py=read_text(target.root / "setup.py"),
+        package_xml=read_text(root / "package.xml"),
+        setup_py=read_text(root / "setup.py"),
     )
     composition = compose_addition(answers, templates, texts)
     if isinstance(composition, Problem):

@@ -1,6 +1,6 @@
 """Which folder a new node goes into: a package of its own, or the package that is there.
 
-In: the name, `--dest`, the working folder. Out: the folder and, if it is a package, its identity.
+In: `--dest` and the working folder. Out: the folder and, if it is a package, its identity.
 Never writes.
 """
 
@@ -10,39 +10,58 @@ from pathlib import Path
 from obk_cli.errors import CommandFailedError
 from obk_cli.scaffold.package_xml import PackageIdentity, read_identity
 
-__all__ = ["Target", "find_target", "read_text"]
+__all__ = ["Place", "find_place", "find_root", "read_text"]
 
 _ELSEWHERE = "use --dest to make a package of its own somewhere else"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Target:
-    """Where the node goes; `package` is set where the folder is a package already."""
+class Place:
+    """A folder for packages, or a package that takes the node in.
 
-    root: Path
-    package: PackageIdentity | None
+    `boundary` is the folder that the user spoke of; nothing is made outside it.
+    """
+
+    folder: Path
+    boundary: Path
+    package: PackageIdentity | None = None
 
 
-def find_target(name: str, dest: Path | None) -> Target:
-    """The folder for a node of that (checked) name.
-
-    Without `dest` it is `src/` of the working folder if there is one, else the working folder;
-    a folder that is a package takes the node in.
+def find_place(dest: Path | None) -> Place:
+    """`dest`; without it `src/` of the working folder if there is one, else the working folder.
 
     Raises:
-        CommandFailedError: the folder is a package that cannot take a Python node, is a file, or
-            is reached through a symbolic link that leads out.
+        CommandFailedError: it is a package, and one that cannot take a Python node.
     """
     folder = Path() if dest is None else dest
     if (folder / "package.xml").is_file():
-        return Target(root=folder.resolve(), package=_identify(folder))
+        return Place(folder=folder, boundary=folder, package=_identify(folder))
     if dest is None and Path("src").is_dir():
-        folder = Path("src")
-    root = folder / name
-    _refuse_way_out(root, inside=Path() if dest is None else dest)
+        return Place(folder=Path("src"), boundary=folder)
+    return Place(folder=folder, boundary=folder)
+
+
+def find_root(place: Place, name: str) -> Path:
+    """The folder of the package that the node of that (checked) name goes into.
+
+    Raises:
+        CommandFailedError: it is a file, or is reached through a symbolic link that leads out.
+    """
+    if place.package is not None:
+        return place.folder.resolve()
+    root = place.folder / name
+    real = root.resolve()
+    if not real.is_relative_to(place.boundary.resolve()):
+        raise CommandFailedError(
+            f"{root} is reached through a symbolic link that leads to {real}",
+            help=f"to make the package there, say so: --dest {real.parent}",
+        )
     if root.exists() and not root.is_dir():
-        raise CommandFailedError(f"{root} is a file; a folder was to be made", help="try --dest")
-    return Target(root=root, package=None)
+        raise CommandFailedError(
+            f"{root} is a file; a folder was to be made",
+            help="choose another name or --dest",
+        )
+    return root
 
 
 def read_text(path: Path) -> str:
@@ -55,16 +74,6 @@ def read_text(path: Path) -> str:
         return path.read_bytes().decode() if path.is_file() else ""
     except UnicodeDecodeError as fault:
         raise CommandFailedError(f"{path} is not UTF-8 text: {fault}", help=_ELSEWHERE) from fault
-
-
-def _refuse_way_out(root: Path, *, inside: Path) -> None:
-    real = root.resolve()
-    if real.is_relative_to(inside.resolve()):
-        return
-    raise CommandFailedError(
-        f"{root} is reached through a symbolic link that leads to {real}",
-        help=f"to make the package there, say so: --dest {real.parent}",
-    )
 
 
 def _identify(folder: Path) -> PackageIdentity:

@@ -6,6 +6,7 @@ In: the answers, the decisions, how the folder is called from here. Out: text. N
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import PurePath
 
 from obk_cli.scaffold.decide import Decision
 from obk_cli.scaffold.questions import Answers
@@ -26,10 +27,8 @@ class Outcome:
     @property
     def next_commands(self) -> tuple[str, str]:
         """What to type now."""
-        return (
-            f"python -m pytest {self.folder}/test/test_{self.answers.node}.py",
-            "obk launch CONFIG",
-        )
+        test = PurePath(self.folder, "test", f"test_{self.answers.node}.py")
+        return (f"python -m pytest {test}", "obk launch CONFIG")
 
 
 def describe_text(outcome: Outcome) -> str:

@@ -16,7 +16,6 @@ def test_the_name_and_build_type_are_read() -> None:
 
 
 def test_without_a_build_type_it_is_catkin() -> None:
-    """REP 149: "If no build_type is given, catkin is assumed"."""
     assert read_identity("<package><name>foo</name></package>") == PackageIdentity(
         name="foo", build_type="catkin"
     )

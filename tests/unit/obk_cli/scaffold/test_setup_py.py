@@ -15,7 +15,7 @@ def setup_py(scripts: str) -> str:
     return (
         "# naïve — bytes are not characters\n"
         "from setuptools import setup\n\n"
-        f'setup(name="foo", entry_points={{"x": "é", "console_scripts": {scripts}}}, zip_safe=True)\n'
+        f'setup(name="foo", entry_points={{"x": "é", "console_scripts": {scripts}}}, b=1)\n'
     )
 
 

@@ -1,0 +1,85 @@
+"""The packages that come out, judged by other programs: ruff, pytest under ROS."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path, PurePosixPath
+
+import pytest
+
+from obk_cli.scaffold.decide import decide
+from obk_cli.scaffold.names import LONGEST_NAME
+from obk_cli.scaffold.render import RenderedFile
+from obk_cli.scaffold.write import write_decisions
+
+Package = Callable[..., dict[PurePosixPath, RenderedFile]]
+
+REPOSITORY = Path(__file__).parents[4]
+LONG = "a_controller_" + "x" * (LONGEST_NAME - 13)
+VARIANTS = [
+    ("controller", "foo", {}),
+    ("controller", LONG, {"ctrl_msg": "PDFeedForward"}),
+    ("controller", "foo", {"ctrl_msg": "VelocityCommand", "est_msg": "nav_msgs/Odometry"}),
+    ("controller", "foo", {"ctrl_msg": "my_msgs/Thrust", "est_msg": "a_msgs/MultiDofStateVector"}),
+    ("controller", "z9", {"ctrl_msg": "std_msgs/Int16", "est_msg": "std_msgs/Int8"}),
+    ("estimator", "foo", {}),
+    ("estimator", LONG, {"sensor_msg": "ObkJointEncoders"}),
+    ("estimator", "zoo_estimator", {"sensor_msg": "sensor_msgs/Imu", "est_msg": "a_msgs/IMU"}),
+]
+
+
+def write(files: Mapping[PurePosixPath, RenderedFile], root: Path) -> Path:
+    write_decisions(root, decide(files.values(), {}))
+    return root
+
+
+def run(*arguments: str, cwd: Path, env: Mapping[str, str] | None = None) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", *arguments],
+        cwd=cwd,
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(("kind", "name", "typed"), VARIANTS)
+def test_it_passes_ruff_by_its_own_rules_and_by_the_projects(
+    package: Package, tmp_path: Path, kind: str, name: str, typed: dict[str, str]
+) -> None:
+    root = write(package(kind, name, **typed), tmp_path / name)
+    run("ruff", "check", "--no-cache", ".", cwd=root)
+    run("ruff", "format", "--no-cache", "--check", ".", cwd=root)
+    project = str(REPOSITORY / "pyproject.toml")
+    rules = ("--config", project, "--config", f'src = ["{root}"]')
+    run("ruff", "check", "--no-cache", *rules, ".", cwd=root)
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ("kind", "typed"),
+    [
+        ("controller", {}),
+        ("controller", {"ctrl_msg": "PDFeedForward"}),
+        ("controller", {"ctrl_msg": "VelocityCommand"}),
+        ("controller", {"ctrl_msg": "TwistStamped", "est_msg": "nav_msgs/Odometry"}),
+        ("estimator", {}),
+        ("estimator", {"sensor_msg": "ObkJointEncoders"}),
+        ("estimator", {"sensor_msg": "ObkImage", "est_msg": "sensor_msgs/JointState"}),
+    ],
+)
+def test_its_own_test_passes(
+    package: Package, tmp_path: Path, kind: str, typed: dict[str, str]
+) -> None:
+    root = write(package(kind, "foo", **typed), tmp_path / "foo")
+    env = os.environ | {
+        "ROS_DOMAIN_ID": "87",
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_LOG_DIR": str(tmp_path / "log"),
+        "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+    }
+    run("pytest", "-q", "-p", "no:cacheprovider", cwd=root, env=env)

@@ -1,0 +1,208 @@
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from obk_cli.adapters.packages import Command, PackageIndex
+from obk_cli.cli.new import app
+from obk_cli.errors import CommandFailedError, MisuseError, ObkError
+
+Tree = Callable[[Path], dict[str, bytes]]
+
+
+@pytest.fixture(autouse=True)
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty workspace to stand in."""
+    folder = tmp_path / "ws"
+    (folder / "src").mkdir(parents=True)
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def obk_new(*arguments: str) -> str:
+    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def refused(*arguments: str) -> ObkError:
+    result = CliRunner().invoke(app, arguments)
+    assert isinstance(result.exception, ObkError), result.output
+    return result.exception
+
+
+def test_a_package_goes_into_src_of_the_workspace(workspace: Path) -> None:
+    said = obk_new("controller", "foo")
+    assert said.startswith("made the controller `foo`, package `foo`, in src/foo/\n")
+    assert said.endswith(
+        "next:\n  python -m pytest src/foo/test/test_foo.py\n  obk launch CONFIG\n"
+    )
+    assert (workspace / "src/foo/foo/foo.py").is_file()
+
+
+def test_without_src_a_package_goes_into_the_working_folder(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(workspace / "src")
+    obk_new("estimator", "foo")
+    assert (workspace / "src/foo/package.xml").is_file()
+
+
+def test_dest_chooses_the_folder(workspace: Path) -> None:
+    obk_new("controller", "foo", "--dest", "a/b")
+    assert (workspace / "a/b/foo/package.xml").is_file()
+
+
+def test_the_launcher_finds_the_executable_in_the_sources(workspace: Path) -> None:
+    obk_new("controller", "foo")
+    index = PackageIndex.around(workspace, workspace, {})
+    command = index.find_executable("foo", "foo")
+    assert isinstance(command, Command)
+    assert command.python_path == (workspace / "src/foo",)
+    assert "from foo.foo import main" in command.arguments[-1]
+
+
+def test_a_dry_run_shows_the_tree_and_makes_nothing(workspace: Path, tree: Tree) -> None:
+    said = obk_new("controller", "foo", "--dry-run")
+    assert said.startswith("would make the controller `foo`")
+    assert "  create    foo/foo.py\n" in said
+    assert tree(workspace) == {}
+
+
+def test_the_result_as_json() -> None:
+    result = json.loads(obk_new("estimator", "foo", "--format", "json"))
+    assert (result["kind"], result["package"], result["folder"]) == ("estimator", "foo", "src/foo")
+    assert {"path": "setup.py", "action": "create"} in result["files"]
+    assert result["section"] == "estimation"
+
+
+def test_the_same_again_changes_nothing(workspace: Path, tree: Tree) -> None:
+    obk_new("controller", "foo")
+    before = tree(workspace)
+    assert "  identical setup.py\n" in obk_new("controller", "foo")
+    assert tree(workspace) == before
+
+
+def test_a_changed_file_is_never_lost_without_force(workspace: Path, tree: Tree) -> None:
+    obk_new("controller", "foo")
+    mine = workspace / "src/foo/foo/foo.py"
+    mine.write_text("mine")
+    (workspace / "src/foo/README.md").unlink()
+    before = tree(workspace)
+    fault = refused("controller", "foo")
+    assert isinstance(fault, CommandFailedError)
+    assert "  foo/foo.py: it is there with other content" in fault.message
+    assert tree(workspace) == before
+    assert "  replace   foo/foo.py\n" in obk_new("controller", "foo", "--force")
+    assert mine.read_text() != "mine"
+
+
+def test_inside_a_package_a_node_is_added(
+    workspace: Path, tree: Tree, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    obk_new("controller", "foo")
+    before = tree(workspace / "src/foo")
+    monkeypatch.chdir(workspace / "src/foo")
+    said = obk_new("estimator", "second", "--sensor-msg", "ObkImu")
+    assert said.startswith("made the estimator `second`, package `foo`, in ./\n")
+    after = tree(workspace / "src/foo")
+    changed = {path for path in after if after[path] != before.get(path)}
+    assert changed == {"foo/second.py", "package.xml", "setup.py", "test/test_second.py"}
+    assert b"<exec_depend>obelisk_sensor_msgs</exec_depend>" in after["package.xml"]
+    index = PackageIndex.around(workspace, workspace, {})
+    for executable in ("foo", "second"):
+        assert isinstance(index.find_executable("foo", executable), Command)
+
+
+@pytest.mark.parametrize(
+    ("manifest", "sentence"),
+    [
+        ("<package><name>foo</name></package>", "the build type `catkin`"),
+        ("nothing", "no package.xml that can be read"),
+        (
+            "<package><name>foo</name><export><build_type>ament_python</build_type></export>"
+            "</package>",
+            "has no module `foo/__init__.py`",
+        ),
+    ],
+)
+def test_a_package_that_cannot_take_a_node_is_told_so(
+    workspace: Path, tree: Tree, manifest: str, sentence: str
+) -> None:
+    (workspace / "package.xml").write_text(manifest)
+    fault = refused("controller", "foo")
+    assert sentence in fault.message
+    assert fault.help is not None
+    assert "--dest" in fault.help
+    assert list(tree(workspace)) == ["package.xml"]
+
+
+def test_a_setup_that_is_not_plain_stops_the_addition(
+    workspace: Path, tree: Tree, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    obk_new("controller", "foo")
+    (workspace / "src/foo/setup.py").write_text("setup()")
+    before = tree(workspace)
+    monkeypatch.chdir(workspace / "src/foo")
+    assert "cannot be added" in refused("controller", "second").message
+    assert tree(workspace) == before
+
+
+@pytest.mark.parametrize("name", ["../x_y", "/tmp/x_y", "FooBar", "class", "json", "std_msgs"])
+def test_a_name_that_cannot_be_is_misuse_and_makes_nothing(
+    workspace: Path, tree: Tree, name: str
+) -> None:
+    assert isinstance(refused("controller", name), MisuseError)
+    assert tree(workspace.parent) == {}
+
+
+def test_an_installed_module_is_not_shadowed() -> None:
+    assert "is taken: it is an installed Python module" in refused("controller", "jinja2").message
+
+
+def test_a_package_elsewhere_in_the_workspace_is_not_doubled(workspace: Path) -> None:
+    obk_new("controller", "foo", "--dest", "src/group")
+    fault = refused("controller", "foo")
+    assert f"is taken: it is a ROS package ({workspace / 'src/group/foo'})" in fault.message
+
+
+def test_all_wrong_answers_are_in_one_message() -> None:
+    fault = refused("controller", "foo", "--ctrl-msg", "PositionSetpont", "--est-msg", "x")
+    assert "`PositionSetpont`" in fault.message
+    assert "did you mean `PositionSetpoint`?" in fault.message
+    assert "`x`" in fault.message
+
+
+def test_a_link_that_leads_out_of_the_workspace_is_refused(
+    workspace: Path, tmp_path: Path, tree: Tree
+) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (workspace / "src/foo").symlink_to(elsewhere)
+    fault = refused("controller", "foo")
+    assert fault.message == f"src/foo is reached through a symbolic link that leads to {elsewhere}"
+    assert fault.help == f"to make the package there, say so: --dest {tmp_path}"
+    (workspace / "src/foo").unlink()
+    (workspace / "src").rmdir()
+    (workspace / "src").symlink_to(elsewhere)
+    assert "symbolic link" in refused("controller", "foo").message
+    assert tree(elsewhere) == {}
+
+
+def test_a_link_inside_the_package_is_not_followed_out(
+    workspace: Path, tmp_path: Path, tree: Tree
+) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (workspace / "src/foo").mkdir()
+    (workspace / "src/foo/test").symlink_to(elsewhere)
+    fault = refused("controller", "foo", "--force")
+    assert f"test/test_foo.py: a symbolic link leads it to {elsewhere}" in fault.message
+    assert tree(elsewhere) == {}
+
+
+def test_a_file_in_the_way_is_told(workspace: Path) -> None:
+    (workspace / "src/foo").write_text("")
+    assert "src/foo is a file" in refused("controller", "foo").message
