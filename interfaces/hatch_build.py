@@ -10,8 +10,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import obk_interfaces
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+import obk_interfaces
 from obk_interfaces.prefix import site_packages_in
 
 __all__ = ["InterfacesHook"]

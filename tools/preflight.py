@@ -17,7 +17,7 @@ def version_fault():
     return (
         "%s is Python %d.%d: Obelisk needs 3.11, 3.12 or 3.13. "
         "Choose another one with: make setup PYTHON=/path/to/python3"
-        % ((sys.executable,) + sys.version_info[:2])
+        % (sys.executable, sys.version_info[0], sys.version_info[1])
     )
 
 

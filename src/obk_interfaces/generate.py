@@ -9,6 +9,7 @@ import importlib
 import io
 import json
 import shutil
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -32,12 +33,13 @@ def generate(tree: PackageTree, prefixes: Prefixes) -> None:
         CommandError: a generator refused a definition.
     """
     _make_folders(tree)
-    for interface in tree.package.interfaces:
-        _translate(tree, interface)
-    with parsing_each_idl_once():
-        _describe_types(tree, prefixes)
-        _generate_c(tree, prefixes)
-        _generate_python(tree, prefixes)
+    with warnings.catch_warnings(action="ignore"):  # of the generators: not for our users
+        for interface in tree.package.interfaces:
+            _translate(tree, interface)
+        with parsing_each_idl_once():
+            _describe_types(tree, prefixes)
+            _generate_c(tree, prefixes)
+            _generate_python(tree, prefixes)
     _write_visibility_headers(tree, prefixes)
     shutil.copyfile(tree.package.root / "package.xml", tree.share / "package.xml")
 

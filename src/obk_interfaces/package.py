@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from xml.parsers.expat import ErrorString
 
 from obk_interfaces.errors import PackageError
 from obk_interfaces.order import order_by_dependency
@@ -147,7 +148,8 @@ def _read_manifest(path: Path) -> ET.Element:
         raise PackageError(f"{path}: cannot be read: {error.strerror}") from error
     except ET.ParseError as error:
         line, column = error.position
-        raise PackageError(f"{path}:{line}:{column + 1}: not well-formed XML: {error}") from error
+        fault = ErrorString(error.code)
+        raise PackageError(f"{path}:{line}:{column + 1}: not well-formed XML: {fault}") from error
 
 
 def _required_text(document: ET.Element, tag: str, path: Path) -> str:

@@ -62,4 +62,5 @@ def test_the_definition_is_found_through_the_ament_index(name: str) -> None:
 @pytest.mark.ros
 @pytest.mark.parametrize("name", NAMES)
 def test_the_message_tells_its_name(peer: ModuleType, name: str) -> None:
-    assert peer.message_type(name).MESSAGE_NAME == name.partition("/")[2]
+    told = peer.message_type(name).MESSAGE_NAME
+    assert told == name.partition("/")[2]

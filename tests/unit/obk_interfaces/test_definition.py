@@ -1,0 +1,120 @@
+from pathlib import Path
+
+import pytest
+
+from obk_interfaces import Interface, InterfacePackage
+from obk_interfaces.definition import check_definition, check_package
+from obk_interfaces.prefix import Prefixes
+
+MESSAGES = frozenset({"my_msgs/Wheel", "geometry_msgs/Vector3", "std_msgs/Header"})
+
+
+def problems_of(text: str, *, kind: str = "msg", name: str = "Robot") -> list[str]:
+    interface = Interface(kind=kind, name=name)
+    package = InterfacePackage(
+        root=Path("my_msgs"),
+        name="my_msgs",
+        version="1.0.0",
+        depends=("geometry_msgs", "std_msgs"),
+        interfaces=(interface,),
+    )
+    path = Path(interface.file)
+    return [
+        str(p) for p in check_definition(path, interface, text, package=package, messages=MESSAGES)
+    ]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "# a comment\n\n   # another\n",
+        'string NAME="a # b"\nfloat64 x 1.5\nint32[] numbers [1, 2]\n',
+        "string<=10[<=3] names\nwstring text\nfloat64[9] covariance\n",
+        "std_msgs/Header header\ngeometry_msgs/msg/Vector3[<=4] points\nWheel[] wheels\n",
+        "uint8 MODE_A = 1 # the first\nuint8\tmode\n",
+    ],
+)
+def test_what_rosidl_takes_is_taken(text: str) -> None:
+    assert problems_of(text) == []
+
+
+@pytest.mark.parametrize(
+    ("word", "languages"),
+    [("short", "C and C++"), ("class", "C++ and Python"), ("from", "Python"), ("xor", "C++")],
+)
+def test_a_keyword_is_refused_with_its_place_and_languages(word: str, languages: str) -> None:
+    assert problems_of(f"float64 x\n  int32 {word}\n") == [
+        f"msg/Robot.msg:2:9: field '{word}' is a keyword of {languages}: "
+        "the generated code would not compile\n"
+        f"  help: choose another name, such as '{word}_value'"
+    ]
+
+
+def test_every_problem_of_a_file_is_told_at_once() -> None:
+    found = problems_of("floa64 x\nint32 Big\nint32 low_value = 3\nint32\nfloat64 x\n")
+    assert [line.partition("\n")[0] for line in found] == [
+        "msg/Robot.msg:1:1: the type 'floa64' is not known",
+        "msg/Robot.msg:2:7: 'Big' cannot be the name of a field",
+        "msg/Robot.msg:3:7: 'low_value' cannot be the name of a constant",
+        "msg/Robot.msg:4:1: 'int32' has a type but no name",
+        "msg/Robot.msg:5:9: 'x' is already defined in line 1",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "help"),
+    [
+        ("floa64", "did you mean float64, float32?"),
+        ("Whel", "did you mean Wheel?"),
+        ("Header", "did you mean std_msgs/Header?"),
+        ("geometry_msgs/Vector", "did you mean geometry_msgs/Vector3?"),
+        (
+            "nav_msgs/Odometry",
+            "package.xml does not depend on nav_msgs: add <depend>nav_msgs</depend>",
+        ),
+    ],
+)
+def test_an_unknown_type_comes_with_what_would_be_right(wrong: str, help: str) -> None:
+    assert problems_of(f"{wrong} value\n") == [
+        f"msg/Robot.msg:1:1: the type '{wrong}' is not known\n  help: {help}"
+    ]
+
+
+@pytest.mark.parametrize("wrong", ["float64<=3", "float64[", "int32[<3]", "9lives"])
+def test_what_is_not_a_type_at_all_is_answered_with_examples(wrong: str) -> None:
+    (problem,) = problems_of(f"{wrong} value\n")
+    assert problem.startswith(f"msg/Robot.msg:1:1: '{wrong}' is not a type\n  help: examples: ")
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "has", "wants"),
+    [("msg", "---\n", 1, 0), ("srv", "int32 a\n", 0, 1), ("action", "---\n", 1, 2)],
+)
+def test_a_wrong_number_of_sections_is_told(kind: str, text: str, has: int, wants: int) -> None:
+    assert problems_of(text, kind=kind) == [
+        f"{kind}/Robot.{kind}:1:1: {has} lines '---', where a .{kind} file has {wants}"
+    ]
+
+
+def test_sections_may_use_the_same_name() -> None:
+    assert problems_of("int32 a\n---\nint32 a\n", kind="srv") == []
+
+
+def test_a_file_name_that_cannot_name_a_message_is_refused() -> None:
+    (problem,) = problems_of("int32 a\n", name="robot_state")
+    assert problem.startswith("msg/robot_state.msg:1:1: 'robot_state' cannot be the name")
+
+
+def test_text_that_is_not_utf8_is_told_with_its_line(tmp_path: Path) -> None:
+    (tmp_path / "msg").mkdir()
+    (tmp_path / "msg" / "A.msg").write_bytes(b"int32 a\n# \xff\n")
+    package = InterfacePackage(
+        root=tmp_path,
+        name="my_msgs",
+        version="1.0.0",
+        depends=(),
+        interfaces=(Interface(kind="msg", name="A"),),
+    )
+    (problem,) = check_package(package, {}, Prefixes(layers=(), ros=tmp_path))
+    assert str(problem) == f"{tmp_path}/msg/A.msg:2:1: not UTF-8 text"

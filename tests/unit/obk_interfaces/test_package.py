@@ -1,0 +1,104 @@
+from pathlib import Path
+
+import pytest
+
+from obk_interfaces import DependencyError, Interface, PackageError, discover
+
+
+def write_package(
+    root: Path, name: str, *depends: str, files: tuple[str, ...] = ("msg/A.msg",)
+) -> Path:
+    folder = root / name
+    tags = "".join(f"<depend>{depend}</depend>" for depend in depends)
+    for file in files:
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        (folder / file).write_text("float64 x\n")
+    text = f"<package><name>{name}</name><version>1.0.0</version>{tags}</package>"
+    (folder / "package.xml").write_text(text)
+    return folder
+
+
+def test_packages_come_after_those_they_depend_on(tmp_path: Path) -> None:
+    write_package(tmp_path, "a_msgs", "c_msgs", "std_msgs")
+    write_package(tmp_path, "b_msgs")
+    write_package(tmp_path, "c_msgs", "b_msgs")
+    assert [p.name for p in discover([tmp_path])] == ["b_msgs", "c_msgs", "a_msgs"]
+
+
+def test_a_circle_of_dependencies_is_told_with_its_members(tmp_path: Path) -> None:
+    write_package(tmp_path, "a_msgs", "b_msgs")
+    write_package(tmp_path, "b_msgs", "c_msgs")
+    write_package(tmp_path, "c_msgs", "b_msgs")
+    with pytest.raises(DependencyError) as caught:
+        discover([tmp_path])
+    assert str(caught.value) == "packages depend on one another: b_msgs -> c_msgs -> b_msgs"
+
+
+def test_all_kinds_of_definitions_are_found(tmp_path: Path) -> None:
+    write_package(tmp_path, "a_msgs", files=("srv/Go.srv", "msg/Pose.msg", "action/Walk.action"))
+    (package,) = discover([tmp_path])
+    assert [i.file for i in package.interfaces] == [
+        "action/Walk.action",
+        "msg/Pose.msg",
+        "srv/Go.srv",
+    ]
+    assert package.kinds == ("msg", "srv", "action")
+
+
+def test_an_ignored_folder_is_passed_over(tmp_path: Path) -> None:
+    write_package(tmp_path, "a_msgs")
+    (write_package(tmp_path, "b_msgs") / "COLCON_IGNORE").touch()
+    assert [p.name for p in discover([tmp_path])] == ["a_msgs"]
+
+
+def test_the_same_folder_given_twice_is_one_package(tmp_path: Path) -> None:
+    write_package(tmp_path, "a_msgs")
+    assert len(discover([tmp_path, tmp_path / "a_msgs"])) == 1
+
+
+def test_two_packages_of_one_name_are_refused(tmp_path: Path) -> None:
+    first = write_package(tmp_path / "one", "a_msgs")
+    second = write_package(tmp_path / "two", "a_msgs")
+    with pytest.raises(PackageError, match="two packages are called a_msgs") as caught:
+        discover([tmp_path])
+    assert str(first) in str(caught.value)
+    assert str(second) in str(caught.value)
+
+
+def test_a_folder_without_packages_says_what_was_expected(tmp_path: Path) -> None:
+    with pytest.raises(PackageError, match=r"expected a folder with package\.xml and msg/"):
+        discover([tmp_path])
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(PackageError) as caught:
+        discover([tmp_path / "none"])
+    assert str(caught.value) == f"no such folder: {tmp_path / 'none'}"
+
+
+def test_broken_xml_is_told_with_its_place(tmp_path: Path) -> None:
+    manifest = write_package(tmp_path, "a_msgs") / "package.xml"
+    manifest.write_text("<package>\n  <name>a_msgs</nam>\n</package>")
+    with pytest.raises(PackageError) as caught:
+        discover([tmp_path])
+    assert str(caught.value) == f"{manifest}:2:17: not well-formed XML: mismatched tag"
+
+
+def test_a_manifest_without_a_version_is_refused(tmp_path: Path) -> None:
+    manifest = write_package(tmp_path, "a_msgs") / "package.xml"
+    manifest.write_text("<package><name>a_msgs</name></package>")
+    with pytest.raises(PackageError) as caught:
+        discover([tmp_path])
+    assert str(caught.value) == f"{manifest}: has no <version>"
+
+
+@pytest.mark.parametrize(
+    ("name", "stem"),
+    [
+        ("ObkImu", "obk_imu"),
+        ("PDFeedForward", "pd_feed_forward"),
+        ("ExecutionFSM", "execution_fsm"),
+    ],
+)
+def test_generated_sources_are_named_as_rosidl_names_them(name: str, stem: str) -> None:
+    assert Interface(kind="msg", name=name).stem == stem
