@@ -44,7 +44,7 @@ def package_name_fault(name: str) -> str | None:
     """Why `name` is no ROS package name; None if it is one."""
     if re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]+", name):
         return None
-    if len(name) < 2:  # noqa: PLR2004
+    if len(name) < 2:
         return "it needs at least two characters"
     if not name[0].isascii() or not name[0].isalpha():
         return "it must start with a letter"

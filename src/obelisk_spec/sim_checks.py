@@ -112,7 +112,7 @@ def _check_size_and_step(block: Mapping[str, Any], facts: ModelFacts) -> Iterato
             help=f"leave `n_u` out or write {facts.actuators}",
         )
     written = block.get("time_step")
-    if written is not None and abs(written - facts.timestep) > 1e-12:  # noqa: PLR2004
+    if written is not None and abs(written - facts.timestep) > 1e-12:
         yield SimFault(
             code="OBK504",
             severity="warning",

@@ -67,6 +67,6 @@ def load_yaml_core(text: str) -> object:
         YamlTextError: the text is not YAML, or uses a tag that builds objects.
     """
     try:
-        return yaml.load(text, Loader=_CoreLoader)  # noqa: S506  (a SafeLoader)
+        return yaml.load(text, Loader=_CoreLoader)
     except (yaml.YAMLError, RecursionError, UnicodeError, ValueError) as error:
         raise YamlTextError(" ".join(str(error).split())) from error

@@ -32,7 +32,14 @@ __all__ = [
 T = TypeVar("T")
 
 ParameterValue = (
-    bool | int | float | str | tuple[bool, ...] | tuple[int, ...] | tuple[float, ...] | tuple[str, ...]
+    bool
+    | int
+    | float
+    | str
+    | tuple[bool, ...]
+    | tuple[int, ...]
+    | tuple[float, ...]
+    | tuple[str, ...]
 )
 """What a ROS parameter can hold."""
 

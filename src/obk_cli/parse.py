@@ -128,7 +128,9 @@ class _Composer:
                 self._open.append(_Collection(event))
             case yaml.CollectionEndEvent():
                 collection = self._open.pop()
-                return self._add(self._closed(collection, event), collection.weight, collection.start)
+                return self._add(
+                    self._closed(collection, event), collection.weight, collection.start
+                )
         return None
 
     def _add(self, tree: Tree, weight: int, event: yaml.NodeEvent) -> Tree | None:

@@ -38,7 +38,9 @@ class Fields:
     def _unknown(self, entry: Entry, keys: tuple[str, ...]) -> None:
         useful = [key for key in keys if key not in NO_EFFECT_KEYS]
         near = near_names(entry.key, useful)
-        help = did_you_mean(entry.key, useful) if near else f"it takes {list_names(useful, most=20)}"
+        help = (
+            did_you_mean(entry.key, useful) if near else f"it takes {list_names(useful, most=20)}"
+        )
         message = f"{self._what} has no key `{entry.key}`"
         self._faults.append(found("OBK101", message, entry.key_span, help=help))
 

@@ -3,7 +3,12 @@
 from collections.abc import Callable
 
 from obelisk_spec.messages import near_msg_types, resolve_msg_type
-from obelisk_spec.names import namespace_fault, node_name_fault, package_name_fault, topic_name_fault
+from obelisk_spec.names import (
+    namespace_fault,
+    node_name_fault,
+    package_name_fault,
+    topic_name_fault,
+)
 from obk_cli.config import Spanned
 from obk_cli.diagnostics import found
 from obk_cli.read.fields import Faults

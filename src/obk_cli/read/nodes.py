@@ -84,4 +84,3 @@ def _read_env(fields: Fields, faults: Faults) -> tuple[tuple[str, str], ...]:
             message = f"environment variable `{entry.key}` is {kind_of(value)}, expected text"
             faults.append(found("OBK103", message, value.span))
     return tuple(pairs)
-

@@ -61,10 +61,13 @@ def _is_device(entry: Entry) -> bool:
 
 def _is_config(tree: TreeMap) -> bool:
     """Whether anything at the top level belongs to the language."""
-    return not tree.entries or any(
-        entry.key in RESERVED_KEYS or _is_device(entry) for entry in tree
-    ) or not any(entry.key in RAY_CASTER_KEYS for entry in tree) and any(
-        near_names(entry.key, RESERVED_KEYS, most=1) for entry in tree
+    return (
+        not tree.entries
+        or any(entry.key in RESERVED_KEYS or _is_device(entry) for entry in tree)
+        or (
+            not any(entry.key in RAY_CASTER_KEYS for entry in tree)
+            and any(near_names(entry.key, RESERVED_KEYS, most=1) for entry in tree)
+        )
     )
 
 
@@ -153,9 +156,7 @@ class _StackReader:
     def _read_joystick(self, tree: TreeMap, span: Span, device: str) -> None:
         fields = Fields(tree, "`joystick`", JOYSTICK_KEYS, self._faults)
         on = fields.boolean("on")
-        settings = TreeMap(
-            tuple(e for e in tree if e.key in JOYSTICK_KEYS[3:]), tree.span
-        )
+        settings = TreeMap(tuple(e for e in tree if e.key in JOYSTICK_KEYS[3:]), tree.span)
         joystick = Joystick(
             on=on is None or on.value,
             device=device,

@@ -16,7 +16,7 @@ def merge_trees(inner: Tree, outer: Tree) -> Tree:
     match inner, outer:
         case TreeMap(), TreeMap():
             return _merge_maps(inner, outer)
-        case (TreeList() | TreeMap()), (TreeList() | TreeMap()):
+        case ((TreeList() | TreeMap()), (TreeList() | TreeMap())):
             inner_items, outer_items = _as_maps(inner), _as_maps(outer)
             if inner_items is not None and outer_items is not None:
                 return TreeList(_merge_items(inner_items, outer_items), outer.span)

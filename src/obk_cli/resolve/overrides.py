@@ -51,9 +51,7 @@ def _split(option: str) -> tuple[list[str | int], str]:
     while at < len(path):
         step = _STEP.match(path, at)
         if step is None or (at == 0 and path.startswith((".", "["))):
-            raise _UnfitError(
-                f"`{path}` is not a path", "write it as `robot[0].sim[0].time_step`"
-            )
+            raise _UnfitError(f"`{path}` is not a path", "write it as `robot[0].sim[0].time_step`")
         steps.append(step[1] if step[1] is not None else int(step[2]))
         at = step.end()
     if not steps:

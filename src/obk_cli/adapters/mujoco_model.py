@@ -1,0 +1,81 @@
+"""The facts of a MuJoCo model, read by MjSpec without compiling: meshes may be missing.
+
+A path in; facts, or why there are none. MuJoCo is imported when the first model is read, and its
+errors end here.
+"""
+
+import importlib
+import importlib.util
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from obelisk_spec.model import read_model_facts
+from obk_cli.surroundings import ModelFault, ModelRead
+
+__all__ = ["has_mujoco", "read_model"]
+
+_LINE = re.compile(r"[Ll]ine(?: number)?[ =]+(\d+)")
+_NOISE = re.compile(r"^(XML Error|Error|ParseXML): *")
+
+
+def has_mujoco() -> bool:
+    """Whether MuJoCo is installed; does not import it."""
+    return importlib.util.find_spec("mujoco") is not None
+
+
+def read_model(path: Path) -> ModelRead | ModelFault:
+    """The facts of a model file.
+
+    Raises:
+        ImportError: MuJoCo is not installed; ask `has_mujoco` first.
+    """
+    mujoco = _import_mujoco()
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        return _fault(str(error))
+    return ModelRead(facts=read_model_facts(spec), missing_files=_missing_files(spec, path))
+
+
+def _import_mujoco() -> Any:
+    """MuJoCo without its window system, whose search for libraries takes longer than the model."""
+    chosen = os.environ.get("MUJOCO_GL")
+    os.environ["MUJOCO_GL"] = "disable"
+    try:
+        return importlib.import_module("mujoco")
+    finally:
+        if chosen is None:
+            del os.environ["MUJOCO_GL"]
+        else:
+            os.environ["MUJOCO_GL"] = chosen
+
+
+def _fault(text: str) -> ModelFault:
+    line = _LINE.search(text)
+    sentence = "; ".join(part.strip() for part in text.strip().splitlines() if part.strip())
+    return ModelFault(message=_NOISE.sub("", sentence), line=int(line[1]) if line else None)
+
+
+def _missing_files(spec: Any, path: Path) -> tuple[str, ...]:
+    compiler = spec.compiler
+    folders = ((spec.meshes, compiler.meshdir), (spec.textures, compiler.texturedir))
+    wanted = ((folder, e.file) for elements, folder in folders for e in elements if e.file)
+    # A file of an included model comes with its folder in front, its `meshdir` not yet applied.
+    files = (
+        (
+            Path(folder) / os.path.relpath(file, path.parent)
+            if Path(file).is_absolute()
+            else Path(folder) / file,
+            path.parent / file,
+        )
+        for folder, file in wanted
+    )
+    return tuple(
+        dict.fromkeys(
+            str(relative)
+            for relative, direct in files
+            if not direct.exists() and not (path.parent / relative).exists()
+        )
+    )

@@ -1,0 +1,76 @@
+"""The answers to what the stages ask: this machine's packages and models."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from obk_cli.adapters.mjcf_places import MjcfElement, mjcf_elements
+from obk_cli.adapters.mujoco_model import has_mujoco, read_model
+from obk_cli.adapters.packages import PackageIndex
+from obk_cli.source import SourceFile, Span
+from obk_cli.surroundings import Command, ExecutableMissing, ModelFault, ModelRead
+
+__all__ = ["MachineSurroundings"]
+
+
+class MachineSurroundings:
+    """One run's view of the machine; every file is read at most once."""
+
+    def __init__(self, folder: Path, working_folder: Path, environment: Mapping[str, str]) -> None:
+        self.packages = PackageIndex.around(folder, working_folder, environment)
+        self._working_folder = working_folder
+        self._models: dict[Path, ModelRead | ModelFault | None] = {}
+        self._elements: dict[Path, list[MjcfElement]] = {}
+        self._sources: dict[Path, SourceFile] = {}
+
+    def find_package_share(self, name: str) -> Path | None:
+        """The folder that holds a package's data."""
+        return self.packages.find_package_share(name)
+
+    def package_names(self) -> tuple[str, ...]:
+        """Every package that is there."""
+        return self.packages.package_names()
+
+    def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
+        """How an executable is started."""
+        return self.packages.find_executable(package, executable)
+
+    def read_model(self, path: Path) -> ModelRead | ModelFault | None:
+        """The facts of a model, None without MuJoCo."""
+        if path not in self._models:
+            self._models[path] = read_model(path) if has_mujoco() else None
+        return self._models[path]
+
+    def model_line(self, path: Path, line: int) -> Span:
+        """A whole line of a model file, without its indentation."""
+        source = self._source(path)
+        text = source.line(line)
+        start = len(text) - len(text.lstrip())
+        return Span.at(source, line, start + 1, max(len(text.strip()), 1))
+
+    def model_element(self, path: Path, kind: str, name: str) -> Span | None:
+        """Where a model defines an element."""
+        if path not in self._elements:
+            self._elements[path] = list(mjcf_elements(path))
+        for element in self._elements[path]:
+            if (element.kind, element.name) == (kind, name):
+                source = self._source(element.path)
+                rest = source.line(element.line)[element.column - 1 :]
+                length = rest.find(">") + 1 or len(rest.rstrip()) or 1
+                return Span.at(source, element.line, element.column, length)
+        return None
+
+    def _source(self, path: Path) -> SourceFile:
+        if path not in self._sources:
+            try:
+                text = path.read_text(encoding="utf-8", errors="replace")
+            except OSError:
+                text = ""
+            self._sources[path] = SourceFile.of(self._shown(path), text)
+        return self._sources[path]
+
+    def _shown(self, path: Path) -> str:
+        """The path as a person in the working folder would write it."""
+        if path.is_relative_to(self._working_folder):
+            return os.path.relpath(path, self._working_folder)
+        return str(path)

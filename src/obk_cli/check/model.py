@@ -1,0 +1,120 @@
+"""OBK3xx: `sim` blocks against their models."""
+
+from collections.abc import Iterator
+
+from obelisk_spec.near import list_names
+from obelisk_spec.sim_checks import SimFault, check_sim
+from obk_cli.config import FileSearch, Node, Sim, Stack
+from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.source import Span
+from obk_cli.surroundings import ModelFault, ModelRead, Surroundings
+from obk_cli.tree import Tree, TreeList, TreeMap
+
+__all__ = ["check_models"]
+
+
+def check_models(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+    """Every sound `sim` block, against its model where that can be read."""
+    skipped: Span | None = None
+    for node in stack.nodes:
+        for sim in node.sims:
+            if not sim.is_sound or sim.model is None:
+                continue
+            read = None
+            if sim.model.found is None:
+                yield _not_found(sim.model, sim, surroundings)
+            else:
+                read = surroundings.read_model(sim.model.found)
+                skipped = skipped or (sim.model.written.span if read is None else None)
+            if isinstance(read, ModelFault):
+                yield _unreadable(read, sim.model, surroundings)
+            yield from _check_block(node, sim, read, surroundings)
+    if skipped is not None:
+        message = "MuJoCo is not installed, so names are not checked against the model"
+        help = "install the `mujoco` package to have them checked"
+        yield found("OBK300", message, skipped, help=help)
+
+
+def _not_found(model: FileSearch, sim: Sim, surroundings: Surroundings) -> Diagnostic:
+    tried = f"tried {', '.join(str(path) for path in model.tried)}"
+    if model.missing_package is not None and sim.robot_pkg is not None:
+        return found(
+            "OBK403",
+            f"package `{model.missing_package}` of the model `{model.written.value}` is not found",
+            sim.robot_pkg.span,
+            help=_near_packages(model.missing_package, surroundings) or tried,
+        )
+    hint = "" if sim.robot_pkg else "; name the package that holds it as `robot_pkg`"
+    message = f"model `{model.written.value}` is not found"
+    return found("OBK301", message, model.written.span, help=tried + hint)
+
+
+def _near_packages(name: str, surroundings: Surroundings) -> str | None:
+    from obelisk_spec.near import did_you_mean, near_names
+
+    names = surroundings.package_names()
+    return did_you_mean(name, names) if near_names(name, names) else None
+
+
+def _unreadable(fault: ModelFault, model: FileSearch, surroundings: Surroundings) -> Diagnostic:
+    related = ()
+    if fault.line is not None and model.found is not None:
+        place = surroundings.model_line(model.found, fault.line)
+        related = (Related(message="MuJoCo stopped here", span=place),)
+    message = f"MuJoCo cannot read `{model.written.value}`: {fault.message}"
+    return found("OBK302", message, model.written.span, related=related)
+
+
+def _check_block(
+    node: Node, sim: Sim, read: ModelRead | ModelFault | None, surroundings: Surroundings
+) -> Iterator[Diagnostic]:
+    parameters = {parameter.name: parameter.value for parameter in node.params}
+    facts = read.facts if isinstance(read, ModelRead) else None
+    for fault in check_sim(sim.block, parameters, facts):
+        yield _placed(fault, node, sim, surroundings)
+    if isinstance(read, ModelRead) and read.missing_files and sim.model is not None:
+        count = len(read.missing_files)
+        yield found(
+            "OBK318",
+            f"{count} file{'s' if count > 1 else ''} of the model `{sim.model.written.value}` "
+            f"{'are' if count > 1 else 'is'} missing: {list_names(read.missing_files, most=3)}",
+            sim.model.written.span,
+            help="the simulation cannot start without them; the model's structure was checked",
+        )
+
+
+def _placed(fault: SimFault, node: Node, sim: Sim, surroundings: Surroundings) -> Diagnostic:
+    """A finding of the shared checks at its place in the config and in the model."""
+    related = ()
+    if fault.element is not None and sim.model is not None and sim.model.found is not None:
+        kind, name = fault.element
+        place = surroundings.model_element(sim.model.found, kind, name)
+        if place is not None:
+            related = (Related(message="in the model", span=place),)
+    return found(
+        fault.code,
+        fault.message,
+        _span_of(fault, node, sim),
+        help=fault.help,
+        severity=fault.severity,
+        related=related,
+    )
+
+
+def _span_of(fault: SimFault, node: Node, sim: Sim) -> Span:
+    if fault.path[:1] == ("params",):
+        name = ".".join(str(step) for step in fault.path[1:])
+        return next((p.span for p in node.params if p.name == name), node.span)
+    tree: Tree = sim.tree
+    span = tree.span
+    for step in fault.path:
+        if isinstance(tree, TreeMap) and isinstance(step, str):
+            entry = tree.get(step)
+            if entry is None:
+                return span
+            tree = entry.value
+            span = entry.key_span if fault.points_at == "key" else tree.span
+        elif isinstance(tree, TreeList) and isinstance(step, int):
+            tree = tree.items[step]
+            span = tree.span
+    return span

@@ -1,0 +1,57 @@
+"""ROS 2 parameter files, as `--params-file` takes them.
+
+Text is always in double quotes, so that the ROS parser never takes `on` or `1e3` for anything else.
+"""
+
+import json
+import math
+import re
+from collections.abc import Iterable, Iterator
+
+from obk_cli.plan import ParameterValue, Process
+
+__all__ = ["emit_params", "params_file_name"]
+
+_UNWRITABLE = re.compile("[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]")
+
+
+def emit_params(processes: Iterable[Process]) -> str:
+    """The text of one parameter file for these processes, keyed by the nodes' full names."""
+    return "".join(line for process in processes for line in _node_lines(process))
+
+
+def params_file_name(process: Process) -> str:
+    """A file name of the process's own, `obelisk_control_0.yaml`."""
+    return f"{process.full_name.strip('/').replace('/', '.')}.yaml"
+
+
+def _node_lines(process: Process) -> Iterator[str]:
+    if not process.parameters:
+        yield f"{process.full_name}:\n  ros__parameters: {{}}\n"
+        return
+    yield f"{process.full_name}:\n  ros__parameters:\n"
+    for name, value in process.parameters.items():
+        yield f"    {_text(name)}: {_value(value)}\n"
+
+
+def _value(value: ParameterValue) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(_value(item) for item in value)}]"
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return _float(value) if isinstance(value, float) else str(value)
+
+
+def _text(text: str) -> str:
+    quoted = json.dumps(text, ensure_ascii=False)
+    return _UNWRITABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", quoted)
+
+
+def _float(value: float) -> str:
+    if math.isnan(value):
+        return ".nan"
+    if math.isinf(value):
+        return ".inf" if value > 0 else "-.inf"
+    return repr(value)

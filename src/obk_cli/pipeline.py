@@ -1,0 +1,147 @@
+"""Text -> tree -> resolved -> typed -> checked -> plan: the one module that knows the order.
+
+The library entry for everything that needs a config: the command line, the launcher, editors.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from obk_cli.adapters.files import STANDARD_INPUT, read_bytes
+from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.check import check_stack
+from obk_cli.config import Stack
+from obk_cli.diagnostics import Diagnostic, found, in_order, worst
+from obk_cli.lower import lower_stack
+from obk_cli.parse import decode_source, parse_source
+from obk_cli.plan import Plan
+from obk_cli.read.stack import read_stack
+from obk_cli.resolve.include import Loaded, resolve_includes
+from obk_cli.resolve.overrides import resolve_overrides
+from obk_cli.resolve.paths import resolve_paths
+from obk_cli.resolve.variables import resolve_variables
+from obk_cli.silence import silence
+from obk_cli.source import SourceFile, Span
+from obk_cli.surroundings import Surroundings
+from obk_cli.tree import Tree, TreeMap
+
+__all__ = ["Options", "Outcome", "compile_config", "compile_source"]
+
+_MAY_BE_SILENCED = ("OBK101", "OBK107", "OBK108", "OBK2", "OBK3", "OBK4", "OBK5")
+"""Faults despite which a plan can still be made, if the user says so."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """How a config is compiled."""
+
+    environment: Mapping[str, str]
+    """Stands in for `${VAR}`; its AMENT_PREFIX_PATH says where packages are."""
+    working_folder: Path
+    overrides: tuple[str, ...] = ()
+    """`path=value`, as `--set` takes them."""
+    ignore: tuple[str, ...] = ()
+    """Codes, or beginnings of codes, not to report."""
+    surroundings: Surroundings | None = None
+    """What to ask about packages and models; None: this machine."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What became of a config; there is a plan only where no error was found."""
+
+    path: str
+    plan: Plan | None
+    config: Stack | None
+    diagnostics: tuple[Diagnostic, ...] = field(default=())
+
+    @property
+    def has_errors(self) -> bool:
+        """Whether any finding is an error."""
+        return worst(self.diagnostics) == "error"
+
+
+def compile_config(path: str, options: Options) -> Outcome:
+    """Compile a file; `-` is the standard input."""
+    shown = "<standard input>" if path == STANDARD_INPUT else path
+    data = read_bytes(path)
+    if isinstance(data, str):
+        place = Span.at(SourceFile.of(shown, ""), 1, 1)
+        fault = found("OBK001", f"`{shown}` cannot be read: {data}", place)
+        return Outcome(path=shown, plan=None, config=None, diagnostics=(fault,))
+    source = decode_source(shown, data)
+    if isinstance(source, Diagnostic):
+        return Outcome(path=shown, plan=None, config=None, diagnostics=(source,))
+    return compile_source(source, options)
+
+
+def compile_source(source: SourceFile, options: Options) -> Outcome:
+    """Compile a text; paths in it are relative to the folder of the path it goes by."""
+    folder = (options.working_folder / source.path).resolve().parent
+    if source.path.startswith("<"):
+        folder = options.working_folder
+    surroundings = options.surroundings or MachineSurroundings(
+        folder, options.working_folder, options.environment
+    )
+    stack, faults = _front(source, options)
+    if stack is not None:
+        stack = resolve_paths(stack, folder, surroundings)
+        faults += check_stack(stack, surroundings)
+    ignore = (*options.ignore, *(stack.ignored_codes if stack else ()))
+    heard = in_order(silence(faults, ignore))
+    blocking = any(
+        f.severity == "error" and not f.code.startswith(_MAY_BE_SILENCED) for f in faults
+    )
+    is_sound = stack is not None and not blocking and worst(heard) != "error"
+    plan = lower_stack(stack) if stack is not None and is_sound else None
+    return Outcome(path=source.path, plan=plan, config=stack, diagnostics=heard)
+
+
+def _front(source: SourceFile, options: Options) -> tuple[Stack | None, tuple[Diagnostic, ...]]:
+    """From text to the typed config."""
+    tree, faults = _parse(source, options.environment)
+    if tree is None:
+        if not faults:
+            place = Span.at(source, 1, 1)
+            faults = (found("OBK114", "the file is empty, not a config", place),)
+        return None, faults
+    if isinstance(tree, TreeMap):
+        tree, include_faults = resolve_includes(
+            tree, source.path, lambda path: _load(path, options.environment)
+        )
+        faults += include_faults
+        tree, override_faults = resolve_overrides(tree, options.overrides, _parse_value)
+        faults += override_faults
+    stack, read_faults = read_stack(tree)
+    return stack, faults + read_faults
+
+
+def _parse(
+    source: SourceFile, environment: Mapping[str, str]
+) -> tuple[Tree | None, tuple[Diagnostic, ...]]:
+    parsed = parse_source(source)
+    if parsed.tree is None:
+        return None, parsed.diagnostics
+    tree, faults = resolve_variables(parsed.tree, environment)
+    return tree, parsed.diagnostics + faults
+
+
+def _parse_value(source: SourceFile) -> tuple[Tree | None, tuple[Diagnostic, ...]]:
+    parsed = parse_source(source)
+    return parsed.tree, parsed.diagnostics
+
+
+def _load(path: str, environment: Mapping[str, str]) -> Loaded:
+    data = read_bytes(path)
+    if isinstance(data, str):
+        return Loaded(unreadable=data)
+    source = decode_source(path, data)
+    if isinstance(source, Diagnostic):
+        return Loaded(diagnostics=(source,))
+    tree, faults = _parse(source, environment)
+    return Loaded(tree=tree, diagnostics=faults)
+
+
+def silenced_family(codes: Iterable[str]) -> tuple[str, ...]:
+    """Codes as options give them, comma-separated ones split, in capitals."""
+    return tuple(part.strip().upper() for code in codes for part in code.split(",") if part.strip())

@@ -1,0 +1,75 @@
+"""What the stages may ask of the world around a config, as types: packages, models, their lines.
+
+The adapters answer; tests answer with tables. Looks at nothing itself.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from obelisk_spec.model import ModelFacts
+from obk_cli.source import Span
+
+__all__ = ["Command", "ExecutableMissing", "ModelFault", "ModelRead", "Surroundings"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Command:
+    """How an executable is started: the arguments, and what must be in the environment."""
+
+    arguments: tuple[str, ...]
+    python_path: tuple[Path, ...] = ()
+    """Folders to put in front of PYTHONPATH."""
+    found_in: str
+    """For a person: where it was found."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExecutableMissing:
+    """An executable that is nowhere, and what was looked through."""
+
+    package: str
+    executable: str
+    package_found: bool
+    searched: tuple[str, ...]
+    available: tuple[str, ...] = ()
+    """Executables that the package does have."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelRead:
+    """A model that could be read."""
+
+    facts: ModelFacts
+    missing_files: tuple[str, ...] = ()
+    """Meshes and textures that are not where the model says."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelFault:
+    """A model that cannot be read; `line` counts from 1, None where none is named."""
+
+    message: str
+    line: int | None = None
+
+
+class Surroundings(Protocol):
+    """The questions."""
+
+    def find_package_share(self, name: str) -> Path | None:
+        """The folder that holds a package's data, None if there is no such package."""
+
+    def package_names(self) -> tuple[str, ...]:
+        """Every package that is there."""
+
+    def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
+        """How an executable is started."""
+
+    def read_model(self, path: Path) -> ModelRead | ModelFault | None:
+        """The facts of a model, None where MuJoCo is not installed."""
+
+    def model_line(self, path: Path, line: int) -> Span:
+        """A whole line of a model file."""
+
+    def model_element(self, path: Path, kind: str, name: str) -> Span | None:
+        """Where a model defines an element of that kind and name."""

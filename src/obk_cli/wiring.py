@@ -1,0 +1,120 @@
+"""Who publishes and who subscribes to what, over the whole stack: a config in, ends of topics out.
+
+Components, the simulator's sensor groups and the joystick alike, names made absolute as ROS does.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from obelisk_spec.messages import resolve_msg_type
+from obelisk_spec.sensors import sensor_group
+from obk_cli.config import Component, Node, Qos, SensorGroup, Stack
+from obk_cli.source import Span
+
+__all__ = ["TopicEnd", "absolute_topic", "node_ends", "stack_ends"]
+
+_TYPE_OF_STANDARD = {"pub_true_sim_state": "obelisk_sensor_msgs/msg/TrueSimState"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicEnd:
+    """One end of a topic."""
+
+    direction: Literal["publishes", "subscribes"]
+    topic: str
+    """Absolute."""
+    msg_type: str | None
+    """Full, None where only the code knows it."""
+    owner: str
+    """The node's full name."""
+    section: str
+    span: Span
+    """The topic as written."""
+    type_span: Span | None = None
+    qos: Qos = Qos()  # noqa: RUF009  (frozen)
+    rate_hz: float | None = None
+    component: str | None = None
+    is_optional: bool = False
+    """Whether the end has its use although nobody is at the other."""
+
+
+def stack_ends(stack: Stack) -> Iterator[TopicEnd]:
+    """Every end of the stack, node by node."""
+    for node in stack.nodes:
+        yield from node_ends(node)
+    for joystick in stack.joysticks:
+        if not joystick.on:
+            continue
+        ends = (
+            ("publishes", joystick.pub_topic, "sensor_msgs/msg/Joy"),
+            ("subscribes", joystick.sub_topic, "sensor_msgs/msg/JoyFeedback"),
+        )
+        for direction, topic, msg_type in ends:
+            if topic is not None:
+                yield TopicEnd(
+                    direction="publishes" if direction == "publishes" else "subscribes",
+                    topic="/" + topic.value.lstrip("/"),
+                    msg_type=msg_type,
+                    owner="/obelisk_joystick",
+                    section="joystick",
+                    span=topic.span,
+                    is_optional=True,
+                )
+
+
+def node_ends(node: Node) -> Iterator[TopicEnd]:
+    """The ends of one node: its components', and its sensor groups' if it simulates."""
+    timers = {c.identity: c.timer_period_s for c in node.components if c.kind == "timer"}
+    for component in node.components:
+        if component.kind == "timer" or component.topic is None:
+            continue
+        timer = timers.get(f"timer_{(component.identity or '').removeprefix('pub_')}")
+        publishes = component.kind == "publisher"
+        yield TopicEnd(
+            direction="publishes" if publishes else "subscribes",
+            topic=absolute_topic(component.topic.value, node),
+            msg_type=_component_type(component),
+            owner=node.full_name,
+            section=node.section,
+            span=component.topic.span,
+            type_span=component.msg_type.span if component.msg_type else None,
+            qos=component.qos,
+            rate_hz=1 / timer.value if timer and publishes else None,
+            component=component.identity,
+        )
+    if node.runs_simulation:
+        for sim in node.sims:
+            for group in sim.sensor_groups:
+                if group.topic.value:
+                    yield _sensor_end(group, node)
+
+
+def _component_type(component: Component) -> str | None:
+    if component.msg_type is not None:
+        return resolve_msg_type(component.msg_type.value)
+    return _TYPE_OF_STANDARD.get(component.identity or "")
+
+
+def _sensor_end(group: SensorGroup, node: Node) -> TopicEnd:
+    rule = sensor_group(group.msg_type.value) if group.msg_type else None
+    return TopicEnd(
+        direction="publishes",
+        topic=absolute_topic(group.topic.value, node),
+        msg_type=rule.published if rule else None,
+        owner=node.full_name,
+        section=node.section,
+        span=group.topic.span,
+        type_span=group.msg_type.span if group.msg_type else None,
+        rate_hz=1 / group.period_s.value if group.period_s else None,
+    )
+
+
+def absolute_topic(topic: str, node: Node) -> str:
+    """The topic's name in the graph: remapped, then put into the node's namespace."""
+    topic = dict(node.remappings).get(topic, topic)
+    if topic.startswith("/"):
+        return topic
+    if topic.startswith("~"):
+        return node.full_name + topic[1:]
+    return f"{node.ros_namespace.rstrip('/')}/{topic}"
