@@ -19,6 +19,8 @@ from obelisk_py.core.lifecycle import GuardedLifecycleNode
 __all__ = ["spin_obelisk"]
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+NEARLY_FOR_EVER_S = 3e8
+"""Ten years [s]: without a timeout rclpy's EventsExecutor overflows and runs no callback at all."""
 
 
 def spin_obelisk(
@@ -48,7 +50,7 @@ def spin_obelisk(
         node = node_type(**(node_kwargs or {}))
         executor.add_node(node)
         with _EndSignals(lambda: executor.create_task(_bring_down, node)):
-            executor.spin_until_future_complete(node.ended)
+            executor.spin_until_future_complete(node.ended, timeout_sec=NEARLY_FOR_EVER_S)
         fault = node.ended.result()
         executor.remove_node(node)
         node.destroy_node()
