@@ -1,0 +1,130 @@
+"""`obk`: the table of commands, and the border where errors become messages and exit codes.
+
+A command's module is imported only when that command runs, so that `obk --help` is quick.
+"""
+
+import importlib
+import sys
+import tempfile
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+import typer
+from typer.core import TyperGroup
+
+from obelisk_spec.near import did_you_mean
+from obk_cli.errors import EXIT_FAILED, MisuseError, ObkError
+
+__all__ = ["VERBS", "main"]
+
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """One command: the module that holds it, and its line in `obk --help`."""
+
+    module: str
+    help: str
+
+
+VERBS = {
+    "new": Verb("obk_cli.cli.new", "Make a package from a template."),
+    "validate": Verb("obk_cli.cli.validate", "Check configs without running anything."),
+    "compile": Verb("obk_cli.cli.compile", "Turn a config into parameter files or a plan."),
+    "launch": Verb("obk_cli.cli.launch", "Start, bring up and supervise a stack."),
+    "lifecycle": Verb("obk_cli.cli.lifecycle", "Ask for or change the states of nodes."),
+    "explain": Verb("obk_cli.cli.explain", "Tell what a rule means and how to mend it."),
+    "schema": Verb("obk_cli.cli.schema", "Print the JSON schema of configs."),
+}
+"""Command -> where it is. A module has `app` (a Typer) or `command` (a function)."""
+
+
+class _LazyGroup(TyperGroup):
+    """The commands of the table, each imported when it is asked for."""
+
+    def list_commands(self, _: Any) -> list[str]:
+        return list(VERBS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name in VERBS:
+            return _load(cmd_name, VERBS[cmd_name])
+        if ctx.resilient_parsing:
+            return None
+        raise MisuseError(f"there is no command `{cmd_name}`", help=did_you_mean(cmd_name, VERBS))
+
+    def format_commands(self, _: Any, formatter: Any) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, verb.help) for name, verb in VERBS.items()])
+
+
+def _load(name: str, verb: Verb) -> Any:
+    module = importlib.import_module(verb.module)
+    app = getattr(module, "app", None)
+    if app is None:
+        app = typer.Typer(add_completion=False, rich_markup_mode=None)
+        app.command(name, epilog=getattr(module, "EXAMPLE", None))(module.command)
+    command = typer.main.get_command(app)
+    command.name = name
+    return command
+
+
+def _show_version(is_wanted: bool) -> None:
+    if is_wanted:
+        from importlib.metadata import version  # noqa: PLC0415  (slow, and rarely wanted)
+
+        print(f"obk {version('obelisk-cli')}")
+        raise typer.Exit
+
+
+def _root(
+    version: bool = typer.Option(
+        False, "--version", help="Print the version.", callback=_show_version, is_eager=True
+    ),
+    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error."),
+) -> None:
+    """Check, build, launch and look into Obelisk robot control stacks."""
+
+
+def _root_command() -> Any:
+    app = typer.Typer(
+        cls=_LazyGroup, name="obk", rich_markup_mode=None, pretty_exceptions_enable=False
+    )
+    app.callback(epilog="Example: obk validate config.yaml")(_root)
+    return typer.main.get_command(app)
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run `obk` and end the process with its exit code."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in given
+    try:
+        _root_command().main(args=[a for a in given if a != "--debug"], prog_name="obk")
+    except ObkError as error:
+        if debug:
+            traceback.print_exc()
+        _complain(error.message, error.help)
+        sys.exit(error.exit_code)
+    except Exception as error:  # our own fault, whatever it is
+        if debug:
+            raise
+        _complain(_bug_report(error), None)
+        sys.exit(EXIT_FAILED)
+    sys.exit(0)
+
+
+def _complain(message: str, help: str | None) -> None:
+    print(f"error: {message}", file=sys.stderr)
+    if help:
+        print(f"  help: {help}", file=sys.stderr)
+
+
+def _bug_report(error: Exception) -> str:
+    """Keep the trace in a file and say so."""
+    with tempfile.NamedTemporaryFile(
+        "w", prefix="obk-", suffix=".trace", delete=False, encoding="utf-8"
+    ) as file:
+        traceback.print_exception(error, file=file)
+    summary = f"{type(error).__name__}: {error}"
+    return f"this is a fault of obk itself ({summary}); its trace is in {Path(file.name)}"
