@@ -76,7 +76,7 @@ class _GivenUpError(Exception):
 class _Collection:
     """A list or mapping whose end has not come yet."""
 
-    start: yaml.Event
+    start: yaml.CollectionStartEvent
     items: list[Tree] = field(default_factory=list)
     keys: list[tuple[str, Span]] = field(default_factory=list)
     weight: int = 1
@@ -200,7 +200,7 @@ class _Composer:
         )
 
     def _aliased(self, event: yaml.AliasEvent) -> _Anchored:
-        anchored = self._anchors.get(event.anchor)
+        anchored = self._anchors.get(event.anchor or "")
         if anchored is None:
             inside = event.anchor in self._anchors
             why = "stands inside its own value" if inside else "has no anchor before it"
@@ -225,4 +225,6 @@ class _Composer:
 
     def _span(self, first: yaml.Event, last: yaml.Event) -> Span:
         start, end = first.start_mark, last.end_mark
+        assert start is not None  # only hand-made events have no marks
+        assert end is not None
         return Span(self._source, start.line + 1, start.column + 1, end.line + 1, end.column + 1)

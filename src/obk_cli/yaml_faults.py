@@ -40,7 +40,7 @@ def explain_yaml_error(error: yaml.MarkedYAMLError, source: SourceFile) -> Diagn
         line, column = len(source.lines), len(source.lines[-1]) + 1
     column = min(column, len(source.line(line)) + 1)
     problem = error.problem or "the text ends too early"
-    related = ()
+    related: tuple[Related, ...] = ()
     if error.context and error.context_mark and error.context_mark.line + 1 < line:
         place = Span.at(source, error.context_mark.line + 1, error.context_mark.column + 1)
         related = (Related(message=error.context, span=place),)

@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path, PurePath
+from pathlib import Path
 
 __all__ = ["EntryPoint", "installed_console_scripts", "source_console_scripts"]
 
@@ -23,7 +23,7 @@ class EntryPoint:
 
     module: str
     function: str
-    package_root: PurePath = PurePath()
+    package_root: str = "."
     """The folder to import from, relative to the package's own."""
 
 
@@ -57,11 +57,11 @@ def _entries(lines: Iterable[str], folder: Path) -> Iterator[tuple[str, EntryPoi
             )
 
 
-def _root_of(module: str, folder: Path) -> PurePath:
+def _root_of(module: str, folder: Path) -> str:
     """`src` for a package laid out that way, else the package's folder."""
     top = module.partition(".")[0]
     in_src = folder / "src" / top
-    return PurePath("src") if in_src.exists() or in_src.with_suffix(".py").exists() else PurePath()
+    return "src" if in_src.exists() or in_src.with_suffix(".py").exists() else "."
 
 
 def _setup_py_lines(path: Path) -> Iterator[str]:

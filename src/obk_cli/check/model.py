@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from obelisk_spec.near import list_names
+from obelisk_spec.near import did_you_mean, list_names, near_names
 from obelisk_spec.sim_checks import SimFault, check_sim
 from obk_cli.config import FileSearch, Node, Sim, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
@@ -50,14 +50,12 @@ def _not_found(model: FileSearch, sim: Sim, surroundings: Surroundings) -> Diagn
 
 
 def _near_packages(name: str, surroundings: Surroundings) -> str | None:
-    from obelisk_spec.near import did_you_mean, near_names
-
     names = surroundings.package_names()
     return did_you_mean(name, names) if near_names(name, names) else None
 
 
 def _unreadable(fault: ModelFault, model: FileSearch, surroundings: Surroundings) -> Diagnostic:
-    related = ()
+    related: tuple[Related, ...] = ()
     if fault.line is not None and model.found is not None:
         place = surroundings.model_line(model.found, fault.line)
         related = (Related(message="MuJoCo stopped here", span=place),)
@@ -85,7 +83,7 @@ def _check_block(
 
 def _placed(fault: SimFault, node: Node, sim: Sim, surroundings: Surroundings) -> Diagnostic:
     """A finding of the shared checks at its place in the config and in the model."""
-    related = ()
+    related: tuple[Related, ...] = ()
     if fault.element is not None and sim.model is not None and sim.model.found is not None:
         kind, name = fault.element
         place = surroundings.model_element(sim.model.found, kind, name)

@@ -18,12 +18,14 @@ def command(
 ) -> None:
     """Tell what a rule means and how to mend what it finds."""
     if not code:
-        print("\n".join(f"{rule.code}  {rule.severity:<7}  {rule.title}" for rule in RULES.values()))
+        print(
+            "\n".join(f"{rule.code}  {rule.severity:<7}  {rule.title}" for rule in RULES.values())
+        )
         return
-    rule = RULES.get(code.upper())
-    if rule is None:
+    asked = RULES.get(code.upper())
+    if asked is None:
         raise MisuseError(f"there is no rule `{code}`", help=did_you_mean(code, RULES))
-    print(_page(rule))
+    print(_page(asked))
 
 
 def _page(rule: Rule) -> str:

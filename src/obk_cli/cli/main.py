@@ -72,7 +72,7 @@ def _load(name: str, verb: Verb) -> Any:
 
 def _show_version(is_wanted: bool) -> None:
     if is_wanted:
-        from importlib.metadata import version  # noqa: PLC0415  (slow, and rarely wanted)
+        from importlib.metadata import version
 
         print(f"obk {version('obelisk-cli')}")
         raise typer.Exit

@@ -1,0 +1,71 @@
+"""OBK2xx: nodes and the topics between them. Data only."""
+
+from obk_cli.codes.rule import Rule
+
+__all__ = ["RULES"]
+
+RULES: tuple[Rule, ...] = (
+    Rule(
+        code="OBK201",
+        severity="error",
+        title="a required section has no node",
+        cause="Every stack needs a controller, an estimator and a robot.",
+        cure="Add a node to the section, or include the file that has it.",
+    ),
+    Rule(
+        code="OBK202",
+        severity="error",
+        title="two nodes with one name",
+        cause="ROS lets both run, and every request by name reaches either of them.",
+        cure="Give one of them another `name` or `namespace`.",
+    ),
+    Rule(
+        code="OBK203",
+        severity="error",
+        title="a subscriber without a publisher",
+        cause="Nothing in the config publishes the topic, so the subscriber would wait for ever.",
+        cure="Mend the topic; if a node outside the config publishes it, silence the rule.",
+    ),
+    Rule(
+        code="OBK204",
+        severity="info",
+        title="published and never read",
+        cause="Nothing in the config subscribes to the topic.",
+        cure="Nothing, if a tool or another stack reads it.",
+    ),
+    Rule(
+        code="OBK205",
+        severity="error",
+        title="publisher and subscriber of different types",
+        cause="ROS connects the two ends of a topic only where their message types are the same.",
+        cure="Make the types the same, or use two topics.",
+    ),
+    Rule(
+        code="OBK206",
+        severity="error",
+        title="QoS that cannot match",
+        cause="A subscriber that asks for more than the publisher offers receives nothing.",
+        cure="Make the publisher `reliable` or `transient_local`, or the subscriber ask for less.",
+    ),
+    Rule(
+        code="OBK207",
+        severity="error",
+        title="an undefined callback group",
+        cause="The name is not among the node's `callback_groups`.",
+        cure="Define the group in the node, or mend the name.",
+    ),
+    Rule(
+        code="OBK208",
+        severity="warning",
+        title="an unused callback group",
+        cause="No component of the node is in the group.",
+        cure="Remove it, or put components into it.",
+    ),
+    Rule(
+        code="OBK215",
+        severity="warning",
+        title="a sensor faster than the simulation",
+        cause="A sensor is sampled after a step, so its period cannot be shorter than one.",
+        cure="Make `dt` a multiple of the model's step, or lower `time_step`.",
+    ),
+)
