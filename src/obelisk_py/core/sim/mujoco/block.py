@@ -8,15 +8,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.sim.mujoco.geoms import GEOM_KINDS
+from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS
 from obelisk_spec.messages import bare_name
 from obelisk_spec.model import ModelFacts
 from obelisk_spec.settings import SettingTextError, parse_mapping
 from obelisk_spec.sim_checks import check_sim
 from obelisk_spec.sim_shape import check_sim_shape
-
-from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_py.core.sim.mujoco.geoms import GEOM_KINDS
-from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS
 
 __all__ = [
     "PARAMETER",

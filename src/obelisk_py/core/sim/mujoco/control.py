@@ -70,7 +70,7 @@ class ControlInbox:
         control = np.array(getattr(message, self._field), dtype=np.float64)
         if control.shape != (self._size,):
             return self._refuse(
-                f"`{self._field}` has {control.size} values, the model has {self._size} actuators"
+                f"`{self._field}` has the length {control.size}, the model takes {self._size}"
             )
         if not np.isfinite(control).all():
             index = int(np.flatnonzero(~np.isfinite(control))[0])

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
-from obelisk_spec.model import read_model_facts
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.block import (
@@ -21,6 +20,7 @@ from obelisk_py.core.sim.mujoco.block import (
     typed_block,
 )
 from obelisk_py.core.sim.mujoco.model import DEFAULT_KEYFRAME, compile_model, find_model, load_spec
+from obelisk_spec.model import read_model_facts
 
 __all__ = ["LoadedModel", "load_model"]
 

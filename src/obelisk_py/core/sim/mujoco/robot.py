@@ -7,6 +7,7 @@ Whatever is published in simulation time is published by the stepping thread.
 
 import math
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -67,6 +68,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._stepper: Stepper | None = None
         self._true_state: TrueStateReader | None = None
         self._state_copy: StateCopy | None = None
+        self._stamp: Callable[[], Time] = self._ros_stamp
         self._keyframe: str | None = None
         self._own_publishers: list[LifecyclePublisher] = []
 
@@ -95,45 +97,42 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         # read from the state after each step.
         mujoco.set_mju_user_warning(_drop)
         self._simulation = Simulation(loaded.model, self._inbox)
+        self._stamp = self._simulation_stamp if self._uses_simulation_time() else self._ros_stamp
         outputs = outputs_of(self._simulation, loaded.block, self._own_publisher, self._warn)
         self._stepper = self._make_stepper(self._simulation, factor, outputs)
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Go to the keyframe and start stepping."""
-        assert self._simulation is not None and self._stepper is not None
+        assert self._simulation is not None
         self._simulation.reset(self._keyframe)
         self._copy_state(self._stamp())
-        result = super().on_activate(state)
-        self._stepper.start()
-        return result
+        return super().on_activate(state)
 
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop stepping."""
-        self._stop()
-        return super().on_deactivate(state)
+    def run_simulator(self) -> None:
+        """Step until the node is deactivated."""
+        assert self._stepper is not None
+        self._stepper.run(self.simulator_stop.is_set)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Free the model."""
+        result = super().on_cleanup(state)
         self._free()
-        return super().on_cleanup(state)
+        return result
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop stepping and free the model, whatever the state."""
+        result = super().on_shutdown(state)
         self._free()
-        return super().on_shutdown(state)
+        return result
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop stepping and free the model."""
+        result = super().on_error(state)
         self._free()
-        return super().on_error(state)
+        return result
 
-    def destroy_node(self) -> None:
-        """Stop stepping before the node goes."""
-        self._stop()
-        super().destroy_node()
-
-    def apply_control(self, control_msg: ObeliskControlMsg) -> None:  # type: ignore[misc]
+    def apply_control(self, control_msg: ObeliskControlMsg) -> None:
         """Have a control applied at the next step, or refuse it.
 
         Args:
@@ -145,7 +144,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def publish_true_sim_state(self) -> TrueSimState:
         """Publish the state that was reached last on `pub_true_sim_state`, and return it."""
-        assert self._true_state is not None and self._state_copy is not None
+        assert self._true_state is not None
+        assert self._state_copy is not None
         message = self._true_state.message(self._state_copy)
         self.obk_publishers["pub_true_sim_state"].publish(message)
         return message
@@ -178,7 +178,6 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             stamp=self._stamp,
             warn=self._warn,
             report=report,
-            fail=lambda error: self.fail(error, "simulation"),
         )
 
     def _every_step(self, simulation: Simulation) -> list[Output]:
@@ -199,9 +198,10 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     def _uses_simulation_time(self) -> bool:
         return bool(self.get_parameter("use_sim_time").value)
 
-    def _stamp(self) -> Time:
-        if not self._uses_simulation_time():
-            return self.get_clock().now().to_msg()
+    def _ros_stamp(self) -> Time:
+        return self.get_clock().now().to_msg()
+
+    def _simulation_stamp(self) -> Time:
         assert self._simulation is not None
         seconds, nanoseconds = divmod(round(self._simulation.data.time * NS_PER_S), NS_PER_S)
         return Time(sec=seconds, nanosec=nanoseconds)
@@ -229,12 +229,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     def _warn(self, text: str) -> None:
         self.get_logger().warning(text)
 
-    def _stop(self) -> None:
-        if self._stepper is not None:
-            self._stepper.stop()
-
     def _free(self) -> None:
-        self._stop()
         self._stepper = self._simulation = self._inbox = None
         self._true_state = self._state_copy = None
         for publisher in self._own_publishers:

@@ -12,7 +12,7 @@ from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.faults import StepWarnings
 from obelisk_py.core.sim.mujoco.model import reset_state
 
-__all__ = ["Simulation", "SimulationDiverged"]
+__all__ = ["DivergenceError", "Simulation"]
 
 _SPLIT_INTEGRATORS: Final = frozenset(
     {
@@ -27,7 +27,7 @@ Source: https://mujoco.readthedocs.io/en/stable/programming/simulation.html (sim
 """
 
 
-class SimulationDiverged(Exception):
+class DivergenceError(Exception):
     """The state is no longer finite; the message says when and where."""
 
 
@@ -73,7 +73,7 @@ class Simulation:
             Warnings of MuJoCo's that are new, as sentences.
 
         Raises:
-            SimulationDiverged: the state is no longer finite.
+            DivergenceError: the state is no longer finite.
         """
         control = self._inbox.newest
         if control is not self._applied and control is not None:
@@ -92,5 +92,5 @@ class Simulation:
     def _look_at_warnings(self) -> tuple[str, ...]:
         fatal = self._warnings.fatal()
         if fatal is not None:
-            raise SimulationDiverged(fatal)
+            raise DivergenceError(fatal)
         return self._warnings.tolerable()

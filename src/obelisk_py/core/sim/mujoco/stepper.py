@@ -1,10 +1,9 @@
-"""The thread that steps a simulation at its pace and publishes what is due.
+"""The loop that steps a simulation at its pace and publishes what is due.
 
-In: a simulation, a pace, outputs with their sample times. Out: calls of the outputs on the
-stepping thread, a report each second of wall time, one fault if it ends badly. Knows no ROS.
+In: a simulation, a pace, outputs with their sample times. Out: calls of the outputs on the thread
+that runs the loop, a report each second of wall time. Knows no ROS and starts no thread.
 """
 
-import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -16,7 +15,6 @@ __all__ = ["Output", "StepReport", "Stepper"]
 
 LONGEST_BATCH: Final = 16
 """Steps taken in one call where no pace holds them back; a control waits for so many at most."""
-JOIN_DEADLINE_S: Final = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +39,7 @@ class StepReport:
 
 
 class Stepper:
-    """Steps one simulation on a thread of its own, from `start` to `stop`."""
+    """Steps one simulation for as long as `run` runs."""
 
     def __init__(
         self,
@@ -53,7 +51,6 @@ class Stepper:
         stamp: Callable[[], Any],
         warn: Callable[[str], None],
         report: Callable[[StepReport], None],
-        fail: Callable[[BaseException], None],
     ) -> None:
         """Make a stepper that stands still.
 
@@ -65,7 +62,6 @@ class Stepper:
             stamp: makes the stamp of the present step.
             warn: takes MuJoCo's warnings.
             report: called about once per second of wall time.
-            fail: takes what ended the stepping, if something did.
         """
         self._simulation = simulation
         self._pace = pace
@@ -74,33 +70,13 @@ class Stepper:
         self._stamp = stamp
         self._warn = warn
         self._report = report
-        self._fail = fail
-        self._stopping = False
-        self._thread: threading.Thread | None = None
 
-    def start(self) -> None:
-        """Begin stepping."""
-        self._stopping = False
-        self._thread = threading.Thread(target=self._guarded_run, name="mujoco-stepping")
-        self._thread.daemon = True
-        self._thread.start()
-
-    def stop(self) -> None:
-        """End stepping, and wait until the present step is done.
+    def run(self, stopped: Callable[[], bool]) -> None:
+        """Step until `stopped`, from where the simulation is.
 
         Raises:
-            TimeoutError: the step does not end.
+            DivergenceError: the state is no longer finite.
         """
-        self._stopping = True
-        thread, self._thread = self._thread, None
-        if thread is None or thread is threading.current_thread():
-            return
-        thread.join(JOIN_DEADLINE_S)
-        if thread.is_alive():
-            raise TimeoutError(f"a simulation step did not end within {JOIN_DEADLINE_S:g} s")
-
-    def run(self) -> None:
-        """Step until `stop`, on the caller's thread."""
         simulation, pace, clock = self._simulation, self._pace, self._clock
         now_ns = clock.now_ns()
         if pace is not None:
@@ -109,14 +85,14 @@ class Stepper:
             output.times.restart()
         due = self._next_due()
         meter = _Meter(now_ns=now_ns, step_s=simulation.step_s)
-        while not self._stopping:
+        while not stopped():
             count = 1
             if pace is None:
                 count = min(LONGEST_BATCH, due - simulation.steps)
                 now_ns = clock.now_ns()
             else:
-                now_ns = clock.sleep_until_ns(pace.next_deadline_ns(now_ns), self._is_stopping)
-                if self._stopping:
+                now_ns = clock.sleep_until_ns(pace.next_deadline_ns(now_ns), stopped)
+                if stopped():
                     break
             for warning in simulation.advance(count):
                 self._warn(warning)
@@ -125,15 +101,6 @@ class Stepper:
                 due = self._next_due()
             if now_ns >= meter.next_report_ns:
                 self._report(meter.report(now_ns, simulation.steps, pace))
-
-    def _guarded_run(self) -> None:
-        try:
-            self.run()
-        except Exception as error:
-            self._fail(error)
-
-    def _is_stopping(self) -> bool:
-        return self._stopping
 
     def _next_due(self) -> int:
         never = self._simulation.steps + LONGEST_BATCH

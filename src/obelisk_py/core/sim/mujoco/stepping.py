@@ -16,7 +16,7 @@ CATCH_UP_S: Final = 0.02
 """Lateness that is made up for by steps in quick succession [s]; the scheduler's hiccups are
 shorter, a machine that is too slow is soon beyond it."""
 LONGEST_SLEEP_NS: Final = 50_000_000
-"""A sleep cannot be interrupted, so a slow simulation still answers a stop within this time [ns]."""
+"""A sleep cannot be interrupted: in this time a slow simulation still answers a stop [ns]."""
 
 
 class Clock(Protocol):

@@ -118,8 +118,8 @@ def _mount_on(source: SensorSource, target: _Mount, sensor: str | None, pose: st
     if mount.body == target.body:
         return mount
     source.warn(
-        f"the sensor `{sensor}` and the pose of `{source.frame(pose)}` are on different bodies; its "
-        "values are passed on as they are"
+        f"the sensor `{sensor}` and the pose of `{source.frame(pose)}` are on different bodies; "
+        "its values are passed on as they are"
     )
     return None
 
