@@ -5,12 +5,13 @@ library alone. It does three things:
 
 - the ament index: this environment and its overlays come first in `AMENT_PREFIX_PATH`;
 - overlays (message packages built by `obk build`): their Python packages are importable;
-- where ROS 2 comes from wheels: their libraries are put on `LD_LIBRARY_PATH`, in a fixed order and
-  without those of a ROS 2 that the shell has sourced. The dynamic loader reads that variable once,
-  at the start of a process, so the interpreter then starts itself anew, once.
+- libraries: those of the overlays, and where ROS 2 comes from wheels theirs, are put on
+  `LD_LIBRARY_PATH`, in a fixed order and in that case without those of a ROS 2 that the shell has
+  sourced. The dynamic loader reads that variable once, at the start of a process, so the
+  interpreter then starts itself anew, once.
 
-Where ROS 2 was sourced and no wheels are installed, only the first two happen.
-It sorts before the start hook of the ROS wheels, which does the last step in random order.
+Where ROS 2 was sourced and there is no overlay, only the first happens. It sorts before the start
+hook of the ROS wheels, which does the last step in random order.
 """
 
 import os
@@ -26,28 +27,38 @@ def activate() -> None:
     """Set the environment of this process; start the interpreter anew if the loader needs it."""
     site = os.path.dirname(os.path.abspath(__file__))
     prefix = os.path.dirname(os.path.dirname(os.path.dirname(site)))
-    layers = [*_overlays(prefix), prefix]
+    overlays = _overlays(prefix)
+    layers = [*overlays, prefix]
     has_wheels = _has_ros(prefix)
     foreign = [p for p in _entries("AMENT_PREFIX_PATH") if p not in layers]
     if has_wheels:
         foreign = [p for p in foreign if not _has_ros(p)]
     os.environ["AMENT_PREFIX_PATH"] = os.pathsep.join(layers + foreign)
-    sys.path[:0] = [s for s in map(_site_of, layers[:-1]) if os.path.isdir(s) and s not in sys.path]
+    sys.path[:0] = [s for s in map(_site_of, overlays) if os.path.isdir(s) and s not in sys.path]
+    if has_wheels or overlays:
+        _start_anew_unless(_wanted(layers, site, has_wheels), prefix)
     if has_wheels:
-        _load_wheels(layers, site)
+        os.environ[_WHEELS_DONE] = "1"
 
 
-def _load_wheels(layers: list[str], site: str) -> None:
-    """Start the interpreter anew, unless the loader and the module search are right already."""
-    wanted = {
+def _wanted(layers: list[str], site: str, has_wheels: bool) -> dict[str, list[str]]:
+    """Return the search paths that the loader and the imports need."""
+    if not has_wheels:
+        ours = [os.path.join(layer, "lib") for layer in layers]
+        others = [folder for folder in _entries("LD_LIBRARY_PATH") if folder not in ours]
+        return {"LD_LIBRARY_PATH": ours + others}
+    return {
         "LD_LIBRARY_PATH": _libraries(layers, site),
         # A sourced ROS 2 shows its Python packages here; they do not fit these libraries.
         "PYTHONPATH": [p for p in _entries("PYTHONPATH") if not _exists(p, "rclpy")],
     }
+
+
+def _start_anew_unless(wanted: dict[str, list[str]], prefix: str) -> None:
+    """Start the interpreter anew with these paths, unless it has them; never twice."""
     if all(_entries(name) == value for name, value in wanted.items()):
-        os.environ[_WHEELS_DONE] = "1"
         return
-    this_process = f"{layers[-1]}:{os.getpid()}"
+    this_process = f"{prefix}:{os.getpid()}"
     if os.environ.get(_DONE) == this_process or not sys.executable or not sys.orig_argv:
         return
     for name, value in wanted.items():
@@ -55,7 +66,7 @@ def _load_wheels(layers: list[str], site: str) -> None:
             os.environ[name] = os.pathsep.join(value)
         else:
             os.environ.pop(name, None)
-    os.environ.update({_DONE: this_process, _WHEELS_DONE: "1"})
+    os.environ[_DONE] = this_process
     os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
 
 

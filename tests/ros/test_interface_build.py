@@ -16,6 +16,7 @@ from obk_interfaces import (
     discover,
 )
 
+UNDERLAYS = [Path(sys.prefix)]
 MANIFEST = """<package format="3"><name>user_msgs</name><version>1.2.3</version>
 <depend>obelisk_control_msgs</depend><depend>builtin_interfaces</depend>{extra}</package>"""
 DEFINITIONS = {
@@ -68,13 +69,12 @@ def source(tmp_path: Path) -> Path:
 @pytest.mark.ros
 def test_a_package_is_built_once_and_used_from_an_overlay(source: Path, tmp_path: Path) -> None:
     overlay, build_dir, steps = tmp_path / "overlay", tmp_path / "build", list[Progress]()
-    underlays = [Path(sys.prefix)]
 
     report = build(
         discover([source]),
         build_dir=build_dir,
         prefix=overlay,
-        underlays=underlays,
+        underlays=UNDERLAYS,
         on_progress=steps.append,
     )
     assert report.built == ("user_msgs",)
@@ -89,7 +89,7 @@ def test_a_package_is_built_once_and_used_from_an_overlay(source: Path, tmp_path
     ).stdout
     assert output == "42 x 1.5 2 0.0\n"
 
-    again = build(discover([source]), build_dir=build_dir, prefix=overlay, underlays=underlays)
+    again = build(discover([source]), build_dir=build_dir, prefix=overlay, underlays=UNDERLAYS)
     assert (again.built, again.unchanged) == ((), ("user_msgs",))
 
 
@@ -98,9 +98,8 @@ def test_an_unchanged_package_is_installed_into_a_new_prefix(source: Path, tmp_p
     (source / "srv" / "Ask.srv").unlink()
     (source / "action" / "Walk.action").unlink()
     packages = discover([source])
-    underlays = [Path(sys.prefix)]
-    build(packages, build_dir=tmp_path / "b", prefix=tmp_path / "one", underlays=underlays)
-    report = build(packages, build_dir=tmp_path / "b", prefix=tmp_path / "two", underlays=underlays)
+    build(packages, build_dir=tmp_path / "b", prefix=tmp_path / "one", underlays=UNDERLAYS)
+    report = build(packages, build_dir=tmp_path / "b", prefix=tmp_path / "two", underlays=UNDERLAYS)
     assert report.unchanged == ("user_msgs",)
     assert files_in(tmp_path / "two") == files_in(tmp_path / "one") != []
 
@@ -111,7 +110,12 @@ def test_a_wrong_default_is_told_with_the_file_and_installs_nothing(
 ) -> None:
     (source / "msg" / "Plan.msg").write_text("uint8 small 256\n")
     with pytest.raises(CommandError, match=r"msg/Plan\.msg: cannot be translated: .*256"):
-        build(discover([source]), build_dir=tmp_path / "b", prefix=tmp_path / "overlay")
+        build(
+            discover([source]),
+            build_dir=tmp_path / "b",
+            prefix=tmp_path / "overlay",
+            underlays=UNDERLAYS,
+        )
     assert not (tmp_path / "overlay").exists()
 
 
@@ -121,7 +125,12 @@ def test_bad_definitions_are_refused_before_anything_is_generated(
 ) -> None:
     (source / "msg" / "Plan.msg").write_text("int32 short\n")
     with pytest.raises(DefinitionError, match=r"msg/Plan\.msg:1:7: field 'short' is a keyword"):
-        build(discover([source]), build_dir=tmp_path / "b", prefix=tmp_path / "overlay")
+        build(
+            discover([source]),
+            build_dir=tmp_path / "b",
+            prefix=tmp_path / "overlay",
+            underlays=UNDERLAYS,
+        )
     assert not (tmp_path / "b").exists()
 
 
@@ -133,7 +142,7 @@ def test_a_dependency_that_is_nowhere_is_named(source: Path, tmp_path: Path) -> 
             discover([source]),
             build_dir=tmp_path / "b",
             prefix=tmp_path / "overlay",
-            underlays=[Path(sys.prefix)],
+            underlays=UNDERLAYS,
         )
 
 

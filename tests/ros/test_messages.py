@@ -1,5 +1,6 @@
 """The compiled messages under rclpy, across processes, and their definitions in the ament index."""
 
+import importlib.metadata
 import importlib.util
 import json
 import subprocess
@@ -64,3 +65,12 @@ def test_the_definition_is_found_through_the_ament_index(name: str) -> None:
 def test_the_message_tells_its_name(peer: ModuleType, name: str) -> None:
     told = peer.message_type(name).MESSAGE_NAME
     assert told == name.partition("/")[2]
+
+
+@pytest.mark.ros
+def test_no_installed_file_names_the_place_where_it_was_compiled(repository: Path) -> None:
+    installed = importlib.metadata.files("obelisk-interfaces") or []
+    carried = [f for f in installed if f.suffix != ".pyc" and "dist-info" not in str(f)]
+    build = str(repository / "interfaces").encode()
+    assert len(carried) > 100
+    assert [str(f) for f in carried if build in f.locate().read_bytes()] == []
