@@ -52,14 +52,14 @@ def start(prefix: Path, **variables: str) -> tuple[list[str], ...]:
 
 def test_wheels_come_first_on_the_library_path_in_a_fixed_order(prefix: Path) -> None:
     (prefix / "lib" / "librcl.so").touch()
-    for name in ("ros_b.libs", "ros_a.libs", "other.libs"):
-        (prefix / SITE / name).mkdir()
+    for letter in "dbeac":
+        (prefix / SITE / f"ros_{letter}.libs").mkdir()
+    (prefix / SITE / "other.libs").mkdir()
     _, ament, libraries, _ = start(prefix, LD_LIBRARY_PATH="/mine")
     assert ament == [str(prefix)]
     assert libraries == [
         f"{prefix}/lib",
-        f"{prefix / SITE}/ros_a.libs",
-        f"{prefix / SITE}/ros_b.libs",
+        *(f"{prefix / SITE}/ros_{letter}.libs" for letter in "abcde"),
         "/mine",
     ]
 
