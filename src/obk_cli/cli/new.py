@@ -33,6 +33,8 @@ app = typer.Typer(
     name="new",
     help="Make a ROS 2 package from a template, or add a node to the package you stand in.",
     no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
 )
 
 Name = Annotated[

@@ -26,6 +26,7 @@ VARIANTS = [
     ("estimator", "foo", {}),
     ("estimator", LONG, {"sensor_msg": "ObkJointEncoders"}),
     ("estimator", "zoo_estimator", {"sensor_msg": "sensor_msgs/Imu", "est_msg": "a_msgs/IMU"}),
+    ("estimator", "foo", {"sensor_msg": "a_msgs/Gyro", "est_msg": "a_msgs/IMU"}),
 ]
 
 
@@ -77,8 +78,6 @@ def test_its_own_test_passes(
 ) -> None:
     root = write(package(kind, "foo", **typed), tmp_path / "foo")
     env = os.environ | {
-        "ROS_DOMAIN_ID": "87",
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "ROS_LOG_DIR": str(tmp_path / "log"),
         "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
     }

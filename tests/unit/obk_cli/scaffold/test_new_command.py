@@ -1,13 +1,16 @@
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
-from obk_cli.adapters.packages import Command, PackageIndex
+from obk_cli.adapters.packages import PackageIndex
 from obk_cli.cli.new import app
 from obk_cli.errors import CommandFailedError, MisuseError, ObkError
+from obk_cli.pipeline import Options, compile_config
+from obk_cli.surroundings import Command
 
 Tree = Callable[[Path], dict[str, bytes]]
 
@@ -62,6 +65,27 @@ def test_the_launcher_finds_the_executable_in_the_sources(workspace: Path) -> No
     assert isinstance(command, Command)
     assert command.python_path == (workspace / "src/foo",)
     assert "from foo.foo import main" in command.arguments[-1]
+
+
+@pytest.mark.mujoco
+def test_what_the_config_is_to_say_is_valid_in_place_of_the_example(
+    workspace: Path, repository: Path
+) -> None:
+    example = (repository / "examples/dummy/dummy_new.yaml").read_text()
+    shutil.copy(repository / "examples/dummy/dummy.xml", workspace)
+    made = [
+        json.loads(obk_new(kind, name, "--format", "json"))
+        for kind, name in (("controller", "my_control"), ("estimator", "my_estimate"))
+    ]
+    nodes = "".join(f"{node['section']}:\n{node['config']}\n" for node in made)
+    robot = "robot:" + example.partition("\nrobot:")[2]
+    (workspace / "config.yaml").write_text(f"config: mine\n{nodes}{robot}")
+    options = Options(environment={}, working_folder=workspace)
+    outcome = compile_config("config.yaml", options)
+    faults = [str(d) for d in outcome.diagnostics if d.severity != "info"]
+    # The simulator's package is there only where the tool is installed.
+    assert [fault for fault in faults if "`obelisk_sim_py`" not in fault] == []
+    assert outcome.config is not None
 
 
 def test_a_dry_run_shows_the_tree_and_makes_nothing(workspace: Path, tree: Tree) -> None:
