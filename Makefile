@@ -14,7 +14,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
 INSTALL := $(PIP) install --no-deps --no-build-isolation
 PYTHONS := 3.12 3.13
 
-.PHONY: setup demo test test-unit check golden lock clean
+.PHONY: setup demo test test-unit check golden lock wheel clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.interfaces
@@ -72,6 +72,18 @@ $(VENV)/.interfaces: $(shell find interfaces -type f -not -path 'interfaces/buil
 	@touch $@
 
 # --- maintenance ---
+
+# Builds both wheels, installs them into an environment that knows nothing of this checkout, and
+# uses them there.
+wheel: setup
+	rm -rf dist build/wheel-environment
+	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist . ./interfaces
+	$(PYTHON) -m venv build/wheel-environment
+	build/wheel-environment/bin/python -m pip -qq install --no-deps -r $(VENV)/requirements.txt
+	build/wheel-environment/bin/python -m pip -qq install --no-deps dist/*.whl
+	cd build && wheel-environment/bin/obk validate ../examples/dummy/dummy.yaml
+	cd build && wheel-environment/bin/python -c "import rclpy, obelisk_control_msgs.msg"
+	test -x build/wheel-environment/lib/obelisk_sim_py/obelisk_mujoco_robot
 
 # Resolved for the oldest Python, so that one version of each package fits all; then checked
 # that the newer ones need nothing else.
