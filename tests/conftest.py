@@ -23,6 +23,11 @@ _FOREIGN_ROS_VARIABLES = (
 )
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """`--update-golden` writes what the golden tests and the reject cases expect."""
+    parser.addoption("--update-golden", action="store_true", help="rewrite expected outputs")
+
+
 @pytest.fixture(scope="session")
 def repository() -> Path:
     """The root of the checkout."""

@@ -108,7 +108,8 @@ def _check_size_and_step(block: Mapping[str, Any], facts: ModelFacts) -> Iterato
             code="OBK503",
             severity="warning",
             path=("n_u",),
-            message=f"`n_u` is {n_u}, the model has {facts.actuators} actuators; the model wins",
+            message=f"`n_u` is {n_u}, the model has {facts.actuators} "
+            f"actuator{'' if facts.actuators == 1 else 's'}; the model wins",
             help=f"leave `n_u` out or write {facts.actuators}",
         )
     written = block.get("time_step")

@@ -125,7 +125,13 @@ def check_group_against_model(
     for name, sensor_type in names.items():
         yield from _check_sensor(name, sensor_type, (*path, "sensor_names", name), facts, rule)
     if rule is not None:
-        found = [facts.sensors[name] for name in names if name in facts.sensors]
+        # Of a type that is given too often, which is reported, only the first counts.
+        firsts = {kind: name for name, kind in reversed(names.items())}
+        found = [
+            facts.sensors[name]
+            for name, kind in names.items()
+            if name in facts.sensors and (firsts[kind] == name or rule.objects == "scalar joint")
+        ]
         yield from _check_one_place(found, rule, path, str(group["msg_type"]))
         if rule.patterns:
             yield from _check_site(group.get("scan_config") or {}, path, facts)

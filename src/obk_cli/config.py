@@ -115,7 +115,8 @@ class CallbackGroup:
     """A named callback group of a node."""
 
     name: Spanned[str]
-    type: Spanned[str]
+    type: Spanned[str] | None
+    """None where what was written is no type."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

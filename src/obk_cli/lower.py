@@ -103,7 +103,9 @@ def _all_settings(node: Node) -> Mapping[str, object]:
     settings: dict[str, object] = {
         key: [dict(_setting(c)) for c in node.components if c.kind == kind] for key, kind in _LISTS
     }
-    settings["callback_groups"] = {g.name.value: g.type.value for g in node.callback_groups}
+    settings["callback_groups"] = {
+        group.name.value: group.type.value for group in node.callback_groups if group.type
+    }
     return {key: value for key, value in settings.items() if value}
 
 

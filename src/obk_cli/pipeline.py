@@ -3,7 +3,7 @@
 The library entry for everything that needs a config: the command line, the launcher, editors.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,9 +26,6 @@ from obk_cli.surroundings import Surroundings
 from obk_cli.tree import Tree, TreeMap
 
 __all__ = ["Options", "Outcome", "compile_config", "compile_source"]
-
-_MAY_BE_SILENCED = ("OBK101", "OBK107", "OBK108", "OBK2", "OBK3", "OBK4", "OBK5")
-"""Faults despite which a plan can still be made, if the user says so."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,15 +83,21 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
     stack, faults = _front(source, options)
     if stack is not None:
         stack = resolve_paths(stack, folder, surroundings)
-        faults += check_stack(stack, surroundings)
+        is_whole = not any(fault.code.startswith("OBK0") for fault in faults)
+        faults += check_stack(stack, surroundings, is_whole=is_whole)
     ignore = (*options.ignore, *(stack.ignored_codes if stack else ()))
-    heard = in_order(silence(faults, ignore))
-    blocking = any(
-        f.severity == "error" and not f.code.startswith(_MAY_BE_SILENCED) for f in faults
-    )
-    is_sound = stack is not None and not blocking and worst(heard) != "error"
-    plan = lower_stack(stack) if stack is not None and is_sound else None
+    heard = in_order(silence(_causes(faults), ignore))
+    plan = lower_stack(stack) if stack is not None and worst(heard) != "error" else None
     return Outcome(path=source.path, plan=plan, config=stack, diagnostics=heard)
+
+
+def _causes(faults: tuple[Diagnostic, ...]) -> Iterator[Diagnostic]:
+    """The findings without those that only follow from a fault of the text at the same place."""
+    broken = {(f.span.path, f.span.line, f.span.column) for f in faults if f.code == "OBK011"}
+    for fault in faults:
+        place = (fault.span.path, fault.span.line, fault.span.column)
+        if fault.code == "OBK011" or place not in broken:
+            yield fault
 
 
 def _front(source: SourceFile, options: Options) -> tuple[Stack | None, tuple[Diagnostic, ...]]:
@@ -140,8 +143,3 @@ def _load(path: str, environment: Mapping[str, str]) -> Loaded:
         return Loaded(diagnostics=(source,))
     tree, faults = _parse(source, environment)
     return Loaded(tree=tree, diagnostics=faults)
-
-
-def silenced_family(codes: Iterable[str]) -> tuple[str, ...]:
-    """Codes as options give them, comma-separated ones split, in capitals."""
-    return tuple(part.strip().upper() for code in codes for part in code.split(",") if part.strip())

@@ -1,4 +1,7 @@
-"""Which findings the user wants to hear: `--ignore`, `obk: {ignore: [...]}`, comments on a line."""
+"""Which findings the user wants to hear: `--ignore`, `obk: {ignore: [...]}`, comments on a line.
+
+An error despite which no plan could be made is always heard.
+"""
 
 import re
 from collections.abc import Iterable
@@ -8,12 +11,18 @@ from obk_cli.diagnostics import Diagnostic
 __all__ = ["silence"]
 
 _COMMENT = re.compile(r"#\s*obk:\s*ignore\[([^\]]*)\]")
+_MAY_BE_SILENCED = ("OBK101", "OBK107", "OBK108", "OBK115", "OBK2", "OBK3", "OBK4", "OBK5")
 
 
 def silence(diagnostics: Iterable[Diagnostic], codes: Iterable[str]) -> tuple[Diagnostic, ...]:
     """The findings that remain; a code silences every code that begins with it (`OBK4`)."""
     prefixes = tuple(codes)
-    return tuple(d for d in diagnostics if not d.code.startswith((*prefixes, *_on_line(d))))
+    return tuple(
+        diagnostic
+        for diagnostic in diagnostics
+        if not diagnostic.code.startswith((*prefixes, *_on_line(diagnostic)))
+        or (diagnostic.severity == "error" and not diagnostic.code.startswith(_MAY_BE_SILENCED))
+    )
 
 
 def _on_line(diagnostic: Diagnostic) -> tuple[str, ...]:

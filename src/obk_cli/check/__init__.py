@@ -1,4 +1,4 @@
-"""Every check of a typed config, in the order in which they run. Each finds and none changes."""
+"""Every check of a typed config, in the order in which they run; each finds, none changes."""
 
 from collections.abc import Callable, Iterator
 
@@ -6,30 +6,34 @@ from obk_cli.check.components import check_callback_groups, check_components
 from obk_cli.check.graph import check_node_names, check_required_sections
 from obk_cli.check.model import check_models
 from obk_cli.check.packages import check_executables, check_files
-from obk_cli.check.topics import check_dangling, check_qos, check_types, check_unread
+from obk_cli.check.topics import check_dangling, check_qos, check_types
 from obk_cli.config import Stack
 from obk_cli.diagnostics import Diagnostic
 from obk_cli.surroundings import Surroundings
 
-__all__ = ["CHECKS", "Check", "check_stack"]
+__all__ = ["CHECKS", "WHOLE_CHECKS", "Check", "check_stack"]
 
 Check = Callable[[Stack, Surroundings], Iterator[Diagnostic]]
 
 CHECKS: tuple[Check, ...] = (
     check_components,
     check_callback_groups,
-    check_required_sections,
     check_node_names,
-    check_dangling,
     check_types,
     check_qos,
-    check_unread,
     check_models,
     check_executables,
     check_files,
 )
+"""Checks of what is there."""
+
+WHOLE_CHECKS: tuple[Check, ...] = (check_required_sections, check_dangling)
+"""Checks of what is not there: they mean something only if nothing of the config is lost."""
 
 
-def check_stack(stack: Stack, surroundings: Surroundings) -> tuple[Diagnostic, ...]:
-    """The findings of all checks."""
-    return tuple(fault for check in CHECKS for fault in check(stack, surroundings))
+def check_stack(
+    stack: Stack, surroundings: Surroundings, *, is_whole: bool
+) -> tuple[Diagnostic, ...]:
+    """The findings of all checks; `is_whole` says whether every included file was read."""
+    checks = (*CHECKS, *(WHOLE_CHECKS if is_whole else ()))
+    return tuple(fault for check in checks for fault in check(stack, surroundings))

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 
 from obelisk_spec.components import component_identity, standard_component
-from obelisk_spec.near import did_you_mean
-from obk_cli.config import Component, Node, Stack
+from obelisk_spec.near import did_you_mean, near_names
+from obk_cli.config import Component, Node, Spanned, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.surroundings import Surroundings
 
@@ -67,16 +67,22 @@ def check_callback_groups(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]
             group = component.callback_group
             if group is None:
                 continue
-            used.add(group.value)
+            # A misspelt group counts as a use of the one that it is near to.
+            used.update((group.value, *near_names(group.value, defined)))
             if group.value not in defined:
-                yield found(
-                    "OBK207",
-                    f"callback group `{group.value}` is not defined in `{node.node_name}`",
-                    group.span,
-                    help=did_you_mean(group.value, defined)
-                    or f"add `callback_groups: {{{group.value}: MutuallyExclusiveCallbackGroup}}`",
-                )
+                yield _undefined_group(group, node)
         for name, unused in defined.items():
             if name not in used:
                 message = f"callback group `{name}` of `{node.node_name}` is not used"
                 yield found("OBK208", message, unused.name.span)
+
+
+def _undefined_group(group: Spanned[str], node: Node) -> Diagnostic:
+    names = [defined.name.value for defined in node.callback_groups]
+    return found(
+        "OBK207",
+        f"callback group `{group.value}` is not defined in `{node.node_name}`",
+        group.span,
+        help=did_you_mean(group.value, names)
+        or f"add `callback_groups: {{{group.value}: MutuallyExclusiveCallbackGroup}}`",
+    )

@@ -4,13 +4,13 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import SequenceMatcher
 
-from obelisk_spec.messages import bare_name
+from obelisk_spec.messages import bare_name, resolve_msg_type
 from obk_cli.config import Spanned, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.surroundings import Surroundings
 from obk_cli.wiring import TopicEnd, stack_ends
 
-__all__ = ["check_dangling", "check_qos", "check_types", "check_unread"]
+__all__ = ["check_dangling", "check_qos", "check_types"]
 
 _MOST_SHOWN = 3
 _ONE_SEED_NAME = {
@@ -29,23 +29,47 @@ def _by_topic(ends: Iterable[TopicEnd], direction: str) -> Mapping[str, list[Top
 
 
 def check_dangling(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
-    """Every topic that is subscribed to is published by someone."""
+    """Topics that are subscribed to and not published, and those published and not read."""
     ends = tuple(stack_ends(stack))
-    published = _by_topic(ends, "publishes")
+    published, subscribed = _by_topic(ends, "publishes"), _by_topic(ends, "subscribes")
     publishers = [end for ends_of_topic in published.values() for end in ends_of_topic]
+    lost = _types_of_lost_publishers(stack)
+    suggested: set[str] = set()
     for end in ends:
-        if end.direction == "subscribes" and not end.is_optional and end.topic not in published:
-            near = _nearest(end, publishers)
-            yield found(
-                "OBK203",
-                f"nothing publishes `{end.topic}`, to which `{end.owner}` subscribes",
-                end.span,
-                help=_suggestion(near),
-                related=(
-                    Related(message=f"`{other.topic}` is published here", span=other.span)
-                    for other in near[:1]
-                ),
-            )
+        if end.direction == "publishes" or end.is_optional or end.topic in published:
+            continue
+        if not lost.isdisjoint((end.msg_type, None)):
+            continue
+        near = _nearest(end, publishers)
+        suggested.update(other.topic for other in near)
+        yield _dangling(end, near)
+    for topic, (first, *_others) in published.items():
+        is_for_outside = first.section == "viz" or first.is_optional
+        if topic not in subscribed and topic not in suggested and not is_for_outside:
+            yield found("OBK204", f"nothing in the config reads `{topic}`", first.span)
+
+
+def _types_of_lost_publishers(stack: Stack) -> set[str | None]:
+    """Types of publishers whose topic could not be read, which was reported: theirs may be it."""
+    components = (component for node in stack.nodes for component in node.components)
+    return {
+        resolve_msg_type(component.msg_type.value) if component.msg_type else None
+        for component in components
+        if component.kind == "publisher" and component.topic is None
+    }
+
+
+def _dangling(end: TopicEnd, near: list[TopicEnd]) -> Diagnostic:
+    return found(
+        "OBK203",
+        f"nothing publishes `{end.topic}`, to which `{end.owner}` subscribes",
+        end.span,
+        help=_suggestion(near),
+        related=(
+            Related(message=f"`{other.topic}` is published here", span=other.span)
+            for other in near[:1]
+        ),
+    )
 
 
 def _nearest(end: TopicEnd, publishers: list[TopicEnd]) -> list[TopicEnd]:
@@ -149,13 +173,3 @@ def _qos_differs(
         help=f"let the publisher offer `{wants}`, or the subscriber ask for `{offers}`",
         related=(Related(message="the publisher", span=offered.span if offered else other.span),),
     )
-
-
-def check_unread(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
-    """Topics that nobody in the config reads, once each; the visualiser's are for outside."""
-    ends = tuple(stack_ends(stack))
-    subscribed = _by_topic(ends, "subscribes")
-    for topic, publishers in _by_topic(ends, "publishes").items():
-        first = publishers[0]
-        if topic not in subscribed and first.section != "viz" and not first.is_optional:
-            yield found("OBK204", f"nothing in the config reads `{topic}`", first.span)

@@ -74,9 +74,10 @@ def read_callback_groups(node: Fields, faults: Faults) -> tuple[CallbackGroup, .
         return ()
     names = tuple(entry.key for entry in tree)
     fields = Fields(tree, "`callback_groups`", names, faults)
-    groups = ((entry, fields.one_of(entry.key, CALLBACK_GROUP_TYPES)) for entry in tree)
     return tuple(
-        CallbackGroup(name=Spanned(entry.key, entry.key_span), type=kind)
-        for entry, kind in groups
-        if kind is not None
+        CallbackGroup(
+            name=Spanned(entry.key, entry.key_span),
+            type=fields.one_of(entry.key, CALLBACK_GROUP_TYPES),
+        )
+        for entry in tree
     )

@@ -27,7 +27,7 @@ class Fields:
         self.tree = tree
         self._what = what
         self._faults = faults
-        self._entries = {entry.key: entry for entry in tree}
+        self._entries = {entry.key: entry for entry in tree if entry.key in keys}
         for entry in tree:
             if entry.key not in keys:
                 self._unknown(entry, keys)
@@ -41,6 +41,9 @@ class Fields:
         help = (
             did_you_mean(entry.key, useful) if near else f"it takes {list_names(useful, most=20)}"
         )
+        if near:
+            # It is read as what it was meant to be, so that nothing is reported missing.
+            self._entries.setdefault(near[0], entry)
         message = f"{self._what} has no key `{entry.key}`"
         self._faults.append(found("OBK101", message, entry.key_span, help=help))
 
@@ -49,10 +52,8 @@ class Fields:
         entry = self._entries.get(key)
         if entry is None:
             if required:
-                near = near_names(key, (e.key for e in self.tree), most=1)
-                help = f"is it what `{near[0]}` was meant to be?" if near else None
                 message = f"{self._what} has no `{key}`"
-                self._faults.append(found("OBK102", message, self.start, help=help))
+                self._faults.append(found("OBK102", message, self.start))
             return None
         if isinstance(entry.value, TreeScalar) and entry.value.value is None:
             if required:

@@ -17,24 +17,26 @@ __all__ = ["check_msg_type", "check_namespace", "check_node_name", "check_packag
 
 
 def check_topic(topic: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
-    """The topic if it is one."""
-    return _checked(topic, topic_name_fault, "OBK109", "topic", faults)
+    """The topic, with a finding if it is none."""
+    return _checked(topic, topic_name_fault, "OBK109", "a topic name", faults)
 
 
 def check_namespace(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
-    """The namespace if it is one."""
-    return _checked(name, namespace_fault, "OBK110", "namespace", faults)
+    """The namespace, with a finding if it is none."""
+    return _checked(name, namespace_fault, "OBK110", "a namespace", faults)
 
 
 def check_node_name(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
-    """The node's name part if it can be one."""
+    """The node's name part, with a finding if it can be none."""
     # A digit may come first: the whole name starts with `obelisk_`.
-    return _checked(name, lambda text: node_name_fault(f"n{text}"), "OBK110", "node name", faults)
+    return _checked(
+        name, lambda text: node_name_fault(f"n{text}"), "OBK110", "part of a node name", faults
+    )
 
 
 def check_package(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
-    """The package's name if it is one."""
-    return _checked(name, package_name_fault, "OBK111", "package", faults)
+    """The package's name, with a finding if it is none."""
+    return _checked(name, package_name_fault, "OBK111", "a package name", faults)
 
 
 def check_msg_type(msg_type: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
@@ -58,7 +60,7 @@ def _checked(
     faults: Faults,
 ) -> Spanned[str] | None:
     fault = fault_of(name.value) if name else None
-    if name is None or fault is None:
-        return name
-    faults.append(found(code, f"{what} `{name.value}` is not one: {fault}", name.span))
-    return None
+    if name is not None and fault is not None:
+        faults.append(found(code, f"`{name.value}` is not {what}: {fault}", name.span))
+    # A wrong name is kept: what it stands for is still there, and is not to be reported missing.
+    return name

@@ -1,6 +1,7 @@
 """The whole config: its name, its devices in either spelling, its sections."""
 
 from collections import Counter
+from dataclasses import replace
 
 from obelisk_spec.near import did_you_mean, list_names, near_names
 from obk_cli.config import NODE_SECTIONS, Joystick, Node, Stack
@@ -33,7 +34,7 @@ def read_stack(tree: Tree) -> tuple[Stack | None, tuple[Diagnostic, ...]]:
         return None, (_not_a_config(tree),)
     reader = _StackReader(faults)
     devices = [entry for entry in tree if _is_device(entry)]
-    sections = [entry for entry in tree if entry.key in SECTION_KEYS]
+    sections = [section for entry in tree if (section := _as_section(entry, tree))]
     if devices and sections:
         faults.append(_mixed(devices[0], sections[0]))
     for device in devices:
@@ -59,16 +60,22 @@ def _is_device(entry: Entry) -> bool:
     return any(inner.key in SECTION_KEYS for inner in entry.value)
 
 
+def _as_section(entry: Entry, tree: TreeMap) -> Entry | None:
+    """The section that a top-level key is, or that it is a misspelling of."""
+    if entry.key in SECTION_KEYS:
+        return entry
+    if entry.key in RESERVED_KEYS or _is_device(entry) or isinstance(entry.value, TreeScalar):
+        return None
+    near = near_names(entry.key, SECTION_KEYS)
+    return replace(entry, key=near[0]) if near and tree.get(near[0]) is None else None
+
+
 def _is_config(tree: TreeMap) -> bool:
-    """Whether anything at the top level belongs to the language."""
-    return (
-        not tree.entries
-        or any(entry.key in RESERVED_KEYS or _is_device(entry) for entry in tree)
-        or (
-            not any(entry.key in RAY_CASTER_KEYS for entry in tree)
-            and any(near_names(entry.key, RESERVED_KEYS, most=1) for entry in tree)
-        )
-    )
+    """Whether the mapping is meant as a config: a key of the language, or nearly one."""
+    if not tree.entries or any(entry.key in RESERVED_KEYS or _is_device(entry) for entry in tree):
+        return True
+    is_ray_caster = any(entry.key in RAY_CASTER_KEYS for entry in tree)
+    return not is_ray_caster and any(near_names(entry.key, RESERVED_KEYS) for entry in tree)
 
 
 def _not_a_config(tree: Tree) -> Diagnostic:

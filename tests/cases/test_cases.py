@@ -1,0 +1,80 @@
+"""A file dropped into `reject/OBKnnn` or `accept/OBKnnn` is a test.
+
+A reject case is reported word for word as the `.txt` beside it says; an accept case is reported
+not at all. `# set: path=value` on the first line is a `--set`. A `.part` is not a case of its own.
+"""
+
+from pathlib import Path
+
+import pytest
+
+from obk_cli.adapters.packages import PackageIndex
+from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.codes import RULES
+from obk_cli.pipeline import Options, Outcome, compile_config
+from obk_cli.report.text import report_text
+
+HERE = Path(__file__).parent
+WORKSPACE = HERE / "workspace"
+ENVIRONMENT = {"OBK_CASE_PKG": "demo"}
+WITHOUT_CASE = {
+    "OBK001": "tests/unit/obk_cli/test_pipeline.py",
+    "OBK007": "tests/unit/obk_cli/test_parse.py",
+    "OBK300": "tests/unit/obk_cli/test_check_model.py",
+}
+"""Codes whose fault is not a text of a few lines -> the tests that show them."""
+
+
+def cases(kind: str) -> list[object]:
+    """The files of a kind, those of the model family marked."""
+    marks = {"OBK3": pytest.mark.mujoco, "OBK215": pytest.mark.mujoco}
+    return [
+        pytest.param(
+            path,
+            id=f"{path.parent.name}/{path.stem}",
+            marks=[mark for code, mark in marks.items() if path.parent.name.startswith(code)],
+        )
+        for path in sorted((HERE / kind).glob("*/*.yaml"))
+    ]
+
+
+def compile_case(path: Path, monkeypatch: pytest.MonkeyPatch) -> Outcome:
+    """Compile a case from its own folder, with the cases' workspace for packages."""
+    monkeypatch.chdir(path.parent)
+    surroundings = MachineSurroundings(path.parent, path.parent, ENVIRONMENT)
+    surroundings.packages = PackageIndex(workspaces=(WORKSPACE,), prefixes=())
+    first = path.read_bytes().splitlines()[0].decode(errors="replace")
+    overrides = (first.removeprefix("# set: "),) if first.startswith("# set: ") else ()
+    options = Options(
+        environment=ENVIRONMENT,
+        working_folder=path.parent,
+        overrides=overrides,
+        surroundings=surroundings,
+    )
+    return compile_config(path.name, options)
+
+
+@pytest.mark.parametrize("path", cases("reject"))
+def test_a_fault_is_reported_word_for_word(
+    path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    outcome = compile_case(path, monkeypatch)
+    report = report_text(outcome.diagnostics, colour=False).replace(str(HERE), "<cases>") + "\n"
+    expected = path.with_suffix(".txt")
+    if request.config.getoption("--update-golden"):
+        expected.write_text(report, encoding="utf-8")
+    assert report == expected.read_text(encoding="utf-8")
+    assert path.parent.name in {diagnostic.code for diagnostic in outcome.diagnostics}
+
+
+@pytest.mark.parametrize("path", cases("accept"))
+def test_the_right_twin_is_not_reported(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    outcome = compile_case(path, monkeypatch)
+    assert report_text(outcome.diagnostics, colour=False) == ""
+    assert outcome.plan is not None
+
+
+def test_every_rule_has_a_reject_case_and_an_accept_twin() -> None:
+    for kind in ("reject", "accept"):
+        covered = {path.name for path in (HERE / kind).iterdir()} | WITHOUT_CASE.keys()
+        assert covered == RULES.keys()

@@ -1,0 +1,12 @@
+from setuptools import setup
+
+setup(
+    name="demo",
+    entry_points={
+        "console_scripts": [
+            "controller = demo.controller:main",
+            "estimator = demo.estimator:main",
+            "robot = demo.robot:main",
+        ]
+    },
+)
