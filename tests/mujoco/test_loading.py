@@ -1,0 +1,152 @@
+"""From a `sim` block to a model: what is found wrong, all of it, and what is chosen."""
+
+import pytest
+
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.sim.mujoco.loading import load_model
+from obelisk_spec.settings import format_setting
+
+pytestmark = pytest.mark.mujoco
+
+
+@pytest.fixture
+def load(tmp_path, dummy_xml):
+    """Loads a block about the dummy model; keyword arguments change the block."""
+    warnings = []
+
+    def load(*, keyframe="", share_of=lambda _: None, **changes):
+        block = {"model_xml_path": str(dummy_xml), **changes}
+        return load_model(
+            format_setting(block),
+            keyframe=keyframe,
+            folder=tmp_path,
+            share_of=share_of,
+            warn=warnings.append,
+        )
+
+    load.warnings = warnings
+    return load
+
+
+def _refusal(load, **changes):
+    with pytest.raises(ObeliskConfigError) as caught:
+        load(**changes)
+    return str(caught.value)
+
+
+def _group(**changes):
+    return {"topic": "/x", "dt": 0.001, "msg_type": "ObkJointEncoders", **changes}
+
+
+def test_the_block_of_the_example_is_loaded(load):
+    loaded = load(
+        sensor_settings=[_group(sensor_names={"joint_pos": "jointpos"}, history_depth=3)],
+        viz_geoms={"dt": 0.5, "dummy_box": "box"},
+    )
+    assert loaded.keyframe == "ic"
+    (group,) = loaded.block.groups
+    assert (group.topic, group.period_s, group.history_depth) == ("/x", 0.001, 3)
+    assert loaded.block.geoms == {"dummy_box": "box"}
+    assert loaded.block.geoms_period_s == 0.5
+    assert load.warnings == []
+
+
+def test_all_findings_are_told_at_once(load):
+    refusal = _refusal(
+        load,
+        keyframe="stand",
+        sensor_settings=[
+            _group(sensor_names={"joint_pso": "jointpos", "joint_vel": "jointpos"}),
+            _group(msg_type="ObkImu", sensor_names={"tip_acc_sensor": "acelerometer"}),
+            _group(msg_type="ObkScan", scan_config={}),
+        ],
+        viz_geoms={"dt": 1.0, "dummy_bx": "box", "dummy_sphere": "box"},
+    )
+    for part in (
+        "sensor `joint_pso` is not in the model (did you mean `joint_pos`",
+        "sensor `joint_vel` is written as `jointpos`, in the model it is a `jointvel`",
+        "`ObkImu` cannot carry the `acelerometer` sensor",
+        "this simulator does not publish `ObkScan` yet; it publishes ObkJointEncoders, ",
+        "geom `dummy_bx` is not in the model",
+        "geom `dummy_sphere` is written as `box`, in the model it is a `sphere`",
+        "keyframe `stand` is not in the model",
+    ):
+        assert part in refusal, refusal
+    assert refusal.startswith("the sim block cannot be simulated:\n")
+
+
+def test_a_model_that_is_not_there_is_told_with_the_other_findings(load, tmp_path):
+    refusal = _refusal(
+        load,
+        model_xml_path="robot.xml",
+        robot_pkg="my_robot",
+        sensor_settings=[_group(sensor_names={"a": "gyro"})],
+    )
+    assert (
+        f"model_xml_path: `robot.xml` is not there; looked for {tmp_path / 'robot.xml'}, "
+        "and there is no package `my_robot`" in refusal
+    )
+    assert "`ObkJointEncoders` cannot carry the `gyro` sensor `a`" in refusal
+
+
+def test_a_relative_model_is_found_in_the_package(load, tmp_path, everything_xml):
+    folder = tmp_path / "share" / "mujoco"
+    folder.mkdir(parents=True)
+    everything_xml.rename(folder / "robot.xml")
+    loaded = load(
+        model_xml_path="robot.xml", robot_pkg="my_robot", share_of=lambda _: tmp_path / "share"
+    )
+    assert loaded.model.nu == 2
+    assert loaded.keyframe is None
+
+
+def test_a_model_that_mujoco_refuses_is_told_in_its_words(load, tmp_path):
+    (tmp_path / "bad.xml").write_text("<mujoco><worldbdy/></mujoco>")
+    refusal = _refusal(load, model_xml_path="bad.xml")
+    assert f"MuJoCo refuses {tmp_path / 'bad.xml'}" in refusal
+    assert "worldbdy" in refusal
+
+
+def test_a_model_that_does_not_compile_is_told_in_its_words(load, tmp_path):
+    (tmp_path / "bad.xml").write_text(
+        "<mujoco><worldbody><body><joint/></body></worldbody></mujoco>"
+    )
+    refusal = _refusal(load, model_xml_path="bad.xml")
+    assert refusal.startswith("model_xml_path: MuJoCo cannot compile it: ")
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("", "the parameter 'mujoco_setting' is not set"),
+        ("[1, 2]", "the parameter 'mujoco_setting': "),
+        ("{a: {", "the parameter 'mujoco_setting': "),
+        ("{num_steps_per_viz: 5}", "key `model_xml_path` is missing"),
+    ],
+)
+def test_a_text_that_is_no_block_is_named(tmp_path, text, part):
+    with pytest.raises(ObeliskConfigError) as caught:
+        load_model(text, keyframe="", folder=tmp_path, share_of=lambda _: None, warn=print)
+    assert part in str(caught.value)
+
+
+@pytest.mark.parametrize("period", [0, -1.0, "often", True])
+def test_a_period_of_the_geoms_that_is_none_is_named(load, period):
+    refusal = _refusal(load, viz_geoms={"dt": period, "dummy_box": "box"})
+    assert f"viz_geoms.dt: {period!r}, expected a number of seconds greater than 0" in refusal
+
+
+def test_a_geom_that_no_marker_can_show_is_named(load):
+    refusal = _refusal(load, viz_geoms={"dt": 1.0, "floor": "plane"})
+    assert "viz_geoms.floor: a `plane` cannot be shown as a marker; there are: box, " in refusal
+
+
+def test_the_time_step_of_the_config_wins_with_a_warning(load):
+    loaded = load(time_step=0.0005)
+    assert loaded.model.opt.timestep == 0.0005
+    assert len(load.warnings) == 1
+    assert "`time_step` is 0.0005 s, the model says 0.001 s" in load.warnings[0]
+
+
+def test_the_keyframe_that_is_asked_for_is_used(load):
+    assert load(keyframe="other").keyframe == "other"

@@ -1,0 +1,98 @@
+"""What a block publishes, how often in simulation time, and with which numbers."""
+
+import pytest
+
+from obelisk_py.core.sim.mujoco.control import ControlInbox
+from obelisk_py.core.sim.mujoco.loading import load_model
+from obelisk_py.core.sim.mujoco.outputs import outputs_of
+from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.stepper import Stepper
+from obelisk_py.core.sim.mujoco.stepping import MonotonicClock
+from obelisk_spec.settings import format_setting
+from obelisk_spec.yaml_core import load_yaml_core
+
+pytestmark = pytest.mark.mujoco
+
+
+class _Publisher:
+    def __init__(self, message_type, topic, depth):
+        self.message_type, self.topic, self.depth = message_type, topic, depth
+        self.messages = []
+
+    def publish(self, message):
+        assert type(message) is self.message_type
+        self.messages.append(message)
+
+
+@pytest.fixture
+def example(repository):
+    """The example's own block, run for a number of steps as fast as possible."""
+    folder = repository / "examples" / "dummy"
+    config = load_yaml_core((folder / "dummy_new.yaml").read_text())
+
+    def run(steps):
+        loaded = load_model(
+            format_setting(config["robot"]["sim"]),
+            keyframe=config["robot"]["params"]["ic_keyframe"],
+            folder=folder,
+            share_of=lambda _: None,
+            warn=pytest.fail,
+        )
+        inbox = ControlInbox(field="u", size=loaded.model.nu, monotonic_s=lambda: 0.0)
+        simulation = Simulation(loaded.model, inbox)
+        simulation.reset(loaded.keyframe)
+        publishers = {}
+
+        def make_publisher(message_type, topic, depth):
+            return publishers.setdefault(topic, _Publisher(message_type, topic, depth))
+
+        Stepper(
+            simulation,
+            pace=None,
+            clock=MonotonicClock(),
+            outputs=outputs_of(simulation, loaded.block, make_publisher, pytest.fail),
+            stamp=lambda: _time(simulation),
+            warn=pytest.fail,
+            report=lambda _: None,
+        ).run(lambda: simulation.steps >= steps)
+        return publishers
+
+    return run
+
+
+def _time(simulation):
+    from builtin_interfaces.msg import Time
+
+    return Time(nanosec=round(simulation.data.time * 1e9))
+
+
+def test_rates_are_exact_in_simulation_time(example):
+    published = {topic: len(sent.messages) for topic, sent in example(500).items()}
+    assert published == {
+        "/obelisk/dummy/joint_encoders": 500,
+        "/obelisk/dummy/obk_joint_encoders": 500,
+        "/obelisk/dummy/imu": 250,
+        "/obelisk/dummy/framepose": 250,
+        "~/viz_geoms": 0,
+        "obelisk/sim/mujoco_scene_viz": 0,
+    }
+
+
+def test_stamps_are_the_multiples_of_the_period(example):
+    sent = example(20)
+    stamps = [message.header.stamp.nanosec for message in sent["/obelisk/dummy/imu"].messages]
+    assert stamps == [2_000_000 * number for number in range(1, 11)]
+
+
+def test_markers_go_to_both_topics_every_second(example):
+    sent = example(2_000)
+    for topic in ("~/viz_geoms", "obelisk/sim/mujoco_scene_viz"):
+        assert [len(message.markers) for message in sent[topic].messages] == [3, 3]
+
+
+def test_both_joint_encoder_messages_say_the_same(example):
+    sent = example(50)
+    plain = sent["/obelisk/dummy/joint_encoders"].messages[-1]
+    named = sent["/obelisk/dummy/obk_joint_encoders"].messages[-1]
+    assert named.joint_names == ["joint1"]
+    assert plain.y.tolist() == [*named.joint_pos, *named.joint_vel]

@@ -1,0 +1,194 @@
+"""Each kind of sensor group: MuJoCo's numbers in the right fields, frames, names."""
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+
+import mujoco
+from obelisk_py.core.messages import message_name
+from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, SensorSource
+from obelisk_spec.sensors import SENSOR_GROUPS
+
+pytestmark = pytest.mark.mujoco
+
+STAMP = Time(sec=12, nanosec=34)
+
+
+def _sample(model, data, kind, names, warnings=None):
+    source = SensorSource(
+        model=model, data=data, names=names, warn=(warnings if warnings is not None else []).append
+    )
+    message = SENSOR_KINDS[kind].build(source)(STAMP)
+    assert type(message) is SENSOR_KINDS[kind].message_type
+    assert message.header.stamp == STAMP
+    return message
+
+
+def _wxyz(field):
+    return [field.w, field.x, field.y, field.z]
+
+
+def _xyz(field):
+    return [field.x, field.y, field.z]
+
+
+def _same(numbers, data, *sensors):
+    wanted = np.concatenate([data.sensor(name).data for name in sensors])
+    assert len(numbers) == len(wanted)
+    assert np.abs(np.asarray(numbers) - wanted).max() <= 1e-12
+    assert np.abs(wanted).min() > 1e-6, "a zero would compare equal to nothing"
+
+
+@pytest.mark.parametrize("kind", SENSOR_KINDS)
+def test_a_kind_publishes_the_type_that_the_language_says(kind):
+    assert message_name(SENSOR_KINDS[kind].message_type) == SENSOR_GROUPS[kind].published
+
+
+def test_joint_encoders_stand_in_the_order_of_the_config(everything, moving):
+    names = {
+        "right_hip_pos": "jointpos",
+        "left_hip_vel": "jointvel",
+        "left_hip_pos": "jointpos",
+        "right_hip_vel": "jointvel",
+    }
+    message = _sample(everything, moving, "ObkJointEncoders", names)
+    assert message.joint_names == ["right_hip", "left_hip"]
+    assert message.stamp == STAMP
+    assert message.header.frame_id == "world"
+    _same(message.joint_pos, moving, "right_hip_pos", "left_hip_pos")
+    _same(message.joint_vel, moving, "right_hip_vel", "left_hip_vel")
+
+
+def test_joint_encoders_that_measure_no_velocity_have_none(everything, moving):
+    message = _sample(everything, moving, "ObkJointEncoders", {"left_slide_pos": "jointpos"})
+    assert message.joint_names == ["left_slide"]
+    _same(message.joint_pos, moving, "left_slide_pos")
+    assert len(message.joint_vel) == 0
+
+
+def test_a_joint_that_lacks_one_of_the_sensors_is_filled_from_the_state(everything, moving):
+    names = {"right_hip_pos": "jointpos", "left_hip_pos": "jointpos", "left_hip_vel": "jointvel"}
+    message = _sample(everything, moving, "ObkJointEncoders", names)
+    assert message.joint_names == ["right_hip", "left_hip"]
+    _same(message.joint_vel, moving, "right_hip_vel", "left_hip_vel")
+
+
+def test_plain_joint_encoders_are_positions_then_velocities(everything, moving):
+    names = {
+        "left_slide_vel": "jointvel",
+        "right_hip_pos": "jointpos",
+        "left_hip_vel": "jointvel",
+        "left_slide_pos": "jointpos",
+    }
+    message = _sample(everything, moving, "JointEncoders", names)
+    _same(message.y, moving, "right_hip_pos", "left_slide_pos", "left_slide_vel", "left_hip_vel")
+
+
+@pytest.mark.parametrize("kind", ["ObkImu", "Imu"])
+def test_an_imu_speaks_in_the_frame_of_its_site(everything, moving, kind):
+    names = {"imu_quat": "framequat", "acc": "accelerometer", "gyro": "gyro"}
+    message = _sample(everything, moving, kind, names)
+    assert message.header.frame_id == "imu"
+    _same(_xyz(message.linear_acceleration), moving, "acc")
+    _same(_xyz(message.angular_velocity), moving, "gyro")
+    _same(_wxyz(message.orientation), moving, "imu_quat")
+    for part in ("orientation", "angular_velocity", "linear_acceleration"):
+        assert getattr(message, f"{part}_covariance").tolist() == [0.0] * 9
+
+
+def test_what_an_imu_does_not_measure_is_marked(everything, moving):
+    message = _sample(everything, moving, "Imu", {"acc": "accelerometer"})
+    assert message.orientation_covariance[0] == -1.0
+    assert message.angular_velocity_covariance[0] == -1.0
+    assert message.linear_acceleration_covariance[0] == 0.0
+
+
+def test_a_frame_pose_is_given_in_the_world(everything, moving):
+    names = {"centre_pos": "framepos", "centre_quat": "framequat"}
+    message = _sample(everything, moving, "ObkFramePose", names)
+    assert (message.header.frame_id, message.frame_name) == ("world", "centre")
+    _same(_xyz(message.position), moving, "centre_pos")
+    _same(_wxyz(message.orientation), moving, "centre_quat")
+
+
+def test_a_frame_pose_is_given_in_the_reference_of_its_sensors(everything, moving):
+    names = {"toe_in_base": "framepos", "toe_quat_in_base": "framequat"}
+    warnings = []
+    message = _sample(everything, moving, "PoseStamped", names, warnings)
+    assert message.header.frame_id == "base"
+    _same(_xyz(message.pose.position), moving, "toe_in_base")
+    assert np.allclose(_wxyz(message.pose.orientation), moving.sensor("toe_quat_in_base").data)
+    assert warnings == []
+
+
+def test_a_pose_in_two_frames_is_warned_about(everything, moving):
+    names = {"toe_in_base": "framepos", "toe_quat": "framequat"}
+    warnings = []
+    message = _sample(everything, moving, "ObkFramePose", names, warnings)
+    assert message.header.frame_id == "base"
+    assert warnings == [
+        "the sensor `toe_in_base` is given in the frame `base` and `toe_quat` in `world`; the "
+        "message says `base`. One `reftype` and `refname` for both in the model would make it a "
+        "pose"
+    ]
+
+
+def test_odometry_passes_on_what_sits_at_its_object(everything, moving):
+    names = {
+        "centre_pos": "framepos",
+        "centre_quat": "framequat",
+        "centre_velocity": "velocimeter",
+        "centre_gyro": "gyro",
+    }
+    message = _sample(everything, moving, "Odometry", names)
+    assert (message.header.frame_id, message.child_frame_id) == ("world", "centre")
+    _same(_xyz(message.pose.pose.position), moving, "centre_pos")
+    _same(_wxyz(message.pose.pose.orientation), moving, "centre_quat")
+    _same(_xyz(message.twist.twist.linear), moving, "centre_velocity")
+    _same(_xyz(message.twist.twist.angular), moving, "centre_gyro")
+
+
+def test_odometry_brings_what_is_measured_elsewhere_on_the_body_to_its_object(everything, moving):
+    names = {
+        "centre_pos": "framepos",
+        "centre_quat": "framequat",
+        "velocity": "velocimeter",
+        "gyro": "gyro",
+    }
+    message = _sample(everything, moving, "Odometry", names)
+    _same(_xyz(message.twist.twist.linear), moving, "centre_velocity")
+    _same(_xyz(message.twist.twist.angular), moving, "centre_gyro")
+
+
+def test_odometry_with_a_sensor_on_another_body_warns_and_passes_it_on(everything, moving):
+    names = {"centre_pos": "framepos", "centre_quat": "framequat", "toe_velocity": "velocimeter"}
+    warnings = []
+    message = _sample(everything, moving, "Odometry", names, warnings)
+    _same(_xyz(message.twist.twist.linear), moving, "toe_velocity")
+    assert warnings == [
+        "the sensor `toe_velocity` and the pose of `centre` are on different bodies; its values "
+        "are passed on as they are"
+    ]
+
+
+def test_odometry_without_a_pose_leaves_it_empty(everything, moving):
+    message = _sample(everything, moving, "Odometry", {"gyro": "gyro"})
+    assert message.header.frame_id == "world"
+    assert _xyz(message.pose.pose.position) == [0.0, 0.0, 0.0]
+    _same(_xyz(message.twist.twist.angular), moving, "gyro")
+
+
+def test_a_message_keeps_its_numbers_while_the_simulation_goes_on(everything, moving):
+    sample = SENSOR_KINDS["ObkJointEncoders"].build(
+        SensorSource(
+            model=everything,
+            data=moving,
+            names={"left_hip_pos": "jointpos", "left_hip_vel": "jointvel"},
+            warn=print,
+        )
+    )
+    before = sample(STAMP)
+    numbers = before.joint_pos.tolist()
+    mujoco.mj_step(everything, moving, 10)
+    assert before.joint_pos.tolist() == numbers
+    assert sample(STAMP).joint_pos.tolist() != numbers

@@ -1,0 +1,39 @@
+"""`TrueSimState` against the state itself."""
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+
+from obelisk_py.core.sim.mujoco.true_state import StateCopy, TrueStateReader
+
+pytestmark = pytest.mark.mujoco
+
+
+def _message(model, data):
+    copy = StateCopy(stamp=Time(sec=3), qpos=data.qpos.copy(), qvel=data.qvel.copy())
+    return TrueStateReader(model).message(copy)
+
+
+def test_a_floating_robot_has_a_base_and_joints(everything, moving):
+    message = _message(everything, moving)
+    assert message.header.stamp.sec == 3
+    assert message.base_link_name == "base"
+    assert message.joint_names == ["left_hip", "left_slide", "right_hip"]
+    assert message.y.tolist() == [*moving.qpos, *moving.qvel]
+    body = moving.body("base")
+    w, x, y, z = body.xquat
+    assert np.allclose(message.q_base, [*body.xpos, x, y, z, w], atol=1e-12)
+    assert message.v_base.tolist() == moving.joint("root").qvel.tolist()
+    assert message.q_joints.tolist() == [moving.joint(n).qpos[0] for n in message.joint_names]
+    assert message.v_joints.tolist() == [moving.joint(n).qvel[0] for n in message.joint_names]
+
+
+def test_a_robot_with_a_fixed_base_has_joints_only(dummy):
+    import mujoco
+
+    data = mujoco.MjData(dummy)
+    mujoco.mj_resetDataKeyframe(dummy, data, 1)
+    message = _message(dummy, data)
+    assert message.base_link_name == ""
+    assert (len(message.q_base), len(message.v_base)) == (0, 0)
+    assert message.q_joints.tolist() == [-1.0]

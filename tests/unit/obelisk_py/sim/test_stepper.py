@@ -1,0 +1,134 @@
+"""The stepping loop, with a clock and a simulation that the test moves."""
+
+import pytest
+
+from obelisk_py.core.sim.mujoco.stepper import Output, Stepper
+from obelisk_py.core.sim.mujoco.stepping import Pace, SampleTimes
+
+MS = 1_000_000
+
+
+class _Clock:
+    """Moves only when somebody waits, or when a step costs something."""
+
+    def __init__(self):
+        self.ns = 0
+        self.waits = []
+
+    def now_ns(self):
+        return self.ns
+
+    def sleep_until_ns(self, deadline_ns, stopped):
+        self.waits.append(max(0, deadline_ns - self.ns))
+        self.ns = max(self.ns, deadline_ns)
+        return self.ns
+
+
+class _Simulation:
+    step_s = 0.001
+
+    def __init__(self, clock, cost_ns=0):
+        self.steps = 0
+        self.counts = []
+        self._clock = clock
+        self._cost_ns = cost_ns
+
+    def advance(self, count):
+        self.steps += count
+        self.counts.append(count)
+        self._clock.ns += self._cost_ns
+        return ("a warning",) if self.steps == 3 else ()
+
+
+class _Run:
+    def __init__(self, *, factor, until, periods_s=(), cost_ns=0):
+        self.clock = _Clock()
+        self.simulation = _Simulation(self.clock, cost_ns)
+        self.published = [[] for _ in periods_s]
+        self.warnings = []
+        self.reports = []
+        outputs = [
+            Output(times=SampleTimes(period_s=period, step_s=0.001), publish=self._keep(kept))
+            for period, kept in zip(periods_s, self.published, strict=True)
+        ]
+        Stepper(
+            self.simulation,
+            pace=Pace(0.001 / factor) if factor else None,
+            clock=self.clock,
+            outputs=outputs,
+            stamp=lambda: self.simulation.steps,
+            warn=self.warnings.append,
+            report=self.reports.append,
+        ).run(lambda: until(self))
+
+    def _keep(self, kept):
+        return lambda stamp: kept.append((self.simulation.steps, stamp))
+
+
+def test_a_second_of_wall_time_is_a_second_of_simulation():
+    run = _Run(factor=1.0, until=lambda run: run.simulation.steps >= 1_000)
+    assert run.clock.ns == 1_000 * MS
+    assert set(run.simulation.counts) == {1}
+
+
+def test_a_factor_of_a_tenth_takes_ten_times_as_long():
+    run = _Run(factor=0.1, until=lambda run: run.simulation.steps >= 100)
+    assert run.clock.ns == 1_000 * MS
+
+
+def test_a_factor_of_zero_never_waits():
+    run = _Run(factor=0.0, until=lambda run: run.simulation.steps >= 1_000)
+    assert run.clock.waits == []
+    assert max(run.simulation.counts) == 16
+
+
+def test_samples_follow_their_steps_and_carry_the_stamp_of_the_step():
+    run = _Run(
+        factor=1.0, until=lambda run: run.simulation.steps >= 6, periods_s=(0.001, 0.002, 0.005)
+    )
+    every, second, fifth = run.published
+    assert every == [(step, step) for step in range(1, 7)]
+    assert second == [(2, 2), (4, 4), (6, 6)]
+    assert fifth == [(5, 5)]
+
+
+def test_as_fast_as_possible_no_sample_is_missed_or_moved():
+    run = _Run(factor=0.0, until=lambda run: run.simulation.steps >= 100, periods_s=(0.007, 0.010))
+    sevens, tens = run.published
+    assert [step for step, _ in sevens] == list(range(7, 100, 7))
+    assert [step for step, _ in tens] == list(range(10, 101, 10))
+
+
+def test_every_second_is_reported_with_the_measured_factor():
+    run = _Run(factor=0.5, until=lambda run: run.clock.ns >= 3_500 * MS)
+    assert [report.realtime_factor for report in run.reports] == pytest.approx([0.5] * 3, rel=2e-3)
+    assert {report.overruns for report in run.reports} == {0}
+
+
+def test_a_machine_that_is_too_slow_is_reported_and_does_not_race():
+    run = _Run(factor=1.0, until=lambda run: run.clock.ns >= 5_000 * MS, cost_ns=2 * MS)
+    report = run.reports[-1]
+    assert report.realtime_factor == pytest.approx(0.5, rel=0.02)
+    assert report.overruns > 10
+    assert report.lost_s == pytest.approx(0.5, rel=0.1)
+
+
+def test_warnings_of_a_step_are_handed_on():
+    run = _Run(factor=1.0, until=lambda run: run.simulation.steps >= 10)
+    assert run.warnings == ["a warning"]
+
+
+def test_no_step_is_taken_once_it_is_stopped_while_it_waits():
+    asked = iter([False, True, True])
+    run = _Run(factor=1.0, until=lambda _: next(asked))
+    assert run.simulation.steps == 0
+
+
+def test_what_a_step_raises_ends_the_run():
+    def stop_or_raise(run):
+        if run.simulation.steps == 2:
+            raise RuntimeError("the step failed")
+        return False
+
+    with pytest.raises(RuntimeError, match="the step failed"):
+        _Run(factor=1.0, until=stop_or_raise)

@@ -1,0 +1,101 @@
+"""When steps are due and what follows which step, with times that the test makes up."""
+
+import pytest
+
+from obelisk_py.core.sim.mujoco.stepping import MonotonicClock, Pace, SampleTimes
+
+MS = 1_000_000
+
+
+def test_an_hour_of_late_wakings_does_not_drift():
+    pace = Pace(0.001)
+    pace.start(5)
+    now_ns = 5
+    for step in range(1, 3_600_001):
+        deadline_ns = pace.next_deadline_ns(now_ns)
+        now_ns = deadline_ns + (step % 7) * 50_000
+    assert deadline_ns == 5 + 3_600_000 * MS
+    assert pace.overruns == 0
+
+
+def test_a_period_that_is_no_whole_number_of_nanoseconds_does_not_drift():
+    pace = Pace(0.001 / 3)
+    pace.start(0)
+    deadlines = [pace.next_deadline_ns(0) for _ in range(3_000)]
+    assert deadlines[2] == MS
+    assert deadlines[-1] == 1_000 * MS
+
+
+def test_a_short_delay_is_made_up_for_by_steps_that_are_due_at_once():
+    pace = Pace(0.001)
+    pace.start(0)
+    late = [pace.next_deadline_ns(10 * MS) for _ in range(10)]
+    assert late == [step * MS for step in range(1, 11)]
+    assert pace.next_deadline_ns(10 * MS) == 11 * MS
+    assert pace.overruns == 0
+
+
+def test_a_long_delay_is_counted_and_the_schedule_starts_from_there():
+    pace = Pace(0.001)
+    pace.start(0)
+    assert pace.next_deadline_ns(501 * MS) == 501 * MS
+    assert (pace.overruns, pace.lost_s) == (1, pytest.approx(0.5))
+    assert pace.next_deadline_ns(501 * MS) == 502 * MS
+    assert pace.overruns == 1
+
+
+def test_starting_again_forgets_what_was_missed():
+    pace = Pace(0.001)
+    pace.start(0)
+    pace.next_deadline_ns(500 * MS)
+    pace.start(700 * MS)
+    assert pace.next_deadline_ns(700 * MS) == 701 * MS
+    assert (pace.overruns, pace.lost_s) == (0, 0.0)
+
+
+def _sampled(period_s, step_s, steps):
+    times = SampleTimes(period_s=period_s, step_s=step_s)
+    taken = []
+    for step in range(1, steps + 1):
+        if step >= times.next_step:
+            taken.append(step)
+            times.pass_step(step)
+    return taken
+
+
+def test_a_period_of_whole_steps_is_sampled_at_its_multiples():
+    assert _sampled(0.002, 0.001, 9) == [2, 4, 6, 8]
+    assert _sampled(0.001, 0.001, 3) == [1, 2, 3]
+
+
+def test_a_period_of_broken_steps_is_rounded_up_to_steps_and_keeps_its_mean_rate():
+    assert _sampled(0.0025, 0.001, 10) == [3, 5, 8, 10]
+    assert len(_sampled(1 / 300, 0.001, 100_000)) == 30_000
+
+
+def test_a_period_shorter_than_the_step_is_sampled_at_every_step():
+    assert _sampled(0.0004, 0.002, 5) == [1, 2, 3, 4, 5]
+
+
+def test_the_number_of_samples_is_exact_over_ten_million_steps():
+    times = SampleTimes(period_s=0.003, step_s=0.001)
+    times.pass_step(9_999_999)
+    assert times.next_step == 10_000_002
+
+
+def test_steps_that_were_taken_together_are_sampled_once():
+    times = SampleTimes(period_s=0.002, step_s=0.001)
+    times.pass_step(7)
+    assert times.next_step == 8
+
+
+def test_the_clock_does_not_wait_for_a_time_that_has_passed():
+    clock = MonotonicClock()
+    before_ns = clock.now_ns()
+    assert clock.sleep_until_ns(before_ns - 1, lambda: False) >= before_ns
+
+
+def test_the_clock_does_not_wait_once_it_is_stopped():
+    clock = MonotonicClock()
+    far_ns = clock.now_ns() + 3_600_000 * MS
+    assert clock.sleep_until_ns(far_ns, lambda: True) < far_ns
