@@ -126,7 +126,7 @@ def check_group_against_model(
         yield from _check_sensor(name, sensor_type, (*path, "sensor_names", name), facts, rule)
     if rule is not None:
         # Of a type that is given too often, which is reported, only the first counts.
-        firsts = {kind: name for name, kind in reversed(names.items())}
+        firsts = {kind: name for name, kind in reversed(list(names.items()))}
         found = [
             facts.sensors[name]
             for name, kind in names.items()

@@ -28,6 +28,10 @@ from obk_cli.tree import Tree, TreeMap
 __all__ = ["Options", "Outcome", "compile_config", "compile_source"]
 
 
+_LOSES_TEXT = frozenset(f"OBK{number:03}" for number in (2, 3, 6, 7, 8, 9, 10, 13))
+"""Faults after which part of the config is not there to be checked."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
     """How a config is compiled."""
@@ -83,7 +87,7 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
     stack, faults = _front(source, options)
     if stack is not None:
         stack = resolve_paths(stack, folder, surroundings)
-        is_whole = not any(fault.code.startswith("OBK0") for fault in faults)
+        is_whole = not any(fault.code in _LOSES_TEXT for fault in faults)
         faults += check_stack(stack, surroundings, is_whole=is_whole)
     ignore = (*options.ignore, *(stack.ignored_codes if stack else ()))
     heard = in_order(silence(_causes(faults), ignore))

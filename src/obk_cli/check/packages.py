@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Iterator
 
+from obelisk_spec.names import package_name_fault
 from obelisk_spec.near import did_you_mean, near_names
 from obk_cli.config import FileSearch, Spanned, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
@@ -16,7 +17,7 @@ def check_executables(stack: Stack, surroundings: Surroundings) -> Iterator[Diag
     missing: dict[str, list[Spanned[str]]] = defaultdict(list)
     searched: tuple[str, ...] = ()
     for node in stack.nodes:
-        if node.pkg is None or node.executable is None:
+        if node.pkg is None or node.executable is None or package_name_fault(node.pkg.value):
             continue
         answer = surroundings.find_executable(node.pkg.value, node.executable.value)
         if not isinstance(answer, ExecutableMissing):

@@ -26,12 +26,14 @@ def check_namespace(name: Spanned[str] | None, faults: Faults) -> Spanned[str] |
     return _checked(name, namespace_fault, "OBK110", "a namespace", faults)
 
 
+def _name_part_fault(name: str) -> str | None:
+    # A digit may come first: the whole name starts with `obelisk_`.
+    return node_name_fault(f"n{name}")
+
+
 def check_node_name(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
     """The node's name part, with a finding if it can be none."""
-    # A digit may come first: the whole name starts with `obelisk_`.
-    return _checked(
-        name, lambda text: node_name_fault(f"n{text}"), "OBK110", "part of a node name", faults
-    )
+    return _checked(name, _name_part_fault, "OBK110", "part of a node name", faults)
 
 
 def check_package(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
@@ -61,6 +63,6 @@ def _checked(
 ) -> Spanned[str] | None:
     fault = fault_of(name.value) if name else None
     if name is not None and fault is not None:
-        faults.append(found(code, f"`{name.value}` is not {what}: {fault}", name.span))
+        faults.append(found(code, f"`{name.value}` cannot be {what}: {fault}", name.span))
     # A wrong name is kept: what it stands for is still there, and is not to be reported missing.
     return name

@@ -124,9 +124,10 @@ class _StackReader:
         """All sections of one device."""
         assert isinstance(device.value, TreeMap)  # `_is_device` asked
         for entry in device.value:
-            if entry.key in SECTION_KEYS:
-                self.read_section(entry, device.key)
-            else:
+            section = _as_section(entry, device.value)
+            if section is not None:
+                self.read_section(section, device.key)
+            if section is not entry:
                 help = did_you_mean(entry.key, SECTION_KEYS)
                 message = f"device `{device.key}` has no section `{entry.key}`"
                 self._faults.append(found("OBK101", message, entry.key_span, help=help))
