@@ -10,7 +10,14 @@ from dataclasses import dataclass, field
 __all__ = ["TIERS", "Endpoint", "Origin", "ParameterValue", "Plan", "Process"]
 
 ParameterValue = (
-    bool | int | float | str | tuple[bool, ...] | tuple[int, ...] | tuple[float, ...] | tuple[str, ...]
+    bool
+    | int
+    | float
+    | str
+    | tuple[bool, ...]
+    | tuple[int, ...]
+    | tuple[float, ...]
+    | tuple[str, ...]
 )
 
 TIERS = ("robot", "sensing", "estimation", "control", "viz", "joystick")

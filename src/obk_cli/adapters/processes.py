@@ -1,0 +1,118 @@
+"""Processes of nodes: started and signalled through the warden, their output read line by line."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from obk_cli.adapters import warden
+from obk_cli.launch.events import Heard, ProcessEnded, ProcessStarted
+from obk_cli.plan import Process
+
+__all__ = ["NodeCommand", "WardenProcesses"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeCommand:
+    """How a node's process is started."""
+
+    arguments: tuple[str, ...]
+    environment: Mapping[str, str]
+
+
+class WardenProcesses:
+    """Node processes that die with this one, whatever ends it."""
+
+    def __init__(
+        self,
+        *,
+        commands: Mapping[str, NodeCommand],
+        folder: Path,
+        hear: Callable[[Heard], None],
+        on_line: Callable[[str, str], None],
+    ) -> None:
+        """Start the warden.
+
+        Args:
+            commands: by the nodes' full names.
+            folder: the processes' working folder.
+            hear: takes `ProcessStarted` and `ProcessEnded`, from a thread.
+            on_line: takes a node's full name and a line of its output, from a thread.
+        """
+        self._commands = commands
+        self._folder = folder
+        self._hear = hear
+        self._on_line = on_line
+        self._pumps: list[threading.Thread] = []
+        self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            self._warden = subprocess.Popen(
+                [sys.executable, "-I", "-S", str(Path(warden.__file__))],
+                stdin=theirs,
+                start_new_session=True,
+                env={},
+            )
+        self._listener = threading.Thread(target=self._listen, name="warden", daemon=True)
+        self._listener.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End whatever still runs, and the warden."""
+        self._link.shutdown(socket.SHUT_RDWR)
+        self._warden.wait()
+        self._listener.join()
+        self._link.close()
+        for pump in self._pumps:
+            pump.join()
+
+    def start(self, process: Process) -> None:
+        """Start a node's process; `ProcessStarted` or `ProcessEnded` follows."""
+        command = self._commands[process.full_name]
+        read_fd, write_fd = os.pipe2(os.O_CLOEXEC)
+        request = {
+            "do": "start",
+            "node": process.full_name,
+            "arguments": command.arguments,
+            "environment": dict(command.environment),
+            "folder": str(self._folder),
+        }
+        try:
+            socket.send_fds(self._link, [json.dumps(request).encode()], [write_fd])
+        finally:
+            os.close(write_fd)
+        pump = threading.Thread(
+            target=self._pump, args=(process.full_name, read_fd), name="output", daemon=True
+        )
+        pump.start()
+        self._pumps.append(pump)
+
+    def signal(self, node: str, number: int) -> None:
+        """Send a signal to a node's process and its children that share its group."""
+        self._link.send(json.dumps({"do": "signal", "node": node, "number": number}).encode())
+
+    def _listen(self) -> None:
+        while data := self._link.recv(warden.LARGEST_PACKET):
+            news = json.loads(data)
+            if news["news"] == "started":
+                self._hear(ProcessStarted(node=news["node"], pid=news["pid"]))
+            else:
+                self._hear(ProcessEnded(node=news["node"], code=news["code"], text=news["text"]))
+
+    def _pump(self, node: str, read_fd: int) -> None:
+        with open(read_fd, encoding="utf-8", errors="replace") as output:
+            for line in output:
+                self._on_line(node, line.rstrip("\n"))

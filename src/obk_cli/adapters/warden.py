@@ -1,0 +1,185 @@
+"""The process between the launcher and the nodes: nothing that it started outlives the launcher.
+
+Run as a program of its own (`python -I -S warden.py`), with its standard input one end of a Unix
+socket of packets. Takes JSON requests (`start` with a descriptor for the output, `signal`), gives
+JSON news (`started`, `ended`). It is the parent of the nodes and adopts their orphans (child
+subreaper). When the launcher's end of the socket closes, whatever the reason, all of them get
+SIGTERM, then SIGKILL. Imports the standard library only, so that it is up at once.
+Source: prctl(2), PR_SET_CHILD_SUBREAPER and PR_SET_PDEATHSIG.
+"""
+
+import ctypes
+import json
+import os
+import selectors
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+PR_SET_PDEATHSIG = 1
+PR_SET_CHILD_SUBREAPER = 36
+GRACE_S = 1.0
+"""Between SIGTERM and SIGKILL once the launcher is gone [s]."""
+LARGEST_PACKET = 1 << 20
+
+
+class Warden:
+    """The nodes' parent."""
+
+    def __init__(self, link: socket.socket, libc: ctypes.CDLL) -> None:
+        self._link = link
+        self._libc = libc
+        self._pids: dict[int, str] = {}
+
+    def serve(self) -> None:
+        """Answer requests until the launcher's end of the socket closes."""
+        children_fd = _wakeups()
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._link, selectors.EVENT_READ)
+            selector.register(children_fd, selectors.EVENT_READ)
+            while True:
+                for key, _ in selector.select():
+                    if key.fileobj == children_fd:
+                        if signal.SIGTERM in os.read(children_fd, 512):
+                            return
+                        self._reap()
+                    elif not self._answer():
+                        return
+
+    def end_all(self) -> None:
+        """End every process below this one: SIGTERM, a grace time, SIGKILL."""
+        deadline = time.monotonic() + GRACE_S
+        self._signal_all(signal.SIGTERM)
+        while _children() and time.monotonic() < deadline:
+            self._reap()
+            time.sleep(0.01)
+        while _children():
+            self._signal_all(signal.SIGKILL)
+            self._reap()
+            time.sleep(0.01)
+
+    def _answer(self) -> bool:
+        data, fds, _, _ = socket.recv_fds(self._link, LARGEST_PACKET, 1)
+        if not data:
+            return False
+        request = json.loads(data)
+        if request["do"] == "start":
+            self._start(request, fds[0])
+        else:
+            self._signal(request["node"], request["number"])
+        return True
+
+    def _start(self, request: dict[str, Any], output: int) -> None:
+        node = request["node"]
+        try:
+            # The Popen object is let go: children are reaped here, all in one place.
+            child = subprocess.Popen(
+                request["arguments"],
+                env=request["environment"],
+                cwd=request["folder"],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                start_new_session=True,
+                preexec_fn=self._in_child,
+            )
+        except OSError as error:
+            self._send(news="ended", node=node, code=127, text=str(error))
+        else:
+            self._pids[child.pid] = node
+            child.returncode = 0
+            self._send(news="started", node=node, pid=child.pid)
+        finally:
+            os.close(output)
+
+    def _in_child(self) -> None:
+        self._libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_DFL)
+
+    def _signal(self, node: str, number: int) -> None:
+        for pid, name in self._pids.items():
+            if name == node:
+                _kill_group(pid, number)
+
+    def _signal_all(self, number: int) -> None:
+        for pid in _children():
+            _kill_group(pid, number)
+            _kill(pid, number)
+
+    def _reap(self) -> None:
+        for pid, status in _waited():
+            node = self._pids.pop(pid, None)
+            if node is not None:
+                # What the node left of its own children must not go on without it.
+                _kill_group(pid, signal.SIGKILL)
+                self._send(news="ended", node=node, code=os.waitstatus_to_exitcode(status), text="")
+
+    def _send(self, **news: object) -> None:
+        try:
+            self._link.send(json.dumps(news).encode())
+        except OSError:
+            # The launcher is gone; the closed socket is seen in `serve`.
+            return
+
+
+def _wakeups() -> int:
+    """A descriptor that gets a byte, the signal's number, for each SIGCHLD and SIGTERM."""
+    read_fd, write_fd = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)
+    signal.set_wakeup_fd(write_fd, warn_on_full_buffer=False)
+    for number in (signal.SIGCHLD, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    return read_fd
+
+
+def _waited() -> Iterator[tuple[int, int]]:
+    while True:
+        try:
+            pid, status = os.waitpid(-1, os.WNOHANG)
+        except ChildProcessError:
+            return
+        if pid == 0:
+            return
+        yield pid, status
+
+
+def _children() -> list[int]:
+    """The processes whose parent this one is, adopted ones included."""
+    return [int(pid) for pid in Path("/proc/thread-self/children").read_text().split()]
+
+
+def _kill_group(pid: int, number: int) -> None:
+    try:
+        os.killpg(pid, number)
+    except (ProcessLookupError, PermissionError):
+        return
+
+
+def _kill(pid: int, number: int) -> None:
+    try:
+        os.kill(pid, number)
+    except ProcessLookupError:
+        return
+
+
+def main() -> None:
+    """Serve on standard input until the other end closes."""
+    libc = ctypes.CDLL(None)
+    libc.prctl(PR_SET_CHILD_SUBREAPER, 1)
+    with socket.socket(fileno=os.dup(sys.stdin.fileno())) as link:
+        warden = Warden(link, libc)
+        try:
+            warden.serve()
+        finally:
+            warden.end_all()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,128 @@
+"""`obk lifecycle get|configure|activate|deactivate|cleanup|shutdown [NODE...]`."""
+
+import json
+import sys
+from collections.abc import Mapping
+from typing import Annotated
+
+import psutil
+import typer
+
+from obelisk_spec.near import did_you_mean
+from obk_cli.adapters.ros_environment import RosEnvironment, ros_environment
+from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
+from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseError
+from obk_cli.launch.order import in_tier_order
+from obk_cli.launch.runs import Run, read_runs, runs_folder
+from obk_cli.launch.transitions import TRANSITIONS
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = "Example: obk lifecycle deactivate obelisk_control_0"
+VERBS = ("get", *TRANSITIONS)
+DISCOVERY_S = 3.0
+QUIET_S = 0.5
+
+
+def command(
+    verb: Annotated[str, typer.Argument(metavar="|".join(VERBS), help="What to do.")],
+    nodes: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[NODE...]", help="Nodes by name; all when none is named."),
+    ] = None,
+    timeout: Annotated[float, typer.Option(help="Seconds that a transition may take.")] = 10.0,
+    format: Annotated[str, typer.Option(metavar="text|json", help="How to report.")] = "text",
+) -> None:
+    """Ask for the states of a running stack's nodes, or take them through a transition.
+
+    Up (configure, activate) goes robot first, down goes controllers first. Exit code 0: every
+    node got there; 1: one did not, or there is no such node.
+    """
+    if verb not in VERBS:
+        raise MisuseError(f"`obk lifecycle {verb}`: no such verb", help=did_you_mean(verb, VERBS))
+    if format not in ("text", "json"):
+        raise MisuseError(f"`--format {format}`: expected `text` or `json`")
+    environment = ros_environment()
+    with open_ros("obk_lifecycle", environment) as ros:
+        chosen = _choose(ros, environment, nodes or ())
+        if verb == "get":
+            states = {node: ros.state(node, timeout) or "no answer" for node in chosen}
+            done = all(state != "no answer" for state in states.values())
+        else:
+            states, done = _change(ros, verb, chosen, timeout)
+    _report(states, format)
+    raise typer.Exit(EXIT_DONE if done else EXIT_FAILED)
+
+
+def _choose(
+    ros: RosLifecycle, environment: RosEnvironment, asked: list[str] | tuple[str, ...]
+) -> tuple[str, ...]:
+    """The nodes meant, in tier order, once they are in the graph."""
+    expected = [node for run in _live_runs(environment) for node in run.nodes]
+    found = ros.find(expected or _full(asked), DISCOVERY_S, QUIET_S)
+    if not found:
+        raise CommandFailedError(
+            f"there is no life-cycle node in the ROS domain {environment.domain}",
+            help="start a stack with `obk launch`; a stack on another host needs "
+            "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET here and there",
+        )
+    if not asked:
+        return in_tier_order(node for node in found if not expected or node in expected)
+    for name in asked:
+        if _match(name, found) is None:
+            raise CommandFailedError(
+                f"there is no life-cycle node '{name}' in the ROS domain {environment.domain}",
+                help=did_you_mean(name, found),
+            )
+    return in_tier_order(node for name in asked if (node := _match(name, found)))
+
+
+def _full(asked: list[str] | tuple[str, ...]) -> list[str]:
+    return [name for name in asked if name.startswith("/")]
+
+
+def _match(name: str, found: tuple[str, ...]) -> str | None:
+    """The full name that a user means by a full name, a name without namespace, or its tail."""
+    tails = (f"/{name.lstrip('/')}", f"/obelisk_{name.lstrip('/')}")
+    return next((node for tail in tails for node in found if node.endswith(tail)), None)
+
+
+def _live_runs(environment: RosEnvironment) -> tuple[Run, ...]:
+    runs = read_runs(runs_folder(environment.variables))
+    return tuple(r for r in runs if r.domain == environment.domain and _is_alive(r))
+
+
+def _is_alive(run: Run) -> bool:
+    try:
+        return abs(psutil.Process(run.pid).create_time() - run.started) < 1.0
+    except psutil.NoSuchProcess:
+        return False
+
+
+def _change(
+    ros: RosLifecycle, verb: str, nodes: tuple[str, ...], timeout: float
+) -> tuple[dict[str, str], bool]:
+    """Take nodes through a transition, one after another; stops at the first that does not."""
+    is_up = verb in ("configure", "activate")
+    states: dict[str, str] = {}
+    for node in nodes if is_up else reversed(nodes):
+        answer = ros.change(node, verb, timeout)
+        if answer is None:
+            states[node] = f"no answer to '{verb}' within {timeout:g} s"
+            return states, False
+        state = ros.state(node, timeout) or "no answer"
+        states[node] = state
+        if not answer.success:
+            reason = answer.fault or f"'{verb}' is not possible in this state"
+            print(f"{node}: '{verb}' was refused: {reason}", file=sys.stderr)
+            return states, False
+    return states, True
+
+
+def _report(states: Mapping[str, str], format: str) -> None:
+    if format == "json":
+        print(json.dumps(states, indent=1))
+        return
+    width = max(map(len, states), default=0)
+    for node, state in states.items():
+        print(f"{node:<{width}}  {state}")

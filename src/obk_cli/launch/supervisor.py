@@ -1,0 +1,275 @@
+"""Runs a plan: start, configure and activate in order, watch, bring down; nothing stays behind.
+
+Hears from processes and nodes through one inbox, acts through two doors, tells what it does as
+events. Knows no ROS, no operating system and no terminal; the clock is handed in.
+"""
+
+import signal
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from typing import Final, Protocol
+
+from obk_cli.launch.events import (
+    Answered,
+    Ended,
+    Failed,
+    Heard,
+    Phase,
+    ProcessEnded,
+    ProcessStarted,
+    Ready,
+    Result,
+    StateSeen,
+    StopAsked,
+    Told,
+    TransitionEnded,
+)
+from obk_cli.launch.order import Step, Until, steps_up, tiers_down
+from obk_cli.launch.transitions import FINALIZED, TRANSITIONS, UNCONFIGURED, Transition, way_down
+from obk_cli.plan import Plan, Process
+
+__all__ = ["Lifecycle", "Limits", "Processes", "Supervisor"]
+
+EXIT_DONE: Final = 0
+EXIT_FAILED: Final = 1
+
+
+class Processes(Protocol):
+    """The door to the operating system."""
+
+    def start(self, process: Process) -> None:
+        """Start a node's process; `ProcessStarted` or `ProcessEnded` follows."""
+
+    def signal(self, node: str, number: int) -> None:
+        """Send a signal to a node's process and all of its children."""
+
+
+class Lifecycle(Protocol):
+    """The door to the nodes."""
+
+    def watch(self, nodes: Iterable[str]) -> None:
+        """Begin to listen for these nodes; `Ready` follows for each."""
+
+    def request(self, node: str, transition: str) -> None:
+        """Ask a node for a transition; `Answered` follows."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """How long things may take [s]."""
+
+    transition_s: float = 10.0
+    start_s: float = 20.0
+    grace_s: float = 3.0
+    """Between two signals, each harder than the one before."""
+    down_s: float = 3.0
+    """For one transition on the way down."""
+
+
+class Supervisor:
+    """One run of one plan."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        *,
+        processes: Processes,
+        lifecycle: Lifecycle,
+        inbox: "SimpleQueue[Heard]",
+        clock: Callable[[], float],
+        tell: Callable[[Told], None],
+        limits: Limits | None = None,
+    ) -> None:
+        """Make a supervisor; `run` does everything.
+
+        Args:
+            plan: what to run.
+            processes: starts and signals processes.
+            lifecycle: asks nodes for transitions.
+            inbox: where both doors, and signals, put what they hear.
+            clock: monotonic time [s].
+            tell: takes what happens.
+            limits: deadlines.
+        """
+        self._plan = plan
+        self._processes = processes
+        self._lifecycle = lifecycle
+        self._inbox = inbox
+        self._clock = clock
+        self._tell = tell
+        self._limits = limits or Limits()
+        self._begin = clock()
+        self._running: set[str] = set()
+        self._ready: set[str] = set()
+        self._states: dict[str, str] = {}
+        self._stop: str | None = None
+        self._failures: list[str] = []
+        self._is_going_down = False
+
+    def run(self, until: Until = "active", duration_s: float | None = None) -> Ended:
+        """Bring the stack up, watch it, bring it down.
+
+        Args:
+            until: how far the bring-up goes.
+            duration_s: how long the stack runs after the bring-up [s]; None: until asked to stop.
+        """
+        if self._bring_up(until):
+            deadline = None if duration_s is None else self._clock() + duration_s
+            while self._may_go_on and self._hear(deadline):
+                pass
+            if self._may_go_on:
+                self._stop = f"{duration_s:g} s are over"
+        self._bring_down()
+        ended = Ended(
+            exit_code=EXIT_FAILED if self._failures else EXIT_DONE,
+            cause=self._failures[0] if self._failures else "",
+            consequences=max(0, len(self._failures) - 1),
+        )
+        self._tell(ended)
+        return ended
+
+    @property
+    def _may_go_on(self) -> bool:
+        return self._stop is None and not self._failures
+
+    def _phase(self, name: str, detail: str = "") -> None:
+        self._tell(Phase(name=name, seconds=self._clock() - self._begin, detail=detail))
+
+    def _bring_up(self, until: Until) -> bool:
+        names = {p.full_name for p in self._plan.processes}
+        self._phase("starting", f"{len(names)} nodes")
+        self._lifecycle.watch(sorted(names))
+        for process in self._plan.processes:
+            self._processes.start(process)
+            self._running.add(process.full_name)
+        deadline = self._clock() + self._limits.start_s
+        while self._may_go_on and self._ready != names:
+            if not self._hear(deadline):
+                late = ", ".join(sorted(names - self._ready))
+                self._fail(f"no life-cycle services after {self._limits.start_s:g} s: {late}")
+        if not self._may_go_on:
+            return False
+        self._phase("ready")
+        for step in steps_up(self._plan, until):
+            if not self._make(step):
+                return False
+        self._phase({"none": "started", "configured": "configured", "active": "active"}[until])
+        return True
+
+    def _make(self, step: Step) -> bool:
+        """Take the nodes of a step through its transition; on failure take them back."""
+        results = self._transition(step.transition, step.nodes, self._limits.transition_s)
+        if all(result == "reached" for result in results.values()) and self._may_go_on:
+            return True
+        reached = tuple(node for node, result in results.items() if result == "reached")
+        if reached and step.transition.undo:
+            undo = TRANSITIONS[step.transition.undo]
+            self._phase("rolling back", ", ".join(reached))
+            self._transition(undo, reached, self._limits.transition_s)
+        return False
+
+    def _transition(
+        self, transition: Transition, nodes: Iterable[str], limit_s: float
+    ) -> dict[str, Result]:
+        """Ask all nodes at once and wait for every answer, at most `limit_s`."""
+        asked = self._clock()
+        waiting = set(nodes) & self._running
+        results: dict[str, Result] = dict.fromkeys(nodes, "gone")
+        for node in sorted(waiting):
+            self._lifecycle.request(node, transition.name)
+        while waiting and (heard := self._hear(asked + limit_s)):
+            if isinstance(heard, Answered) and heard.transition == transition.name:
+                waiting.discard(heard.node)
+                results[heard.node] = "reached" if heard.success else "refused"
+                self._concluded(heard.node, transition, results[heard.node], asked, heard.fault)
+            waiting &= self._running
+        for node in sorted(waiting):
+            results[node] = "timed out"
+            self._concluded(node, transition, "timed out", asked, "")
+        return results
+
+    def _concluded(
+        self, node: str, transition: Transition, result: Result, asked: float, fault: str
+    ) -> None:
+        seconds = self._clock() - asked
+        self._tell(
+            TransitionEnded(
+                node=node, transition=transition.name, result=result, seconds=seconds, fault=fault
+            )
+        )
+        if result == "reached":
+            self._states[node] = transition.goal
+        elif not self._is_going_down:
+            how = f"was not done within {seconds:.1f} s" if result == "timed out" else "failed"
+            first = f": {fault.splitlines()[0]}" if fault else ""
+            self._fail(f"{node}: the transition '{transition.name}' {how}{first}")
+
+    def _bring_down(self) -> None:
+        self._is_going_down = True
+        self._phase("stopping", self._failures[0] if self._failures else self._stop or "")
+        for tier in tiers_down(self._plan):
+            for transition in way_down("active"):
+                at = [
+                    node
+                    for node in tier
+                    if node in self._ready
+                    and self._states.get(node, UNCONFIGURED) in transition.starts
+                ]
+                self._transition(transition, at, self._limits.down_s)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+            for node in sorted(self._running):
+                self._processes.signal(node, number)
+            deadline = self._clock() + self._limits.grace_s
+            while self._running and self._hear(deadline):
+                pass
+        for node in sorted(self._running):
+            self._fail(f"{node}: the process is still there after SIGKILL")
+        self._phase("stopped")
+
+    def _hear(self, deadline: float | None) -> Heard | None:
+        """The next message, after taking note of it; None at the deadline."""
+        try:
+            left = None if deadline is None else max(0.0, deadline - self._clock())
+            heard = self._inbox.get(timeout=left)
+        except Empty:
+            return None
+        match heard:
+            case ProcessStarted():
+                self._tell(heard)
+            case Ready(node=node):
+                self._ready.add(node)
+            case StateSeen(node=node, state=state):
+                self._states[node] = state
+            case Failed(node=node, fault=fault) if not self._is_going_down:
+                self._tell(heard)
+                self._fail(
+                    f"{node} failed: {fault.splitlines()[0] if fault else 'no reason given'}"
+                )
+            case StopAsked(reason=reason):
+                self._stop = self._stop or reason
+            case ProcessEnded():
+                self._ended(heard)
+            case _:
+                pass
+        return heard
+
+    def _ended(self, heard: ProcessEnded) -> None:
+        self._running.discard(heard.node)
+        self._states[heard.node] = FINALIZED
+        is_expected = self._is_going_down and heard.code == 0
+        if not is_expected:
+            self._tell(heard)
+        if not self._is_going_down:
+            self._fail(f"{heard.node}: {_how_it_ended(heard)}")
+
+    def _fail(self, text: str) -> None:
+        self._failures.append(text)
+
+
+def _how_it_ended(heard: ProcessEnded) -> str:
+    if heard.text:
+        return f"the process could not start: {heard.text}"
+    if heard.code < 0:
+        return f"the process was ended by {signal.Signals(-heard.code).name}"
+    return f"the process exited with code {heard.code}"

@@ -1,0 +1,62 @@
+"""The life-cycle transitions as a table.
+
+Source: https://design.ros2.org/articles/node_lifecycle.html
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+__all__ = [
+    "ACTIVE",
+    "FINALIZED",
+    "INACTIVE",
+    "TRANSITIONS",
+    "UNCONFIGURED",
+    "Transition",
+    "way_down",
+]
+
+UNCONFIGURED: Final = "unconfigured"
+INACTIVE: Final = "inactive"
+ACTIVE: Final = "active"
+FINALIZED: Final = "finalized"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Transition:
+    """One transition that a user can ask for."""
+
+    name: str
+    starts: frozenset[str]
+    """States from which it is allowed."""
+    goal: str
+    undo: str | None = None
+    """The transition that takes it back."""
+
+
+TRANSITIONS: Final = {
+    t.name: t
+    for t in (
+        Transition(
+            name="configure", starts=frozenset({UNCONFIGURED}), goal=INACTIVE, undo="cleanup"
+        ),
+        Transition(name="activate", starts=frozenset({INACTIVE}), goal=ACTIVE, undo="deactivate"),
+        Transition(name="deactivate", starts=frozenset({ACTIVE}), goal=INACTIVE, undo="activate"),
+        Transition(
+            name="cleanup", starts=frozenset({INACTIVE}), goal=UNCONFIGURED, undo="configure"
+        ),
+        Transition(
+            name="shutdown", starts=frozenset({UNCONFIGURED, INACTIVE, ACTIVE}), goal=FINALIZED
+        ),
+    )
+}
+
+
+def way_down(state: str) -> tuple[Transition, ...]:
+    """The transitions that lead from a state to `finalized`, one by one."""
+    names = {
+        ACTIVE: ("deactivate", "cleanup", "shutdown"),
+        INACTIVE: ("cleanup", "shutdown"),
+        UNCONFIGURED: ("shutdown",),
+    }
+    return tuple(TRANSITIONS[name] for name in names.get(state, ()))

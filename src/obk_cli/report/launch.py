@@ -1,0 +1,87 @@
+"""A run for a person: what happens, one line an event, and the nodes' output behind their names."""
+
+import threading
+from collections.abc import Callable, Iterable
+
+from obk_cli.launch.events import (
+    Ended,
+    Failed,
+    Phase,
+    ProcessEnded,
+    ProcessStarted,
+    Told,
+    TransitionEnded,
+)
+
+__all__ = ["LaunchReport"]
+
+_NODE_COLOURS = ("36", "35", "34", "33", "32", "96", "95", "94")
+_MARKS = {"reached": ("ok", "32"), "refused": ("FAILED", "31"), "timed out": ("TIMED OUT", "31")}
+
+
+class LaunchReport:
+    """Turns events and output into lines; may be called from several threads."""
+
+    def __init__(
+        self, nodes: Iterable[str], write: Callable[[str], None], *, colour: bool, quiet: bool
+    ) -> None:
+        """Make a report.
+
+        Args:
+            nodes: full names, for colours and column width.
+            write: takes a line.
+            colour: whether to use escape codes.
+            quiet: leave the nodes' output out.
+        """
+        self._short = {node: node.strip("/").removeprefix("obelisk_") for node in nodes}
+        self._width = max(map(len, self._short.values()), default=0)
+        self._colours = dict(zip(self._short, _NODE_COLOURS * len(self._short), strict=False))
+        self._write = write
+        self._colour = colour
+        self._quiet = quiet
+        self._lock = threading.Lock()
+
+    def line(self, node: str, text: str) -> None:
+        """Show a line of a node's output."""
+        if not self._quiet:
+            name = self._paint(self._colours[node], f"{self._short[node]:<{self._width}} |")
+            self._put(f"{name} {text}")
+
+    def event(self, event: Told) -> None:
+        """Show what happened."""
+        for text in self._lines(event):
+            self._put(text)
+
+    def _lines(self, event: Told) -> Iterable[str]:
+        match event:
+            case Phase():
+                detail = f" ({event.detail})" if event.detail else ""
+                yield self._paint("1", f"[{event.seconds:6.2f} s] {event.name}{detail}")
+            case ProcessStarted():
+                yield f"  {self._short[event.node]}: process {event.pid}"
+            case TransitionEnded():
+                mark, colour = _MARKS.get(event.result, (event.result, "31"))
+                took = f"{event.seconds * 1e3:.0f} ms"
+                yield (
+                    f"  {self._short[event.node]}: {event.transition} "
+                    f"{self._paint(colour, mark)} ({took})"
+                )
+                yield from (f"    {line}" for line in event.fault.splitlines())
+            case Failed():
+                yield self._paint("31", f"  {self._short[event.node]}: FAILED")
+                yield from (f"    {line}" for line in event.fault.splitlines())
+            case ProcessEnded():
+                why = event.text or f"code {event.code}"
+                yield self._paint("31", f"  {self._short[event.node]}: process ended ({why})")
+            case Ended() if event.cause:
+                more = f" (and {event.consequences} more after it)" if event.consequences else ""
+                yield self._paint("31", f"failed: {event.cause}{more}")
+            case Ended():
+                yield self._paint("32", "ended in order")
+
+    def _paint(self, code: str, text: str) -> str:
+        return f"\x1b[{code}m{text}\x1b[0m" if self._colour else text
+
+    def _put(self, text: str) -> None:
+        with self._lock:
+            self._write(text)
