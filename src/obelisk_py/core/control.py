@@ -39,7 +39,7 @@ class ObeliskController(ABC, ObeliskNode):
         )
 
     @abstractmethod
-    def update_x_hat(self, x_hat_msg: ObeliskEstimatorMsg) -> None:  # type: ignore[misc]
+    def update_x_hat(self, x_hat_msg: ObeliskEstimatorMsg) -> None:
         """Take a new state estimate.
 
         Args:

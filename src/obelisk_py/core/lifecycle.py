@@ -26,6 +26,7 @@ TransitionCallback = Callable[[LifecycleState], TransitionCallbackReturn]
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 ERROR = TransitionCallbackReturn.ERROR
+NO_TRANSITION = -1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +44,7 @@ class Fault:
         return f"{self.where}: {self.text}" + (f"\n{self.traceback}" if self.traceback else "")
 
 
-class GuardedLifecycleNode(LifecycleNode):  # type: ignore[misc]
+class GuardedLifecycleNode(LifecycleNode):
     """An rclpy life-cycle node whose failures are logged, kept, and lead to error processing."""
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
@@ -185,7 +186,7 @@ class GuardedLifecycleNode(LifecycleNode):  # type: ignore[misc]
             if edge[0] in self._triggers
         }
         by_label = {label: number for number, label in allowed.items()}
-        number = by_label.get(wanted.label) if wanted.label else wanted.id
+        number = by_label.get(wanted.label, NO_TRANSITION) if wanted.label else int(wanted.id)
         if number not in allowed:
             self.get_logger().warning(
                 f"refused the transition '{wanted.label or wanted.id}' in the state "

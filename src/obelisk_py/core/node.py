@@ -261,12 +261,13 @@ class ObeliskNode(GuardedLifecycleNode):
 
     def _publisher(self, component: Component, raw: Mapping[str, Any]) -> LifecyclePublisher:
         settings = topic_settings(component, raw)
-        return self.create_lifecycle_publisher(
+        publisher: LifecyclePublisher = self.create_lifecycle_publisher(
             self._message_class(component, settings.msg_type),
             settings.topic,
             settings.qos,
             callback_group=self._group(component, settings.callback_group),
         )
+        return publisher
 
     def _subscription(self, component: Component, raw: Mapping[str, Any]) -> Subscription:
         settings = topic_settings(component, raw)

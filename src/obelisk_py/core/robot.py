@@ -37,7 +37,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         )
 
     @abstractmethod
-    def apply_control(self, control_msg: ObeliskControlMsg) -> None:  # type: ignore[misc]
+    def apply_control(self, control_msg: ObeliskControlMsg) -> None:
         """Apply a control message to the system.
 
         Args:

@@ -55,7 +55,7 @@ class WardenProcesses:
         with theirs:
             self._warden = subprocess.Popen(
                 [sys.executable, "-I", "-S", str(Path(warden.__file__))],
-                stdin=theirs,
+                stdin=theirs.fileno(),
                 start_new_session=True,
                 env={},
             )

@@ -48,7 +48,7 @@ def open_ros(name: str, environment: RosEnvironment) -> "Iterator[RosLifecycle]"
     try:
         context.init(domain_id=environment.domain)
         rclpy.signals.install_signal_handlers(SignalHandlerOptions.NO)
-        node = rclpy.create_node(
+        node: Any = rclpy.create_node(
             f"{name}_{os.getpid()}",
             context=context,
             start_parameter_services=False,

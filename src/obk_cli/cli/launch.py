@@ -15,7 +15,7 @@ from obk_cli.cli.config_options import (
     wants_colour,
 )
 from obk_cli.errors import EXIT_FAILED, MisuseError
-from obk_cli.launch.order import UNTIL, Until
+from obk_cli.launch.order import UNTIL
 from obk_cli.pipeline import Outcome, compile_config
 from obk_cli.report.text import report_text, summary
 
@@ -83,7 +83,7 @@ def command(
         LaunchOptions(
             config=config,
             folder=working_folder,
-            until=cast(Until, until),
+            until=until,
             duration_s=duration,
             limits=Limits(transition_s=timeout),
         ),

@@ -12,7 +12,7 @@ from obelisk_spec.near import did_you_mean
 from obk_cli.adapters.ros_environment import RosEnvironment, ros_environment
 from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseError
-from obk_cli.launch.order import in_tier_order
+from obk_cli.launch.order import in_tier_order, section_of
 from obk_cli.launch.runs import Run, read_runs, runs_folder
 from obk_cli.launch.transitions import TRANSITIONS
 
@@ -35,8 +35,9 @@ def command(
 ) -> None:
     """Ask for the states of a running stack's nodes, or take them through a transition.
 
-    Up (configure, activate) goes robot first, down goes controllers first. Exit code 0: every
-    node got there; 1: one did not, or there is no such node.
+    NODE is a name, full or short (control_0), or a section (control). Up (configure, activate)
+    goes robot first, down goes controllers first; a node that is there already is left alone.
+    Exit code 0: every node got there; 1: one did not, or there is no such node.
     """
     if verb not in VERBS:
         raise MisuseError(f"`obk lifecycle {verb}`: no such verb", help=did_you_mean(verb, VERBS))
@@ -69,22 +70,23 @@ def _choose(
     if not asked:
         return in_tier_order(node for node in found if not expected or node in expected)
     for name in asked:
-        if _match(name, found) is None:
+        if not _matches(name, found):
             raise CommandFailedError(
                 f"there is no life-cycle node '{name}' in the ROS domain {environment.domain}",
                 help=did_you_mean(name, found),
             )
-    return in_tier_order(node for name in asked if (node := _match(name, found)))
+    return in_tier_order({node for name in asked for node in _matches(name, found)})
 
 
 def _full(asked: list[str] | tuple[str, ...]) -> list[str]:
     return [name for name in asked if name.startswith("/")]
 
 
-def _match(name: str, found: tuple[str, ...]) -> str | None:
-    """The full name that a user means by a full name, a name without namespace, or its tail."""
+def _matches(name: str, found: tuple[str, ...]) -> tuple[str, ...]:
+    """The nodes that a user means by a name, full or in short, or by a section's name."""
     tails = (f"/{name.lstrip('/')}", f"/obelisk_{name.lstrip('/')}")
-    return next((node for tail in tails for node in found if node.endswith(tail)), None)
+    by_name = tuple(node for node in found if node.endswith(tails))
+    return by_name or tuple(node for node in found if section_of(node) == name)
 
 
 def _live_runs(environment: RosEnvironment) -> tuple[Run, ...]:
@@ -102,21 +104,32 @@ def _is_alive(run: Run) -> bool:
 def _change(
     ros: RosLifecycle, verb: str, nodes: tuple[str, ...], timeout: float
 ) -> tuple[dict[str, str], bool]:
-    """Take nodes through a transition, one after another; stops at the first that does not."""
-    is_up = verb in ("configure", "activate")
+    """Take nodes to a transition's goal, one after another; stops at the first that stays away."""
+    goal = TRANSITIONS[verb].goal
     states: dict[str, str] = {}
-    for node in nodes if is_up else reversed(nodes):
-        answer = ros.change(node, verb, timeout)
-        if answer is None:
-            states[node] = f"no answer to '{verb}' within {timeout:g} s"
-            return states, False
-        state = ros.state(node, timeout) or "no answer"
-        states[node] = state
-        if not answer.success:
-            reason = answer.fault or f"'{verb}' is not possible in this state"
-            print(f"{node}: '{verb}' was refused: {reason}", file=sys.stderr)
-            return states, False
+    for node in nodes if verb in ("configure", "activate") else reversed(nodes):
+        if ros.state(node, timeout) != goal:
+            refusal = _refusal(ros, verb, node, timeout)
+            if refusal is not None:
+                print(f"{node}: {refusal}", file=sys.stderr)
+                states[node] = ros.state(node, timeout) or "no answer"
+                return states, False
+        states[node] = goal
     return states, True
+
+
+def _refusal(ros: RosLifecycle, verb: str, node: str, timeout: float) -> str | None:
+    """Ask for a transition; why it was not made, or None when it was."""
+    before = ros.state(node, timeout)
+    answer = ros.change(node, verb, timeout)
+    if answer is None:
+        return f"no answer to '{verb}' within {timeout:g} s"
+    if answer.success:
+        return None
+    if before not in TRANSITIONS[verb].starts:
+        starts = " or ".join(sorted(TRANSITIONS[verb].starts))
+        return f"'{verb}' starts from {starts}, and the node is {before}"
+    return f"'{verb}' failed: {answer.fault or 'the node gave no reason'}"
 
 
 def _report(states: Mapping[str, str], format: str) -> None:

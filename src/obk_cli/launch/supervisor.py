@@ -7,7 +7,7 @@ events. Knows no ROS, no operating system and no terminal; the clock is handed i
 import signal
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from queue import Empty, SimpleQueue
+from queue import Empty
 from typing import Final, Protocol
 
 from obk_cli.launch.events import (
@@ -29,10 +29,17 @@ from obk_cli.launch.order import Step, Until, steps_up, tiers_down
 from obk_cli.launch.transitions import FINALIZED, TRANSITIONS, UNCONFIGURED, Transition, way_down
 from obk_cli.plan import Plan, Process
 
-__all__ = ["Lifecycle", "Limits", "Processes", "Supervisor"]
+__all__ = ["Inbox", "Lifecycle", "Limits", "Processes", "Supervisor"]
 
 EXIT_DONE: Final = 0
 EXIT_FAILED: Final = 1
+
+
+class Inbox(Protocol):
+    """What was heard, in order; a `queue.SimpleQueue` is one."""
+
+    def get(self, *, timeout: float | None) -> Heard:
+        """The next message; raises `queue.Empty` after `timeout` [s]."""
 
 
 class Processes(Protocol):
@@ -76,7 +83,7 @@ class Supervisor:
         *,
         processes: Processes,
         lifecycle: Lifecycle,
-        inbox: "SimpleQueue[Heard]",
+        inbox: Inbox,
         clock: Callable[[], float],
         tell: Callable[[Told], None],
         limits: Limits | None = None,

@@ -17,7 +17,10 @@ from obelisk_py.core.exceptions import ObeliskMsgError
 
 __all__ = ["multiarray_from_numpy", "multiarray_to_numpy"]
 
-DTYPES = {FloatMultiArray: np.dtype(np.float64), UInt8MultiArray: np.dtype(np.uint8)}
+DTYPES: dict[type[Any], np.dtype[Any]] = {
+    FloatMultiArray: np.dtype(np.float64),
+    UInt8MultiArray: np.dtype(np.uint8),
+}
 
 
 def multiarray_from_numpy(
@@ -62,7 +65,7 @@ def multiarray_to_numpy(message: FloatMultiArray | UInt8MultiArray) -> NDArray[A
     Raises:
         ObeliskMsgError: the data are fewer than the layout says.
     """
-    data = np.array(message.data, DTYPES[type(message)])
+    data: NDArray[Any] = np.array(message.data, DTYPES[type(message)])
     offset, dims = message.layout.data_offset, message.layout.dim
     if not dims:
         return data[offset:]

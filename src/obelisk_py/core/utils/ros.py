@@ -44,7 +44,7 @@ def spin_obelisk(
         SystemExit: with code 1, the node died of an error.
     """
     # rclpy's own handlers end the context before the node could be brought down in order.
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
     executor = (executor_type or EventsExecutor)()
     try:
         node = node_type(**(node_kwargs or {}))

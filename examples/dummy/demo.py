@@ -1,0 +1,149 @@
+"""Runs the dummy stack for a while, watches it from outside, and prints what happened.
+
+`python examples/dummy/demo.py [SECONDS]`; `make demo` does the same for 20 s. The watcher is an
+ordinary ROS 2 node: it only knows the topics' names.
+"""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from obelisk_control_msgs.msg import PositionSetpoint
+from obelisk_estimator_msgs.msg import EstimatedState
+from obelisk_sensor_msgs.msg import JointEncoders
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+
+import obelisk_py  # noqa: F401  (gives the messages their older field names, `u` and `x_hat`)
+from obelisk_py.core.executors import EventLoopExecutor
+
+TOPICS = {
+    "/obelisk/dummy/ctrl": PositionSetpoint,
+    "/obelisk/dummy/est": EstimatedState,
+    "/obelisk/dummy/joint_encoders": JointEncoders,
+}
+SETTLING_S = 2.0
+"""The joint starts elsewhere than the command; what it does first does not count [s]."""
+SPARK = "▁▂▃▄▅▆▇█"
+
+
+@dataclass
+class Watched:
+    """What came over one topic."""
+
+    times: list[float] = field(default_factory=list)
+    """When each message arrived [s]."""
+    samples: list[tuple[float, float]] = field(default_factory=list)
+    """(time [s], first value of the message), of every tenth message."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Messages per second between the first and the last."""
+        span = self.times[-1] - self.times[0] if len(self.times) > 1 else 0.0
+        return (len(self.times) - 1) / span if span else 0.0
+
+
+class Watcher(Node):  # type: ignore[misc]
+    """Counts the messages of the dummy stack's topics."""
+
+    def __init__(self) -> None:
+        """Subscribe; messages stay bytes, so that watching costs little."""
+        super().__init__("dummy_watcher")
+        self.watched = {topic: Watched() for topic in TOPICS}
+        for topic, kind in TOPICS.items():
+            self.create_subscription(kind, topic, self._callback(topic, kind), 100, raw=True)
+
+    def _callback(self, topic: str, kind: type[Any]) -> Any:
+        watched = self.watched[topic]
+
+        def take(data: bytes) -> None:
+            now = time.monotonic()
+            if len(watched.times) % 10 == 0:
+                values = first_values(deserialize_message(data, kind))
+                watched.samples.extend((now, float(value)) for value in values[:1])
+            watched.times.append(now)
+
+        return take
+
+
+def first_values(message: Any) -> Any:
+    """The message's values: the command, the estimate, or the measurement."""
+    if isinstance(message, PositionSetpoint):
+        return message.u
+    return message.x_hat if isinstance(message, EstimatedState) else message.y
+
+
+def correlation(command: Watched, joint: Watched) -> float:
+    """Pearson's correlation of joint position and command, once the joint has settled."""
+    times, values = np.array(joint.samples).T
+    is_settled = times > times[0] + SETTLING_S
+    commands = np.interp(times[is_settled], *np.array(command.samples).T)
+    return float(np.corrcoef(commands, values[is_settled])[0, 1])
+
+
+def sparkline(watched: Watched, columns: int = 64) -> str:
+    """The values over time as a line of blocks."""
+    values = np.array([value for _, value in watched.samples])
+    chosen = values[np.linspace(0, len(values) - 1, columns).astype(int)]
+    span = float(np.ptp(chosen)) or 1.0
+    levels = ((chosen - chosen.min()) / span * (len(SPARK) - 1)).round().astype(int)
+    return "".join(SPARK[level] for level in levels)
+
+
+def launch(seconds: float) -> int:
+    """Run the stack to its end; gives `obk launch`'s exit code."""
+    config = Path(__file__).with_name("dummy.yaml")
+    obk = Path(sys.executable).with_name("obk")
+    return subprocess.run(
+        [obk, "launch", config, "--duration", f"{seconds:g}"], check=False
+    ).returncode
+
+
+def watch(seconds: float) -> tuple[int, dict[str, Watched]]:
+    """Launch the stack and watch it until it has ended."""
+    rclpy.init()
+    watcher = Watcher()
+    executor = EventLoopExecutor()
+    executor.add_node(watcher)
+    spinning = threading.Thread(target=executor.spin, daemon=True)
+    spinning.start()
+    try:
+        return launch(seconds), watcher.watched
+    finally:
+        executor.shutdown()
+        spinning.join()
+        watcher.destroy_node()
+        rclpy.try_shutdown()
+
+
+def main() -> int:
+    """Launch, watch, report."""
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    code, watched = watch(float(sys.argv[1]) if len(sys.argv) > 1 else 20.0)
+    command, joint = (
+        watched[topic] for topic in ("/obelisk/dummy/ctrl", "/obelisk/dummy/joint_encoders")
+    )
+    print("\nWhat happened")
+    for topic, seen in watched.items():
+        print(f"  {topic:<30} {len(seen.times):>6} messages  {seen.rate_hz:7.1f} Hz")
+    if code != 0 or not command.samples or not joint.samples:
+        print("  the stack did not run as it should")
+        return code or 1
+    print(f"  command  {sparkline(command)}")
+    print(f"  joint1   {sparkline(joint)}")
+    print(
+        f"  joint1 followed the command sin(t): correlation {correlation(command, joint):.4f} "
+        f"after the first {SETTLING_S:g} s"
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,116 @@
+"""Settings of components: where they come from, and what is wrong with them."""
+
+from typing import Any
+
+import pytest
+from rclpy.qos import QoSReliabilityPolicy
+
+from obelisk_py.core.components import Component, ComponentKind, ComponentTable
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.settings import (
+    find_settings,
+    parse_node_settings,
+    timer_settings,
+    topic_settings,
+)
+
+NOTHING = parse_node_settings("")
+
+
+def publisher(**changes: Any) -> Component:
+    values: dict[str, Any] = {"ros_parameter": "pub_ctrl_setting", "key": None, **changes}
+    return Component(kind=ComponentKind.PUBLISHER, **values)
+
+
+def test_the_own_parameter_wins_over_the_entry_and_the_default() -> None:
+    node = parse_node_settings("publishers: [{key: pub_ctrl, topic: /entry}]")
+    component = publisher(default="{topic: /default}")
+    assert find_settings(component, "{topic: /own}", node) == {"key": "pub_ctrl", "topic": "/own"}
+    assert find_settings(component, "", node) == {"key": "pub_ctrl", "topic": "/entry"}
+    assert find_settings(component, " ", NOTHING) == {"topic": "/default"}
+    assert find_settings(publisher(), "", NOTHING) is None
+
+
+@pytest.mark.parametrize("identity", ["key: pub_ctrl", "ros_parameter: pub_ctrl_setting"])
+def test_key_and_ros_parameter_name_the_same_component(identity: str) -> None:
+    node = parse_node_settings(f"publishers: [{{{identity}, topic: /x}}]")
+    for component in (publisher(), publisher(ros_parameter=None, key="pub_ctrl")):
+        settings = find_settings(component, "", node)
+        assert settings is not None
+        assert settings["topic"] == "/x"
+
+
+def test_an_entry_of_another_kind_is_not_taken() -> None:
+    node = parse_node_settings("subscribers: [{key: pub_ctrl, topic: /x}]")
+    assert find_settings(publisher(), "", node) is None
+
+
+def test_the_old_flat_form_is_read() -> None:
+    raw = find_settings(publisher(), "topic:/x,history_depth:3", NOTHING)
+    assert raw == {"topic": "/x", "history_depth": 3}
+
+
+def test_defaults_are_ten_deep_reliable_in_the_default_group() -> None:
+    settings = topic_settings(publisher(), {"topic": "/x", "callback_group": "None"})
+    assert settings.qos.depth == 10
+    assert settings.qos.reliability == QoSReliabilityPolicy.RELIABLE
+    assert settings.callback_group is None
+
+
+def test_qos_is_taken() -> None:
+    raw = {"topic": "/x", "qos": {"reliability": "best_effort", "history_depth": 2}}
+    qos = topic_settings(publisher(), raw).qos
+    assert (qos.depth, qos.reliability) == (2, QoSReliabilityPolicy.BEST_EFFORT)
+
+
+@pytest.mark.parametrize(
+    ("raw", "sentence"),
+    [
+        ({}, "has no 'topic'"),
+        ({"topic": "/x", "history_depth": 0}, "'history_depth' is 0, expected an integer of at"),
+        ({"topic": "/x", "history_depth": True}, "'history_depth' is True"),
+        ({"topic": "/x", "qos": 3}, "'qos' is 3, expected a mapping"),
+        ({"topic": "/x", "qos": {"reliability": "maybe"}}, "there are: reliable, best_effort"),
+    ],
+)
+def test_bad_topic_settings_name_the_component_and_the_value(
+    raw: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(ObeliskConfigError, match=sentence) as error:
+        topic_settings(publisher(), raw)
+    assert "publisher 'pub_ctrl_setting'" in str(error.value)
+
+
+@pytest.mark.parametrize("period", [0, -1, True, "fast", None])
+def test_a_period_is_a_number_above_zero(period: object) -> None:
+    timer = Component(
+        kind=ComponentKind.TIMER, ros_parameter=None, key="timer_ctrl", callback=lambda: None
+    )
+    with pytest.raises(ObeliskConfigError, match="expected seconds above 0"):
+        timer_settings(timer, {"timer_period_sec": period})
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[1]", "publishers: 3", "publishers: [x]", "callback_groups: [a]", "callback_groups: {a: B}"],
+)
+def test_obelisk_settings_of_another_shape_are_refused(text: str) -> None:
+    with pytest.raises(ObeliskConfigError):
+        parse_node_settings(text)
+
+
+def test_a_component_needs_a_name_and_a_callback() -> None:
+    with pytest.raises(ObeliskConfigError, match="neither ros_parameter nor key"):
+        publisher(ros_parameter=None)
+    with pytest.raises(ObeliskConfigError, match="without a callback"):
+        Component(kind=ComponentKind.TIMER, ros_parameter=None, key="t")
+
+
+def test_a_table_finds_every_spelling_and_lists_what_exists() -> None:
+    table: ComponentTable[int] = ComponentTable(ComponentKind.PUBLISHER)
+    table.add("pub_ctrl", publisher().names | {"asdf"}, 7)
+    for name in ("pub_ctrl", "pub_ctrl_setting", "publisher_ctrl", "asdf"):
+        assert table[name] == 7
+    assert list(table) == ["pub_ctrl"]
+    with pytest.raises(KeyError, match="no publisher 'nope'; there are: pub_ctrl"):
+        table["nope"]

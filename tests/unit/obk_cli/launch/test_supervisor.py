@@ -1,0 +1,264 @@
+"""The supervisor against a world of tables: no process, no ROS, no waiting."""
+
+import signal
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from queue import Empty
+
+from obk_cli.launch.events import (
+    Answered,
+    Ended,
+    Failed,
+    Heard,
+    Phase,
+    ProcessEnded,
+    ProcessStarted,
+    Ready,
+    StateSeen,
+    StopAsked,
+    Told,
+    TransitionEnded,
+)
+from obk_cli.launch.order import Until
+from obk_cli.launch.supervisor import Limits, Supervisor
+from obk_cli.plan import Origin, Plan, Process
+
+ROBOT, ESTIMATOR, CONTROLLER = "/obelisk_robot_0", "/obelisk_estimation_0", "/obelisk_control_0"
+
+
+def process(section: str, index: int = 0) -> Process:
+    return Process(
+        node=f"obelisk_{section}_{index}",
+        namespace="/",
+        section=section,
+        device="onboard",
+        package="p",
+        executable="e",
+        origin=Origin(path="c.yaml", line=1, column=1),
+    )
+
+
+PLAN = Plan(name="s", processes=tuple(map(process, ("control", "estimation", "robot"))))
+
+
+@dataclass
+class World:
+    """Processes, nodes, inbox and clock in one; behaves well unless told otherwise."""
+
+    refuses: dict[tuple[str, str], str] = field(default_factory=dict)
+    silent: set[tuple[str, str]] = field(default_factory=set)
+    never_ready: set[str] = field(default_factory=set)
+    deaf_to: set[tuple[str, int]] = field(default_factory=set)
+    later: deque[Heard] = field(default_factory=deque)
+    """What happens once nothing else does."""
+    now: float = 0.0
+    heard: deque[Heard] = field(default_factory=deque)
+    told: list[Told] = field(default_factory=list)
+    done: list[tuple[str, str]] = field(default_factory=list)
+    signals: list[tuple[str, int]] = field(default_factory=list)
+    alive: set[str] = field(default_factory=set)
+
+    def start(self, process: Process) -> None:
+        name = process.full_name
+        self.alive.add(name)
+        self.heard.append(ProcessStarted(node=name, pid=1))
+        if name not in self.never_ready:
+            self.heard.append(Ready(node=name))
+
+    def signal(self, node: str, number: int) -> None:
+        self.signals.append((node, number))
+        if (node, number) not in self.deaf_to:
+            self.alive.discard(node)
+            code = 0 if number == signal.SIGINT else -number
+            self.heard.append(ProcessEnded(node=node, code=code))
+
+    def watch(self, nodes: Iterable[str]) -> None:
+        del nodes
+
+    def request(self, node: str, transition: str) -> None:
+        self.done.append((node, transition))
+        if (node, transition) in self.silent:
+            return
+        fault = self.refuses.get((node, transition))
+        self.heard.append(
+            Answered(node=node, transition=transition, success=fault is None, fault=fault or "")
+        )
+
+    def get(self, *, timeout: float | None) -> Heard:
+        if self.heard:
+            return self.heard.popleft()
+        if self.later:
+            return self.later.popleft()
+        assert timeout is not None, "nothing will ever happen again"
+        self.now += timeout
+        raise Empty
+
+    def run(self, until: Until = "active", duration_s: float | None = 5.0) -> Ended:
+        supervisor = Supervisor(
+            PLAN,
+            processes=self,
+            lifecycle=self,
+            inbox=self,
+            clock=lambda: self.now,
+            tell=self.told.append,
+            limits=Limits(transition_s=10, start_s=20, grace_s=3, down_s=3),
+        )
+        return supervisor.run(until, duration_s)
+
+    @property
+    def phases(self) -> list[str]:
+        return [event.name for event in self.told if isinstance(event, Phase)]
+
+
+def test_a_stack_comes_up_robot_first_and_goes_down_controllers_first() -> None:
+    world = World()
+    ended = world.run()
+    assert ended == Ended(exit_code=0, cause="")
+    assert world.done == [
+        (ROBOT, "configure"),
+        (ESTIMATOR, "configure"),
+        (CONTROLLER, "configure"),
+        (ROBOT, "activate"),
+        (ESTIMATOR, "activate"),
+        (CONTROLLER, "activate"),
+        *((CONTROLLER, t) for t in ("deactivate", "cleanup", "shutdown")),
+        *((ESTIMATOR, t) for t in ("deactivate", "cleanup", "shutdown")),
+        *((ROBOT, t) for t in ("deactivate", "cleanup", "shutdown")),
+    ]
+    assert world.phases == ["starting", "ready", "active", "stopping", "stopped"]
+    assert not world.alive
+
+
+def test_the_duration_counts_from_the_end_of_the_bring_up() -> None:
+    world = World()
+    world.run(duration_s=7.5)
+    assert world.now == 7.5
+
+
+def test_until_configured_activates_nobody() -> None:
+    world = World()
+    world.run(until="configured")
+    assert "activate" not in {transition for _, transition in world.done}
+    assert "configured" in world.phases
+
+
+def test_until_none_makes_no_transition_but_the_last() -> None:
+    world = World()
+    world.run(until="none")
+    assert {transition for _, transition in world.done} == {"shutdown"}
+
+
+def test_a_stop_that_is_asked_for_ends_in_order() -> None:
+    world = World(later=deque([StopAsked(reason="SIGINT")]))
+    ended = world.run(duration_s=None)
+    assert ended.exit_code == 0
+    assert Phase(name="stopping", seconds=0.0, detail="SIGINT") in world.told
+
+
+def test_a_refused_activate_takes_its_tier_back_and_fails_with_the_nodes_own_words() -> None:
+    world = World(refuses={(ESTIMATOR, "activate"): "on_activate: ValueError: no gain\nTraceback"})
+    ended = world.run()
+    assert ended.exit_code == 1
+    assert ended.cause == (
+        f"{ESTIMATOR}: the transition 'activate' failed: on_activate: ValueError: no gain"
+    )
+    assert (CONTROLLER, "activate") not in world.done
+    assert (ROBOT, "deactivate") in world.done
+    assert not world.alive
+
+
+def test_nodes_of_a_tier_that_did_make_a_failed_step_are_rolled_back() -> None:
+    two = Plan(name="s", processes=(*PLAN.processes, process("robot", 1)))
+    world = World(refuses={("/obelisk_robot_1", "configure"): "no"})
+    Supervisor(
+        two,
+        processes=world,
+        lifecycle=world,
+        inbox=world,
+        clock=lambda: world.now,
+        tell=world.told.append,
+    ).run()
+    assert "rolling back" in world.phases
+    assert world.done[:3] == [
+        (ROBOT, "configure"),
+        ("/obelisk_robot_1", "configure"),
+        (ROBOT, "cleanup"),
+    ]
+
+
+def test_a_transition_without_an_answer_is_a_timeout() -> None:
+    world = World(silent={(ROBOT, "configure")})
+    ended = world.run()
+    assert ended.cause == f"{ROBOT}: the transition 'configure' was not done within 10.0 s"
+    assert (
+        TransitionEnded(node=ROBOT, transition="configure", result="timed out", seconds=10.0)
+        in world.told
+    )
+
+
+def test_a_node_that_never_comes_up_is_named() -> None:
+    world = World(never_ready={ESTIMATOR})
+    ended = world.run()
+    assert ended.cause == f"no life-cycle services after 20 s: {ESTIMATOR}"
+    assert world.done == [(CONTROLLER, "shutdown"), (ROBOT, "shutdown")]
+
+
+def test_a_process_that_dies_takes_the_stack_down_and_is_the_cause() -> None:
+    world = World(later=deque([ProcessEnded(node=ROBOT, code=-11)]))
+    ended = world.run(duration_s=None)
+    assert ended.exit_code == 1
+    assert ended.cause == f"{ROBOT}: the process was ended by SIGSEGV"
+    assert (ROBOT, "deactivate") not in world.done
+    assert (ROBOT, signal.SIGINT) not in world.signals
+    assert world.alive == {ROBOT}  # this world's table is not told of its own news
+
+
+def test_a_process_that_dies_while_it_is_asked_ends_the_wait_at_once() -> None:
+    world = World(silent={(ROBOT, "configure")}, later=deque([ProcessEnded(node=ROBOT, code=3)]))
+    ended = world.run()
+    assert ended.cause == f"{ROBOT}: the process exited with code 3"
+    assert world.now == 0.0
+
+
+def test_a_process_that_cannot_start_is_told_with_its_reason() -> None:
+    world = World(never_ready={ROBOT})
+    world.heard.append(ProcessEnded(node=ROBOT, code=127, text="no such file"))
+    assert world.run().cause == f"{ROBOT}: the process could not start: no such file"
+
+
+def test_a_node_that_fails_by_itself_takes_the_stack_down() -> None:
+    world = World(later=deque([Failed(node=CONTROLLER, fault="compute_control: boom\nTrace")]))
+    ended = world.run(duration_s=None)
+    assert ended.cause == f"{CONTROLLER} failed: compute_control: boom"
+    assert world.told.count(Failed(node=CONTROLLER, fault="compute_control: boom\nTrace")) == 1
+
+
+def test_consequences_are_counted_not_told_as_causes() -> None:
+    world = World(
+        later=deque([ProcessEnded(node=ROBOT, code=1)]),
+        deaf_to={(ESTIMATOR, n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)},
+    )
+    ended = world.run(duration_s=None)
+    assert ended.cause.startswith(ROBOT)
+    assert ended.consequences == 1
+
+
+def test_a_process_that_ignores_sigint_gets_harder_signals() -> None:
+    world = World(deaf_to={(ROBOT, signal.SIGINT), (ROBOT, signal.SIGTERM)})
+    world.run()
+    assert [n for node, n in world.signals if node == ROBOT] == [
+        signal.SIGINT,
+        signal.SIGTERM,
+        signal.SIGKILL,
+    ]
+    assert not world.alive
+
+
+def test_a_state_changed_from_elsewhere_is_known_on_the_way_down() -> None:
+    world = World(
+        later=deque([StateSeen(node=CONTROLLER, state="inactive"), StopAsked(reason="SIGTERM")])
+    )
+    world.run(duration_s=None)
+    assert (CONTROLLER, "deactivate") not in world.done
+    assert (CONTROLLER, "cleanup") in world.done
