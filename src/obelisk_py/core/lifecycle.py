@@ -156,6 +156,8 @@ class GuardedLifecycleNode(LifecycleNode):
                 return failed
             if result != SUCCESS:
                 self._keep(f"returned {result.name}", where)
+            elif where == "on_configure":
+                self.last_fault = None
             return result
 
         return call

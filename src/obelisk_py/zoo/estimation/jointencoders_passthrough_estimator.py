@@ -1,5 +1,7 @@
 """An estimator that hands the joint encoders' values on as the state estimate."""
 
+from typing import Union
+
 from obelisk_estimator_msgs.msg import EstimatedState
 from obelisk_sensor_msgs.msg import JointEncoders
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -30,7 +32,7 @@ class JointEncodersPassthroughEstimator(ObeliskEstimator):
         """Callback for joint encoder messages."""
         self.joint_encoder_values = msg.y
 
-    def compute_state_estimate(self) -> EstimatedState | None:
+    def compute_state_estimate(self) -> Union[EstimatedState, None]:
         """Compute the state estimate."""
         estimated_state_msg = EstimatedState()
         if self.joint_encoder_values is not None:

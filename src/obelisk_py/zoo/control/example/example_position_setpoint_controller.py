@@ -27,7 +27,7 @@ class ExamplePositionSetpointController(ObeliskController):
         Parameters:
             x_hat_msg: The Obelisk message containing the state estimate.
         """
-        # do nothing
+        pass  # do nothing
 
     def compute_control(self) -> ObeliskControlMsg:
         """Compute the control signal for the dummy 2-link robot.

@@ -1,0 +1,139 @@
+"""What the tests of running stacks share: a driver of one node in this process, and obk's runs."""
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import psutil
+import rclpy
+from lifecycle_msgs.srv import ChangeState
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+
+from obelisk_py.core.lifecycle import GuardedLifecycleNode
+
+OBK = Path(sys.executable).with_name("obk")
+DUMMY = Path(__file__).resolve().parents[2] / "examples" / "dummy" / "dummy.yaml"
+DEADLINE_S = 20.0
+
+
+def parameters(**values: str) -> dict[str, Any]:
+    """Keyword arguments of a node that has these parameters."""
+    return {"parameter_overrides": [Parameter(name, value=value) for name, value in values.items()]}
+
+
+@contextmanager
+def spinning(make: Callable[[], GuardedLifecycleNode]) -> Iterator[GuardedLifecycleNode]:
+    """A node that spins in a thread, in a context of its own."""
+    rclpy.init()
+    node = make()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    try:
+        yield node
+    finally:
+        executor.shutdown()
+        thread.join()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def request(node: GuardedLifecycleNode, label: str = "", number: int = 0) -> bool:
+    """Call the node's change_state as its service would."""
+    call = ChangeState.Request()
+    call.transition.label, call.transition.id = label, number
+    response = node._service_change_state.callback(call, ChangeState.Response())
+    return bool(response.success)
+
+
+def eventually(condition: Callable[[], object], what: str) -> None:
+    """Wait until something holds; fails the test after a deadline."""
+    end = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < end, f"never came: {what}"
+        time.sleep(0.02)
+
+
+def obk(*arguments: object, timeout_s: float = 60.0) -> subprocess.CompletedProcess[str]:
+    """Run obk to its end."""
+    return subprocess.run(
+        [OBK, *map(str, arguments)], capture_output=True, text=True, timeout=timeout_s, check=False
+    )
+
+
+@contextmanager
+def launched(config: Path, *options: object) -> Iterator["Launched"]:
+    """A stack that is active; ended by SIGINT at the latest."""
+    process = subprocess.Popen(
+        [OBK, "launch", config, *map(str, options)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    run = Launched(process)
+    try:
+        run.wait_for("active")
+        yield run
+    finally:
+        if process.poll() is None:
+            process.send_signal(2)
+        process.wait(DEADLINE_S)
+        run.reader.join()
+
+
+class Launched:
+    """A running `obk launch` and what it has said so far."""
+
+    def __init__(self, process: "subprocess.Popen[str]") -> None:
+        self.process = process
+        self.lines: list[str] = []
+        self.reader = threading.Thread(target=self._read, daemon=True)
+        self.reader.start()
+        self.descendants: set[psutil.Process] = set()
+
+    @property
+    def text(self) -> str:
+        """All that was said."""
+        return "\n".join(self.lines)
+
+    def wait_for(self, phase: str) -> None:
+        """Wait for a phase line, and note every process below the launcher."""
+        eventually(
+            lambda: any(f"s] {phase}" in line for line in self.lines) or self._has_ended(),
+            f"the phase {phase}: {self.text}",
+        )
+        assert not self._has_ended(), self.text
+        self.descendants |= set(psutil.Process(self.process.pid).children(recursive=True))
+
+    def node(self, name: str) -> psutil.Process:
+        """The process of a node."""
+        argument = f"__node:={name}"
+        return next(p for p in self.descendants if argument in p.cmdline())
+
+    def left_over(self) -> list[psutil.Process]:
+        """Processes of the stack that are still there, zombies not counted."""
+        return [p for p in self.descendants if _is_there(p)]
+
+    def _has_ended(self) -> bool:
+        return self.process.poll() is not None
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        with self.process.stdout as output:
+            for line in output:
+                self.lines.append(line.rstrip("\n"))
+
+
+def _is_there(process: psutil.Process) -> bool:
+    try:
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
