@@ -86,8 +86,8 @@ def _check_counts(
             severity="error" if use.presence == "required" else "info",
             path=(*path, "sensor_names"),
             points_at="key",
-            message=f"`{written}` without a `{sensor_type}` sensor"
-            + (" cannot be filled" if use.presence == "required" else " leaves that part empty"),
+            message=f"`{written}` has no `{sensor_type}` sensor, "
+            + ("which it needs" if use.presence == "required" else "so that part stays empty"),
         )
 
 

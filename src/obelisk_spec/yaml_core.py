@@ -36,8 +36,8 @@ def core_scalar(text: str) -> Scalar:
         return _CONSTANTS[text]
     if text[0] not in _MAY_BE_NUMBER:
         return text
-    if _INT.fullmatch(text) and len(text) < _LONGEST_INT:
-        return int(text)
+    if _INT.fullmatch(text):
+        return int(text) if len(text) < _LONGEST_INT else text
     if _BASED.fullmatch(text):
         return int(text[2:], 8 if text[1] == "o" else 16)
     return float(text) if _FLOAT.fullmatch(text) else text

@@ -13,6 +13,8 @@ from obk_cli.source import Span
 from obk_cli.tree import TreeMap, plain_value
 
 __all__ = [
+    "JOYSTICK_EXECUTABLE",
+    "JOYSTICK_PACKAGE",
     "NODE_SECTIONS",
     "CallbackGroup",
     "Component",
@@ -218,9 +220,13 @@ class Node:
         return bool(self.sims) and (self.is_simulated is None or self.is_simulated.value)
 
 
+JOYSTICK_PACKAGE = "joy"
+JOYSTICK_EXECUTABLE = "joy_node"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Joystick:
-    """The joystick node of a stack."""
+    """The joystick node of a stack: ROS's own."""
 
     on: bool
     device: str

@@ -4,7 +4,17 @@ from collections.abc import Iterator, Mapping
 
 from obelisk_spec.components import SETTING_SUFFIX
 from obelisk_spec.settings import format_setting
-from obk_cli.config import Component, FileSearch, Joystick, Node, ParameterValue, Sim, Stack
+from obk_cli.config import (
+    JOYSTICK_EXECUTABLE,
+    JOYSTICK_PACKAGE,
+    Component,
+    FileSearch,
+    Joystick,
+    Node,
+    ParameterValue,
+    Sim,
+    Stack,
+)
 from obk_cli.plan import Endpoint, Origin, Plan, Process
 from obk_cli.source import Span
 from obk_cli.tree import plain_value
@@ -130,8 +140,8 @@ def _lower_joystick(joystick: Joystick, stack: Stack) -> Process:
         namespace="/",
         section="joystick",
         device=joystick.device,
-        package="joy",
-        executable="joy_node",
+        package=JOYSTICK_PACKAGE,
+        executable=JOYSTICK_EXECUTABLE,
         origin=_origin(joystick.span),
         parameters={parameter.name: parameter.value for parameter in joystick.params},
         remappings=tuple((name, topic.value) for name, topic in topics if topic is not None),

@@ -17,6 +17,7 @@ from obk_cli.surroundings import ModelFault, ModelRead
 __all__ = ["has_mujoco", "read_model"]
 
 _LINE = re.compile(r"[Ll]ine(?: number)?[ =]+(\d+)")
+_NOT_XML = re.compile(r"Error=XML_ERROR_(\w+).*XMLElement name=(\w*)", re.DOTALL)
 _NOISE = re.compile(r"^(XML Error|Error|ParseXML): *")
 
 
@@ -54,6 +55,9 @@ def _import_mujoco() -> Any:
 
 def _fault(text: str) -> ModelFault:
     line = _LINE.search(text)
+    not_xml = _NOT_XML.search(text)
+    if not_xml is not None:
+        text = f"not XML: {not_xml[1].lower().replace('_', ' ')} (`{not_xml[2]}`)"
     sentence = "; ".join(part.strip() for part in text.strip().splitlines() if part.strip())
     return ModelFault(message=_NOISE.sub("", sentence), line=int(line[1]) if line else None)
 

@@ -5,8 +5,15 @@ from collections.abc import Iterator
 
 from obelisk_spec.names import package_name_fault
 from obelisk_spec.near import did_you_mean, near_names
-from obk_cli.config import FileSearch, Spanned, Stack
+from obk_cli.config import (
+    JOYSTICK_EXECUTABLE,
+    JOYSTICK_PACKAGE,
+    FileSearch,
+    Spanned,
+    Stack,
+)
 from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.source import Span
 from obk_cli.surroundings import ExecutableMissing, Surroundings
 
 __all__ = ["check_executables", "check_files"]
@@ -14,35 +21,44 @@ __all__ = ["check_executables", "check_files"]
 
 def check_executables(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
     """Every node's package and executable are there; a missing package is told once."""
-    missing: dict[str, list[Spanned[str]]] = defaultdict(list)
+    missing: dict[str, list[Span]] = defaultdict(list)
     searched: tuple[str, ...] = ()
-    for node in stack.nodes:
-        if node.pkg is None or node.executable is None or package_name_fault(node.pkg.value):
-            continue
-        answer = surroundings.find_executable(node.pkg.value, node.executable.value)
+    for package, executable in _wanted(stack):
+        answer = surroundings.find_executable(package.value, executable.value)
         if not isinstance(answer, ExecutableMissing):
             continue
         if answer.package_found:
-            yield _no_executable(answer, node.executable)
+            yield _no_executable(answer, executable.span)
         else:
-            missing[node.pkg.value].append(node.pkg)
+            missing[package.value].append(package.span)
             searched = answer.searched
-    for package, places in missing.items():
-        yield _no_package(package, places, searched, surroundings)
+    for name, places in missing.items():
+        yield _no_package(name, places, searched, surroundings)
 
 
-def _no_executable(answer: ExecutableMissing, executable: Spanned[str]) -> Diagnostic:
+def _wanted(stack: Stack) -> Iterator[tuple[Spanned[str], Spanned[str]]]:
+    """Package and executable of every node, the joystick's too."""
+    for node in stack.nodes:
+        if node.pkg and node.executable and not package_name_fault(node.pkg.value):
+            yield node.pkg, node.executable
+    for joystick in stack.joysticks:
+        if joystick.on:
+            span = joystick.span
+            yield Spanned(JOYSTICK_PACKAGE, span), Spanned(JOYSTICK_EXECUTABLE, span)
+
+
+def _no_executable(answer: ExecutableMissing, place: Span) -> Diagnostic:
     return found(
         "OBK402",
         f"package `{answer.package}` has no executable `{answer.executable}`",
-        executable.span,
+        place,
         help=did_you_mean(answer.executable, answer.available) or "it has none at all",
     )
 
 
 def _no_package(
     package: str,
-    places: list[Spanned[str]],
+    places: list[Span],
     searched: tuple[str, ...],
     surroundings: Surroundings,
 ) -> Diagnostic:
@@ -53,9 +69,9 @@ def _no_package(
     return found(
         "OBK401",
         f"package `{package}` is not found",
-        places[0].span,
+        places[0],
         help=f"{near} {looked}" if near else looked,
-        related=(Related(message="named here too", span=place.span) for place in places[1:]),
+        related=(Related(message="named here too", span=place) for place in places[1:]),
     )
 
 

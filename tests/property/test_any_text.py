@@ -1,0 +1,151 @@
+"""House style: any text gives a tree or diagnostics, never an exception; spans lie in the file."""
+
+import random
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from obelisk_spec.yaml_core import YamlTextError, core_scalar, load_yaml_core
+from obk_cli.diagnostics import Diagnostic
+from obk_cli.parse import decode_source, parse_source
+from obk_cli.pipeline import Options, compile_source
+from obk_cli.report.text import report_text
+from obk_cli.source import SourceFile, Span
+from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
+
+CORPUS = Path(__file__).resolve().parents[3] / "shared/corpus"
+SEEDS = [path.read_text() for path in sorted(CORPUS.rglob("*.yaml"))]
+ALPHABET = "ab:- \n\t[]{},&*!|>'\"#%@`?~0123.<$"
+NEARLY_YAML = st.text(ALPHABET) | st.text(st.characters(exclude_categories=["Cs"]))
+KEYS = st.sampled_from(
+    "config control estimation robot viz joystick pkg executable publishers sim topic params "
+    "sensor_settings sensor_names dt msg_type include obk qos on callback_groups remappings".split()
+)
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.text(ALPHABET, max_size=8),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(KEYS, inner, max_size=5),
+    max_leaves=30,
+)
+ENOUGH = settings(max_examples=150, deadline=None)
+
+
+def compiled(text: str) -> tuple[Diagnostic, ...]:
+    options = Options(environment={}, working_folder=Path.cwd())
+    outcome = compile_source(SourceFile.of("<text>", text), options)
+    report_text(outcome.diagnostics, colour=True)
+    return outcome.diagnostics
+
+
+def spans(tree: Tree) -> Iterator[Span]:
+    yield tree.span
+    match tree:
+        case TreeMap():
+            for entry in tree:
+                yield entry.key_span
+                yield from spans(entry.value)
+        case TreeList():
+            for item in tree.items:
+                yield from spans(item)
+
+
+def assert_inside(span: Span, source: SourceFile) -> None:
+    assert 1 <= span.line <= span.end_line <= len(source.lines) + 1
+    assert 1 <= span.column <= len(source.line(span.line)) + 1
+    assert (span.line, span.column) <= (span.end_line, span.end_column)
+
+
+@ENOUGH
+@given(st.binary())
+def test_any_bytes(data: bytes) -> None:
+    source = decode_source("f", data)
+    if isinstance(source, SourceFile):
+        parse_source(source)
+
+
+@ENOUGH
+@given(NEARLY_YAML)
+def test_any_text_is_compiled_or_refused(text: str) -> None:
+    compiled(text)
+
+
+@ENOUGH
+@given(VALUES.map(repr))
+def test_any_shape_of_known_keys_is_compiled_or_refused(text: str) -> None:
+    compiled(text.replace("None", "~"))
+
+
+@ENOUGH
+@given(st.sampled_from(SEEDS), st.integers())
+def test_a_mutated_config_is_compiled_or_refused(text: str, seed: int) -> None:
+    draw = random.Random(seed)
+    for _ in range(draw.randint(1, 8)):
+        at, end = sorted(draw.sample(range(len(text) + 1), 2)) if len(text) > 1 else (0, 0)
+        cut = text[at : min(end, at + 30)]
+        text = draw.choice(
+            [
+                text[:at] + text[at + len(cut) :],
+                text[:at] + cut + text[at:],
+                text[:at] + draw.choice(ALPHABET) + text[at:],
+            ]
+        )
+    compiled(text)
+
+
+@ENOUGH
+@given(NEARLY_YAML)
+def test_places_lie_inside_the_text(text: str) -> None:
+    source = SourceFile.of("f", text)
+    parsed = parse_source(source)
+    for diagnostic in parsed.diagnostics:
+        assert_inside(diagnostic.span, source)
+    if parsed.tree is not None:
+        for span in spans(parsed.tree):
+            assert_inside(span, source)
+
+
+@ENOUGH
+@given(NEARLY_YAML)
+def test_an_independent_reader_reads_the_same(text: str) -> None:
+    parsed = parse_source(SourceFile.of("f", text))
+    if parsed.diagnostics or parsed.tree is None:
+        return
+    try:
+        value = load_yaml_core(text)
+    except YamlTextError:
+        return
+    assert _texts(plain_value(parsed.tree)) == _texts(value)
+
+
+def _texts(value: object) -> object:
+    """The value with its keys as text, as a config has them, and NaN comparable."""
+    if isinstance(value, dict):
+        return sorted(
+            (str(key) if isinstance(key, str) else "", repr(_texts(item)))
+            for key, item in value.items()
+            if isinstance(key, str)
+        )
+    return [_texts(item) for item in value] if isinstance(value, list) else repr(value)
+
+
+@pytest.mark.parametrize("text", SEEDS)
+def test_a_plain_value_stands_where_its_span_says(text: str) -> None:
+    tree = parse_source(SourceFile.of("f", text)).tree
+    assert tree is not None
+    for scalar in scalars(tree):
+        if scalar.span.text[:1] not in ("'", '"', "|", ">"):
+            assert core_scalar(scalar.span.text) == scalar.value
+
+
+def scalars(tree: Tree) -> Iterator[TreeScalar]:
+    match tree:
+        case TreeScalar():
+            yield tree
+        case TreeMap():
+            for entry in tree:
+                yield from scalars(entry.value)
+        case TreeList():
+            for item in tree.items:
+                yield from scalars(item)

@@ -1,0 +1,187 @@
+"""The import rules of docs/design.md and the sizes of the house, asked of the source itself."""
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE = ROOT / "src"
+MODULES = sorted(SOURCE.rglob("*.py"))
+
+SPINE = (
+    {"source", "codes"},
+    {"diagnostics", "errors"},
+    {"tree"},
+    {"config", "surroundings"},
+    {"plan"},
+)
+"""Each imports only what stands left of it or beside it."""
+SPINE_MODULES = frozenset().union(*SPINE)
+STAGES = {"parse", "read", "resolve", "check", "lower", "emit"}
+SHARED_BY_STAGES = {"wiring", "yaml_faults", "silence"}
+"""Modules on top of the spine that stages share, themselves importing only the spine."""
+SURFACES = {"cli", "report", "adapters"}
+"""Where the process itself is touched: its output, environment, exit and clock."""
+
+LONGEST_MODULE = 400
+LONGEST_FUNCTION = 60
+
+
+def dotted(path: Path) -> str:
+    """`src/obk_cli/read/sim.py` -> `obk_cli.read.sim`."""
+    parts = path.relative_to(SOURCE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def area(module: str) -> str:
+    """The part of `obk_cli` that a module belongs to: `obk_cli.read.sim` -> `read`."""
+    return module.split(".")[1] if module.count(".") else ""
+
+
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Every module that a module imports, wherever in it; `from a import b` counts as `a.b`."""
+    for node in ast.walk(parsed(path)):
+        if isinstance(node, ast.Import):
+            yield from (name.name for name in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} imports relatively"
+            yield from (f"{node.module}.{name.name}" for name in node.names)
+
+
+def of(package: str) -> list[Path]:
+    return [path for path in MODULES if dotted(path).split(".")[0] == package]
+
+
+def in_area(*areas: str) -> list[Path]:
+    return [path for path in of("obk_cli") if area(dotted(path)) in areas]
+
+
+def tops(path: Path) -> set[str]:
+    return {name.split(".")[0] for name in imports(path)}
+
+
+def areas_imported(path: Path) -> set[str]:
+    names = [name for name in imports(path) if name.startswith("obk_cli.")]
+    return {area(name) for name in names} - {area(dotted(path))}
+
+
+def test_the_shared_facts_need_only_the_standard_library_and_yaml() -> None:
+    for path in of("obelisk_spec"):
+        foreign = tops(path) - sys.stdlib_module_names - {"obelisk_spec", "yaml"}
+        assert not foreign, path
+
+
+def test_tool_and_run_time_never_import_each_other() -> None:
+    for path in of("obelisk_py"):
+        assert not tops(path) & {"obk_cli", "obk_interfaces"}, path
+    for path in of("obk_cli"):
+        assert "obelisk_py" not in tops(path), path
+    for path in of("obk_interfaces"):
+        assert not tops(path) & {"obk_cli", "obelisk_py"}, path
+
+
+def test_ros_and_mujoco_come_in_through_the_adapters() -> None:
+    for path in of("obk_cli"):
+        if area(dotted(path)) != "adapters":
+            assert not tops(path) & {"rclpy", "mujoco", "numpy"}, path
+
+
+def test_the_spine_imports_leftward_only() -> None:
+    for place, names in enumerate(SPINE):
+        allowed = frozenset().union(*SPINE[: place + 1])
+        for path in in_area(*names):
+            assert areas_imported(path) <= allowed, path
+
+
+def test_stages_import_the_spine_and_never_each_other() -> None:
+    allowed = SPINE_MODULES | SHARED_BY_STAGES
+    for path in in_area(*STAGES):
+        assert areas_imported(path) <= allowed, path
+    for path in in_area(*SHARED_BY_STAGES):
+        assert areas_imported(path) <= SPINE_MODULES, path
+    for path in in_area("report"):
+        assert areas_imported(path) <= SPINE_MODULES | {"launch"}, path
+
+
+def test_nothing_imports_the_command_line() -> None:
+    for path in of("obk_cli"):
+        if area(dotted(path)) != "cli":
+            assert "cli" not in areas_imported(path), path
+
+
+def test_output_environment_exit_and_clock_stay_at_the_surface() -> None:
+    for path in of("obk_cli"):
+        if area(dotted(path)) in SURFACES:
+            continue
+        used = set(touched_of_the_process(path))
+        assert not used, f"{path} uses {used}"
+
+
+def touched_of_the_process(path: Path) -> Iterator[str]:
+    """Calls of print and exit, and uses of the environment and the clock."""
+    for node in ast.walk(parsed(path)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            if node.func.id in ("print", "exit", "quit", "input"):
+                yield node.func.id
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            name = f"{node.value.id}.{node.attr}"
+            clocks = ("time.time", "time.monotonic", "time.sleep", "datetime.now")
+            if name in ("os.environ", "os.getenv", "sys.exit", "os._exit", *clocks):
+                yield name
+
+
+@pytest.mark.parametrize("path", MODULES, ids=dotted)
+def test_a_module_is_short_and_says_what_it_is(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= LONGEST_MODULE
+    tree = parsed(path)
+    assert ast.get_docstring(tree) or not tree.body
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            length = (node.end_lineno or 0) - node.lineno + 1
+            assert length <= LONGEST_FUNCTION, node.name
+
+
+def test_public_modules_say_what_they_offer() -> None:
+    for path in MODULES:
+        if "zoo" in path.parts:  # the examples are listings that stand word for word
+            continue
+        tree = parsed(path)
+        defines = any(isinstance(n, ast.FunctionDef | ast.ClassDef) for n in tree.body)
+        names = {
+            target.id
+            for node in tree.body
+            if isinstance(node, ast.Assign)
+            for target in node.targets
+            if isinstance(target, ast.Name)
+        }
+        assert "__all__" in names or not defines or path.name.startswith("_"), path
+
+
+def test_no_file_names_a_registry_or_a_path_of_one_machine() -> None:
+    # Put together here, so that this file does not name them either.
+    words = (
+        "py" + r"pi\.org",
+        "files.python" + "hosted",
+        "/" + "work/",
+        "/" + "root/",
+        "/tmp/" + "w/",
+    )
+    forbidden = re.compile("|".join(words))
+    suffixes = {".py", ".toml", ".md", ".yaml", ".json", ".txt", ".lock", ".xml", ".msg", ".j2", ""}
+    made = {"build", "dist", "__pycache__"}
+    for path in ROOT.rglob("*"):
+        parts = path.relative_to(ROOT).parts
+        if made.intersection(parts) or any(part.startswith(".") for part in parts[:-1]):
+            continue
+        if path.suffix in suffixes and path.is_file():
+            found = forbidden.search(path.read_text(encoding="utf-8", errors="replace"))
+            assert found is None, f"{path} names {found}"

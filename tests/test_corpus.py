@@ -1,0 +1,160 @@
+"""Every config of the corpus gives exactly the findings that are true of it, and no other.
+
+The configs were not written for this project and are not changed; what is wrong with them is
+written down here: line, column, code. Packages are looked for beside the corpus only.
+"""
+
+from pathlib import Path
+
+import pytest
+
+from obk_cli.adapters.packages import PackageIndex
+from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.diagnostics import Diagnostic
+from obk_cli.pipeline import Options, compile_config
+
+CORPUS = Path(__file__).resolve().parents[2] / "shared" / "corpus"
+
+# The C++ packages and `joy` are nowhere, nor is /obelisk_ws; the sensor periods of the dummy are
+# half of its model's step; the estimators say JointEncoders of a topic of ObkJointEncoders.
+EXPECTED: dict[str, list[str]] = {
+    "field/config/depth_config.yaml": [
+        "1:1 OBK114",
+    ],
+    "field/config/dummy_composed.yaml": [
+        "dummy_composed_base.yaml 5:10 OBK401",
+        "dummy_composed_base.yaml 7:18 OBK404",
+        "dummy_composed_base.yaml 32:10 OBK401",
+        "dummy_composed_base.yaml 43:19 OBK205",
+        "dummy_composed_base.yaml 51:1 OBK401",
+        "dummy_composed_robot_sim.yaml 4:10 OBK401",
+        "dummy_composed_robot_sim.yaml 24:15 OBK215",
+        "dummy_composed_robot_sim.yaml 29:18 OBK204",
+        "dummy_composed_robot_sim.yaml 36:18 OBK204",
+        "dummy_composed_robot_sim.yaml 42:18 OBK204",
+    ],
+    "field/config/dummy_composed_base.yaml": [
+        "4:1 OBK201",
+        "5:10 OBK401",
+        "7:18 OBK404",
+        "14:16 OBK204",
+        "32:10 OBK401",
+        "42:16 OBK203",
+        "51:1 OBK401",
+    ],
+    "field/config/dummy_composed_robot_sim.yaml": [
+        "2:1 OBK201",
+        "2:1 OBK201",
+        "4:10 OBK401",
+        "13:16 OBK203",
+        "23:18 OBK204",
+        "24:15 OBK215",
+        "29:18 OBK204",
+        "36:18 OBK204",
+        "42:18 OBK204",
+    ],
+    "field/config/dummy_cpp.yaml": [
+        "3:10 OBK401",
+        "5:18 OBK404",
+        "31:10 OBK401",
+        "43:19 OBK205",
+        "53:10 OBK401",
+        "74:15 OBK215",
+        "79:18 OBK204",
+        "86:18 OBK204",
+        "92:18 OBK204",
+        "100:18 OBK204",
+        "105:1 OBK401",
+    ],
+    "field/config/dummy_cpp_scan.yaml": [
+        "13:10 OBK401",
+        "15:18 OBK404",
+        "37:10 OBK401",
+        "55:10 OBK401",
+        "72:17 OBK215",
+        "77:20 OBK204",
+        "88:20 OBK204",
+        "106:20 OBK204",
+        "128:20 OBK204",
+        "147:1 OBK401",
+    ],
+    "field/config/dummy_py.yaml": [
+        "3:10 OBK401",
+        "24:10 OBK401",
+        "45:10 OBK401",
+        "55:16 OBK204",
+        "60:9 OBK101",
+        "76:15 OBK215",
+        "81:18 OBK204",
+        "88:18 OBK204",
+        "94:18 OBK204",
+        "102:18 OBK204",
+    ],
+    "field/config/go2_cpp.yaml": [
+        "4:10 OBK401",
+        "71:19 OBK115",
+        "123:16 OBK204",
+        "147:14 OBK503",
+        "148:20 OBK504",
+        "152:25 OBK318",
+        "192:15 OBK215",
+        "208:12 OBK401",
+        "211:13 OBK404",
+        "218:11 OBK506",
+        "228:1 OBK401",
+    ],
+    "seed/dummy.yaml": [
+        "4:12 OBK401",
+        "6:20 OBK404",
+        "25:12 OBK401",
+        "36:18 OBK203",
+        "47:12 OBK401",
+        "61:27 OBK301",
+        "70:20 OBK204",
+        "77:20 OBK204",
+    ],
+    "seed/dummy_py_sections.yaml": [
+        "5:10 OBK401",
+        "7:18 OBK404",
+        "26:10 OBK401",
+        "36:16 OBK203",
+        "46:10 OBK401",
+        "60:25 OBK301",
+        "69:18 OBK204",
+        "76:18 OBK204",
+    ],
+}
+
+
+def findings(name: str) -> list[Diagnostic]:
+    path = CORPUS / name
+    surroundings = MachineSurroundings(path.parent, path.parent, {})
+    surroundings.packages = PackageIndex(workspaces=(CORPUS / "field",), prefixes=())
+    options = Options(environment={}, working_folder=path.parent, surroundings=surroundings)
+    return list(compile_config(str(path), options).diagnostics)
+
+
+def told(diagnostic: Diagnostic, name: str) -> str:
+    """`12:3 OBK101`, with the file's name where it is an included one."""
+    place = f"{diagnostic.span.line}:{diagnostic.span.column} {diagnostic.code}"
+    file = Path(diagnostic.span.path).name
+    return place if file == Path(name).name else f"{file} {place}"
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize("name", EXPECTED)
+def test_a_config_gives_the_findings_that_are_true_of_it(name: str) -> None:
+    assert [told(finding, name) for finding in findings(name)] == EXPECTED[name]
+
+
+def test_every_config_of_the_corpus_is_written_down() -> None:
+    assert {str(p.relative_to(CORPUS)) for p in CORPUS.rglob("*.yaml")} == EXPECTED.keys()
+
+
+@pytest.mark.mujoco
+def test_the_seeds_example_is_told_which_topic_was_meant() -> None:
+    (dangling,) = [f for f in findings("seed/dummy.yaml") if f.code == "OBK203"]
+    assert dangling.message == (
+        "nothing publishes `/obelisk/dummy/sensor`, to which `/obelisk_estimation_0` subscribes"
+    )
+    assert dangling.help == "did you mean `/obelisk/dummy/joint_encoders` (ObkJointEncoders)?"

@@ -1,0 +1,68 @@
+"""YAML 1.2.2, 10.3.2: tag resolution of the core schema."""
+
+import math
+
+import pytest
+
+from obelisk_spec.yaml_core import YamlTextError, core_scalar, load_yaml_core
+
+
+@pytest.mark.parametrize(
+    "text", ["on", "off", "yes", "no", "On", "None", "y", "1_000", "0b1", "1:30"]
+)
+def test_what_only_yaml_1_1_converts_is_text(text: str) -> None:
+    assert core_scalar(text) == text
+    assert load_yaml_core(text) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("012", 12),
+        ("0o17", 15),
+        ("0xFF", 255),
+        ("-7", -7),
+        ("+3", 3),
+        ("1e-3", 0.001),
+        (".5", 0.5),
+        ("1.", 1.0),
+        ("-.inf", -math.inf),
+        ("TRUE", True),
+        ("false", False),
+        ("~", None),
+        ("", None),
+        ("Null", None),
+    ],
+)
+def test_core_scalars(text: str, value: object) -> None:
+    assert core_scalar(text) == value
+    assert type(core_scalar(text)) is type(value)
+    assert load_yaml_core(f"[{text}]" if text else "[~]") == [value]
+
+
+def test_not_a_number_is_one() -> None:
+    assert math.isnan(float(str(core_scalar(".nan"))))
+
+
+def test_quoted_numbers_are_text() -> None:
+    assert load_yaml_core("""{a: "1", b: 'true', c: !!str 2}""") == {
+        "a": "1",
+        "b": "true",
+        "c": "2",
+    }
+
+
+def test_merge_keys_work() -> None:
+    assert load_yaml_core("{<<: {a: 1, b: 1}, b: 2}") == {"a": 1, "b": 2}
+
+
+def test_an_endless_number_is_text() -> None:
+    digits = "9" * 5000
+    assert core_scalar(digits) == digits
+
+
+@pytest.mark.parametrize("text", ["!!python/name:os.system x", "{a: [", "a: b: c", "\x00"])
+def test_what_is_no_safe_yaml_is_an_error_of_one_line(text: str) -> None:
+    with pytest.raises(YamlTextError) as caught:
+        load_yaml_core(text)
+    assert "\n" not in str(caught.value)

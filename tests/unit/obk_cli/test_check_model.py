@@ -1,0 +1,58 @@
+from pathlib import Path
+
+from obk_cli.check.model import check_models
+from obk_cli.parse import parse_source
+from obk_cli.read.stack import read_stack
+from obk_cli.resolve.paths import resolve_paths
+from obk_cli.source import SourceFile, Span
+from obk_cli.surroundings import Command, ExecutableMissing
+
+GROUP = "{topic: /q, dt: 1, msg_type: ObkImu, sensor_names: {a: gyro, b: touch}}"
+CONFIG = f"""\
+robot:
+  pkg: demo
+  executable: sim
+  sim: {{model_xml_path: arm.xml, sensor_settings: [{GROUP}]}}
+"""
+
+
+class WithoutMujoco:
+    """Surroundings without MuJoCo."""
+
+    def find_package_share(self, name: str) -> Path | None:
+        return None
+
+    def package_names(self) -> tuple[str, ...]:
+        return ()
+
+    def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
+        raise AssertionError
+
+    def read_model(self, path: Path) -> None:
+        return None
+
+    def model_line(self, path: Path, line: int) -> Span:
+        raise AssertionError
+
+    def model_element(self, path: Path, kind: str, name: str) -> None:
+        return None
+
+
+def test_without_mujoco_what_needs_no_model_is_checked_and_the_rest_said_to_be_skipped(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "arm.xml").touch()
+    parsed = parse_source(SourceFile.of("f.yaml", CONFIG))
+    assert parsed.tree is not None
+    stack, _ = read_stack(parsed.tree)
+    assert stack is not None
+    surroundings = WithoutMujoco()
+    faults = check_models(resolve_paths(stack, tmp_path, surroundings), surroundings)
+    assert [str(fault) for fault in faults] == [
+        "f.yaml:4:116: error[OBK305]: `ObkImu` cannot carry the `touch` sensor `b`",
+        "f.yaml:4:89: info[OBK307]: `ObkImu` has no `accelerometer` sensor, so that part stays "
+        "empty",
+        "f.yaml:4:89: info[OBK307]: `ObkImu` has no `framequat` sensor, so that part stays empty",
+        "f.yaml:4:25: info[OBK300]: MuJoCo is not installed, so names are not checked against the "
+        "model",
+    ]

@@ -1,0 +1,168 @@
+"""`obk` as a person meets it: what is printed where, and the exit code."""
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+
+from obk_cli.cli.main import VERBS, main
+
+CASES = Path(__file__).parents[2] / "cases"
+SOUND = CASES / "accept/OBK004/topic_twice.yaml"
+FAULTY = CASES / "reject/OBK203/dangling.yaml"
+
+
+class Result:
+    """One run of `obk`."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str], *arguments: str) -> None:
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        self.code = ended.value.code
+        self.out, self.err = capsys.readouterr()
+
+
+def test_help_names_every_command_and_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(capsys, "--help")
+    assert result.code == 0
+    assert all(f"\n  {name} " in result.out for name in VERBS)
+    assert "Example: obk" in result.out
+
+
+@pytest.mark.parametrize("verb", ["validate", "compile", "explain", "schema"])
+def test_every_command_has_help_with_an_example(
+    capsys: pytest.CaptureFixture[str], verb: str
+) -> None:
+    result = Result(capsys, verb, "--help")
+    assert result.code == 0
+    assert f"Example: obk {verb}" in result.out
+
+
+def test_a_misspelt_command_is_misuse(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(capsys, "valdate")
+    assert result.code == 2
+    assert result.out == ""
+    assert result.err == (
+        "error: there is no command `valdate`\n  help: did you mean `validate`?\n"
+    )
+
+
+def test_validate_a_sound_config(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(capsys, "validate", str(SOUND), "--ignore", "OBK4")
+    assert (result.code, result.out) == (0, f"{SOUND}: no findings\n")
+
+
+def test_validate_a_faulty_config(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(capsys, "validate", str(FAULTY), "--ignore", "OBK4")
+    assert result.code == 1
+    assert result.out.startswith(f"{FAULTY}:25:16: error[OBK203]: nothing publishes `/arm/sensor`")
+    assert result.out.endswith(f"\n{FAULTY}: 1 error\n")
+    assert result.err == ""
+
+
+def test_strict_fails_on_warnings(capsys: pytest.CaptureFixture[str]) -> None:
+    warned = str(CASES / "reject/OBK208/unused.yaml")
+    assert Result(capsys, "validate", warned, "--ignore", "OBK4").code == 0
+    assert Result(capsys, "validate", warned, "--ignore", "OBK4", "--strict").code == 1
+
+
+def test_several_files_as_json(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(
+        capsys, "validate", str(SOUND), str(FAULTY), "--format", "json", "--ignore", "obk4"
+    )
+    report = json.loads(result.out)
+    assert result.code == 1
+    assert report["files"] == [str(SOUND), str(FAULTY)]
+    assert [d["code"] for d in report["diagnostics"]] == ["OBK203"]
+
+
+def test_standard_input(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(b"a: [")))
+    result = Result(capsys, "validate", "-")
+    assert result.code == 1
+    assert result.out.startswith("<standard input>:1:5: error[OBK003]")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("validate",),
+        ("validate", "f", "--format", "xml"),
+        ("validate", "f", "--ignore", "OBK9"),
+        ("validate", "f", "--color", "green"),
+        ("compile", "f", "--to", "sculpture"),
+        ("explain", "OBK999"),
+        ("validate", "--no-such-option", "f"),
+    ],
+)
+def test_misuse_is_told_on_stderr(
+    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]
+) -> None:
+    result = Result(capsys, *arguments)
+    assert result.code == 2
+    assert result.out == ""
+    assert "error" in result.err.lower()
+    assert "Traceback" not in result.err
+
+
+def test_colour_is_for_terminals_or_on_demand(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "\x1b" not in Result(capsys, "validate", str(FAULTY)).out
+    assert "\x1b" in Result(capsys, "validate", str(FAULTY), "--color", "always").out
+
+
+def test_compile_to_a_plan(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(capsys, "compile", str(SOUND), "--ignore", "OBK4", "--set", "config=other")
+    plan = json.loads(result.out)
+    assert result.code == 0
+    assert plan["name"] == "other"
+    assert [p["node"] for p in plan["processes"]] == [
+        "obelisk_control_0",
+        "obelisk_estimation_0",
+        "obelisk_robot_0",
+    ]
+
+
+def test_compile_to_a_folder_of_parameter_files(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    arguments = ("compile", str(SOUND), "--ignore", "OBK4", "--to", "params", "--output")
+    result = Result(capsys, *arguments, str(tmp_path / "out"))
+    assert (result.code, result.out) == (0, "")
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert names == ["obelisk_control_0.yaml", "obelisk_estimation_0.yaml", "obelisk_robot_0.yaml"]
+    (tmp_path / "file").touch()
+    result = Result(capsys, *arguments, str(tmp_path / "file"))
+    assert result.code == 1
+    assert "cannot be written" in result.err
+
+
+def test_compile_of_a_faulty_config_says_why_on_stderr(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(capsys, "compile", str(FAULTY), "--ignore", "OBK4")
+    assert (result.code, result.out) == (1, "")
+    assert "OBK203" in result.err
+
+
+def test_explain(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(capsys, "explain", "obk203")
+    assert result.code == 0
+    assert result.out.startswith("OBK203 (error): a subscriber without a publisher\n")
+    assert "OBK506" in Result(capsys, "explain").out
+
+
+def test_a_fault_of_our_own_is_said_to_be_one(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("boom")
+
+    monkeypatch.setattr("obk_cli.cli.validate.compile_config", fail)
+    result = Result(capsys, "validate", str(SOUND))
+    assert result.code == 1
+    assert "this is a fault of obk itself (RuntimeError: boom)" in result.err
+    assert "Traceback" not in result.err
+    trace = Path(result.err.rpartition(" ")[2].strip())
+    assert "boom" in trace.read_text()
+    trace.unlink()

@@ -1,0 +1,154 @@
+from pathlib import Path
+
+from obelisk_spec.settings import parse_component_setting, parse_mapping
+from obk_cli.config import FileSearch, Spanned
+from obk_cli.lower import lower_stack
+from obk_cli.parse import parse_source
+from obk_cli.plan import Endpoint, Plan
+from obk_cli.read.stack import read_stack
+from obk_cli.resolve.paths import resolve_paths
+from obk_cli.source import SourceFile, Span
+from obk_cli.surroundings import Command, ExecutableMissing, ModelFault, ModelRead
+
+CONFIG = """\
+config: arm
+robot:
+  pkg: demo
+  executable: sim
+  namespace: left
+  log_level: debug
+  remappings: {/state: /arm/state}
+  env: {A: 1}
+  params_path: gains.txt
+  params: {ic_keyframe: home, gains: [1, 2.5]}
+  callback_groups: {fast: ReentrantCallbackGroup}
+  publishers:
+    - {key: pub_true_sim_state, topic: state}
+  timers:
+    - {ros_parameter: timer_true_sim_state_setting, timer_period_sec: 0.01, callback_group: fast}
+  sim:
+    model_xml_path: arm.xml
+    robot_pkg: None
+    sensor_settings:
+      - {topic: /q, dt: 0.002, msg_type: JointEncoders, sensor_names: {a: jointpos}}
+control:
+  - pkg: demo
+    executable: ctrl
+    subscribers:
+      - {ros_parameter: sub_q_setting, topic: /q, msg_type: JointEncoders, callback_group: None,
+         non_obelisk: true, history_depth: 5}
+joystick:
+  pub_topic: /joy
+  device_id: 1
+"""
+
+
+class Nothing:
+    """Surroundings in which there is nothing."""
+
+    def find_package_share(self, name: str) -> Path | None:
+        return None
+
+    def package_names(self) -> tuple[str, ...]:
+        return ()
+
+    def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
+        raise AssertionError
+
+    def read_model(self, path: Path) -> ModelRead | ModelFault | None:
+        return None
+
+    def model_line(self, path: Path, line: int) -> Span:
+        raise AssertionError
+
+    def model_element(self, path: Path, kind: str, name: str) -> None:
+        return None
+
+
+def lower(folder: Path) -> Plan:
+    parsed = parse_source(SourceFile.of("arm.yaml", CONFIG))
+    assert parsed.tree is not None
+    stack, faults = read_stack(parsed.tree)
+    assert stack is not None
+    assert {fault.severity for fault in faults} == {"info"}
+    return lower_stack(resolve_paths(stack, folder, Nothing()))
+
+
+def test_a_node_becomes_a_process(tmp_path: Path) -> None:
+    robot, control, joystick = lower(tmp_path).processes
+    assert robot.full_name == "/left/obelisk_robot_0"
+    assert (robot.package, robot.executable, robot.log_level) == ("demo", "sim", "debug")
+    assert robot.remappings == (("/state", "/arm/state"),)
+    assert robot.env == {"A": "1"}
+    assert str(robot.origin) == "arm.yaml:3:3"
+    assert control.full_name == "/obelisk_control_0"
+    assert joystick.remappings == (("joy", "/joy"),)
+    assert joystick.parameters == {"device_id": 1}
+
+
+def test_the_plan_brings_the_robot_up_first(tmp_path: Path) -> None:
+    tiers = lower(tmp_path).tiers
+    assert [[p.section for p in tier] for tier in tiers] == [["robot"], ["control"], ["joystick"]]
+
+
+def test_a_component_is_emitted_under_its_parameter_and_in_the_settings(tmp_path: Path) -> None:
+    _, control, _ = lower(tmp_path).processes
+    setting = {
+        "ros_parameter": "sub_q_setting",
+        "topic": "/q",
+        "msg_type": "JointEncoders",
+        "history_depth": 5,
+    }
+    assert parse_component_setting(str(control.parameters["sub_q_setting"])) == setting
+    assert parse_mapping(str(control.parameters["obelisk_settings"])) == {"subscribers": [setting]}
+
+
+def test_a_component_with_only_a_key_is_in_the_settings_alone(tmp_path: Path) -> None:
+    robot, *_ = lower(tmp_path).processes
+    settings = parse_mapping(str(robot.parameters["obelisk_settings"]))
+    assert settings["publishers"] == [{"key": "pub_true_sim_state", "topic": "state"}]
+    assert settings["callback_groups"] == {"fast": "ReentrantCallbackGroup"}
+    assert "pub_true_sim_state_setting" not in robot.parameters
+
+
+def test_user_parameters_are_dotted_and_lists_of_one_type(tmp_path: Path) -> None:
+    robot, *_ = lower(tmp_path).processes
+    assert robot.parameters["ic_keyframe"] == "home"
+    assert robot.parameters["gains"] == (1.0, 2.5)
+
+
+def test_files_that_are_there_get_their_whole_path(tmp_path: Path) -> None:
+    robot, *_ = lower(tmp_path).processes
+    assert robot.parameters["params_path"] == "gains.txt"
+    for name in ("arm.xml", "gains.txt"):
+        (tmp_path / name).touch()
+    robot, *_ = lower(tmp_path).processes
+    assert robot.parameters["params_path"] == str(tmp_path / "gains.txt")
+    block = parse_mapping(str(robot.parameters["mujoco_setting"]))
+    assert block["model_xml_path"] == str(tmp_path / "arm.xml")
+    assert "robot_pkg" not in block
+
+
+def test_ends_have_types_and_rates(tmp_path: Path) -> None:
+    robot, control, joystick = lower(tmp_path).processes
+    assert robot.publishes == (
+        Endpoint(
+            topic="/left/state", msg_type="obelisk_sensor_msgs/msg/TrueSimState", rate_hz=100.0
+        ),
+        Endpoint(topic="/q", msg_type="obelisk_sensor_msgs/msg/JointEncoders", rate_hz=500.0),
+    )
+    assert control.subscribes == (
+        Endpoint(topic="/q", msg_type="obelisk_sensor_msgs/msg/JointEncoders"),
+    )
+    assert [end.topic for end in joystick.publishes] == ["/joy"]
+
+
+def test_what_was_searched_is_kept(tmp_path: Path) -> None:
+    parsed = parse_source(SourceFile.of("arm.yaml", CONFIG))
+    assert parsed.tree is not None
+    stack, _ = read_stack(parsed.tree)
+    assert stack is not None
+    search = resolve_paths(stack, tmp_path, Nothing()).nodes[0].sims[0].model
+    assert isinstance(search, FileSearch)
+    assert isinstance(search.written, Spanned)
+    assert search.tried[0] == tmp_path / "arm.xml"

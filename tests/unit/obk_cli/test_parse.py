@@ -1,0 +1,111 @@
+from pathlib import Path
+
+import pytest
+
+from obk_cli.diagnostics import Diagnostic
+from obk_cli.parse import LONGEST_FILE_BYTES, decode_source, parse_source
+from obk_cli.source import SourceFile
+from obk_cli.tree import TreeList, TreeMap, TreeScalar, plain_value
+
+
+def parse(text: str) -> TreeMap:
+    parsed = parse_source(SourceFile.of("f.yaml", text))
+    assert parsed.diagnostics == ()
+    assert isinstance(parsed.tree, TreeMap)
+    return parsed.tree
+
+
+def codes(text: str) -> list[str]:
+    return [fault.code for fault in parse_source(SourceFile.of("f.yaml", text)).diagnostics]
+
+
+def test_every_value_has_its_place() -> None:
+    tree = parse("a: 'x'\nb:\n  - on\n  - 1e-3\nc: {d: ~}\n")
+    a, b, c = tree.entries
+    assert (a.key_span.line, a.key_span.column, a.key_span.text) == (1, 1, "a")
+    assert a.value.span.text == "'x'"
+    assert isinstance(b.value, TreeList)
+    assert [str(item.span) for item in b.value.items] == ["f.yaml:3:5", "f.yaml:4:5"]
+    assert isinstance(c.value, TreeMap)
+    null = c.value.entries[0].value
+    assert isinstance(null, TreeScalar)
+    assert (null.value, null.span.text, null.span.column) == (None, "~", 8)
+
+
+def test_scalars_are_those_of_yaml_1_2() -> None:
+    tree = parse("{on: off, a: 012, b: 0o17, c: '1', d: 1e-3, e: None, f: !!str 5}")
+    assert plain_value(tree) == {
+        "on": "off",
+        "a": 12,
+        "b": 15,
+        "c": "1",
+        "d": 0.001,
+        "e": "None",
+        "f": "5",
+    }
+
+
+def test_aliases_and_merge_keys_keep_the_place_where_the_value_stands() -> None:
+    tree = parse("base: &b {x: 1, y: 1}\nuse:\n  <<: *b\n  y: 2\n")
+    use = tree.entries[1].value
+    assert plain_value(use) == {"y": 2, "x": 1}
+    assert isinstance(use, TreeMap)
+    x = use.get("x")
+    assert x is not None
+    assert x.value.span.line == 1
+
+
+def test_crlf_and_a_byte_order_mark_are_taken() -> None:
+    source = decode_source("f", b"\xef\xbb\xbfa: 1\r\nb: 2\r\n")
+    assert isinstance(source, SourceFile)
+    tree = parse_source(source).tree
+    assert isinstance(tree, TreeMap)
+    assert plain_value(tree) == {"a": 1, "b": 2}
+    assert [(e.key_span.line, e.key_span.column) for e in tree] == [(1, 1), (2, 1)]
+
+
+def test_columns_count_characters_not_bytes() -> None:
+    tree = parse("'ä€😀': x\n")
+    assert tree.entries[0].value.span.column == 8
+
+
+def test_a_file_over_ten_mebibytes_is_not_read() -> None:
+    fault = decode_source("f", b"#" * (LONGEST_FILE_BYTES + 1))
+    assert isinstance(fault, Diagnostic)
+    assert str(fault) == ("f:1:1: error[OBK007]: the file is 10.0 MiB, at most 10 MiB are read")
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("a: 1\na: 2", "OBK004"),
+        ("a: [", "OBK003"),
+        ("a: *b", "OBK003"),
+        ("a: &x [*x]", "OBK003"),
+        ("? [a]\n: 1", "OBK003"),
+        ("<<: 3", "OBK003"),
+        ("a: \x07", "OBK003"),
+        ("a: !x 1", "OBK005"),
+        ("[" * 101, "OBK013"),
+        ("[" * 100_000, "OBK013"),
+    ],
+)
+def test_what_cannot_be_read_is_a_finding(text: str, code: str) -> None:
+    assert codes(text) == [code]
+
+
+def test_a_fault_does_not_hide_the_next_one() -> None:
+    assert sorted(codes("a: 1\na: 2\nb: !x 1\nc: [")) == ["OBK003", "OBK005"]
+
+
+def test_numbers_and_truths_are_keys_as_written() -> None:
+    assert plain_value(parse("{1: a, true: b, 2.50: c}")) == {"1": "a", "true": "b", "2.50": "c"}
+
+
+def test_the_corpus_is_read_without_a_finding(repository: Path) -> None:
+    files = sorted((repository.parent / "shared" / "corpus").rglob("*.yaml"))
+    assert files
+    for path in files:
+        source = decode_source(str(path), path.read_bytes())
+        assert isinstance(source, SourceFile)
+        assert parse_source(source).diagnostics == ()

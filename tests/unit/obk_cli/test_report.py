@@ -1,0 +1,75 @@
+import json
+
+from obk_cli.diagnostics import Related, found
+from obk_cli.report.json import report_json
+from obk_cli.report.text import report_text, summary
+from obk_cli.source import SourceFile, Span
+
+SOURCE = SourceFile.of("f.yaml", "a: 1\n\tb: xyz\nc:\n  - d\n")
+FINDING = found(
+    "OBK101",
+    "no such key",
+    Span.at(SOURCE, 2, 5, 3),
+    help="remove it",
+    related=[Related(message="see here", span=Span(SOURCE, 3, 1, 4, 6))],
+)
+
+
+def test_a_report_word_for_word() -> None:
+    assert report_text([FINDING], colour=False) == (
+        "f.yaml:2:5: error[OBK101]: no such key\n"
+        "  2 | \tb: xyz\n"
+        "    | \t   ^^^\n"
+        "  f.yaml:3:1: see here\n"
+        "  3 | c:\n"
+        "    | ^^\n"
+        "  help: remove it"
+    )
+
+
+def test_colour_is_only_added() -> None:
+    coloured = report_text([FINDING], colour=True)
+    assert "\x1b[31merror[OBK101]\x1b[0m" in coloured
+    for code in ("31", "2", "32", "0"):
+        coloured = coloured.replace(f"\x1b[{code}m", "")
+    assert coloured == report_text([FINDING], colour=False)
+
+
+def test_a_long_line_is_cut() -> None:
+    source = SourceFile.of("f", "x" * 500)
+    text = report_text([found("OBK101", "m", Span.at(source, 1, 1, 500))], colour=False)
+    assert max(len(line) for line in text.splitlines()) < 180
+
+
+def test_the_summary_counts() -> None:
+    warning = found("OBK208", "unused", Span.at(SOURCE, 1, 1))
+    assert summary(["f"], [FINDING, warning, warning], colour=False) == "f: 1 error, 2 warnings"
+    assert summary(["f", "g"], [], colour=False) == "2 files: no findings"
+
+
+def test_json_has_every_place_with_its_end() -> None:
+    report = json.loads(report_json(["f.yaml"], [FINDING]))
+    assert report["counts"] == {"error": 1, "warning": 0, "info": 0}
+    assert report["diagnostics"] == [
+        {
+            "code": "OBK101",
+            "severity": "error",
+            "message": "no such key",
+            "path": "f.yaml",
+            "line": 2,
+            "column": 5,
+            "end_line": 2,
+            "end_column": 8,
+            "help": "remove it",
+            "related": [
+                {
+                    "message": "see here",
+                    "path": "f.yaml",
+                    "line": 3,
+                    "column": 1,
+                    "end_line": 4,
+                    "end_column": 6,
+                }
+            ],
+        }
+    ]

@@ -1,0 +1,165 @@
+from collections.abc import Mapping
+
+import pytest
+
+from obk_cli.parse import parse_source
+from obk_cli.resolve.include import Loaded, resolve_includes
+from obk_cli.resolve.merge import merge_trees
+from obk_cli.resolve.overrides import resolve_overrides
+from obk_cli.resolve.variables import resolve_variables
+from obk_cli.source import SourceFile
+from obk_cli.tree import Tree, TreeMap, plain_value
+
+
+def tree(text: str, path: str = "f.yaml") -> TreeMap:
+    parsed = parse_source(SourceFile.of(path, text))
+    assert isinstance(parsed.tree, TreeMap), parsed.diagnostics
+    return parsed.tree
+
+
+@pytest.mark.parametrize(
+    ("inner", "outer", "merged"),
+    [
+        ("{a: 1, b: {c: 1, d: 1}}", "{b: {c: 2}, e: 3}", "{a: 1, b: {c: 2, d: 1}, e: 3}"),
+        ("{a: [1, 2]}", "{a: [3]}", "{a: [3]}"),
+        ("{a: 1}", "{a: ~}", "{}"),
+        ("{a: 1}", "{b: ~}", "{a: 1, b: ~}"),
+        ("{l: [{name: x, v: 1}]}", "{l: [{name: x, w: 2}]}", "{l: [{name: x, v: 1, w: 2}]}"),
+        ("{l: [{name: x}]}", "{l: [{name: y}]}", "{l: [{name: x}, {name: y}]}"),
+        ("{l: [{pkg: x}]}", "{l: [{pkg: x}]}", "{l: [{pkg: x}, {pkg: x}]}"),
+        (
+            "{l: [{ros_parameter: p_setting, topic: /a}]}",
+            "{l: [{key: p, topic: /b}]}",
+            "{l: [{ros_parameter: p_setting, topic: /b, key: p}]}",
+        ),
+        ("{l: [{topic: /a, dt: 1}]}", "{l: [{topic: /a, dt: 2}]}", "{l: [{topic: /a, dt: 2}]}"),
+        ("{l: [{name: x, a: 1}]}", "{l: {name: x, a: 2}}", "{l: [{name: x, a: 2}]}"),
+        ("{l: [{name: x}, 3]}", "{l: [{name: x}]}", "{l: [{name: x}]}"),
+    ],
+)
+def test_merging(inner: str, outer: str, merged: str) -> None:
+    result = merge_trees(tree(inner), tree(outer))
+    assert plain_value(result) == plain_value(tree(merged))
+
+
+def test_merged_values_keep_their_own_file() -> None:
+    merged = merge_trees(tree("{a: 1, b: 1}", "inner"), tree("{b: 2}", "outer"))
+    assert isinstance(merged, TreeMap)
+    assert {entry.key: entry.value.span.path for entry in merged} == {"a": "inner", "b": "outer"}
+
+
+def load(files: Mapping[str, str], path: str) -> Loaded:
+    if path not in files:
+        return Loaded(unreadable="there is no such file")
+    parsed = parse_source(SourceFile.of(path, files[path]))
+    return Loaded(tree=parsed.tree, diagnostics=parsed.diagnostics)
+
+
+def include(files: Mapping[str, str], path: str) -> tuple[object, list[str]]:
+    merged, faults = resolve_includes(tree(files[path], path), path, lambda p: load(files, p))
+    return plain_value(merged), [str(fault) for fault in faults]
+
+
+def test_files_are_merged_in_order_and_the_including_one_on_top() -> None:
+    files = {
+        "d/top.yaml": "include: [a.yaml, ../e/b.yaml]\nx: top\n",
+        "d/a.yaml": "{x: a, y: a, z: a}",
+        "e/b.yaml": "include: c.yaml\ny: b\n",
+        "e/c.yaml": "{y: c, w: c}",
+    }
+    value, faults = include(files, "d/top.yaml")
+    assert value == {"x": "top", "y": "b", "z": "a", "w": "c"}
+    assert faults == []
+
+
+def test_the_same_file_may_be_included_twice_where_it_is_no_circle() -> None:
+    files = {"top": "include: [a, b]", "a": "include: [c]", "b": "include: [c]", "c": "x: 1"}
+    assert include(files, "top") == ({"x": 1}, [])
+
+
+def test_a_circle_prints_the_chain() -> None:
+    files = {"top": "include: [a]", "a": "include: [b]", "b": "include: [a]\nx: 1"}
+    value, faults = include(files, "top")
+    assert value == {"x": 1}
+    assert faults == ["b:1:11: error[OBK009]: files include each other: a -> b -> a"]
+
+
+def test_variables_are_replaced_and_read_anew_unless_quoted() -> None:
+    text = """
+a: '${N}'
+b: "${N}"
+c: ${N}
+d: x${M:-y}z
+e: $${N}
+f: $5
+g: "${E}${E:-no}"
+"""
+    resolved, faults = resolve_variables(tree(text), {"N": "3", "E": ""})
+    assert plain_value(resolved) == {
+        "a": "3",
+        "b": "3",
+        "c": 3,
+        "d": "xyz",
+        "e": "${N}",
+        "f": "$5",
+        "g": "",
+    }
+    assert faults == ()
+
+
+def test_an_undefined_variable_is_shown_at_its_place_inside_the_text() -> None:
+    _, (fault,) = resolve_variables(tree('a: "x/${NONE}/y"'), {})
+    assert (fault.span.column, fault.span.text) == (7, "${NONE}")
+    _, (malformed,) = resolve_variables(tree('a: "${1x}"'), {})
+    assert malformed.message == "`${` does not begin a `${NAME}`"
+
+
+def override(text: str, *options: str) -> tuple[object, list[str]]:
+    def parse(source: SourceFile) -> tuple[Tree | None, tuple[object, ...]]:
+        parsed = parse_source(source)
+        return parsed.tree, parsed.diagnostics
+
+    result, faults = resolve_overrides(tree(text), options, parse)  # type: ignore[arg-type]
+    return plain_value(result), [fault.message for fault in faults]
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("a[0].b=2", {"a": [{"b": 2}], "m": {"c": 1}}),
+        ("m[0].c=x", {"a": [{"b": 1}], "m": {"c": "x"}}),
+        ("m.n.o=[1, 2]", {"a": [{"b": 1}], "m": {"c": 1, "n": {"o": [1, 2]}}}),
+        ("m=", {"a": [{"b": 1}], "m": None}),
+        ("m.c=a=b", {"a": [{"b": 1}], "m": {"c": "a=b"}}),
+    ],
+)
+def test_set(option: str, value: object) -> None:
+    assert override("{a: [{b: 1}], m: {c: 1}}", option) == (value, [])
+
+
+@pytest.mark.parametrize(
+    ("option", "reason"),
+    [
+        ("a", "there is no `=`"),
+        ("=1", "the path is empty"),
+        ("a..b=1", "is not a path"),
+        ("[0]=1", "is not a path"),
+        ("a[1].b=1", "past the end"),
+        ("a.b=1", "`b` needs a mapping, there is a list"),
+        ("m[1]=1", "`[1]` needs a list, there is a mapping"),
+        ("x[0]=1", "there is no `x`"),
+        ("m.c=[", "not YAML"),
+    ],
+)
+def test_a_set_that_does_not_fit_says_why(option: str, reason: str) -> None:
+    value, faults = override("{a: [{b: 1}], m: {c: 1}}", option)
+    assert value == {"a": [{"b": 1}], "m": {"c": 1}}
+    assert len(faults) == 1
+    assert reason in faults[0]
+
+
+def test_what_was_set_has_the_command_line_for_its_place() -> None:
+    text = tree("{a: 1}")
+    parsed = parse_source(SourceFile.of("<command line>", "5"))
+    result, _ = resolve_overrides(text, ["a=5"], lambda _: (parsed.tree, ()))
+    assert result.entries[0].value.span.path == "<command line>"

@@ -1,0 +1,69 @@
+"""The JSON schema and the checker accept the same shapes."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from obelisk_spec.yaml_core import load_yaml_core
+from obk_cli.read import keys
+
+TABLES = {
+    "node": keys.NODE_KEYS,
+    "robot": keys.ROBOT_KEYS,
+    "viz_node": keys.VIZ_NODE_KEYS,
+    "component": keys.COMPONENT_KEYS,
+    "timer": keys.TIMER_KEYS,
+    "qos": keys.QOS_KEYS,
+    "sim": keys.SIM_KEYS,
+    "sensor_group": (*keys.SENSOR_GROUP_KEYS, *keys.OLDER_KEYS),
+    "viz": keys.VIZ_KEYS,
+    "joystick": keys.JOYSTICK_KEYS,
+    "device": keys.SECTION_KEYS,
+}
+SHAPE_CODES = ("OBK101", "OBK102", "OBK103", "OBK104", "OBK105", "OBK106", "OBK109", "OBK110")
+CASES = Path(__file__).parents[2] / "cases"
+
+
+@pytest.fixture(scope="module")
+def schema(repository: Path) -> dict[str, Any]:
+    text = (repository / "schema" / "obelisk.schema.json").read_text(encoding="utf-8")
+    loaded: dict[str, Any] = json.loads(text)
+    return loaded
+
+
+def test_is_a_valid_schema(schema: dict[str, Any]) -> None:
+    jsonschema.Draft202012Validator.check_schema(schema)
+
+
+def test_has_the_keys_of_the_language(schema: dict[str, Any]) -> None:
+    assert set(schema["properties"]) == set(keys.RESERVED_KEYS)
+    for name, table in TABLES.items():
+        assert set(schema["$defs"][name]["properties"]) == set(table), name
+
+
+def test_every_key_has_a_title_and_a_description(schema: dict[str, Any]) -> None:
+    places = [schema, *schema["$defs"].values()]
+    for place in places:
+        for key, value in place.get("properties", {}).items():
+            assert value.get("title"), key
+            assert value.get("description"), key
+
+
+@pytest.mark.parametrize("path", sorted(CASES.glob("accept/*/*.yaml")), ids=lambda p: p.stem)
+def test_accepts_what_the_checker_accepts(path: Path, schema: dict[str, Any]) -> None:
+    config = load_yaml_core(path.read_text(encoding="utf-8"))
+    jsonschema.validate(config, schema)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [p for p in sorted(CASES.glob("reject/*/*.yaml")) if p.parent.name in SHAPE_CODES],
+    ids=lambda p: f"{p.parent.name}-{p.stem}",
+)
+def test_refuses_the_shapes_that_the_checker_refuses(path: Path, schema: dict[str, Any]) -> None:
+    config = load_yaml_core(path.read_text(encoding="utf-8"))
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(config, schema)
