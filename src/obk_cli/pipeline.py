@@ -129,6 +129,8 @@ def _parse(
     parsed = parse_source(source)
     if parsed.tree is None:
         return None, parsed.diagnostics
+    if "${" not in source.text:  # a long walk that most files need not take
+        return parsed.tree, parsed.diagnostics
     tree, faults = resolve_variables(parsed.tree, environment)
     return tree, parsed.diagnostics + faults
 
