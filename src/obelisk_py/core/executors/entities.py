@@ -1,0 +1,175 @@
+"""Runners of subscriptions, services and clients: what happens when the middleware has data.
+
+A runner keeps its entity's rcl structure alive and listens to it with one eventfd. Its handler
+takes what is there and calls the user; it leaves off after any callback during which the lane was
+called upon, because that callback may have destroyed the entity.
+"""
+
+import inspect
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import partial
+from typing import Any, ClassVar
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import Executor
+from rclpy.subscription import Subscription
+from rclpy.task import Task
+
+from obelisk_py.core.executors.lane import Handler, Lane
+from obelisk_py.core.executors.listeners import EntityKind, open_signal, signal_off, signal_on
+
+__all__ = ["ClientRunner", "Runner", "ServiceRunner", "SubscriptionRunner"]
+
+ExecutorReference = Callable[[], Executor | None]
+
+# Then the others get a turn, however many messages are waiting.
+_MESSAGES_PER_TURN = 32
+
+
+class Runner(ABC):
+    """An entity with the eventfd that says that it has something to take."""
+
+    entity: Any
+    kind: ClassVar[EntityKind]
+    waits_for_group = True
+
+    def __init__(self, entity: Any, executor: ExecutorReference) -> None:
+        """Keep the entity from being destroyed until `close`.
+
+        Args:
+            entity: of rclpy.
+            executor: for futures and coroutines that the entity's callbacks make.
+
+        Raises:
+            InvalidHandle: it is destroyed already.
+        """
+        self.entity = entity
+        self.group = entity.callback_group
+        self._executor = executor
+        self._handle = entity.handle
+        self._handle.__enter__()
+        self._signal_fd = open_signal()
+
+    def listen(self) -> None:
+        """Begin to be signalled, at once for what came before."""
+        signal_on(self.kind, self._handle.pointer, self._signal_fd)
+        os.eventfd_write(self._signal_fd, 1)
+
+    def silence(self) -> None:
+        """Be signalled no longer."""
+        signal_off(self.kind, self._handle.pointer)
+
+    def handlers(self, lane: Lane) -> Mapping[int, Handler]:
+        """What a lane calls, by descriptor."""
+        return {self._signal_fd: partial(self._run, lane)}
+
+    def close(self) -> None:
+        """Let go of the entity, once silenced and watched by no lane."""
+        os.close(self._signal_fd)
+        self._handle.__exit__(None, None, None)
+
+    @abstractmethod
+    def _run(self, lane: Lane) -> bool: ...
+
+    def _begin(self, lane: Lane, callback: Callable[..., Any], *args: Any) -> None:
+        lane.begin(Task(callback, args, None, executor=self._executor()), self.group)
+
+
+class SubscriptionRunner(Runner):
+    """Calls the user with each message."""
+
+    kind = EntityKind.SUBSCRIPTION
+
+    def __init__(self, entity: Subscription, executor: ExecutorReference) -> None:
+        super().__init__(entity, executor)
+        self._take = self._handle.take_message
+        self._callback: Callable[..., Any] | None = None
+        self._is_plain = False
+
+    def _run(self, lane: Lane) -> bool:
+        subscription, take = self.entity, self._take
+        msg_type, raw = subscription.msg_type, subscription.raw
+        ran = False
+        for _ in range(_MESSAGES_PER_TURN):
+            taken = take(msg_type, raw)
+            if taken is None:
+                return ran
+            callback = subscription.callback
+            if callback is not self._callback:
+                self._learn(callback)
+            if self._is_plain:
+                callback(taken[0])
+            else:
+                self._call(lane, callback, taken)
+            ran = True
+            if lane.attention:
+                break
+        lane.again(self._signal_fd)
+        return ran
+
+    def _learn(self, callback: Callable[..., Any]) -> None:
+        """What can be told of a callback once instead of at every message."""
+        self._callback = callback
+        self._is_coroutine = inspect.iscoroutinefunction(callback)
+        self._takes_info = self.entity._callback_type is Subscription.CallbackType.WithMessageInfo
+        self._is_plain = not (self._is_coroutine or self._takes_info)
+
+    def _call(self, lane: Lane, callback: Callable[..., Any], taken: tuple[Any, Any]) -> None:
+        args = taken if self._takes_info else taken[:1]
+        if self._is_coroutine:
+            self._begin(lane, callback, *args)
+        else:
+            callback(*args)
+
+
+class ServiceRunner(Runner):
+    """Answers requests."""
+
+    kind = EntityKind.SERVICE
+
+    def _run(self, lane: Lane) -> bool:
+        service = self.entity
+        request, header = self._handle.service_take_request(service.srv_type.Request)
+        if header is None:
+            return False
+        lane.again(self._signal_fd)
+        if inspect.iscoroutinefunction(service.callback):
+            self._begin(lane, self._answer_later, request, header)
+        else:
+            self._answer(service.callback(request, service.srv_type.Response()), header)
+        return True
+
+    async def _answer_later(self, request: Any, header: Any) -> None:
+        self._answer(await self.entity.callback(request, self.entity.srv_type.Response()), header)
+
+    def _answer(self, response: Any, header: Any) -> None:
+        # A callback that destroys its own service has no way left to answer.
+        with suppress(InvalidHandle):
+            self.entity.send_response(response, header)
+
+
+class ClientRunner(Runner):
+    """Completes the futures of requests.
+
+    A response calls no code of the user, so it is let through while a coroutine of the group is
+    suspended; that coroutine may well be what waits for it.
+    """
+
+    kind = EntityKind.CLIENT
+    waits_for_group = False
+
+    def _run(self, lane: Lane) -> bool:
+        client = self.entity
+        header, response = self._handle.take_response(client.srv_type.Response)
+        if header is None:
+            return False
+        lane.again(self._signal_fd)
+        # A request that was cancelled is not pending any more.
+        with suppress(KeyError):
+            future = client.get_pending_request(header.request_id.sequence_number)
+            future._set_executor(self._executor())
+            future.set_result(response)
+        return True
