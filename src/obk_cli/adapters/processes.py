@@ -2,11 +2,13 @@
 
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -17,6 +19,8 @@ from obk_cli.launch.events import Heard, ProcessEnded, ProcessStarted
 from obk_cli.plan import Process
 
 __all__ = ["NodeCommand", "WardenProcesses"]
+
+NO_WARDEN = "the process that watched over the nodes is gone"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +55,7 @@ class WardenProcesses:
         self._hear = hear
         self._on_line = on_line
         self._pumps: list[threading.Thread] = []
+        self._running: set[str] = set()
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             self._warden = subprocess.Popen(
@@ -92,6 +97,8 @@ class WardenProcesses:
         }
         try:
             socket.send_fds(self._link, [json.dumps(request).encode()], [write_fd])
+        except BrokenPipeError:
+            self._hear(ProcessEnded(node=process.full_name, code=127, text=NO_WARDEN))
         finally:
             os.close(write_fd)
         pump = threading.Thread(
@@ -102,15 +109,30 @@ class WardenProcesses:
 
     def signal(self, node: str, number: int) -> None:
         """Send a signal to a node's process and its children that share its group."""
-        self._link.send(json.dumps({"do": "signal", "node": node, "number": number}).encode())
+        request = json.dumps({"do": "signal", "node": node, "number": number}).encode()
+        # Without a warden there are no nodes: `_listen` has told their ends.
+        with suppress(BrokenPipeError):
+            self._link.send(request)
 
     def _listen(self) -> None:
-        while data := self._link.recv(warden.LARGEST_PACKET):
+        while data := self._received():
             news = json.loads(data)
+            node = news["node"]
             if news["news"] == "started":
-                self._hear(ProcessStarted(node=news["node"], pid=news["pid"]))
+                self._running.add(node)
+                self._hear(ProcessStarted(node=node, pid=news["pid"]))
             else:
-                self._hear(ProcessEnded(node=news["node"], code=news["code"], text=news["text"]))
+                self._running.discard(node)
+                self._hear(ProcessEnded(node=node, code=news["code"], text=news["text"]))
+        # The nodes die with the warden, and nobody else would tell.
+        for node in sorted(self._running):
+            self._hear(ProcessEnded(node=node, code=-signal.SIGKILL, text=NO_WARDEN))
+
+    def _received(self) -> bytes:
+        try:
+            return self._link.recv(warden.LARGEST_PACKET)
+        except ConnectionResetError:
+            return b""
 
     def _pump(self, node: str, read_fd: int) -> None:
         with open(read_fd, encoding="utf-8", errors="replace") as output:

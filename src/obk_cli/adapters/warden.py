@@ -89,7 +89,7 @@ class Warden:
                 preexec_fn=self._in_child,
             )
         except OSError as error:
-            self._send(news="ended", node=node, code=127, text=str(error))
+            self._send(news="ended", node=node, code=127, text=f"cannot start: {error}")
         else:
             self._pids[child.pid] = node
             child.returncode = 0

@@ -276,7 +276,7 @@ class Supervisor:
 
 def _how_it_ended(heard: ProcessEnded) -> str:
     if heard.text:
-        return f"the process could not start: {heard.text}"
+        return heard.text
     if heard.code < 0:
         return f"the process was ended by {signal.Signals(-heard.code).name}"
     return f"the process exited with code {heard.code}"

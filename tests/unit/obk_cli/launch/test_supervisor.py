@@ -223,8 +223,8 @@ def test_a_process_that_dies_while_it_is_asked_ends_the_wait_at_once() -> None:
 
 def test_a_process_that_cannot_start_is_told_with_its_reason() -> None:
     world = World(never_ready={ROBOT})
-    world.heard.append(ProcessEnded(node=ROBOT, code=127, text="no such file"))
-    assert world.run().cause == f"{ROBOT}: the process could not start: no such file"
+    world.heard.append(ProcessEnded(node=ROBOT, code=127, text="cannot start: no such file"))
+    assert world.run().cause == f"{ROBOT}: cannot start: no such file"
 
 
 def test_a_node_that_fails_by_itself_takes_the_stack_down() -> None:
