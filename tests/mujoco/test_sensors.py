@@ -160,6 +160,14 @@ def test_odometry_brings_what_is_measured_elsewhere_on_the_body_to_its_object(ev
     _same(_xyz(message.twist.twist.angular), moving, "centre_gyro")
 
 
+def test_odometry_is_turned_into_the_frame_of_its_object(everything, moving):
+    names = {"imu_quat": "framequat", "centre_velocity": "velocimeter", "centre_gyro": "gyro"}
+    message = _sample(everything, moving, "Odometry", names)
+    assert message.child_frame_id == "imu"
+    _same(_xyz(message.twist.twist.linear), moving, "velocity")
+    _same(_xyz(message.twist.twist.angular), moving, "gyro")
+
+
 def test_odometry_with_a_sensor_on_another_body_warns_and_passes_it_on(everything, moving):
     names = {"centre_pos": "framepos", "centre_quat": "framequat", "toe_velocity": "velocimeter"}
     warnings = []

@@ -27,23 +27,24 @@ class _Clock:
 class _Simulation:
     step_s = 0.001
 
-    def __init__(self, clock, cost_ns=0):
+    def __init__(self, clock, cost_ns, step_cost_ns):
         self.steps = 0
         self.counts = []
         self._clock = clock
         self._cost_ns = cost_ns
+        self._step_cost_ns = step_cost_ns
 
     def advance(self, count):
         self.steps += count
         self.counts.append(count)
-        self._clock.ns += self._cost_ns
+        self._clock.ns += self._cost_ns + count * self._step_cost_ns
         return ("a warning",) if self.steps == 3 else ()
 
 
 class _Run:
-    def __init__(self, *, factor, until, periods_s=(), cost_ns=0):
+    def __init__(self, *, factor, until, periods_s=(), cost_ns=0, step_cost_ns=0):
         self.clock = _Clock()
-        self.simulation = _Simulation(self.clock, cost_ns)
+        self.simulation = _Simulation(self.clock, cost_ns, step_cost_ns)
         self.published = [[] for _ in periods_s]
         self.warnings = []
         self.reports = []
@@ -79,7 +80,17 @@ def test_a_factor_of_a_tenth_takes_ten_times_as_long():
 def test_a_factor_of_zero_never_waits():
     run = _Run(factor=0.0, until=lambda run: run.simulation.steps >= 1_000)
     assert run.clock.waits == []
-    assert max(run.simulation.counts) == 16
+    assert max(run.simulation.counts) == 32
+
+
+def test_a_factor_of_zero_takes_costly_steps_one_by_one():
+    run = _Run(factor=0.0, until=lambda run: run.simulation.steps >= 100, cost_ns=MS)
+    assert set(run.simulation.counts[3:]) == {1}
+
+
+def test_a_factor_of_zero_looks_for_controls_ten_thousand_times_a_second():
+    run = _Run(factor=0.0, until=lambda run: run.simulation.steps >= 1_000, step_cost_ns=10_000)
+    assert max(run.simulation.counts[1:]) == 10
 
 
 def test_samples_follow_their_steps_and_carry_the_stamp_of_the_step():

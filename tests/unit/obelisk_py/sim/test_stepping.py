@@ -75,6 +75,7 @@ def test_a_period_of_broken_steps_is_rounded_up_to_steps_and_keeps_its_mean_rate
 
 def test_a_period_shorter_than_the_step_is_sampled_at_every_step():
     assert _sampled(0.0004, 0.002, 5) == [1, 2, 3, 4, 5]
+    assert _sampled(1e-12, 0.002, 5) == [1, 2, 3, 4, 5]
 
 
 def test_the_number_of_samples_is_exact_over_ten_million_steps():

@@ -217,8 +217,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             self._warn(refused)
         if report.overruns:
             self._warn(
-                f"the simulation fell behind {report.overruns} times in the last second and gave "
-                f"up {report.lost_s:.3f} s; real-time factor {report.realtime_factor:.3f}"
+                f"the simulation fell behind ({report.overruns}x in the last second) and gave up "
+                f"{report.lost_s:.3f} s; real-time factor {report.realtime_factor:.3f}"
             )
 
     def _own_publisher(self, message: type[Any], topic: str, depth: int) -> LifecyclePublisher:

@@ -13,8 +13,10 @@ from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, Clock, Pace, SampleTim
 
 __all__ = ["Output", "StepReport", "Stepper"]
 
-LONGEST_BATCH: Final = 16
-"""Steps taken in one call where no pace holds them back; a control waits for so many at most."""
+LONGEST_BATCH: Final = 32
+"""Steps taken in one call where no pace holds them back and nothing is due."""
+BATCH_NS: Final = 100_000
+"""Wall time that such a batch may take [ns]; a control waits for so long at most."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,14 +84,14 @@ class Stepper:
         if pace is not None:
             pace.start(now_ns)
         for output in self._outputs:
-            output.times.restart()
+            output.times.pass_step(simulation.steps)
         due = self._next_due()
         meter = _Meter(now_ns=now_ns, step_s=simulation.step_s)
+        count = 0
         while not stopped():
-            count = 1
             if pace is None:
-                count = min(LONGEST_BATCH, due - simulation.steps)
-                now_ns = clock.now_ns()
+                before_ns, now_ns = now_ns, clock.now_ns()
+                count = min(_next_batch(count, now_ns - before_ns), due - simulation.steps)
             else:
                 now_ns = clock.sleep_until_ns(pace.next_deadline_ns(now_ns), stopped)
                 if stopped():
@@ -113,6 +115,11 @@ class Stepper:
             if output.times.next_step <= step:
                 output.publish(stamp)
                 output.times.pass_step(step)
+
+
+def _next_batch(count: int, took_ns: int) -> int:
+    """How many steps to take at once, when `count` of them took `took_ns`."""
+    return max(1, min(LONGEST_BATCH, count * BATCH_NS // max(took_ns, 1)))
 
 
 class _Meter:

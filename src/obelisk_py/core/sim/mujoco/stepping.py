@@ -109,10 +109,6 @@ class SampleTimes:
         self._steps_per_sample = period_s / step_s
         self.next_step = 0
         """The step after which the next sample is taken; steps count from 1."""
-        self.restart()
-
-    def restart(self) -> None:
-        """Begin again at step 0."""
         self.pass_step(0)
 
     def pass_step(self, step: int) -> None:
