@@ -10,10 +10,10 @@ from typing import Any
 
 import rclpy
 from rclpy.executors import Executor
-from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from obelisk_py.core.executors import EventLoopExecutor
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 
 __all__ = ["spin_obelisk"]
@@ -37,15 +37,17 @@ def spin_obelisk(
     Args:
         args: command line with `--ros-args ...`; None takes the process's own.
         node_type: the node class.
-        executor_type: an rclpy executor class; None takes the library's choice.
+        executor_type: an rclpy executor class; None takes the library's `EventLoopExecutor`.
         node_kwargs: handed to the node class.
 
     Raises:
         SystemExit: with code 1, the node died of an error.
     """
     # rclpy's own handlers end the context before the node could be brought down in order.
-    rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
-    executor = (executor_type or EventsExecutor)()
+    rclpy.init(
+        args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO
+    )
+    executor = (executor_type or EventLoopExecutor)()
     try:
         node = node_type(**(node_kwargs or {}))
         executor.add_node(node)
