@@ -11,7 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-import mujoco
 from ament_index_python.packages import PackageNotFoundError, get_package_share_path
 from builtin_interfaces.msg import Time
 from obelisk_sensor_msgs.msg import TrueSimState
@@ -21,6 +20,7 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
+import mujoco
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.robot import ObeliskSimRobot

@@ -87,7 +87,7 @@ class Stepper:
             output.times.pass_step(simulation.steps)
         due = self._next_due()
         meter = _Meter(now_ns=now_ns, step_s=simulation.step_s)
-        count = 0
+        count = 0 if pace is None else 1
         while not stopped():
             if pace is None:
                 before_ns, now_ns = now_ns, clock.now_ns()
