@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 
 from obk_cli.check.components import check_callback_groups, check_components
 from obk_cli.check.graph import check_node_names, check_required_sections
+from obk_cli.check.loop import check_control_topics, check_loop, check_timers
 from obk_cli.check.model import check_models
 from obk_cli.check.packages import check_executables, check_files
 from obk_cli.check.topics import check_dangling, check_qos, check_types
@@ -21,13 +22,15 @@ CHECKS: tuple[Check, ...] = (
     check_node_names,
     check_types,
     check_qos,
+    check_control_topics,
+    check_timers,
     check_models,
     check_executables,
     check_files,
 )
 """Checks of what is there."""
 
-WHOLE_CHECKS: tuple[Check, ...] = (check_required_sections, check_dangling)
+WHOLE_CHECKS: tuple[Check, ...] = (check_required_sections, check_dangling, check_loop)
 """Checks of what is not there: they mean something only if nothing of the config is lost."""
 
 

@@ -62,6 +62,28 @@ RULES: tuple[Rule, ...] = (
         cure="Remove it, or put components into it.",
     ),
     Rule(
+        code="OBK209",
+        severity="warning",
+        title="the loop is open",
+        cause="The robot feeds the estimator, the estimator the controller, the controller the robot; "
+        "one of these does not hear the one before it.",
+        cure="Subscribe to a topic of the block before.",
+    ),
+    Rule(
+        code="OBK210",
+        severity="warning",
+        title="two controllers command one topic",
+        cause="The robot obeys whichever message came last.",
+        cure="Give each controller a topic of its own, or let one of them pass the other's on.",
+    ),
+    Rule(
+        code="OBK211",
+        severity="info",
+        title="a timer faster than its input",
+        cause="The callback runs on the same input several times.",
+        cure="Nothing, if that is wanted; else make the timer as slow as what it works on.",
+    ),
+    Rule(
         code="OBK215",
         severity="warning",
         title="a sensor faster than the simulation",

@@ -77,6 +77,14 @@ def test_several_files_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert [d["code"] for d in report["diagnostics"]] == ["OBK203"]
 
 
+def test_the_other_formats(capsys: pytest.CaptureFixture[str]) -> None:
+    faulty = ("validate", str(FAULTY), "--ignore", "OBK4", "--format")
+    assert json.loads(Result(capsys, *faulty, "sarif").out)["version"] == "2.1.0"
+    assert Result(capsys, *faulty, "github").out.startswith(f"::error file={FAULTY},line=25,")
+    sound = Result(capsys, "validate", str(SOUND), "--ignore", "OBK4", "--format", "github")
+    assert (sound.code, sound.out) == (0, "")
+
+
 def test_standard_input(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,7 +1,9 @@
 import json
 
 from obk_cli.diagnostics import Related, found
+from obk_cli.report.github import report_github
 from obk_cli.report.json import report_json
+from obk_cli.report.sarif import report_sarif
 from obk_cli.report.text import report_text, summary
 from obk_cli.source import SourceFile, Span
 
@@ -73,3 +75,32 @@ def test_json_has_every_place_with_its_end() -> None:
             ],
         }
     ]
+
+
+def test_github_gets_one_line_for_each_finding() -> None:
+    assert report_github([FINDING]) == (
+        "::error file=f.yaml,line=2,endLine=2,col=5,endColumn=8,title=OBK101::"
+        "no such key%0Af.yaml:3:1: see here%0Ahelp: remove it"
+    )
+    source = SourceFile.of("a,b:c", "x")
+    line = report_github([found("OBK204", "100%", Span.at(source, 1, 1))])
+    assert line.startswith("::notice file=a%2Cb%3Ac,")
+    assert line.endswith("::100%25")
+
+
+def test_sarif_has_the_rules_and_every_place() -> None:
+    spaced = found("OBK204", "unread", Span.at(SourceFile.of("/a b.yaml", "x"), 1, 1))
+    log = json.loads(report_sarif([FINDING, spaced]))
+    (run,) = log["runs"]
+    assert log["version"] == "2.1.0"
+    assert [rule["id"] for rule in run["tool"]["driver"]["rules"]] == ["OBK101", "OBK204"]
+    first, second = run["results"]
+    assert (first["ruleIndex"], first["level"]) == (0, "error")
+    place = first["locations"][0]["physicalLocation"]
+    assert place["artifactLocation"] == {"uri": "f.yaml"}
+    assert place["region"] == {"startLine": 2, "startColumn": 5, "endLine": 2, "endColumn": 8}
+    assert first["relatedLocations"][0]["message"] == {"text": "see here"}
+    assert second["level"] == "note"
+    assert second["locations"][0]["physicalLocation"]["artifactLocation"] == {
+        "uri": "file:///a%20b.yaml"
+    }

@@ -1,0 +1,74 @@
+"""Findings as SARIF 2.1.0, for code scanning and other tools.
+
+Source: OASIS, Static Analysis Results Interchange Format (SARIF) Version 2.1.0.
+"""
+
+import json
+from collections.abc import Iterable
+from pathlib import PurePath
+from urllib.parse import quote
+
+from obk_cli.codes import rule_of
+from obk_cli.diagnostics import Diagnostic, Related
+from obk_cli.source import Span
+
+__all__ = ["report_sarif"]
+
+_SCHEMA = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/os/schemas/sarif-schema-2.1.0.json"
+_LEVELS = {"error": "error", "warning": "warning", "info": "note"}
+
+
+def report_sarif(diagnostics: Iterable[Diagnostic]) -> str:
+    """One log with one run; paths are URIs, relative ones relative to the working folder."""
+    findings = tuple(diagnostics)
+    codes = sorted({finding.code for finding in findings})
+    driver = {"name": "obk", "rules": [_rule(code) for code in codes]}
+    run = {
+        "tool": {"driver": driver},
+        # Columns count characters, as everywhere in the tool.
+        "columnKind": "unicodeCodePoints",
+        "results": [_result(finding, codes.index(finding.code)) for finding in findings],
+    }
+    log = {"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]}
+    return json.dumps(log, indent=2, ensure_ascii=False)
+
+
+def _rule(code: str) -> dict[str, object]:
+    rule = rule_of(code)
+    return {
+        "id": code,
+        "shortDescription": {"text": rule.title},
+        "fullDescription": {"text": rule.cause},
+        "help": {"text": rule.cure},
+        "defaultConfiguration": {"level": _LEVELS[rule.severity]},
+    }
+
+
+def _result(finding: Diagnostic, rule_index: int) -> dict[str, object]:
+    text = f"{finding.message}\n{finding.help}" if finding.help else finding.message
+    return {
+        "ruleId": finding.code,
+        "ruleIndex": rule_index,
+        "level": _LEVELS[finding.severity],
+        "message": {"text": text},
+        "locations": [{"physicalLocation": _place(finding.span)}],
+        "relatedLocations": [_related(related) for related in finding.related],
+    }
+
+
+def _related(related: Related) -> dict[str, object]:
+    return {"physicalLocation": _place(related.span), "message": {"text": related.message}}
+
+
+def _place(span: Span) -> dict[str, object]:
+    path = PurePath(span.path)
+    uri = path.as_uri() if path.is_absolute() else quote(str(path))
+    return {
+        "artifactLocation": {"uri": uri},
+        "region": {
+            "startLine": span.line,
+            "startColumn": span.column,
+            "endLine": span.end_line,
+            "endColumn": span.end_column,
+        },
+    }
