@@ -155,8 +155,12 @@ class _Composer:
         return TreeScalar(event.value if is_text else core_scalar(event.value), span)
 
     def _key(self, tree: Tree) -> str:
+        """A key is text; a number or `true` is one as it is written."""
         if isinstance(tree, TreeScalar):
-            return tree.span.text if isinstance(tree.value, float | int) else str(tree.value or "")
+            key = tree.value if isinstance(tree.value, str) else tree.span.text
+            if not key:
+                self.faults.append(found("OBK003", "a key is empty", tree.span))
+            return key
         self.faults.append(found("OBK003", "a list or mapping cannot be a key", tree.span))
         return ""
 

@@ -116,18 +116,21 @@ def test_an_independent_reader_reads_the_same(text: str) -> None:
         value = load_yaml_core(text)
     except YamlTextError:
         return
-    assert _texts(plain_value(parsed.tree)) == _texts(value)
+    if _has_only_text_for_keys(value):
+        assert _canonical(plain_value(parsed.tree)) == _canonical(value)
 
 
-def _texts(value: object) -> object:
-    """The value with its keys as text, as a config has them, and NaN comparable."""
+def _canonical(value: object) -> str:
+    """A text that is equal for equal values: keys in order, NaN as its name."""
     if isinstance(value, dict):
-        return sorted(
-            (str(key) if isinstance(key, str) else "", repr(_texts(item)))
-            for key, item in value.items()
-            if isinstance(key, str)
-        )
-    return [_texts(item) for item in value] if isinstance(value, list) else repr(value)
+        return str(sorted((key, _canonical(item)) for key, item in value.items()))
+    return str([_canonical(v) for v in value]) if isinstance(value, list) else repr(value)
+
+
+def _has_only_text_for_keys(value: object) -> bool:
+    if isinstance(value, dict):
+        return all(isinstance(k, str) and _has_only_text_for_keys(v) for k, v in value.items())
+    return not isinstance(value, list) or all(map(_has_only_text_for_keys, value))
 
 
 @pytest.mark.parametrize("text", SEEDS)

@@ -65,8 +65,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK209",
         severity="warning",
         title="the loop is open",
-        cause="The robot feeds the estimator, the estimator the controller, the controller the robot; "
-        "one of these does not hear the one before it.",
+        cause="The robot feeds the estimator, the estimator the controller, the controller the "
+        "robot; one of these does not hear the one before it.",
         cure="Subscribe to a topic of the block before.",
     ),
     Rule(

@@ -84,6 +84,8 @@ def test_a_file_over_ten_mebibytes_is_not_read() -> None:
         ("a: &x [*x]", "OBK003"),
         ("? [a]\n: 1", "OBK003"),
         ("<<: 3", "OBK003"),
+        ("? ", "OBK003"),
+        ("'': 1", "OBK003"),
         ("a: \x07", "OBK003"),
         ("a: !x 1", "OBK005"),
         ("[" * 101, "OBK013"),
