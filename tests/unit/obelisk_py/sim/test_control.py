@@ -52,9 +52,16 @@ def test_a_control_of_the_wrong_length_is_kept_out(inbox):
 
 
 @pytest.mark.parametrize(
-    ("value", "written"), [(float("nan"), "nan"), (float("inf"), "inf"), (float("-inf"), "-inf")]
+    ("value", "written"),
+    [
+        (float("nan"), "nan"),
+        (float("inf"), "inf"),
+        (float("-inf"), "-inf"),
+        (1.1e10, "1.1e+10"),
+        (-1.1e10, "-1.1e+10"),
+    ],
 )
-def test_a_control_that_is_not_finite_is_kept_out(inbox, value, written):
+def test_a_control_that_is_not_finite_or_huge_is_kept_out(inbox, value, written):
     assert inbox.offer(_message(0.0, value)) == (
         f"control refused: `u_mujoco[1]` is {written} (1x); 1 since the start"
     )

@@ -120,7 +120,7 @@ def test_a_machine_that_is_too_slow_is_reported_and_does_not_race():
     run = _Run(factor=1.0, until=lambda run: run.clock.ns >= 5_000 * MS, cost_ns=2 * MS)
     report = run.reports[-1]
     assert report.realtime_factor == pytest.approx(0.5, rel=0.02)
-    assert report.overruns > 10
+    assert report.overruns >= 5
     assert report.lost_s == pytest.approx(0.5, rel=0.1)
 
 

@@ -3,6 +3,8 @@
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
 from obelisk_py.core.utils.ros import spin_obelisk
 
+__all__ = ["main"]
+
 
 def main() -> None:
     """Spin the simulator until it is asked to end."""

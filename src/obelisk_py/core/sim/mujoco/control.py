@@ -1,7 +1,8 @@
 """The control that the simulation applies next: the newest message that can be applied.
 
 In: control messages, on any thread. Out: an array of the actuators' size, and sentences about what
-was refused. A message of the wrong length or with a number that is not finite never gets through.
+was refused. A message of the wrong length, or with a number that is not finite or too large for
+MuJoCo, never gets through.
 """
 
 import threading
@@ -19,6 +20,8 @@ __all__ = ["CONTROL_FIELDS", "ControlInbox", "control_field"]
 CONTROL_FIELDS: Final = ("u_mujoco", "u")
 """Fields of a control message that the simulator reads, the first that the type has."""
 REPORT_PERIOD_S: Final = 1.0
+LARGEST: Final = 1e10
+"""MuJoCo takes a number beyond this for a fault and sets every control to zero (mjMAXVAL)."""
 
 
 def control_field(message_type: type[Any]) -> str:
@@ -72,9 +75,11 @@ class ControlInbox:
             return self._refuse(
                 f"`{self._field}` has the length {control.size}, the model takes {self._size}"
             )
-        if not np.isfinite(control).all():
-            index = int(np.flatnonzero(~np.isfinite(control))[0])
-            return self._refuse(f"`{self._field}[{index}]` is {control[index]}")
+        # Written so that it is false for NaN too.
+        in_range = np.abs(control) <= LARGEST
+        if not in_range.all():
+            index = int(np.flatnonzero(~in_range)[0])
+            return self._refuse(f"`{self._field}[{index}]` is {control[index]:g}")
         self.newest = control
         return None
 

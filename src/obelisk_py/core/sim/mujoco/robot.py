@@ -88,8 +88,9 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             warn=self._warn,
         )
         self._keyframe = loaded.keyframe
+        control: Any = self.obk_subscriptions["sub_ctrl"].msg_type
         self._inbox = ControlInbox(
-            field=control_field(self.obk_subscriptions["sub_ctrl"].msg_type),
+            field=control_field(control),
             size=loaded.model.nu,
             monotonic_s=time.monotonic,
         )
@@ -131,6 +132,11 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         result = super().on_error(state)
         self._free()
         return result
+
+    def destroy_node(self) -> None:
+        """Stop stepping before the publishers go."""
+        self._stop_simulator()
+        super().destroy_node()
 
     def apply_control(self, control_msg: ObeliskControlMsg) -> None:
         """Have a control applied at the next step, or refuse it.
@@ -222,7 +228,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             )
 
     def _own_publisher(self, message: type[Any], topic: str, depth: int) -> LifecyclePublisher:
-        publisher = self.create_lifecycle_publisher(message, topic, depth)
+        publisher: LifecyclePublisher = self.create_lifecycle_publisher(message, topic, depth)
         self._own_publishers.append(publisher)
         return publisher
 

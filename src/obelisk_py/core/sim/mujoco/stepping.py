@@ -12,7 +12,7 @@ from typing import Final, Protocol
 __all__ = ["Clock", "MonotonicClock", "Pace", "SampleTimes"]
 
 NS_PER_S: Final = 1_000_000_000
-CATCH_UP_S: Final = 0.02
+CATCH_UP_S: Final = 0.05
 """Lateness that is made up for by steps in quick succession [s]; the scheduler's hiccups are
 shorter, a machine that is too slow is soon beyond it."""
 LONGEST_SLEEP_NS: Final = 50_000_000

@@ -1,0 +1,211 @@
+"""The simulator as a node on the real rclpy: what it takes, what it publishes, how it fails."""
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from obelisk_control_msgs.msg import PositionSetpoint
+from obelisk_sensor_msgs.msg import JointEncoders, ObkImu, TrueSimState
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64
+from visualization_msgs.msg import MarkerArray
+
+from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
+from obelisk_spec.settings import format_setting
+
+from .stack import DUMMY, eventually, parameters, request, spinning
+
+pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
+
+ENCODERS = {
+    "topic": "/joint_encoders",
+    "dt": 0.001,
+    "msg_type": "JointEncoders",
+    "sensor_names": {"joint_pos": "jointpos", "joint_vel": "jointvel"},
+}
+IMU = {
+    "topic": "/imu",
+    "dt": 0.004,
+    "msg_type": "ObkImu",
+    "sensor_names": {"tip_acc_sensor": "accelerometer"},
+}
+BLOCK = {
+    "model_xml_path": str(DUMMY.with_name("dummy.xml")),
+    "sensor_settings": [ENCODERS, IMU],
+    "viz_geoms": {"dt": 0.05, "dummy_box": "box"},
+}
+UNSTABLE = """
+<mujoco>
+  <option timestep="0.01"/>
+  <worldbody>
+    <body name="arm"><joint name="elbow" stiffness="1e8"/><geom size="0.1" pos="0 0.1 0"/></body>
+  </worldbody>
+  <actuator><motor joint="elbow"/></actuator>
+  <keyframe><key name="ic" qpos="1"/></keyframe>
+</mujoco>
+"""
+
+
+@contextmanager
+def simulator(
+    block: dict[str, Any] | None = None, **settings: Any
+) -> Iterator[tuple[ObeliskMujocoRobot, Callable[[type[Any], str], list[Any]]]]:
+    """A simulator, and a way to collect what is published on a topic."""
+    wired = {
+        "mujoco_setting": format_setting(BLOCK if block is None else block),
+        "sub_ctrl_setting": "{topic: /ctrl, msg_type: PositionSetpoint}",
+        "pub_true_sim_state_setting": "{topic: /true}",
+        "timer_true_sim_state_setting": "{timer_period_sec: 0.01}",
+        **settings,
+    }
+
+    def make() -> ObeliskMujocoRobot:
+        return ObeliskMujocoRobot("sim", **parameters(**wired))
+
+    with spinning(make) as node:
+
+        def collect(message_type: type[Any], topic: str) -> list[Any]:
+            heard: list[Any] = []
+            node.create_subscription(message_type, topic, heard.append, QoSProfile(depth=1000))
+            return heard
+
+        yield node, collect
+
+
+def test_it_publishes_while_it_is_active_and_only_then() -> None:
+    with simulator() as (node, collect):
+        encoders, imu = collect(JointEncoders, "/joint_encoders"), collect(ObkImu, "/imu")
+        true, rtf = collect(TrueSimState, "/true"), collect(Float64, "/sim/rtf")
+        markers = collect(MarkerArray, "/sim/viz_geoms")
+        same_markers = collect(MarkerArray, "/obelisk/sim/mujoco_scene_viz")
+        assert request(node, "configure")
+        assert encoders == []
+        for _ in range(2):
+            heard = (encoders, imu, true, rtf, markers, same_markers)
+            for messages in heard:
+                messages.clear()
+            assert request(node, "activate")
+            for messages in heard:
+                eventually(lambda messages=messages: messages, "a message of each kind")
+            assert request(node, "deactivate")
+        assert len(encoders[0].y) == 2
+        assert imu[0].header.frame_id == "tip"
+        assert true[0].joint_names == ["joint1"]
+        assert markers[0].markers[0].scale.x == 0.9
+        assert request(node, "cleanup")
+        assert request(node, "configure")
+
+
+def test_every_finding_about_the_block_is_told_and_a_mended_one_is_taken() -> None:
+    bad = {**BLOCK, "sensor_settings": [{**ENCODERS, "sensor_names": {"joint_pso": "jointpos"}}]}
+    with simulator(bad, ic_keyframe="stand") as (node, _):
+        assert not request(node, "configure")
+        assert node.state_label == "unconfigured"
+        assert node.last_fault is not None
+        assert "sensor `joint_pso` is not in the model" in node.last_fault.text
+        assert "keyframe `stand` is not in the model" in node.last_fault.text
+        node.set_parameters(
+            parameters(mujoco_setting=format_setting(BLOCK), ic_keyframe="ic")[
+                "parameter_overrides"
+            ]
+        )
+        assert request(node, "configure")
+
+
+def test_a_run_starts_from_the_keyframe_with_its_control() -> None:
+    with simulator(ic_keyframe="other") as (node, collect):
+        encoders = collect(JointEncoders, "/joint_encoders")
+        assert request(node, "configure")
+        assert request(node, "activate")
+        eventually(lambda: len(encoders) > 50, "joint encoders")
+        assert all(message.y[0] == pytest.approx(-1.0, abs=0.02) for message in encoders)
+
+
+def test_a_control_is_followed_and_a_wrong_one_is_not() -> None:
+    with simulator() as (node, collect):
+        encoders = collect(JointEncoders, "/joint_encoders")
+        control = node.create_publisher(PositionSetpoint, "/ctrl", 10)
+        assert request(node, "configure")
+        assert request(node, "activate")
+        eventually(lambda: control.get_subscription_count(), "the subscription of the simulator")
+        control.publish(PositionSetpoint(u_mujoco=[0.25]))
+        control.publish(PositionSetpoint(u_mujoco=[1.0, 1.0]))
+        control.publish(PositionSetpoint(u_mujoco=[float("nan")]))
+        control.publish(PositionSetpoint())
+        settled = pytest.approx([0.25, 0.0], abs=0.02)
+        eventually(lambda: encoders and list(encoders[-1].y) == settled, "the joint at 0.25")
+        assert node.state_label == "active"
+
+
+def test_with_simulation_time_stamps_are_that_time_and_the_clock_tells_it() -> None:
+    with simulator(use_sim_time=True) as (node, collect):
+        encoders, clock = collect(JointEncoders, "/joint_encoders"), collect(Clock, "/clock")
+        assert request(node, "configure")
+        assert request(node, "activate")
+        eventually(lambda: len(encoders) > 20 and len(clock) > 20, "sensors and clock")
+        assert request(node, "deactivate")
+        stamps = [message.header.stamp.nanosec for message in encoders[:20]]
+        assert stamps == [1_000_000 * step for step in range(1, 21)]
+        assert [message.clock.nanosec for message in clock[:20]] == stamps
+
+
+def test_a_simulation_that_diverges_takes_the_node_to_error_processing(tmp_path: Any) -> None:
+    path = tmp_path / "unstable.xml"
+    path.write_text(UNSTABLE)
+    with simulator({"model_xml_path": str(path)}) as (node, _):
+        assert request(node, "configure")
+        assert request(node, "activate")
+        eventually(lambda: node.state_label == "unconfigured", "error processing")
+        assert node.last_fault is not None
+        assert "the simulation diverged at" in str(node.last_fault)
+        assert "of joint `elbow` of body `arm`" in str(node.last_fault)
+
+
+@pytest.mark.parametrize("factor", [0, 0.0, 5, 0.5])
+def test_any_number_above_or_at_zero_is_a_realtime_factor(factor: float) -> None:
+    with simulator(realtime_factor=factor) as (node, collect):
+        encoders = collect(JointEncoders, "/joint_encoders")
+        assert request(node, "configure")
+        assert request(node, "activate")
+        eventually(lambda: encoders, "joint encoders")
+
+
+@pytest.mark.parametrize("factor", [-1.0, "fast", True, float("nan")])
+def test_anything_else_is_refused(factor: Any) -> None:
+    with simulator(realtime_factor=factor) as (node, _):
+        assert not request(node, "configure")
+        assert node.last_fault is not None
+        assert "the parameter 'realtime_factor' is" in node.last_fault.text
+
+
+def test_a_control_message_without_a_control_is_refused() -> None:
+    setting = "{topic: /ctrl, msg_type: VelocityCommand}"
+    with simulator(sub_ctrl_setting=setting) as (node, _):
+        assert not request(node, "configure")
+        assert node.last_fault is not None
+        assert "VelocityCommand has neither a field `u_mujoco` nor `u`" in node.last_fault.text
+
+
+def test_shutting_down_while_it_steps_ends_it() -> None:
+    with simulator() as (node, _):
+        assert request(node, "configure")
+        assert request(node, "activate")
+        assert request(node, "shutdown")
+        assert node.state_label == "finalized"
+
+
+def test_the_module_runs_as_a_process() -> None:
+    command = [sys.executable, "-m", "obelisk_py.core.sim.mujoco", "--ros-args", "-r", "__node:=a"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(timeout=3)
+        process.terminate()
+        assert process.wait(timeout=20) == 0
+    finally:
+        process.kill()
+        process.communicate()
