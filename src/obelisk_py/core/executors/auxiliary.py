@@ -1,5 +1,4 @@
-"""What rcl has no listener for: guard conditions, quality-of-service events, actions and
-other waitables.
+"""What rcl has no listener for: guard conditions, actions and other waitables.
 
 One thread waits for them in a small wait set and posts what is ready to the lanes of their
 callback groups. It costs nothing while nothing happens, and it is how an executor learns that a

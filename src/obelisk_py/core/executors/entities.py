@@ -1,4 +1,4 @@
-"""Runners of subscriptions, services and clients: what happens when the middleware has data.
+"""Runners of subscriptions, services, clients and events: what is done with what has arrived.
 
 A runner keeps its entity's rcl structure alive and listens to it with one eventfd. Its handler
 takes what is there and calls the user; it leaves off after any callback during which the lane was
@@ -21,7 +21,7 @@ from rclpy.task import Task
 from obelisk_py.core.executors.lane import Handler, Lane
 from obelisk_py.core.executors.listeners import EntityKind, open_signal, signal_off, signal_on
 
-__all__ = ["ClientRunner", "Runner", "ServiceRunner", "SubscriptionRunner"]
+__all__ = ["ClientRunner", "EventRunner", "Runner", "ServiceRunner", "SubscriptionRunner"]
 
 ExecutorReference = Callable[[], Executor | None]
 
@@ -49,7 +49,7 @@ class Runner(ABC):
         self.entity = entity
         self.group = entity.callback_group
         self._executor = executor
-        self._handle = entity.handle
+        self._handle = self._handle_of(entity)
         self._handle.__enter__()
         self._signal_fd = open_signal()
 
@@ -73,6 +73,9 @@ class Runner(ABC):
 
     @abstractmethod
     def _run(self, lane: Lane) -> bool: ...
+
+    def _handle_of(self, entity: Any) -> Any:
+        return entity.handle
 
     def _begin(self, lane: Lane, callback: Callable[..., Any], *args: Any) -> None:
         lane.begin(Task(callback, args, None, executor=self._executor()), self.group)
@@ -172,4 +175,36 @@ class ClientRunner(Runner):
             future = client.get_pending_request(header.request_id.sequence_number)
             future._set_executor(self._executor())
             future.set_result(response)
+        return True
+
+
+class EventRunner(Runner):
+    """Tells the user of quality-of-service events, as of a publisher that does not fit.
+
+    In a wait set these would wake it at every message of their subscription.
+    """
+
+    kind = EntityKind.EVENT
+
+    def listen(self) -> None:
+        """Begin to be signalled; the middleware tells of what came before."""
+        signal_on(self.kind, self._handle.pointer, self._signal_fd)
+
+    def _handle_of(self, entity: Any) -> Any:
+        # rclpy shows it to nobody but the wait set.
+        return entity._EventHandler__event
+
+    def _run(self, lane: Lane) -> bool:
+        try:
+            os.eventfd_read(self._signal_fd)
+        except BlockingIOError:  # taken by another lane
+            return False
+        event = self._handle.take_event()
+        if not event:
+            return False
+        callback = self.entity.callback
+        if inspect.iscoroutinefunction(callback):
+            self._begin(lane, callback, event)
+        else:
+            callback(event)
         return True

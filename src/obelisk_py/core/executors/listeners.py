@@ -21,6 +21,7 @@ class EntityKind(Enum):
     SUBSCRIPTION = "rcl_subscription_set_on_new_message_callback"
     SERVICE = "rcl_service_set_on_new_request_callback"
     CLIENT = "rcl_client_set_on_new_response_callback"
+    EVENT = "rcl_event_set_callback"
     TIMER_RESET = "rcl_timer_set_on_reset_callback"
 
 

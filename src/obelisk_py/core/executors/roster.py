@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
+from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
 
 from obelisk_py.core.executors.auxiliary import (
@@ -22,6 +23,7 @@ from obelisk_py.core.executors.auxiliary import (
 )
 from obelisk_py.core.executors.entities import (
     ClientRunner,
+    EventRunner,
     ExecutorReference,
     Runner,
     ServiceRunner,
@@ -144,7 +146,8 @@ def _auxiliary_entities(nodes: Iterable[Any]) -> Iterator[tuple[type[AuxiliaryRu
         for guard in list(node.guards):
             yield GuardRunner, guard
         for waitable in list(node.waitables):
-            yield WaitableRunner, waitable
+            if not isinstance(waitable, EventHandler):
+                yield WaitableRunner, waitable
 
 
 def _entities(nodes: Iterable[Any]) -> Iterator[tuple[Callable[..., Runner], Any]]:
@@ -154,6 +157,7 @@ def _entities(nodes: Iterable[Any]) -> Iterator[tuple[Callable[..., Runner], Any
             (SubscriptionRunner, node.subscriptions),
             (ServiceRunner, node.services),
             (ClientRunner, node.clients),
+            (EventRunner, [w for w in node.waitables if isinstance(w, EventHandler)]),
         ):
             for entity in list(entities):
                 yield make, entity
