@@ -101,6 +101,13 @@ def test_a_console_script_of_an_installed_distribution_is_found(tmp_path: Path) 
     assert command.found_in == "an installed Python distribution"
 
 
+def test_the_configs_own_workspace_wins_over_the_current_one(tmp_path: Path) -> None:
+    own = make_package(tmp_path / "own" / "arm", "arm")
+    make_package(tmp_path / "current" / "arm", "arm")
+    packages = index(tmp_path / "own", tmp_path / "current")
+    assert packages.find_package_share("arm") == own
+
+
 def test_shares_are_found_in_source_and_in_prefixes(tmp_path: Path) -> None:
     source = make_package(tmp_path / "ws" / "arm", "arm_model")
     share = tmp_path / "prefix" / "share" / "leg_model"

@@ -1,0 +1,56 @@
+import pytest
+
+from obk_cli.config import Stack
+from obk_cli.parse import parse_source
+from obk_cli.read.stack import read_stack
+from obk_cli.source import SourceFile
+from obk_cli.wiring import stack_ends
+
+
+def stack(text: str) -> Stack:
+    parsed = parse_source(SourceFile.of("f.yaml", text))
+    assert parsed.tree is not None
+    read, _ = read_stack(parsed.tree)
+    assert read is not None
+    return read
+
+
+def topics(text: str) -> set[str]:
+    return {f"{end.direction} {end.topic}" for end in stack_ends(stack(text))}
+
+
+@pytest.mark.parametrize(
+    ("written", "absolute"),
+    [
+        ("/a", "/a"),
+        ("a/b", "/left/a/b"),
+        ("~/a", "/left/obelisk_control_0/a"),
+        ("/old", "/new"),
+        ("old", "/new"),
+    ],
+)
+def test_topics_are_made_absolute_as_ros_does(written: str, absolute: str) -> None:
+    node = "pkg: demo, executable: run, namespace: left, remappings: {/old: /new, old: /new}"
+    component = f"publishers: [{{key: p, topic: '{written}'}}]"
+    assert topics(f"control: {{{node}, {component}}}") == {f"publishes {absolute}"}
+
+
+@pytest.mark.parametrize(
+    ("is_simulated", "published"),
+    [("true", {"publishes /s"}), ("~", {"publishes /s"}), ("false", set())],
+)
+def test_sensor_groups_are_published_where_the_robot_is_simulated(
+    is_simulated: str, published: set[str]
+) -> None:
+    group = "{topic: /s, dt: 0.1, msg_type: Imu}"
+    sim = f"sim: {{model_xml_path: m.xml, sensor_settings: [{group}]}}"
+    node = f"pkg: demo, executable: run, is_simulated: {is_simulated}, {sim}"
+    assert topics(f"robot: {{{node}}}") == published
+
+
+def test_a_joystick_publishes_and_listens() -> None:
+    assert topics("joystick: {pub_topic: /joy, sub_topic: feedback}") == {
+        "publishes /joy",
+        "subscribes /feedback",
+    }
+    assert topics("joystick: {on: false, pub_topic: /joy}") == set()
