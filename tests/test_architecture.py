@@ -146,7 +146,8 @@ def test_a_module_is_short_and_says_what_it_is(path: Path) -> None:
     assert ast.get_docstring(tree) or not tree.body
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            length = (node.end_lineno or 0) - node.lineno + 1
+            # Without the signature: a command's lists its options.
+            length = (node.end_lineno or 0) - node.body[0].lineno + 1
             assert length <= LONGEST_FUNCTION, node.name
 
 
