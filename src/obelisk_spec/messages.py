@@ -56,7 +56,8 @@ ROS_MESSAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "Bool Byte ByteMultiArray Char ColorRGBA Empty Float32 Float32MultiArray Float64 "
             "Float64MultiArray Header Int16 Int16MultiArray Int32 Int32MultiArray Int64 "
             "Int64MultiArray Int8 Int8MultiArray MultiArrayDimension MultiArrayLayout String "
-            "UInt16 UInt16MultiArray UInt32 UInt32MultiArray UInt64 UInt64MultiArray UInt8 UInt8MultiArray".split()
+            "UInt16 UInt16MultiArray UInt32 UInt32MultiArray UInt64 UInt64MultiArray UInt8 "
+            "UInt8MultiArray".split()
         ),
         "geometry_msgs": tuple(
             "Accel AccelStamped AccelWithCovariance AccelWithCovarianceStamped Inertia "
