@@ -4,17 +4,16 @@ The library entry behind `obk launch`. Takes a plan, gives how the run ended; pr
 """
 
 import signal
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from datetime import datetime
 from pathlib import Path
 from queue import SimpleQueue
 from types import FrameType
 
 import psutil
 
+from obk_cli.adapters.clock import local_time, monotonic_s, wall_s
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
 from obk_cli.adapters.ros_environment import RosEnvironment
@@ -75,7 +74,7 @@ def run_plan(
         OSError: the run's folder cannot be written.
     """
     inbox: SimpleQueue[Heard] = SimpleQueue()
-    run_folder = make_run_folder(runs_folder(environment.variables), plan, datetime.now())
+    run_folder = make_run_folder(runs_folder(environment.variables), plan, local_time())
     on_start(run_folder)
     journal = Journal(run_folder)
     commands = {
@@ -83,7 +82,7 @@ def run_plan(
     }
 
     def tell(event: Told) -> None:
-        journal.event(event, time.time())
+        journal.event(event, wall_s())
         on_event(event)
 
     def line(node: str, text: str) -> None:
@@ -105,7 +104,7 @@ def run_plan(
             processes=processes,
             lifecycle=lifecycle,
             inbox=inbox,
-            clock=time.monotonic,
+            clock=monotonic_s,
             tell=tell,
             limits=options.limits,
         )

@@ -1,0 +1,21 @@
+"""The clocks of this machine: monotonic for waiting, wall for telling."""
+
+import time
+from datetime import datetime
+
+__all__ = ["local_time", "monotonic_s", "wall_s"]
+
+
+def monotonic_s() -> float:
+    """A clock that never jumps [s]."""
+    return time.monotonic()
+
+
+def wall_s() -> float:
+    """The time of day [s since 1970, UTC]."""
+    return time.time()
+
+
+def local_time() -> datetime:
+    """The time of day in the user's time zone."""
+    return datetime.now()
