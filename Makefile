@@ -36,7 +36,7 @@ check: setup
 
 # Rewrites the expected outputs of the tests; look at the difference before committing it.
 golden: setup
-	$(BIN)/python -m pytest tests/golden --update-golden
+	$(BIN)/python -m pytest tests/golden tests/cases --update-golden
 
 # --- the environment, in four steps; each is done again only when what it is made from changes ---
 

@@ -1,9 +1,8 @@
 """Models for the simulator's tests: the example's, and one with a bit of everything."""
 
+import mujoco
 import numpy as np
 import pytest
-
-import mujoco
 
 EVERYTHING = """
 <mujoco model="everything">

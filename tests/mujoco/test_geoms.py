@@ -1,11 +1,11 @@
 """Markers of geoms: kind, full-length sizes, pose, colour."""
 
+import mujoco
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from visualization_msgs.msg import Marker
 
-import mujoco
 from obelisk_py.core.sim.mujoco.geoms import marker_sampler
 
 pytestmark = pytest.mark.mujoco

@@ -1,10 +1,10 @@
 """Each kind of sensor group: MuJoCo's numbers in the right fields, frames, names."""
 
+import mujoco
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 
-import mujoco
 from obelisk_py.core.messages import message_name
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, SensorSource
 from obelisk_spec.sensors import SENSOR_GROUPS

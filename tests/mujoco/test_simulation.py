@@ -2,10 +2,10 @@
 
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 
-import mujoco
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.model import compile_model, load_spec
 from obelisk_py.core.sim.mujoco.simulation import DivergenceError, Simulation

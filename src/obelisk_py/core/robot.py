@@ -7,11 +7,14 @@ from typing import Any
 from obelisk_sensor_msgs.msg import TrueSimState
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
-from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 
 __all__ = ["ObeliskRobot", "ObeliskSimRobot"]
+
+LONGEST_STOP_S = 5.0
+"""How long `run_simulator` may take to return once it is asked to [s]."""
 
 
 class ObeliskRobot(ABC, ObeliskNode):
@@ -120,8 +123,17 @@ class ObeliskSimRobot(ObeliskRobot):
         self._stop_simulator()
         return super().on_error(state)
 
+    def destroy_node(self) -> None:
+        """Stop the simulator's thread before the publishers go."""
+        self._stop_simulator()
+        super().destroy_node()
+
     def _stop_simulator(self) -> None:
         self.simulator_stop.set()
         if self._simulator is not None:
-            self._simulator.join()
-            self._simulator = None
+            simulator, self._simulator = self._simulator, None
+            simulator.join(LONGEST_STOP_S)
+            if simulator.is_alive():
+                raise ObeliskError(
+                    f"run_simulator went on for {LONGEST_STOP_S:g} s after simulator_stop was set"
+                )

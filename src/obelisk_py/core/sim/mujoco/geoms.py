@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
+import mujoco
 import numpy as np
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-import mujoco
 from obelisk_py.core.sim.mujoco.sensors.fields import set_quaternion, set_xyz
 from obelisk_py.core.sim.mujoco.sensors.kind import WORLD
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.block import (
     SimBlock,

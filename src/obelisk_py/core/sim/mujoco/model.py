@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 import mujoco
+
 from obelisk_py.core.exceptions import ObeliskConfigError
 
 __all__ = ["DEFAULT_KEYFRAME", "compile_model", "find_model", "load_spec", "reset_state"]

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
+import mujoco
 from ament_index_python.packages import PackageNotFoundError, get_package_share_path
 from builtin_interfaces.msg import Time
 from obelisk_sensor_msgs.msg import TrueSimState
@@ -20,7 +21,6 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
-import mujoco
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.robot import ObeliskSimRobot
@@ -132,11 +132,6 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         result = super().on_error(state)
         self._free()
         return result
-
-    def destroy_node(self) -> None:
-        """Stop stepping before the publishers go."""
-        self._stop_simulator()
-        super().destroy_node()
 
     def apply_control(self, control_msg: ObeliskControlMsg) -> None:
         """Have a control applied at the next step, or refuse it.

@@ -7,6 +7,7 @@ state that was reached last.
 from typing import Final
 
 import mujoco
+
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.faults import StepWarnings
 from obelisk_py.core.sim.mujoco.model import reset_state

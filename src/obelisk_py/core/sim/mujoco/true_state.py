@@ -8,12 +8,12 @@ in the world, angular velocity in the base's own frame.
 
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from obelisk_sensor_msgs.msg import TrueSimState
 
-import mujoco
 from obelisk_py.core.sim.mujoco.sensors.fields import doubles
 from obelisk_py.core.sim.mujoco.sensors.kind import WORLD
 

@@ -8,11 +8,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+import mujoco
 import numpy as np
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
-
-import mujoco
 
 __all__ = ["WORLD", "Array", "Sampler", "SensorKind", "SensorSource"]
 

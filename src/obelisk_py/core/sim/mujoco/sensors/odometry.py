@@ -10,11 +10,11 @@ Source: nav_msgs/Odometry.msg.
 
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
 
-import mujoco
 from obelisk_py.core.sim.mujoco.sensors.fields import set_quaternion, set_xyz
 from obelisk_py.core.sim.mujoco.sensors.frame_pose import pose_reference
 from obelisk_py.core.sim.mujoco.sensors.kind import (
