@@ -154,6 +154,7 @@ class Engine:
                         self.attend(lane)
                     lane.run_ready(-1)
             except BaseException as fault:  # whoever spins raises it
+                lane.attention = True
                 self._on_event(fault)
             finally:
                 self._disown(lane)

@@ -48,6 +48,8 @@ class Runner(ABC):
         """
         self.entity = entity
         self.group = entity.callback_group
+        self.is_shared = False
+        """Watched by several lanes, which may run it at the same time."""
         self._executor = executor
         self._handle = self._handle_of(entity)
         self._handle.__enter__()
@@ -77,6 +79,13 @@ class Runner(ABC):
     def _handle_of(self, entity: Any) -> Any:
         return entity.handle
 
+    def _more(self, lane: Lane) -> None:
+        """See to it that what may be left is taken: later, or meanwhile by another lane."""
+        if self.is_shared:
+            os.eventfd_write(self._signal_fd, 1)
+        else:
+            lane.again(self._signal_fd)
+
     def _begin(self, lane: Lane, callback: Callable[..., Any], *args: Any) -> None:
         lane.begin(Task(callback, args, None, executor=self._executor()), self.group)
 
@@ -103,6 +112,8 @@ class SubscriptionRunner(Runner):
             callback = subscription.callback
             if callback is not self._callback:
                 self._learn(callback)
+            if self.is_shared:
+                self._more(lane)
             if self._is_plain:
                 callback(taken[0])
             else:
@@ -110,7 +121,7 @@ class SubscriptionRunner(Runner):
             ran = True
             if lane.attention:
                 break
-        lane.again(self._signal_fd)
+        self._more(lane)
         return ran
 
     def _learn(self, callback: Callable[..., Any]) -> None:
@@ -138,7 +149,7 @@ class ServiceRunner(Runner):
         request, header = self._handle.service_take_request(service.srv_type.Request)
         if header is None:
             return False
-        lane.again(self._signal_fd)
+        self._more(lane)
         if inspect.iscoroutinefunction(service.callback):
             self._begin(lane, self._answer_later, request, header)
         else:
@@ -169,7 +180,7 @@ class ClientRunner(Runner):
         header, response = self._handle.take_response(client.srv_type.Response)
         if header is None:
             return False
-        lane.again(self._signal_fd)
+        self._more(lane)
         # A request that was cancelled is not pending any more.
         with suppress(KeyError):
             future = client.get_pending_request(header.request_id.sequence_number)

@@ -55,7 +55,7 @@ class Lane:
         self._ready: deque[int] = deque()
         self._jobs: deque[tuple[CallbackGroup | None, Job]] = deque()
         self._suspended: list[tuple[Task, CallbackGroup | None]] = []
-        self._held: dict[CallbackGroup, list[int]] = {}
+        self._held: dict[CallbackGroup, set[int]] = {}
         self._look_s = _SHORTEST_LOOK_S
         self._closing = threading.Lock()
         self._wake_fd = open_signal()
@@ -87,7 +87,7 @@ class Lane:
 
     def remove(self, watched: Watched) -> None:
         """Watch these descriptors no longer."""
-        for fd in [fd for fd, (other, _) in self._watched.items() if other is watched]:
+        for fd in [fd for fd, (other, _) in list(self._watched.items()) if other is watched]:
             del self._watched[fd], self._handlers[fd]
             self._epoll.unregister(fd)
 
@@ -119,7 +119,7 @@ class Lane:
         """
         if self._suspended:
             timeout_s = self._resume(timeout_s)
-        ready, handlers = self._ready, self._handlers
+        ready = self._ready
         for fd, _ in self._epoll.poll(0 if ready or self.attention else timeout_s):
             ready.append(fd)
         ran = False
@@ -127,8 +127,7 @@ class Lane:
         for _ in range(len(ready)):
             if self.attention:
                 break
-            handler = handlers.get(ready.popleft())
-            if handler is not None and handler():
+            if self._handle(ready.popleft()):
                 ran = True
         return ran
 
@@ -141,10 +140,9 @@ class Lane:
         ready.extend(fd for fd, _ in events)
         ran = False
         while ready and not ran:
-            handler = self._handlers.get(ready.popleft())
             # A handler that would go on with the next message stops when there is attention.
             self.attention = True
-            ran = handler is not None and handler()
+            ran = self._handle(ready.popleft())
         return ran
 
     def begin(self, task: Task, group: CallbackGroup | None) -> None:
@@ -172,6 +170,15 @@ class Lane:
             self._epoll.close()
             os.close(self._wake_fd)
 
+    def _handle(self, fd: int) -> bool:
+        handler = self._handlers.get(fd)
+        try:
+            return handler is not None and handler()
+        except BaseException:
+            # It may have left something untaken, for which no new signal comes.
+            self._ready.append(fd)
+            raise
+
     # --- suspended coroutines
 
     def _resume(self, timeout_s: float) -> float:
@@ -196,8 +203,8 @@ class Lane:
         return look_s if timeout_s < 0 else min(look_s, timeout_s)
 
     def _hold(self, group: CallbackGroup) -> None:
-        self._held.setdefault(group, [])
-        for fd in self._watched:
+        self._held.setdefault(group, set())
+        for fd in list(self._watched):
             self._handlers[fd] = self._held_or(fd)
         self.attention = True
 
@@ -205,7 +212,7 @@ class Lane:
         if any(other is group for _, other in self._suspended):
             return
         self._ready.extend(self._held.pop(group))
-        for fd in self._watched:
+        for fd in list(self._watched):
             self._handlers[fd] = self._held_or(fd)
         self.attention = True
 
@@ -216,8 +223,8 @@ class Lane:
         return handler
 
 
-def _keep(held: list[int], fd: int) -> bool:
-    held.append(fd)
+def _keep(held: set[int], fd: int) -> bool:
+    held.add(fd)
     return False
 
 

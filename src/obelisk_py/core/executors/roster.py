@@ -72,8 +72,11 @@ class Roster:
             self._update_auxiliary(nodes)
 
     def clear(self) -> None:
-        """Let every runner go."""
+        """Let every runner go at once; only while no lane has a thread."""
         self.update(())
+        for runner, lanes in list(self._leaving.items()):
+            for lane in list(lanes):
+                self._leave(runner, lane)
 
     def _enlist(self, key: int, make: Callable[..., Runner], entity: Any) -> None:
         try:
@@ -86,8 +89,9 @@ class Roster:
             runner.close()
             raise
         lanes = self._lanes_of(runner.group)
+        runner.is_shared = len(lanes) > 1
         for lane in lanes:
-            lane.add(runner, shared=len(lanes) > 1)
+            lane.add(runner, shared=runner.is_shared)
         self._runners[key] = runner
 
     def _let_go(self, runner: Runner) -> None:

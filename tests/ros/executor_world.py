@@ -1,0 +1,81 @@
+"""What the tests of the executor share: nodes in a context of their own, run in a thread."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+
+from obelisk_py.core.executors import EventLoopExecutor
+
+DEADLINE_S = 20.0
+
+
+class World:
+    """A context with an executor that nobody runs yet."""
+
+    def __init__(self, num_threads: int = 1) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.executor = EventLoopExecutor(num_threads, context=self.context)
+        self._nodes: list[Node] = []
+
+    def node(self, name: str = "node", **options: Any) -> Node:
+        """A node that the executor runs."""
+        node = Node(name, context=self.context, **options)
+        self._nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    @contextmanager
+    def spinning(self) -> Iterator[None]:
+        """Run the callbacks in a thread; what they raise fails the test."""
+        faults: list[BaseException] = []
+
+        def spin() -> None:
+            try:
+                self.executor.spin()
+            except BaseException as fault:
+                faults.append(fault)
+
+        thread = threading.Thread(target=spin)
+        thread.start()
+        try:
+            yield
+        finally:
+            self.executor.shutdown()
+            thread.join()
+        assert not faults
+
+    def run_until(self, condition: Callable[[], object], what: str) -> None:
+        """Run callbacks until something holds."""
+        with self.spinning():
+            eventually(condition, what)
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        for node in self._nodes:
+            node.destroy_node()
+        self.context.try_shutdown()
+
+
+@contextmanager
+def world(num_threads: int = 1) -> Iterator[World]:
+    """A world that leaves nothing behind."""
+    made = World(num_threads)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+def eventually(condition: Callable[[], object], what: str) -> None:
+    """Wait until something holds; fails the test after a deadline."""
+    end = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < end, f"never came: {what}"
+        time.sleep(0.005)

@@ -1,0 +1,265 @@
+"""Entities come and go while the executor runs, also from within their own callbacks."""
+
+import gc
+import threading
+import weakref
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from obelisk_py.core.executors import EventLoopExecutor
+
+from .executor_world import World, eventually, world
+
+pytestmark = pytest.mark.ros
+
+ROUNDS = 1_000
+
+
+@pytest.fixture
+def one() -> Iterator[World]:
+    with world() as made:
+        yield made
+
+
+def open_fds() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def test_a_timer_that_destroys_itself_ticks_once(one: World) -> None:
+    node = one.node()
+    ticks: list[int] = []
+
+    def tick() -> None:
+        ticks.append(1)
+        node.destroy_timer(timer)
+
+    timer = node.create_timer(0.001, tick)
+    others: list[int] = []
+    node.create_timer(0.001, lambda: others.append(1))
+    one.run_until(lambda: len(others) > 20, "ticks of another timer")
+    assert len(ticks) == 1
+
+
+def test_a_subscription_that_destroys_itself_gets_none_of_what_waits(one: World) -> None:
+    node = one.node()
+    received: list[str] = []
+
+    def receive(message: String) -> None:
+        received.append(message.data)
+        node.destroy_subscription(subscription)
+
+    subscription = node.create_subscription(String, "topic", receive, 10)
+    publisher = node.create_publisher(String, "topic", 10)
+    for number in range(5):
+        publisher.publish(String(data=str(number)))
+    later: list[int] = []
+    node.create_timer(0.01, lambda: later.append(1))
+    one.run_until(lambda: len(later) > 3, "later ticks")
+    assert received == ["0"]
+
+
+def test_what_one_callback_destroys_no_other_callback_sees_again(one: World) -> None:
+    node = one.node()
+    alive: set[int] = set()
+    faults: list[int] = []
+    rounds = [0]
+    made: list[Any] = []
+
+    def tick(number: int) -> None:
+        if number not in alive:
+            faults.append(number)
+
+    def churn() -> None:
+        rounds[0] += 1
+        for timer in made:
+            node.destroy_timer(timer)
+        made.clear()
+        alive.clear()
+        for n in range(5):
+            alive.add(rounds[0] * 10 + n)
+            made.append(node.create_timer(0.001, lambda number=rounds[0] * 10 + n: tick(number)))
+
+    node.create_timer(0.003, churn)
+    one.run_until(lambda: rounds[0] > 50, "50 rounds")
+    assert not faults
+
+
+def test_a_service_may_make_and_destroy_entities_and_even_itself(one: World) -> None:
+    node = one.node()
+    received: list[str] = []
+    kept: dict[str, Any] = {}
+
+    def wire(_request: Any, response: Any) -> Any:
+        if kept:
+            node.destroy_subscription(kept.pop("subscription"))
+            node.destroy_timer(kept.pop("timer"))
+            node.destroy_publisher(kept.pop("publisher"))
+        publisher = node.create_publisher(String, "topic", 10)
+        kept["publisher"] = publisher
+        kept["subscription"] = node.create_subscription(
+            String, "topic", lambda m: received.append(m.data), 10
+        )
+        kept["timer"] = node.create_timer(0.001, lambda: publisher.publish(String(data="x")))
+        response.success = True
+        return response
+
+    def end(_request: Any, response: Any) -> Any:
+        node.destroy_service(ending)
+        return response
+
+    node.create_service(Trigger, "wire", wire)
+    ending = node.create_service(Trigger, "end", end)
+    asker = one.node("asker")
+    rewire, finish = asker.create_client(Trigger, "wire"), asker.create_client(Trigger, "end")
+    assert rewire.wait_for_service(10)
+    assert finish.wait_for_service(10)
+    with one.spinning():
+        for _ in range(10):
+            received.clear()
+            future = rewire.call_async(Trigger.Request())
+            eventually(future.done, "the answer")
+            eventually(lambda: received, "messages of the new wiring")
+        finish.call_async(Trigger.Request())
+        eventually(lambda: ending not in list(node.services), "the end of the service")
+        received.clear()
+        eventually(lambda: received, "messages after the end of the service")
+
+
+def _timer(node: Node) -> Callable[[], object]:
+    timer = node.create_timer(1.0, lambda: None)
+    return lambda: node.destroy_timer(timer)
+
+
+def _subscription(node: Node) -> Callable[[], object]:
+    subscription = node.create_subscription(String, "topic", lambda _message: None, 1)
+    return lambda: node.destroy_subscription(subscription)
+
+
+def _service(node: Node) -> Callable[[], object]:
+    service = node.create_service(Trigger, "service", lambda _request, response: response)
+    return lambda: node.destroy_service(service)
+
+
+def _client(node: Node) -> Callable[[], object]:
+    client = node.create_client(Trigger, "service")
+    return lambda: node.destroy_client(client)
+
+
+def _guard(node: Node) -> Callable[[], object]:
+    guard = node.create_guard_condition(lambda: None)
+    return lambda: node.destroy_guard_condition(guard)
+
+
+def test_a_thousand_rounds_of_every_entity_leak_no_descriptor(one: World) -> None:
+    node = one.node()
+    makers = (_timer, _subscription, _service, _client, _guard)
+    done: list[int] = []
+    undo: list[Callable[[], object]] = []
+    after: list[int] = []
+
+    def churn() -> None:
+        for destroy in undo:
+            destroy()
+        undo.clear()
+        if len(done) == ROUNDS:
+            after.append(open_fds())
+            beat.cancel()
+            return
+        if len(done) == 1:
+            after.append(open_fds())
+        undo.append(makers[len(done) % len(makers)](node))
+        done.append(1)
+
+    beat = node.create_timer(0.0005, churn)
+    one.run_until(lambda: len(after) == 2, f"{ROUNDS} rounds")
+    # Counted within callbacks, so what the last one destroyed may still be open.
+    assert after[1] <= after[0] + 2
+
+
+def test_nodes_that_come_and_go_leak_no_descriptor(one: World) -> None:
+    one.node()
+    counts = []
+    with one.spinning():
+        for _ in range(10):
+            node = Node("passing", context=one.context)
+            ticks: list[int] = []
+            node.create_timer(0.001, lambda ticks=ticks: ticks.append(1))
+            one.executor.add_node(node)
+            eventually(lambda ticks=ticks: ticks, "a tick of the added node")
+            one.executor.remove_node(node)
+            node.destroy_node()
+            one.executor.create_task(lambda: counts.append(open_fds()))
+        eventually(lambda: len(counts) == 10, "ten counts")
+    assert counts[-1] <= counts[1] + 2
+
+
+def test_after_shutdown_neither_descriptor_nor_thread_is_left() -> None:
+    with world() as made:
+        node = made.node()
+        node.create_timer(0.001, lambda: None)
+        made.executor.spin_once(1)
+        before_fds, before_threads = open_fds(), threading.active_count()
+        for _ in range(20):
+            executor = EventLoopExecutor(2, context=made.context)
+            executor.add_node(node)
+            executor.spin_once(1)
+            executor.shutdown()
+            made.executor.add_node(node)
+        assert open_fds() <= before_fds
+        assert threading.active_count() == before_threads
+
+
+def test_an_executor_that_nobody_has_any_more_lets_go_of_everything() -> None:
+    with world() as made:
+        executor = EventLoopExecutor(context=made.context)
+        node = Node("node", context=made.context)
+        executor.add_node(node)
+        node.create_timer(0.001, lambda: None)
+        before_threads = threading.active_count()
+        executor.spin_once(1)
+        before_fds = open_fds()
+        reference = weakref.ref(executor)
+        del executor
+        gc.collect()
+        assert reference() is None
+        assert open_fds() < before_fds
+        assert threading.active_count() == before_threads
+        node.destroy_node()
+
+
+def test_a_removed_node_is_let_go_at_once_while_nobody_spins(one: World) -> None:
+    node = one.node()
+    one.executor.spin_once(0)
+    with_node = open_fds()
+    one.executor.remove_node(node)
+    assert open_fds() < with_node
+    other: list[int] = []
+    one.executor.add_node(node)
+    node.create_timer(0.001, lambda: other.append(1))
+    one.run_until(lambda: other, "ticks after the node was added again")
+
+
+def test_entities_of_reentrant_groups_may_go_while_other_threads_run_them() -> None:
+    with world(num_threads=3) as made:
+        node = made.node()
+        group = ReentrantCallbackGroup()
+        rounds = [0]
+        timers: list[Any] = []
+
+        def churn() -> None:
+            rounds[0] += 1
+            for timer in timers:
+                node.destroy_timer(timer)
+            timers[:] = [
+                node.create_timer(0.0005, lambda: None, callback_group=group) for _ in range(4)
+            ]
+
+        node.create_timer(0.002, churn)
+        made.run_until(lambda: rounds[0] > 200, "200 rounds")

@@ -1,0 +1,129 @@
+"""Processes that run the executor end when they are told to, and cleanly, whatever they forgot."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = pytest.mark.ros
+
+PREPARE = """
+import rclpy, threading, time
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.node import Node
+from obelisk_py.core.executors import EventLoopExecutor
+"""
+SPIN = """
+rclpy.init()
+node = Node("node")
+executor = EventLoopExecutor({threads})
+executor.add_node(node)
+node.create_timer(0.001, lambda: None)
+started = node.create_timer(0.05, lambda: (started.cancel(), print("ready", flush=True)))
+try:
+    executor.spin()
+    print("over")
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+FORGET = """
+rclpy.init()
+node = Node("node")
+executor = EventLoopExecutor({threads})
+executor.add_node(node)
+node.create_timer(0.001, lambda: None)
+threading.Thread(target=executor.spin, daemon=True).start()
+time.sleep(0.1)
+"""
+CONTROLLER = """
+import sys
+from obelisk_py.core.control import ObeliskController
+from obelisk_py.core.utils.ros import spin_obelisk
+
+class Controller(ObeliskController):
+    def __init__(self):
+        super().__init__("controller")
+        self.ticks = 0
+        self.create_timer(0.02, self.begin)
+
+    def begin(self):
+        if self.state_label == "unconfigured":
+            self.trigger_configure()
+            self.trigger_activate()
+
+    def update_x_hat(self, x_hat_msg):
+        pass
+
+    def compute_control(self):
+        self.ticks += 1
+        if self.ticks == 20:
+            print("ready", flush=True)
+
+    def on_deactivate(self, state):
+        print("deactivated", flush=True)
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state):
+        print("shut down", flush=True)
+        return super().on_shutdown(state)
+
+spin_obelisk(sys.argv, Controller, {executor})
+"""
+SETTINGS = {
+    "pub_ctrl_setting": "{topic: /c, msg_type: PositionSetpoint}",
+    "sub_est_setting": "{topic: /e, msg_type: EstimatedState}",
+    "timer_ctrl_setting": "{timer_period_sec: 0.001}",
+}
+
+
+def start(code: str, *args: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", PREPARE + code, *args],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def ended(process: subprocess.Popen[str]) -> tuple[int, str, str]:
+    try:
+        output, errors = process.communicate(timeout=20)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        output, errors = process.communicate()
+        pytest.fail(f"it did not end; it wrote: {output}{errors}")
+    return process.returncode, output, errors
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize(
+    ("number", "told"), [(signal.SIGINT, "interrupted\n"), (signal.SIGTERM, "over\n")]
+)
+def test_rclpys_own_signal_handlers_end_spin(
+    threads: int, number: signal.Signals, told: str
+) -> None:
+    process = start(SPIN.format(threads=threads))
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(number)
+    assert ended(process) == (0, told, "")
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_process_that_shuts_nothing_down_ends_cleanly(threads: int) -> None:
+    assert ended(start(FORGET.format(threads=threads))) == (0, "", "")
+
+
+@pytest.mark.parametrize(
+    "executor", ["None", "EventLoopExecutor", "SingleThreadedExecutor", "MultiThreadedExecutor"]
+)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_spin_obelisk_brings_its_node_down_in_order(executor: str, number: signal.Signals) -> None:
+    settings = [a for name, value in SETTINGS.items() for a in ("-p", f"{name}:={value!r}")]
+    process = start(CONTROLLER.format(executor=executor), "--ros-args", *settings)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(number)
+    code, output, errors = ended(process)
+    assert (code, output) == (0, "deactivated\nshut down\n"), errors

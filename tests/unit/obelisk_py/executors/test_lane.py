@@ -1,0 +1,330 @@
+"""A lane calls handlers in turn, comes back when called, and keeps exclusive groups exclusive."""
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from typing import Any
+
+import pytest
+from rclpy.callback_groups import (
+    CallbackGroup,
+    MutuallyExclusiveCallbackGroup,
+    ReentrantCallbackGroup,
+)
+from rclpy.task import Future, Task
+
+from obelisk_py.core.executors.jobs import JobQueue
+from obelisk_py.core.executors.lane import Handler, Lane
+from obelisk_py.core.executors.listeners import open_signal
+
+
+class Source:
+    """One descriptor, and what happens when it is signalled."""
+
+    def __init__(
+        self,
+        action: Callable[[Lane], Any],
+        group: CallbackGroup | None = None,
+        *,
+        waits_for_group: bool = True,
+    ) -> None:
+        self.fd = open_signal()
+        self.group = group
+        self.waits_for_group = waits_for_group
+        self._action = action
+
+    def handlers(self, lane: Lane) -> Mapping[int, Handler]:
+        return {self.fd: partial(self._run, lane)}
+
+    def signal(self) -> None:
+        os.eventfd_write(self.fd, 1)
+
+    def _run(self, lane: Lane) -> bool:
+        self._action(lane)
+        return True
+
+
+class World:
+    """A lane, what is watched, and a log."""
+
+    def __init__(self) -> None:
+        self.lane = Lane()
+        self.log: list[str] = []
+        self._fds: list[int] = []
+
+    def source(self, action: str | Callable[[Lane], Any], **options: Any) -> Source:
+        if isinstance(action, str):
+            name = action
+            source = Source(lambda _lane: self.log.append(name), **options)
+        else:
+            source = Source(action, **options)
+        self._fds.append(source.fd)
+        self.lane.add(source, shared=False)
+        return source
+
+    def rounds(self, number: int) -> None:
+        for _ in range(number):
+            if self.lane.attention:
+                self.lane.attention = False
+                self.lane.attend()
+            self.lane.run_ready(0)
+
+    def close(self) -> None:
+        self.lane.close()
+        for fd in self._fds:
+            os.close(fd)
+
+
+@pytest.fixture
+def world() -> Iterator[World]:
+    world = World()
+    yield world
+    world.close()
+
+
+def test_a_signalled_descriptor_is_handled_once_per_signal(world: World) -> None:
+    source = world.source("a")
+    world.rounds(1)
+    assert world.log == []
+    source.signal()
+    world.rounds(2)
+    assert world.log == ["a"]
+    source.signal()
+    world.rounds(2)
+    assert world.log == ["a", "a"]
+
+
+def test_a_signal_from_before_it_was_watched_counts(world: World) -> None:
+    source = Source(lambda _lane: world.log.append("early"))
+    source.signal()
+    world.lane.add(source, shared=False)
+    world.rounds(1)
+    world.lane.remove(source)
+    os.close(source.fd)
+    assert world.log == ["early"]
+
+
+def test_called_upon_within_a_callback_it_leaves_the_others_for_the_next_round(
+    world: World,
+) -> None:
+    first = world.source(lambda lane: (world.log.append("first"), lane.call()))
+    second = world.source("second")
+    first.signal()
+    second.signal()
+    world.lane.run_ready(0)
+    assert world.log == ["first"]
+    world.rounds(1)
+    assert world.log == ["first", "second"]
+
+
+def test_what_a_callback_removes_is_not_handled_although_it_was_signalled(world: World) -> None:
+    second = world.source("second")
+    first = world.source(lambda lane: lane.remove(second))
+    first.signal()
+    second.signal()
+    world.lane.again(first.fd)  # before the other, in whatever order the kernel tells
+    world.rounds(2)
+    assert "second" not in world.log
+
+
+def test_one_that_always_has_more_does_not_keep_others_from_their_turn(world: World) -> None:
+    def flood(lane: Lane) -> None:
+        world.log.append("flood")
+        lane.again(flooding.fd)
+
+    flooding = world.source(flood)
+    other = world.source("other")
+    flooding.signal()
+    world.rounds(2)
+    other.signal()
+    world.rounds(2)
+    assert "other" in world.log
+
+
+def test_run_one_runs_one_callback_and_no_other_is_starved(world: World) -> None:
+    def flood(lane: Lane) -> None:
+        world.log.append("flood")
+        lane.again(flooding.fd)
+
+    flooding = world.source(flood)
+    other = world.source("other")
+    flooding.signal()
+    assert world.lane.run_one(0)
+    assert world.log == ["flood"]
+    other.signal()
+    for _ in range(2):
+        world.lane.run_one(0)
+    assert "other" in world.log
+
+
+def test_run_one_tells_that_nothing_was_ready(world: World) -> None:
+    world.source("a")
+    assert not world.lane.run_one(0)
+
+
+def test_what_raises_is_handled_once_more_for_what_it_left(world: World) -> None:
+    def fail(_lane: Lane) -> None:
+        world.log.append("fail")
+        if len(world.log) == 1:
+            raise ValueError("boom")
+
+    source = world.source(fail)
+    source.signal()
+    with pytest.raises(ValueError, match="boom"):
+        world.rounds(1)
+    world.rounds(1)
+    assert world.log == ["fail", "fail"]
+
+
+def test_a_posted_job_runs_at_the_next_attention(world: World) -> None:
+    world.lane.post(lambda _lane: bool(world.log.append("job")))
+    assert world.lane.attention
+    world.rounds(1)
+    assert world.log == ["job"]
+
+
+def coroutine_of(world: World, future: Future, group: CallbackGroup) -> Source:
+    async def wait() -> None:
+        world.log.append("begun")
+        await future
+        world.log.append("over")
+
+    return world.source(lambda lane: lane.begin(Task(wait), group), group=group)
+
+
+def test_a_suspended_coroutine_goes_on_when_its_future_is_done(world: World) -> None:
+    future = Future()
+    coroutine_of(world, future, ReentrantCallbackGroup()).signal()
+    world.rounds(5)
+    assert world.log == ["begun"]
+    future.set_result(None)
+    world.rounds(1)
+    assert world.log == ["begun", "over"]
+
+
+def test_an_exclusive_group_waits_for_its_suspended_coroutine(world: World) -> None:
+    future, group = Future(), MutuallyExclusiveCallbackGroup()
+    same = world.source("same", group=group)
+    other = world.source("other", group=MutuallyExclusiveCallbackGroup())
+    coroutine_of(world, future, group).signal()
+    world.rounds(1)
+    same.signal()
+    other.signal()
+    world.lane.post(lambda _lane: bool(world.log.append("same job")), group)
+    world.rounds(5)
+    assert world.log == ["begun", "other"]
+    future.set_result(None)
+    world.rounds(3)
+    assert sorted(world.log[2:]) == ["over", "same", "same job"]
+    assert world.log[2] == "over"
+
+
+def test_one_that_need_not_wait_runs_while_its_group_is_held(world: World) -> None:
+    future, group = Future(), MutuallyExclusiveCallbackGroup()
+    response = world.source(
+        lambda _lane: future.set_result(None), group=group, waits_for_group=False
+    )
+    coroutine_of(world, future, group).signal()
+    world.rounds(1)
+    response.signal()
+    world.rounds(3)
+    assert world.log == ["begun", "over"]
+
+
+def test_what_is_added_to_a_held_group_waits_too(world: World) -> None:
+    future, group = Future(), MutuallyExclusiveCallbackGroup()
+    coroutine_of(world, future, group).signal()
+    world.rounds(1)
+    world.source("new", group=group).signal()
+    world.rounds(3)
+    assert world.log == ["begun"]
+    future.set_result(None)
+    world.rounds(3)
+    assert world.log == ["begun", "over", "new"]
+
+
+def test_reentrant_callbacks_run_while_one_of_them_is_suspended(world: World) -> None:
+    group = ReentrantCallbackGroup()
+    same = world.source("same", group=group)
+    coroutine_of(world, Future(), group).signal()
+    world.rounds(1)
+    same.signal()
+    world.rounds(1)
+    assert world.log == ["begun", "same"]
+
+
+def test_what_a_coroutine_raises_comes_out_of_the_round_and_frees_its_group(world: World) -> None:
+    future, group = Future(), MutuallyExclusiveCallbackGroup()
+
+    async def fail() -> None:
+        await future
+        raise ValueError("boom")
+
+    same = world.source("same", group=group)
+    world.source(lambda lane: lane.begin(Task(fail), group), group=group).signal()
+    world.rounds(1)
+    future.set_result(None)
+    with pytest.raises(ValueError, match="boom"):
+        world.rounds(1)
+    same.signal()
+    world.rounds(2)
+    assert world.log == ["same"]
+
+
+def test_a_cancelled_coroutine_frees_its_group(world: World) -> None:
+    group = MutuallyExclusiveCallbackGroup()
+    tasks: list[Task] = []
+
+    async def wait() -> None:
+        await Future()
+
+    def begin(lane: Lane) -> None:
+        tasks.append(Task(wait))
+        lane.begin(tasks[0], group)
+
+    same = world.source("same", group=group)
+    world.source(begin, group=group).signal()
+    world.rounds(1)
+    tasks[0].cancel()
+    same.signal()
+    world.rounds(3)
+    assert world.log == ["same"]
+
+
+def test_a_closed_lane_can_still_be_called(world: World) -> None:
+    lane = Lane()
+    lane.close()
+    lane.call()
+
+
+def test_jobs_of_no_lane_are_run_one_per_turn_in_order(world: World) -> None:
+    jobs = JobQueue()
+    world.lane.add(jobs, shared=False)
+    for name in ("a", "b", "c"):
+        jobs.put(lambda _lane, name=name: bool(world.log.append(name)))
+    world.rounds(1)
+    assert world.log == ["a"]
+    world.rounds(2)
+    assert world.log == ["a", "b", "c"]
+    world.lane.remove(jobs)
+    jobs.close()
+    jobs.put(lambda _lane: True)
+
+
+def test_a_second_lane_takes_the_next_job_while_the_first_is_busy(world: World) -> None:
+    jobs, other = JobQueue(), Lane()
+    for lane in (world.lane, other):
+        lane.add(jobs, shared=True)
+
+    def long(_lane: Lane) -> bool:
+        other.run_ready(0)
+        return True
+
+    jobs.put(long)
+    jobs.put(lambda lane: bool(world.log.append("other" if lane is other else "first")))
+    world.lane.run_ready(0)
+    assert world.log == ["other"]
+    for lane in (world.lane, other):
+        lane.remove(jobs)
+    jobs.close()
+    other.close()
