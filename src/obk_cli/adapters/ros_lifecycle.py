@@ -76,9 +76,8 @@ class RosLifecycle:
         self._types = {"change_state": ChangeState, "get_state": GetState, "last_error": Trigger}
         self._clients: dict[tuple[str, str], Any] = {}
         self._lock = threading.Lock()
-        self._is_open = True
         self._hear: Callable[[Heard], None] = lambda _: None
-        self._thread = threading.Thread(target=self._spin, name="ros", daemon=True)
+        self._thread = threading.Thread(target=executor.spin, name="ros", daemon=True)
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -90,10 +89,8 @@ class RosLifecycle:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._is_open = False
-        self._executor.wake()
-        self._thread.join()
         self._executor.shutdown()
+        self._thread.join()
 
     def listen(self, hear: Callable[[Heard], None]) -> None:
         """Send `Ready`, `Answered`, `StateSeen` and `Failed` to `hear`, from a thread."""
@@ -223,10 +220,6 @@ class RosLifecycle:
             self._hear(StateSeen(node=node, state=goal))
         elif goal == "errorprocessing":
             self._ask_fault(node, lambda fault: self._hear(Failed(node=node, fault=fault)))
-
-    def _spin(self) -> None:
-        while self._is_open:
-            self._executor.spin_once(timeout_sec=0.5)
 
     def _wait(self, future: Any, timeout_s: float) -> Any:
         done = threading.Event()
