@@ -23,6 +23,7 @@ from rclpy.serialization import deserialize_message
 
 import obelisk_py  # noqa: F401  (gives the messages their older field names, `u` and `x_hat`)
 from obelisk_py.core.executors import EventLoopExecutor
+from obk_cli.adapters.ros_environment import ros_environment
 
 TOPICS = {
     "/obelisk/dummy/ctrl": PositionSetpoint,
@@ -125,7 +126,7 @@ def watch(seconds: float) -> tuple[int, dict[str, Watched]]:
 
 def main() -> int:
     """Launch, watch, report."""
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.update(ros_environment().variables)  # the watcher lives in the stack's ROS world
     code, watched = watch(float(sys.argv[1]) if len(sys.argv) > 1 else 20.0)
     command, joint = (
         watched[topic] for topic in ("/obelisk/dummy/ctrl", "/obelisk/dummy/joint_encoders")

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
+from obk_cli.errors import CommandFailedError
+
 __all__ = ["Network", "RosEnvironment", "ros_environment"]
 
 Network = Literal["localhost", "lan"]
 
 OUR_RMW: Final = "rmw_fastrtps_cpp"
+HIGHEST_DOMAIN: Final = 232
 DDS_PROFILE: Final = Path(__file__).with_name("dds_profile.xml")
 
 
@@ -33,6 +36,9 @@ def ros_environment(network: Network | None = None) -> RosEnvironment:
 
     Args:
         network: who can discover the stack; None keeps what the user has set, else this host only.
+
+    Raises:
+        CommandFailedError: ROS_DOMAIN_ID is no domain; to guess another could move a real robot.
     """
     variables = dict(os.environ)
     notes = []
@@ -47,9 +53,10 @@ def ros_environment(network: Network | None = None) -> RosEnvironment:
         notes.append(f"RMW_IMPLEMENTATION={rmw} is not installed here; {OUR_RMW} is used instead")
         variables["RMW_IMPLEMENTATION"] = OUR_RMW
     domain = variables.get("ROS_DOMAIN_ID", "0")
-    if not domain.isdecimal() or int(domain) > 232:
-        notes.append(f"ROS_DOMAIN_ID={domain} is not a number from 0 to 232; 0 is used instead")
-        variables["ROS_DOMAIN_ID"] = "0"
+    if not domain.isdecimal() or int(domain) > HIGHEST_DOMAIN:
+        raise CommandFailedError(
+            f"ROS_DOMAIN_ID={domain} is not a number from 0 to {HIGHEST_DOMAIN}"
+        )
     return RosEnvironment(variables=variables, notes=tuple(notes))
 
 

@@ -1,0 +1,59 @@
+"""Message classes by name, their older field names, and the type variables over them."""
+
+import pytest
+from obelisk_control_msgs.msg import PositionSetpoint
+from obelisk_estimator_msgs.msg import EstimatedState
+from sensor_msgs.msg import Imu
+
+import obelisk_py  # noqa: F401  (adds the older field names)
+from obelisk_py.core.exceptions import ObeliskMsgError
+from obelisk_py.core.messages import message_class, message_name
+from obelisk_py.core.obelisk_typing import (
+    ObeliskControlMsg,
+    ObeliskEstimatorMsg,
+    ObeliskMsg,
+    is_in_bound,
+)
+
+
+def test_older_field_names_are_the_same_data() -> None:
+    setpoint, state = PositionSetpoint(), EstimatedState()
+    setpoint.u = [1.0, 2.0]
+    state.x_hat = [3.0]
+    assert list(setpoint.u_mujoco) == [1.0, 2.0]
+    assert list(state.q_joints) == [3.0]
+    assert list(state.x_hat) == [3.0]
+
+
+def test_the_wire_does_not_know_the_older_names() -> None:
+    assert "u" not in PositionSetpoint.get_fields_and_field_types()
+
+
+@pytest.mark.parametrize("name", ["Imu", "sensor_msgs/Imu", "sensor_msgs/msg/Imu"])
+def test_a_class_is_found_by_every_spelling_of_its_name(name: str) -> None:
+    assert message_class(name) is Imu
+
+
+def test_a_class_tells_its_full_name() -> None:
+    assert message_name(PositionSetpoint) == "obelisk_control_msgs/msg/PositionSetpoint"
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("PositionSetpont", r"'PositionSetpont' is not known; near names: PositionSetpoint"),
+        ("nope_msgs/msg/Nope", r"the package 'nope_msgs' is not installed"),
+        ("sensor_msgs/msg/Nope", r"'sensor_msgs' has no message 'Nope'"),
+    ],
+)
+def test_a_name_that_is_no_message_is_told_apart(name: str, sentence: str) -> None:
+    with pytest.raises(ObeliskMsgError, match=sentence):
+        message_class(name)
+
+
+def test_bounds_know_their_messages() -> None:
+    assert is_in_bound(PositionSetpoint, ObeliskControlMsg)
+    assert is_in_bound(EstimatedState, ObeliskEstimatorMsg)
+    assert is_in_bound(EstimatedState, ObeliskMsg)
+    assert not is_in_bound(EstimatedState, ObeliskControlMsg)
+    assert not is_in_bound(Imu, ObeliskMsg)

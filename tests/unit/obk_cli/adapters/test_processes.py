@@ -1,0 +1,161 @@
+"""The warden and its client, on programs of a line: nothing outlives the client."""
+
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from queue import SimpleQueue
+
+import psutil
+import pytest
+
+from obk_cli.adapters.processes import NodeCommand, WardenProcesses
+from obk_cli.launch.events import Heard, ProcessEnded, ProcessStarted
+from obk_cli.plan import Origin, Process
+
+DEADLINE_S = 10.0
+
+
+def process(name: str) -> Process:
+    return Process(
+        node=name,
+        namespace="/",
+        section="control",
+        device="onboard",
+        package="p",
+        executable="e",
+        origin=Origin(path="c.yaml", line=1, column=1),
+    )
+
+
+class Bench:
+    """A client, what it heard, and the lines that came."""
+
+    def __init__(self, folder: Path, codes: dict[str, str]) -> None:
+        self.heard: SimpleQueue[Heard] = SimpleQueue()
+        self.lines: SimpleQueue[tuple[str, str]] = SimpleQueue()
+        self.is_open = True
+        python = (sys.executable, "-I", "-S", "-c")
+        self.processes = WardenProcesses(
+            commands={
+                f"/{name}": NodeCommand(arguments=(*python, code), environment={"GREETING": "hi"})
+                for name, code in codes.items()
+            },
+            folder=folder,
+            hear=self.heard.put,
+            on_line=lambda node, line: self.lines.put((node, line)),
+        )
+
+    def close(self) -> None:
+        """End the client, once."""
+        if self.is_open:
+            self.is_open = False
+            self.processes.__exit__(None, None, None)
+
+    def start(self, name: str) -> int:
+        """Start a program; gives its process id."""
+        self.processes.start(process(name))
+        started = self.heard.get(timeout=DEADLINE_S)
+        assert isinstance(started, ProcessStarted)
+        return started.pid
+
+    def line(self) -> str:
+        return self.lines.get(timeout=DEADLINE_S)[1]
+
+    def ended(self) -> Heard:
+        return self.heard.get(timeout=DEADLINE_S)
+
+
+MakeBench = Callable[[dict[str, str]], Bench]
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[MakeBench]:
+    made: list[Bench] = []
+
+    def make(codes: dict[str, str]) -> Bench:
+        made.append(Bench(tmp_path, codes))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+def test_output_environment_folder_and_exit_code_come_through(
+    bench: MakeBench, tmp_path: Path
+) -> None:
+    code = "import os, sys; print(os.environ['GREETING'], os.getcwd()); sys.exit(3)"
+    run = bench({"a": code})
+    run.start("a")
+    assert run.line() == f"hi {tmp_path}"
+    assert run.ended() == ProcessEnded(node="/a", code=3)
+
+
+def test_a_program_that_is_not_there_is_told_with_its_reason(bench: MakeBench) -> None:
+    run = bench({})
+    run.processes._commands = {"/a": NodeCommand(arguments=("/no/such",), environment={})}
+    run.processes.start(process("a"))
+    ended = run.ended()
+    assert isinstance(ended, ProcessEnded)
+    assert ended.code == 127
+    assert "cannot start: [Errno 2] No such file or directory: '/no/such'" in ended.text
+
+
+def test_a_signal_reaches_the_one_that_is_named(bench: MakeBench) -> None:
+    sleep = "import time; print('up', flush=True); time.sleep(60)"
+    run = bench({"a": sleep, "b": sleep})
+    run.start("a")
+    second = run.start("b")
+    run.line()
+    run.processes.signal("/a", signal.SIGTERM)
+    assert run.ended() == ProcessEnded(node="/a", code=-signal.SIGTERM)
+    assert psutil.pid_exists(second)
+
+
+def test_children_of_a_node_go_with_it(bench: MakeBench) -> None:
+    code = (
+        "import subprocess, sys\n"
+        "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'])\n"
+        "print(child.pid, flush=True)"
+    )
+    run = bench({"a": code})
+    run.start("a")
+    child = psutil.Process(int(run.line()))
+    run.ended()
+    child.wait(DEADLINE_S)
+
+
+def test_nothing_outlives_the_client_not_even_what_hides_in_a_session_of_its_own(
+    bench: MakeBench,
+) -> None:
+    deaf = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)"
+    code = (
+        "import subprocess, sys, time\n"
+        f"child = subprocess.Popen([sys.executable, '-c', {deaf!r}], start_new_session=True)\n"
+        "print(child.pid, flush=True)\n"
+        "time.sleep(60)"
+    )
+    run = bench({"a": code})
+    node = psutil.Process(run.start("a"))
+    hidden = psutil.Process(int(run.line()))
+    run.close()
+    assert not _is_alive(node)
+    assert not _is_alive(hidden)
+
+
+def test_the_loss_of_the_warden_is_told_as_the_end_of_its_nodes(bench: MakeBench) -> None:
+    run = bench({"a": "import time; time.sleep(60)"})
+    node = psutil.Process(run.start("a"))
+    run.processes._warden.kill()
+    assert run.ended() == ProcessEnded(
+        node="/a", code=-signal.SIGKILL, text="the process that watched over the nodes is gone"
+    )
+    node.wait(DEADLINE_S)
+    run.processes.signal("/a", signal.SIGINT)
+    run.processes.start(process("a"))
+    assert isinstance(run.ended(), ProcessEnded)
+
+
+def _is_alive(one: psutil.Process) -> bool:
+    return one.is_running() and one.status() != psutil.STATUS_ZOMBIE

@@ -1,0 +1,58 @@
+"""Lines of a run for a person."""
+
+from obk_cli.launch.events import Ended, Failed, Phase, ProcessEnded, TransitionEnded
+from obk_cli.report.launch import LaunchReport
+
+CONTROL, ROBOT = "/obelisk_control_0", "/obelisk_robot_0"
+
+
+def lines_of(*events: object, quiet: bool = False) -> list[str]:
+    lines: list[str] = []
+    report = LaunchReport((CONTROL, ROBOT), lines.append, colour=False, quiet=quiet)
+    for event in events:
+        if isinstance(event, str):
+            report.line(ROBOT, event)
+        else:
+            report.event(event)
+    return lines
+
+
+def test_phases_carry_their_time() -> None:
+    assert lines_of(Phase(name="active", seconds=1.234)) == ["[  1.23 s] active"]
+    assert lines_of(Phase(name="stopping", seconds=12, detail="SIGINT")) == [
+        "[ 12.00 s] stopping (SIGINT)"
+    ]
+
+
+def test_a_transition_tells_node_result_and_time() -> None:
+    event = TransitionEnded(node=ROBOT, transition="configure", result="reached", seconds=0.0721)
+    assert lines_of(event) == ["  robot_0: configure ok (72 ms)"]
+
+
+def test_a_refused_transition_shows_the_nodes_own_words_and_traceback() -> None:
+    event = TransitionEnded(
+        node=ROBOT,
+        transition="configure",
+        result="refused",
+        seconds=0.001,
+        fault="on_configure: ValueError: x\nTraceback ...",
+    )
+    assert lines_of(event) == [
+        "  robot_0: configure FAILED (1 ms)",
+        "    on_configure: ValueError: x",
+        "    Traceback ...",
+    ]
+
+
+def test_failures_are_told_with_their_cause() -> None:
+    assert lines_of(Failed(node=CONTROL, fault="boom")) == ["  control_0: FAILED", "    boom"]
+    assert lines_of(ProcessEnded(node=ROBOT, code=-9)) == ["  robot_0: process ended (code -9)"]
+    assert lines_of(Ended(exit_code=1, cause="a died", consequences=2)) == [
+        "failed: a died (and 2 more after it)"
+    ]
+    assert lines_of(Ended(exit_code=0, cause="")) == ["ended in order"]
+
+
+def test_output_stands_behind_the_nodes_name_unless_it_is_quiet() -> None:
+    assert lines_of("hello") == ["robot_0   | hello"]
+    assert lines_of("hello", quiet=True) == []
