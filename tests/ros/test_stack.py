@@ -120,7 +120,7 @@ def _marked(mark: str) -> list[str]:
 
 def test_a_killed_warden_takes_the_nodes_along_and_the_launcher_says_so() -> None:
     with launched(DUMMY, "--quiet") as run:
-        warden = next(p for p in run.descendants if any("warden" in a for a in p.cmdline()))
+        warden = next(p for p in run.descendants if any(a.endswith("warden.py") for a in p.cmdline()))
         warden.kill()
         run.process.wait(20)
     assert run.process.returncode == 1
