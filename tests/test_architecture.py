@@ -13,16 +13,16 @@ SOURCE = ROOT / "src"
 MODULES = sorted(SOURCE.rglob("*.py"))
 
 SPINE = (
-    {"source", "codes"},
+    {"source", "edits", "codes"},
     {"diagnostics", "errors"},
     {"tree"},
-    {"config", "surroundings"},
+    {"config", "node_code", "surroundings"},
     {"plan"},
 )
 """Each imports only what stands left of it or beside it."""
 SPINE_MODULES = frozenset().union(*SPINE)
-STAGES = {"parse", "read", "resolve", "check", "lower", "emit"}
-SHARED_BY_STAGES = {"wiring", "yaml_faults", "silence"}
+STAGES = {"parse", "read", "code", "resolve", "check", "lower", "emit"}
+SHARED_BY_STAGES = {"wiring", "yaml_faults", "silence", "removal"}
 """Modules on top of the spine that stages share, themselves importing only the spine."""
 SURFACES = {"cli", "report", "adapters"}
 """Where the process itself is touched: its output, environment, exit and clock."""

@@ -128,6 +128,7 @@ class Parameter:
     name: str
     value: ParameterValue
     span: Span
+    key_span: Span | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,6 +3,7 @@
 The library entry for everything that needs a config: the command line, the launcher, editors.
 """
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,6 +31,11 @@ __all__ = ["Options", "Outcome", "compile_config", "compile_source"]
 
 _LOSES_TEXT = frozenset(f"OBK{number:03}" for number in (2, 3, 6, 7, 8, 9, 10, 13))
 """Faults after which part of the config is not there to be checked."""
+
+
+_FOLLOWS = {"OBK011": "OBK", "OBK407": "OBK205"}
+"""Finding -> findings at the same place that would tell the same fault once more."""
+_Place = tuple[str, int, int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,12 +102,22 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
 
 
 def _causes(faults: tuple[Diagnostic, ...]) -> Iterator[Diagnostic]:
-    """The findings without those that only follow from a fault of the text at the same place."""
-    broken = {(f.span.path, f.span.line, f.span.column) for f in faults if f.code == "OBK011"}
+    """The findings without those that only follow from another one at the same place."""
+    codes_at: dict[_Place, set[str]] = defaultdict(set)
     for fault in faults:
-        place = (fault.span.path, fault.span.line, fault.span.column)
-        if fault.code == "OBK011" or place not in broken:
+        codes_at[_place(fault)].add(fault.code)
+    for fault in faults:
+        there = codes_at[_place(fault)]
+        follows = any(
+            cause in there and fault.code != cause and fault.code.startswith(effects)
+            for cause, effects in _FOLLOWS.items()
+        )
+        if not follows:
             yield fault
+
+
+def _place(fault: Diagnostic) -> _Place:
+    return fault.span.path, fault.span.line, fault.span.column
 
 
 def _front(source: SourceFile, options: Options) -> tuple[Stack | None, tuple[Diagnostic, ...]]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from obelisk_spec.model import ModelFacts
+from obk_cli.node_code import CodeFault, NodeCode
 from obk_cli.source import Span
 
 __all__ = ["Command", "ExecutableMissing", "ModelFault", "ModelRead", "Surroundings"]
@@ -22,6 +23,10 @@ class Command:
     """Folders to put in front of PYTHONPATH."""
     found_in: str
     """For a person: where it was found."""
+    module: str | None = None
+    """The Python module that holds what is run, where that is known."""
+    function: str | None = None
+    """The function of `module` that is called; None for a module that is run as a program."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,6 +69,9 @@ class Surroundings(Protocol):
 
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         """How an executable is started."""
+
+    def read_node_code(self, package: str, executable: str) -> NodeCode | CodeFault | None:
+        """What the Python source of an executable says, None where that cannot be known."""
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         """The facts of a model, None where MuJoCo is not installed."""

@@ -156,6 +156,8 @@ def _python_command(entry: EntryPoint, root: Path | None, found_in: str) -> Comm
         arguments=(sys.executable, "-c", code),
         python_path=(root / entry.package_root,) if root else (),
         found_in=found_in,
+        module=entry.module,
+        function=entry.function,
     )
 
 

@@ -6,7 +6,9 @@ from pathlib import Path
 
 from obk_cli.adapters.mjcf_places import MjcfElement, mjcf_elements
 from obk_cli.adapters.mujoco_model import has_mujoco, read_model
+from obk_cli.adapters.node_sources import NodeSources
 from obk_cli.adapters.packages import PackageIndex
+from obk_cli.node_code import CodeFault, NodeCode
 from obk_cli.source import SourceFile, Span
 from obk_cli.surroundings import Command, ExecutableMissing, ModelFault, ModelRead
 
@@ -22,6 +24,8 @@ class MachineSurroundings:
         self._models: dict[Path, ModelRead | ModelFault | None] = {}
         self._elements: dict[Path, list[MjcfElement]] = {}
         self._sources: dict[Path, SourceFile] = {}
+        self._commands: dict[tuple[str, str], Command | ExecutableMissing] = {}
+        self._codes: dict[tuple[str, str], NodeCode | CodeFault | None] = {}
 
     def find_package_share(self, name: str) -> Path | None:
         """The folder that holds a package's data."""
@@ -33,7 +37,19 @@ class MachineSurroundings:
 
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         """How an executable is started."""
-        return self.packages.find_executable(package, executable)
+        key = (package, executable)
+        if key not in self._commands:
+            self._commands[key] = self.packages.find_executable(package, executable)
+        return self._commands[key]
+
+    def read_node_code(self, package: str, executable: str) -> NodeCode | CodeFault | None:
+        """What the Python source of an executable says."""
+        key = (package, executable)
+        if key not in self._codes:
+            command = self.find_executable(package, executable)
+            sources = NodeSources(self.packages, self._shown)
+            self._codes[key] = sources.read(command) if isinstance(command, Command) else None
+        return self._codes[key]
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         """The facts of a model, None without MuJoCo."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 
+from obk_cli.check.code import check_code
 from obk_cli.check.components import check_callback_groups, check_components
 from obk_cli.check.graph import check_node_names, check_required_sections
 from obk_cli.check.loop import check_control_topics, check_loop, check_timers
@@ -27,6 +28,7 @@ CHECKS: tuple[Check, ...] = (
     check_models,
     check_executables,
     check_files,
+    check_code,
 )
 """Checks of what is there."""
 

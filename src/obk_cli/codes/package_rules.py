@@ -35,4 +35,47 @@ RULES: tuple[Rule, ...] = (
         cause="The path is handed to a node, which may not start without it.",
         cure="Mend the path.",
     ),
+    Rule(
+        code="OBK405",
+        severity="error",
+        title="a component of the code that the config lacks",
+        cause="The node's class registers it, and the node cannot be configured without its "
+        "settings. One that the code calls optional is only mentioned.",
+        cure="Add the component to the node, or register it with `required=False`.",
+    ),
+    Rule(
+        code="OBK406",
+        severity="error",
+        title="a component that no code registers",
+        cause="The node's class has no component of this name, so the entry would have no effect.",
+        cure="Write the name that the code registers, or remove the entry.",
+    ),
+    Rule(
+        code="OBK407",
+        severity="error",
+        title="`msg_type` differs between config and code",
+        cause="The node's class registers the component with another message class.",
+        cure="Write the type of the code, or leave `msg_type` out.",
+    ),
+    Rule(
+        code="OBK408",
+        severity="error",
+        title="an abstract method is left out",
+        cause="Python makes no object of a class that does not implement every abstract method.",
+        cure="Write the method.",
+    ),
+    Rule(
+        code="OBK409",
+        severity="info",
+        title="a parameter that no code declares",
+        cause="ROS hands a node only the parameters that it declares; this one is dropped.",
+        cure="Mend the name, or declare the parameter in the node's constructor.",
+    ),
+    Rule(
+        code="OBK410",
+        severity="error",
+        title="the node's source cannot be run",
+        cause="The file is not Python, or what the entry point names is not in it.",
+        cure="Mend the source at the place that is shown, or the entry point in `setup.py`.",
+    ),
 )

@@ -27,7 +27,7 @@ def _read_map(tree: TreeMap, prefix: str, faults: Faults) -> Iterator[Parameter]
             continue
         value = _read_value(name, entry.value, faults)
         if value is not None:
-            yield Parameter(name=name, value=value, span=entry.value.span)
+            yield Parameter(name=name, value=value, span=entry.value.span, key_span=entry.key_span)
 
 
 def _read_value(name: str, tree: Tree, faults: Faults) -> ParameterValue | None:

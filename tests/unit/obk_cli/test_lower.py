@@ -55,6 +55,9 @@ class Nothing:
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         raise AssertionError
 
+    def read_node_code(self, package: str, executable: str) -> None:
+        return None
+
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         return None
 

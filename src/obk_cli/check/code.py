@@ -1,0 +1,222 @@
+"""OBK405 to OBK410: what a node's Python source says against what the config says of the node."""
+
+from collections.abc import Iterator, Sequence
+from difflib import SequenceMatcher
+
+from obelisk_spec.messages import resolve_msg_type
+from obelisk_spec.near import did_you_mean, list_names, near_names
+from obk_cli.config import Component, Node, Parameter, Spanned, Stack
+from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.node_code import CodeComponent, CodeFault, NodeCode
+from obk_cli.surroundings import Surroundings
+
+__all__ = ["check_code"]
+
+_OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
+"""Parameters that rclpy itself declares."""
+_PREFIXES_OF_EVERY_NODE = ("qos_overrides.", "diagnostic_updater.")
+_SETTINGS = "obelisk_settings"
+
+
+def check_code(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+    """Every node whose source can be read, against it."""
+    told: set[tuple[str, str]] = set()
+    for node in stack.nodes:
+        if node.pkg is None or node.executable is None:
+            continue
+        command = (node.pkg.value, node.executable.value)
+        code = surroundings.read_node_code(*command)
+        if isinstance(code, CodeFault | NodeCode) and command not in told:
+            told.add(command)
+            yield from _check_source(code, node.executable)
+        if isinstance(code, NodeCode):
+            yield from _check_components(node, node.executable, code)
+            yield from _check_parameters(node, code)
+
+
+def _check_source(code: NodeCode | CodeFault, executable: Spanned[str]) -> Iterator[Diagnostic]:
+    """What is wrong whatever the config says; told once for an executable."""
+    if isinstance(code, CodeFault):
+        related = (Related(message="in the source", span=code.span),) if code.span else ()
+        yield found(
+            "OBK410",
+            f"`{executable.value}` cannot start: `{code.place}` {code.message}",
+            executable.span,
+            help=code.help,
+            related=related,
+        )
+    elif code.missing_methods:
+        near = next((m for m in code.missing_methods if m.near), None)
+        yield found(
+            "OBK408",
+            f"class `{code.class_name}` does not implement "
+            f"{list_names(m.name for m in code.missing_methods)}, so no node can be made of it",
+            executable.span,
+            help=f"if `{near.near[0]}` is meant to be it, name it `{near.name}`" if near else None,
+            related=(
+                Related(message="the class", span=code.span),
+                *(
+                    Related(message=f"`{m.name}` is declared here", span=m.span)
+                    for m in code.missing_methods
+                ),
+            ),
+        )
+
+
+def _check_components(node: Node, executable: Spanned[str], code: NodeCode) -> Iterator[Diagnostic]:
+    matched, only_config, only_code = _matched(node, code)
+    for component, registered in matched:
+        yield from _check_type(component, registered, code)
+    if not code.knows_components:
+        only_config = []
+    for component in only_config:
+        meant = _nearest(component, only_code)
+        if meant is not None:
+            only_code.remove(meant)
+        yield _not_registered(component, meant, code)
+    if any(p.name == _SETTINGS for p in node.params):
+        return
+    nameless = {c.kind for c in node.components if c.identity is None}
+    for registered in only_code:
+        if registered.kind not in nameless:
+            yield from _not_configured(registered, node, executable, code)
+
+
+def _matched(
+    node: Node, code: NodeCode
+) -> tuple[list[tuple[Component, CodeComponent]], list[Component], list[CodeComponent]]:
+    """The components that both sides know, those that one side knows only."""
+    by_parameter = {parameter.name for parameter in node.params}
+    by_name = {(r.kind, name): r for r in code.components for name in r.names}
+    pairs: list[tuple[Component, CodeComponent]] = []
+    only_config: list[Component] = []
+    for component in node.components:
+        names = [n.value for n in (component.ros_parameter, component.key) if n]
+        registered = next(
+            (by_name[component.kind, n] for n in names if (component.kind, n) in by_name), None
+        )
+        if registered is not None:
+            pairs.append((component, registered))
+        elif component.name is not None:
+            only_config.append(component)
+    known = [registered for _, registered in pairs]
+    only_code = [
+        r for r in code.components if r not in known and r.ros_parameter not in by_parameter
+    ]
+    return pairs, only_config, only_code
+
+
+def _nearest(component: Component, candidates: Sequence[CodeComponent]) -> CodeComponent | None:
+    """The component of the code that the config's is most likely to mean."""
+    same_kind = [c for c in candidates if c.kind == component.kind]
+    name = component.identity or ""
+
+    def likeness(candidate: CodeComponent) -> float:
+        return max(SequenceMatcher(None, name, other).ratio() for other in candidate.names)
+
+    return max(same_kind, key=likeness, default=None)
+
+
+def _not_registered(
+    component: Component, meant: CodeComponent | None, code: NodeCode
+) -> Diagnostic:
+    assert component.name is not None  # nameless ones are not compared
+    name = component.name
+    elsewhere = next((r for r in code.components if name.value in r.names), None)
+    if meant is not None:
+        help = (
+            f"did you mean `{meant.name}`?"
+            if near_names(name.value, meant.names)
+            else f"the code registers `{meant.name}`, which is not configured"
+        )
+    elif elsewhere is not None:
+        help = f"the code registers it as a {elsewhere.kind}"
+    else:
+        same = [r.name for r in code.components if r.kind == component.kind]
+        help = f"it registers {list_names(same)}" if same else f"it registers no {component.kind}"
+    shown = meant or elsewhere
+    return found(
+        "OBK406",
+        f"class `{code.class_name}` registers no {component.kind} `{name.value}`",
+        name.span,
+        help=help,
+        related=(Related(message="in the code", span=shown.span),)
+        if shown
+        else (Related(message="the class", span=code.span),),
+    )
+
+
+def _not_configured(
+    registered: CodeComponent, node: Node, executable: Spanned[str], code: NodeCode
+) -> Iterator[Diagnostic]:
+    if not registered.is_named_in_full or registered.has_default:
+        return
+    line = f"{{ros_parameter: {registered.ros_parameter}"
+    if registered.ros_parameter is None:
+        line = f"{{key: {registered.key}"
+    line += ", timer_period_sec: ...}" if registered.kind == "timer" else ", topic: ...}"
+    if registered.is_required:
+        yield found(
+            "OBK405",
+            f"class `{code.class_name}` registers the {registered.kind} `{registered.name}`, "
+            f"which `{node.node_name}` does not configure",
+            executable.span,
+            help=f"add `{line}` to its `{registered.kind}s`",
+            related=(Related(message="in the code", span=registered.span),),
+        )
+    elif registered.is_optional and not registered.is_of_library:
+        yield found(
+            "OBK405",
+            f"class `{code.class_name}` registers the optional {registered.kind} "
+            f"`{registered.name}`, which `{node.node_name}` leaves out",
+            executable.span,
+            severity="info",
+            help=f"to have it, add `{line}` to its `{registered.kind}s`",
+            related=(Related(message="in the code", span=registered.span),),
+        )
+
+
+def _check_type(
+    component: Component, registered: CodeComponent, code: NodeCode
+) -> Iterator[Diagnostic]:
+    if component.msg_type is None or registered.msg_type is None:
+        return
+    written = resolve_msg_type(component.msg_type.value)
+    if written is not None and written != registered.msg_type:
+        taken = registered.msg_type.replace("/msg/", "/")
+        yield found(
+            "OBK407",
+            f"{component.kind} `{component.identity}` is a `{component.msg_type.value}` here and a "
+            f"`{taken}` in class `{code.class_name}`",
+            component.msg_type.span,
+            help=f"write `{_shortest(registered.msg_type)}`, or leave `msg_type` out",
+            related=(Related(message="in the code", span=registered.span),),
+        )
+
+
+def _shortest(msg_type: str) -> str:
+    """The bare name where that means the type, else package and name."""
+    bare = msg_type.rpartition("/")[2]
+    return bare if resolve_msg_type(bare) == msg_type else msg_type.replace("/msg/", "/")
+
+
+def _check_parameters(node: Node, code: NodeCode) -> Iterator[Diagnostic]:
+    if not code.knows_parameters:
+        return
+    for parameter in node.params:
+        if parameter.name in (*code.parameters, *_OF_EVERY_NODE):
+            continue
+        if not parameter.name.startswith(_PREFIXES_OF_EVERY_NODE):
+            yield _undeclared(parameter, code)
+
+
+def _undeclared(parameter: Parameter, code: NodeCode) -> Diagnostic:
+    settings = {s for c in code.components for s in (c.ros_parameter,) if s}
+    own = [p for p in code.parameters if p not in settings and p not in ("params_path", _SETTINGS)]
+    return found(
+        "OBK409",
+        f"class `{code.class_name}` declares no parameter `{parameter.name}`",
+        parameter.key_span or parameter.span,
+        help=did_you_mean(parameter.name, own) or "it declares none of its own",
+        related=(Related(message="the class", span=code.span),),
+    )

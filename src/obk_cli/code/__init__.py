@@ -1,0 +1,1 @@
+"""Reading Python source for what it says of a node; nothing of it is imported or run."""

@@ -1,0 +1,96 @@
+"""What a node's Python source says of the node, as values: components, parameters, what is amiss.
+
+Made by reading source, never by running it; what cannot be known that way is said to be unknown.
+"""
+
+from dataclasses import dataclass
+
+from obelisk_spec.components import component_spellings
+from obk_cli.config import ComponentKind
+from obk_cli.source import Span
+
+__all__ = ["CodeComponent", "CodeFault", "ControlLength", "MissingMethod", "NodeCode"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CodeComponent:
+    """One `register_obk_...` call."""
+
+    kind: ComponentKind
+    ros_parameter: str | None
+    key: str | None
+    msg_type: str | None
+    """Full, None where the config decides or the code computes it."""
+    is_required: bool
+    """Whether configure fails without settings; False too where that is not known."""
+    is_optional: bool
+    """Whether the code says that it may be left out."""
+    has_default: bool
+    """Whether the code brings settings of its own."""
+    is_named_in_full: bool
+    """Whether both names are known; else the config may use one that is computed."""
+    is_of_library: bool
+    """Whether a base class of the run-time library registers it."""
+    span: Span
+    """The line of the call."""
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Every spelling under which the config may name it."""
+        given = (name for name in (self.ros_parameter, self.key) if name)
+        return frozenset(spelling for name in given for spelling in component_spellings(name))
+
+    @property
+    def name(self) -> str:
+        """What a config would write: the ROS parameter, else the key."""
+        return self.ros_parameter or self.key or ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissingMethod:
+    """An abstract method that the class leaves out."""
+
+    name: str
+    span: Span
+    """Where it is declared."""
+    near: tuple[str, ...] = ()
+    """Methods of the class that look like it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlLength:
+    """How many controls the code writes into a control message."""
+
+    field: str
+    length: int
+    span: Span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeCode:
+    """The class that an executable spins."""
+
+    class_name: str
+    span: Span
+    """The `class` line."""
+    components: tuple[CodeComponent, ...]
+    parameters: tuple[str, ...]
+    """Names of the ROS parameters that it declares itself."""
+    knows_components: bool
+    """Whether `components` is all there can be."""
+    knows_parameters: bool
+    """Whether `parameters` is all there can be."""
+    missing_methods: tuple[MissingMethod, ...] = ()
+    control_lengths: tuple[ControlLength, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CodeFault:
+    """Source that cannot be read as a node."""
+
+    message: str
+    """Of the source: "is not Python: ..."."""
+    place: str
+    """The file, for the sentence."""
+    span: Span | None = None
+    help: str | None = None

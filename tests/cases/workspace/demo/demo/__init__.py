@@ -1,0 +1,1 @@
+"""A package whose nodes cannot be known from their source."""

@@ -1,0 +1,1 @@
+"""A package whose nodes are known from their source."""
