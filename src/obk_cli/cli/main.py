@@ -36,6 +36,7 @@ VERBS = {
     "launch": Verb("obk_cli.cli.launch", "Start, bring up and supervise a stack."),
     "lifecycle": Verb("obk_cli.cli.lifecycle", "Ask for or change the states of nodes."),
     "explain": Verb("obk_cli.cli.explain", "Tell what a rule means and how to mend it."),
+    "migrate": Verb("obk_cli.cli.migrate", "Rewrite a config into the newer spelling, or back."),
     "schema": Verb("obk_cli.cli.schema", "Print the JSON schema of configs."),
 }
 """Command -> where it is. A module has `app` (a Typer) or `command` (a function)."""

@@ -1,0 +1,82 @@
+"""`obk migrate CONFIG`: a config from one spelling into the other, comments and layout kept."""
+
+import sys
+from typing import Annotated
+
+import typer
+
+from obk_cli.adapters.files import STANDARD_INPUT
+from obk_cli.cli.config_options import ColourOption, ConfigArgument, wants_colour
+from obk_cli.cli.edit_files import EditedFile, open_for_edit, print_bytes, write_edited
+from obk_cli.diagnostics import Diagnostic
+from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
+from obk_cli.migrate.rewrite import Migrated, migrate_source
+from obk_cli.migrate.shape import Spelling
+from obk_cli.report.diff import report_diff
+from obk_cli.report.text import report_text
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = "Example: obk migrate config.yaml --diff"
+
+_SPELLINGS: dict[str, Spelling] = {"key": "key", "seed": "seed"}
+
+
+def command(
+    config: ConfigArgument,
+    to: Annotated[
+        str,
+        typer.Option(
+            metavar="key|seed",
+            help="`key`: sections at the top level, components by `key`; `seed`: device blocks "
+            "and `ros_parameter`.",
+        ),
+    ] = "key",
+    diff: Annotated[bool, typer.Option("--diff", help="Show what would change.")] = False,
+    write: Annotated[bool, typer.Option("--write", help="Replace the file.")] = False,
+    check: Annotated[
+        bool, typer.Option("--check", help="Write nothing; exit 1 if anything would change.")
+    ] = False,
+    color: ColourOption = "auto",
+) -> None:
+    """Rewrite a config into the newer spelling, or back. Without options prints the result.
+
+    What cannot be rewritten stays and is told on stderr with its place. Included files are not
+    followed. Exit code 0: done; 1: the file cannot be read as a config, with --check also that it
+    would change; 2: misuse.
+    """
+    if to not in _SPELLINGS:
+        raise MisuseError(f"`--to {to}`: expected `key` or `seed`")
+    if write and (check or config == STANDARD_INPUT):
+        other = "--check" if check else "a config from the standard input"
+        raise MisuseError(f"`--write` does not go with {other}")
+    file = open_for_edit(config)
+    if isinstance(file, Diagnostic):
+        _tell((file,), color)
+        raise typer.Exit(EXIT_FAILED)
+    migrated = migrate_source(file.source, _SPELLINGS[to])
+    _tell((*migrated.faults, *migrated.kept), color)
+    if migrated.faults:
+        raise typer.Exit(EXIT_FAILED)
+    _show(file, migrated, diff=diff, quiet=write or check, colour=wants_colour(color))
+    if write:
+        if migrated.is_changed:
+            write_edited(file, migrated.text)
+        print(f"{config}: {'migrated' if migrated.is_changed else 'nothing to change'}")
+    if check:
+        print(f"{config}: {'would change' if migrated.is_changed else 'nothing to change'}")
+    raise typer.Exit(EXIT_FAILED if check and migrated.is_changed else EXIT_DONE)
+
+
+def _show(file: EditedFile, migrated: Migrated, *, diff: bool, quiet: bool, colour: bool) -> None:
+    if diff:
+        text = report_diff(file.source, migrated.text, colour=colour)
+        print_bytes(text.encode("utf-8"))
+    elif not quiet:
+        print_bytes(file.bytes_of(migrated.text))
+
+
+def _tell(findings: tuple[Diagnostic, ...], color: str) -> None:
+    if findings:
+        colour = wants_colour(color, to_stderr=True)
+        print(report_text(findings, colour=colour), end="\n\n", file=sys.stderr)

@@ -1,0 +1,173 @@
+"""The device level of a config: taken away from a single `onboard`, or put around the sections.
+
+A tree and its text in; edits out that move lines sideways and touch nothing else in them, or what
+stands in the way. A mapping in braces loses or gains the braces.
+"""
+
+import re
+from collections.abc import Iterator
+from itertools import pairwise
+
+from obk_cli.diagnostics import Diagnostic
+from obk_cli.edits import Edit, Offsets
+from obk_cli.migrate.kept import kept
+from obk_cli.migrate.shape import ONE_DEVICE, devices_of, sections_of
+from obk_cli.removal import is_flow
+from obk_cli.tree import Entry, TreeMap
+
+__all__ = ["lift_device", "nest_sections"]
+
+_PLAIN_COLON = re.compile(r"[ \t]*:\s*(?:#[^\r\n]*\s*)*")
+_BEHIND_COLON = re.compile(r"[ \t]*:[ \t]*(?=(#)|[\r\n])")
+_LAST_COMMA = re.compile(r"(?:\s|#[^\r\n]*)*,")
+_COMMENT = re.compile(r"#[^\r\n]*")
+_USUAL_INDENT = 2
+
+
+def lift_device(tree: TreeMap, offsets: Offsets) -> Iterator[Edit | Diagnostic]:
+    """Sections at the top level; nothing where they stand there already."""
+    devices, sections = devices_of(tree), sections_of(tree)
+    if not devices:
+        return
+    device, *others = devices
+    assert isinstance(device.value, TreeMap)  # `devices_of` asked
+    reason = _reason_to_keep_level(tree, device.value, offsets, device)
+    if others:
+        message = "the device blocks stay: sections at the top level are one device, there are "
+        yield kept(f"{message}{len(devices)}", others[0].key_span)
+    elif sections:
+        yield kept(f"section `{sections[0].key}` stands beside a device", sections[0].key_span)
+    elif device.key != ONE_DEVICE:
+        message = f"the device block stays: sections at the top level are the device `{ONE_DEVICE}`"
+        yield kept(message, device.key_span)
+    elif reason is not None:
+        yield kept(f"the device block stays: {reason}", device.key_span)
+    elif is_flow(device.value, offsets):
+        yield from _lift_flow(tree, device, offsets)
+    else:
+        yield from _lift_lines(tree, device, offsets)
+
+
+def _reason_to_keep_level(
+    tree: TreeMap, block: TreeMap, offsets: Offsets, device: Entry
+) -> str | None:
+    if tree.get("include") is not None:
+        return "an included file would have to change its level at the same moment"
+    start, end = offsets.end(device.key_span), offsets.start(block.span)
+    if end < start or _PLAIN_COLON.fullmatch(offsets.source.text[start:end]) is None:
+        return "it is written by an anchor or with `?`"
+    if block.span.text[:1] in ("&", "!"):
+        return "it has an anchor or a tag"
+    taken = {entry.key for entry in tree} & {entry.key for entry in block}
+    return f"`{min(taken)}` stands outside it too" if taken else None
+
+
+def _lift_lines(tree: TreeMap, device: Entry, offsets: Offsets) -> Iterator[Edit]:
+    text, line = offsets.source.text, device.key_span.line
+    start = offsets.start(device.key_span)
+    behind = _BEHIND_COLON.match(text, offsets.end(device.key_span))
+    assert isinstance(device.value, TreeMap)
+    assert behind is not None  # a block mapping starts on a line of its own
+    if behind[1]:
+        yield offsets.edit(start, behind.end())
+    else:
+        yield offsets.edit(offsets.at(line), offsets.at(line + 1))
+    base = device.key_span.column - 1
+    depth = device.value.span.column - 1 - base
+    for number in range(line + 1, _end_line(tree, device, offsets)):
+        indent = _indent(offsets.source.line(number))
+        surplus = min(depth, max(indent - base, 0))
+        if surplus:
+            yield offsets.edit(offsets.at(number), offsets.at(number) + surplus)
+
+
+def _lift_flow(tree: TreeMap, device: Entry, offsets: Offsets) -> Iterator[Edit]:
+    """Without the braces: in a mapping with braces as it stands, else a line for each section."""
+    text, block = offsets.source.text, device.value
+    assert isinstance(block, TreeMap)
+    start, brace = offsets.start(device.key_span), offsets.end(block.span) - 1
+    last = offsets.end(block.entries[-1].value.span)
+    if is_flow(tree, offsets):
+        yield offsets.edit(start, offsets.start(block.span) + 1)
+        comma = _LAST_COMMA.match(text, last, brace)
+        if comma is not None:
+            yield offsets.edit(comma.end() - 1, comma.end())
+        yield offsets.edit(brace, brace + 1)
+        return
+    end, first = _line_end(text), offsets.start(block.entries[0].key_span)
+    yield offsets.edit(start, first, _comments(text[start:first], end).lstrip())
+    for entry, after in pairwise(block.entries):
+        gap = offsets.end(entry.value.span), offsets.start(after.key_span)
+        yield offsets.edit(*gap, _comments(text[slice(*gap)], end) or end)
+    yield offsets.edit(last, brace + 1, _comments(text[last:brace], end).rstrip())
+
+
+def _comments(gap: str, line_end: str) -> str:
+    """What is left of a gap between values: its comments, the first behind the value before."""
+    comments = (f"{comment}{line_end}" for comment in _COMMENT.findall(gap))
+    return "".join((" " if "#" in gap else "", *comments))
+
+
+def nest_sections(tree: TreeMap, offsets: Offsets) -> Iterator[Edit | Diagnostic]:
+    """The sections inside a device block; nothing where they are in one already."""
+    sections = sections_of(tree)
+    if not sections:
+        return
+    include = tree.get("include")
+    first, last = tree.entries.index(sections[0]), tree.entries.index(sections[-1])
+    between = [entry for entry in tree.entries[first:last] if entry not in sections]
+    if devices := devices_of(tree):
+        yield kept(f"device `{devices[0].key}` stands beside sections", devices[0].key_span)
+    elif include is not None:
+        message = "the sections stay at the top level: an included file would have to change at "
+        yield kept(f"{message}the same moment", include.key_span)
+    elif between:
+        message = f"the sections stay at the top level: `{between[0].key}` stands between them"
+        yield kept(message, between[0].key_span, "move it in front of the sections")
+    elif is_flow(tree, offsets):
+        yield offsets.insert(offsets.start(sections[0].key_span), f"{ONE_DEVICE}: {{")
+        yield offsets.insert(offsets.end(sections[-1].value.span), "}")
+    else:
+        yield from _nest_lines(tree, sections, offsets)
+
+
+def _nest_lines(tree: TreeMap, sections: tuple[Entry, ...], offsets: Offsets) -> Iterator[Edit]:
+    source, head = offsets.source, sections[0].key_span
+    depth, base = _depth(sections), head.column - 1
+    block = f"{' ' * base}{ONE_DEVICE}:{_line_end(source.text)}"
+    end = _end_line(tree, sections[-1], offsets)
+    last = max(n for n in range(head.line, end) if _is_content(source.line(n)))
+    for number in range(head.line, end):
+        line = source.line(number)
+        moves = bool(line) if number <= last else _indent(line) > base and bool(line.strip())
+        if moves:
+            start = offsets.at(number)
+            yield offsets.edit(start, start, (block if number == head.line else "") + " " * depth)
+
+
+def _depth(sections: tuple[Entry, ...]) -> int:
+    """How far this file indents: its own smallest step, else the usual one."""
+    steps = (section.value.span.column - section.key_span.column for section in sections)
+    return min((step for step in steps if step > 0), default=_USUAL_INDENT)
+
+
+def _end_line(tree: TreeMap, entry: Entry, offsets: Offsets) -> int:
+    """The line after the last one of an entry of the top level, comments behind it counted in."""
+    line = entry.key_span.line
+    later = [other.key_span.line for other in tree if other.key_span.line > line]
+    end = min(later, default=len(offsets.source.lines) + 1)
+    marked = (n for n in range(line + 1, end) if offsets.source.line(n).startswith(("...", "---")))
+    return next(marked, end)
+
+
+def _is_content(line: str) -> bool:
+    return bool(line.strip()) and not line.lstrip().startswith("#")
+
+
+def _indent(line: str) -> int:
+    return len(line) - len(line.lstrip(" "))
+
+
+def _line_end(text: str) -> str:
+    first = re.search(r"\r\n|\r|\n", text)
+    return first[0] if first else "\n"

@@ -1,0 +1,122 @@
+"""Which parts of a config the two spellings write differently: the levels, the components.
+
+A tree in; its devices, sections and components out, with the values that both spellings share.
+Judges nothing: that is for the checks.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import Literal
+
+from obelisk_spec.components import SETTING_SUFFIX, component_identity
+from obk_cli.config import NODE_SECTIONS
+from obk_cli.read.keys import RESERVED_KEYS, SECTION_KEYS
+from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, plain_value
+
+__all__ = [
+    "ONE_DEVICE",
+    "Spelling",
+    "components_of",
+    "devices_of",
+    "is_config",
+    "meaning",
+    "sections_of",
+    "text_of",
+]
+
+Spelling = Literal["key", "seed"]
+"""`seed`: device blocks and `ros_parameter`; `key`: sections at the top level and `key`."""
+
+ONE_DEVICE = "onboard"
+"""The device of a config whose sections stand at the top level."""
+
+_LISTS = ("publishers", "subscribers", "timers")
+
+
+def is_config(tree: TreeMap) -> bool:
+    """Whether there is anything of a config in a mapping."""
+    return bool(devices_of(tree)) or any(entry.key in RESERVED_KEYS for entry in tree)
+
+
+def devices_of(tree: TreeMap) -> tuple[Entry, ...]:
+    """The device blocks: keys that are not reserved and hold a section."""
+    return tuple(
+        entry
+        for entry in tree
+        if entry.key not in RESERVED_KEYS
+        and isinstance(entry.value, TreeMap)
+        and any(inner.key in SECTION_KEYS for inner in entry.value)
+    )
+
+
+def sections_of(tree: TreeMap) -> tuple[Entry, ...]:
+    """The sections that stand in this mapping itself."""
+    return tuple(entry for entry in tree if entry.key in SECTION_KEYS)
+
+
+def components_of(tree: TreeMap) -> Iterator[TreeMap]:
+    """Every publisher, subscriber and timer of every node, in either spelling."""
+    for holder in (tree, *(device.value for device in devices_of(tree))):
+        for section in sections_of(holder) if isinstance(holder, TreeMap) else ():
+            for node in _nodes(section):
+                yield from _inside(node, _LISTS)
+
+
+def _nodes(section: Entry) -> Iterator[TreeMap]:
+    if section.key in NODE_SECTIONS:
+        yield from _maps(section.value)
+    elif section.key == "viz" and isinstance(section.value, TreeMap):
+        yield from _inside(section.value, ("viz_nodes",))
+
+
+def _inside(tree: TreeMap, keys: Iterable[str]) -> Iterator[TreeMap]:
+    entries = (tree.get(key) for key in keys)
+    return (item for entry in entries if entry is not None for item in _maps(entry.value))
+
+
+def _maps(tree: Tree) -> Iterator[TreeMap]:
+    items = tree.items if isinstance(tree, TreeList) else (tree,)
+    return (item for item in items if isinstance(item, TreeMap))
+
+
+def text_of(entry: Entry | None) -> str | None:
+    """The text that a key holds."""
+    if entry is None or not isinstance(entry.value, TreeScalar):
+        return None
+    return entry.value.value if isinstance(entry.value.value, str) else None
+
+
+def meaning(tree: TreeMap) -> str:
+    """What a config says whichever way it is spelt: equal for two spellings of one thing."""
+    components = {id(component) for component in components_of(tree)}
+    devices = devices_of(tree)
+    if not devices and sections_of(tree):
+        sections = sections_of(tree)
+        outside = tuple(entry for entry in tree if entry not in sections)
+        block = Entry(ONE_DEVICE, tree.span, TreeMap(sections, tree.span))
+        tree = TreeMap((*outside, block), tree.span)
+    return _meaning(tree, components)
+
+
+def _meaning(tree: Tree, components: set[int]) -> str:
+    match tree:
+        case TreeMap():
+            fields = {entry.key: _meaning(entry.value, components) for entry in tree}
+            if id(tree) in components:
+                fields |= _component_names(tree, fields)
+            return f"{{{sorted(fields.items())}}}"
+        case TreeList():
+            return f"[{[_meaning(item, components) for item in tree.items]}]"
+        case TreeScalar():
+            return repr(plain_value(tree))
+
+
+def _component_names(tree: TreeMap, fields: dict[str, str]) -> dict[str, str]:
+    """What the two names of a component come to, if they are one name."""
+    parameter, key = text_of(tree.get("ros_parameter")), text_of(tree.get("key"))
+    names = {name for name in (parameter, key) if name is not None}
+    identities = {component_identity(name) for name in names}
+    is_odd = parameter is not None and not parameter.endswith(SETTING_SUFFIX)
+    if len(identities) != 1 or is_odd:
+        return {}
+    fields.pop("ros_parameter", None)
+    return {"key": identities.pop()}

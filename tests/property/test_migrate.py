@@ -1,0 +1,170 @@
+"""Migrating loses nothing: there and back a config compiles to the same plan, comments and all."""
+
+import re
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from obk_cli.adapters.packages import PackageIndex
+from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.migrate.rewrite import migrate_source
+from obk_cli.pipeline import Options, compile_source
+from obk_cli.source import SourceFile
+
+ROOT = Path(__file__).resolve().parents[2]
+CORPUS = ROOT.parent / "shared" / "corpus"
+FILES = sorted([*CORPUS.rglob("*.yaml"), *(ROOT / "examples").glob("*/*.yaml")])
+CONFIGS = [path for path in FILES if path.name != "depth_config.yaml"]
+ENOUGH = settings(max_examples=150, deadline=None)
+
+
+def plan_of(path: Path, text: str) -> dict[str, object]:
+    """The plan without its places; what is wrong in the wiring and the surroundings is ignored."""
+    surroundings = MachineSurroundings(path.parent, path.parent, {})
+    surroundings.packages = PackageIndex(workspaces=(CORPUS,), prefixes=())
+    options = Options(
+        environment={},
+        working_folder=path.parent,
+        surroundings=surroundings,
+        ignore=("OBK1", "OBK2", "OBK3", "OBK4", "OBK5"),
+    )
+    outcome = compile_source(SourceFile.of(str(path), text), options)
+    assert not outcome.diagnostics
+    assert outcome.plan is not None
+    plan = asdict(outcome.plan)
+    for process in plan["processes"]:
+        del process["origin"]
+    return plan
+
+
+def migrated(text: str, to: str) -> str:
+    result = migrate_source(SourceFile.of("c.yaml", text), to)  # type: ignore[arg-type]
+    assert not result.faults
+    return result.text
+
+
+def comments(text: str) -> list[str]:
+    return re.findall(r"#[^\r\n]*", text)
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.name)
+def test_a_config_compiles_to_the_same_plan_in_either_spelling(path: Path) -> None:
+    text = path.read_bytes().decode()
+    there = migrated(text, "key")
+    back = migrated(there, "seed")
+    original = plan_of(path, text)
+    for other in (there, back, migrated(back, "key")):
+        assert plan_of(path, other) == original
+        assert comments(other) == comments(text)
+
+
+@pytest.mark.parametrize("name", ["seed/dummy.yaml", "seed/dummy_py_sections.yaml"])
+def test_the_seeds_come_back_byte_for_byte(name: str) -> None:
+    text = (CORPUS / name).read_text()
+    there = migrated(text, "key")
+    assert "\nonboard:" not in there
+    assert migrated(there, "seed") == text
+
+
+NAMES = st.sampled_from("pub_ctrl sub_est a my_timer true 1 on".split())
+COMPONENTS = st.one_of(
+    NAMES.map(lambda name: {"ros_parameter": f"{name}_setting"}),
+    NAMES.map(lambda name: {"key": name}),
+    NAMES.map(lambda name: {"ros_parameter": f"{name}_setting", "key": name}),
+    NAMES.map(lambda name: {"key": "asdf", "ros_parameter": f"{name}_setting"}),
+    NAMES.map(lambda name: {"ros_parameter": name}),
+)
+NODES = st.fixed_dictionaries(
+    {"pkg": st.just("demo")},
+    optional={
+        "publishers": st.lists(COMPONENTS, max_size=3),
+        "timers": st.lists(COMPONENTS, max_size=2) | COMPONENTS,
+        "params": st.dictionaries(NAMES, st.text("ab \n#:'\"{}-\t", max_size=12), max_size=3),
+    },
+)
+SECTIONS = st.dictionaries(
+    st.sampled_from(["control", "estimation", "robot", "sensing"]),
+    st.lists(NODES, min_size=1, max_size=3) | NODES,
+    min_size=1,
+)
+HEADS = st.fixed_dictionaries({}, optional={"config": NAMES, "obk": st.just({"ignore": ["OBK4"]})})
+
+
+@st.composite
+def texts(draw: st.DrawFn) -> str:
+    """A config in either spelling and in any layout, with comments where comments can stand."""
+    head, sections = draw(HEADS), draw(SECTIONS)
+    config = {**head, "onboard": sections} if draw(st.booleans()) else {**head, **sections}
+    text: str = yaml.safe_dump(
+        config,
+        sort_keys=False,
+        default_flow_style=draw(st.sampled_from([True, False, None])),
+        indent=draw(st.sampled_from([2, 3, 4])),
+        width=draw(st.sampled_from([20, 80, 1000])),
+    )
+    if all("\n" not in value and "'" not in value for value in _texts(config)):
+        lines = text.splitlines(keepends=True)
+        for place in draw(st.lists(st.integers(0, len(lines)), max_size=4)):
+            lines.insert(place, draw(st.sampled_from(["# c\n", "    # d\n", "\n", "# e\t\n"])))
+        text = "".join(lines)
+    return text.replace("\n", draw(st.sampled_from(["\n", "\r\n"])))
+
+
+def _texts(value: object) -> list[str]:
+    if isinstance(value, dict):
+        return [text for item in value.values() for text in _texts(item)]
+    if isinstance(value, list):
+        return [text for item in value for text in _texts(item)]
+    return [str(value)]
+
+
+def canonical(text: str) -> object:
+    """What a config says, read by PyYAML and told apart from how it is spelt."""
+    value = yaml.load(text, Loader=yaml.BaseLoader)
+    head = {key: item for key, item in value.items() if key in ("config", "obk")}
+    sections = value.get("onboard") or {k: v for k, v in value.items() if k not in head}
+    return head, {key: _nodes(section) for key, section in sections.items()}
+
+
+def _nodes(section: object) -> list[object]:
+    nodes = section if isinstance(section, list) else [section]
+    return [{key: _components(key, value) for key, value in node.items()} for node in nodes]
+
+
+def _components(key: str, value: object) -> object:
+    if key not in ("publishers", "timers"):
+        return value
+    found = value if isinstance(value, list) else [value]
+    return [
+        {
+            (c.get("key") or c["ros_parameter"]).removesuffix("_setting"),
+            (c.get("ros_parameter") or c["key"]).removesuffix("_setting"),
+        }
+        for c in found
+    ]
+
+
+@ENOUGH
+@given(texts())
+def test_any_layout_says_the_same_in_either_spelling(text: str) -> None:
+    there = migrated(text, "key")
+    back = migrated(there, "seed")
+    for other in (there, back):
+        assert canonical(other) == canonical(text)
+        assert "'" in text or comments(other) == comments(text)
+        assert other.count("\r") == (other.count("\n") if "\r" in text else 0)
+    assert "onboard" not in there
+    assert migrated(there, "key") == there
+    assert migrated(back, "seed") == back
+
+
+@ENOUGH
+@given(st.text("ab:- \n[]{},&*'\"#?<key control robot publishers ros_parameter onboard _setting"))
+def test_any_text_is_migrated_or_refused(text: str) -> None:
+    migrate_source(SourceFile.of("c.yaml", text), "key")
+    migrate_source(SourceFile.of("c.yaml", text), "seed")
