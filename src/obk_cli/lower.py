@@ -1,8 +1,9 @@
 """Checked config -> plan. Total: a config that passed its checks cannot fail here."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 
-from obelisk_spec.components import SETTING_SUFFIX
+from obelisk_spec.components import DEFAULT_HISTORY_DEPTH, SETTING_SUFFIX
 from obelisk_spec.settings import format_setting
 from obk_cli.config import (
     JOYSTICK_EXECUTABLE,
@@ -15,10 +16,10 @@ from obk_cli.config import (
     Sim,
     Stack,
 )
-from obk_cli.plan import Endpoint, Origin, Plan, Process
+from obk_cli.plan import Endpoint, Origin, Plan, Process, SensorGroup
 from obk_cli.source import Span
 from obk_cli.tree import plain_value
-from obk_cli.wiring import TopicEnd, node_ends, stack_ends
+from obk_cli.wiring import TopicEnd, absolute_topic, node_ends, stack_ends
 
 __all__ = ["DEFAULT_STACK_NAME", "lower_stack"]
 
@@ -26,6 +27,7 @@ DEFAULT_STACK_NAME = "obelisk"
 _DEFAULT_SIM_PARAMETER = f"mujoco{SETTING_SUFFIX}"
 _LISTS = (("publishers", "publisher"), ("subscribers", "subscriber"), ("timers", "timer"))
 _LEFT_OUT = ("non_obelisk", "callback_key")
+_SETTING_ORDER = ("key", "ros_parameter", "topic", "msg_type", "history_depth", "timer_period_sec")
 
 
 def lower_stack(stack: Stack) -> Plan:
@@ -41,6 +43,7 @@ def _lower_node(node: Node) -> Process:
     assert node.pkg is not None  # required keys: a config without them did not pass
     assert node.executable is not None
     ends = tuple(node_ends(node))
+    models = (_path(s.model, s.model.written.value) for s in node.sims if s.model is not None)
     return Process(
         node=node.node_name,
         namespace=node.ros_namespace,
@@ -55,7 +58,24 @@ def _lower_node(node: Node) -> Process:
         log_level=node.log_level.value if node.log_level else None,
         publishes=_endpoints(ends, "publishes"),
         subscribes=_endpoints(ends, "subscribes"),
+        model=next(models, None) if node.runs_simulation else None,
+        sensor_groups=tuple(_sensor_groups(node)) if node.runs_simulation else (),
     )
+
+
+def _sensor_groups(node: Node) -> Iterator[SensorGroup]:
+    for sim in node.sims:
+        blocks = sim.block.get("sensor_settings")
+        for group, block in zip(
+            sim.sensor_groups, blocks if isinstance(blocks, list) else (), strict=True
+        ):
+            scan = block.get("scan_config") or {}
+            yield SensorGroup(
+                topic=absolute_topic(group.topic.value, node),
+                kind=group.msg_type.value if group.msg_type else "",
+                sensors=block.get("sensor_names") or {},
+                rays=(scan.get("pattern") or {}).get("type"),
+            )
 
 
 def _endpoints(ends: tuple[TopicEnd, ...], direction: str) -> tuple[Endpoint, ...]:
@@ -72,9 +92,8 @@ def _origin(span: Span) -> Origin:
 
 def _parameters(node: Node) -> Iterator[tuple[str, ParameterValue]]:
     """All ROS parameters of a node: the settings of its components, then the user's own."""
-    for component in node.components:
-        if component.ros_parameter is not None:
-            yield component.ros_parameter.value, format_setting(_setting(component))
+    for name, component in _component_parameters(node).items():
+        yield name, format_setting(_setting(component))
     if node.components or node.callback_groups:
         yield "obelisk_settings", format_setting(_all_settings(node))
     if node.params_path is not None:
@@ -91,21 +110,46 @@ def _parameters(node: Node) -> Iterator[tuple[str, ParameterValue]]:
         yield parameter.name, parameter.value
 
 
+def _component_parameters(node: Node) -> Mapping[str, Component]:
+    """The ROS parameter of each component; two that have only a key in common have none."""
+    taken = {c.ros_parameter.value for c in node.components if c.ros_parameter}
+    names = [(_parameter_name(component), component) for component in node.components]
+    by_key = Counter(name for name, component in names if component.ros_parameter is None)
+    return {
+        name: component
+        for name, component in names
+        if component.ros_parameter or (by_key[name] == 1 and name not in taken)
+    }
+
+
+def _parameter_name(component: Component) -> str:
+    if component.ros_parameter is not None:
+        return component.ros_parameter.value
+    return f"{component.identity}{SETTING_SUFFIX}"
+
+
 def _path(search: FileSearch | None, written: str) -> str:
     """The file if it was found, else the path as written: what it means is up to the node."""
     return str(search.found) if search and search.found else written
 
 
 def _setting(component: Component) -> Mapping[str, object]:
-    """A component's entry as the run time reads it: what was written, without what says nothing."""
-    value = plain_value(component.tree)
-    assert isinstance(value, dict)  # a component's tree is a mapping
+    """A component's entry as the run time reads it: the same in whichever spelling it was written.
+
+    Both names and the default depth are filled in; what says nothing is left out.
+    """
+    written = plain_value(component.tree)
+    assert isinstance(written, dict)  # a component's tree is a mapping
+    filled = {"key": component.identity, "ros_parameter": _parameter_name(component), **written}
+    if component.kind != "timer" and component.qos.history_depth is None:
+        filled.setdefault("history_depth", DEFAULT_HISTORY_DEPTH)
+    ordered = (*_SETTING_ORDER, *(key for key in filled if key not in _SETTING_ORDER))
     return {
-        key: item
-        for key, item in value.items()
-        if item is not None
+        key: filled[key]
+        for key in ordered
+        if filled.get(key) is not None
         and key not in _LEFT_OUT
-        and not (key == "callback_group" and item == "None")
+        and not (key == "callback_group" and filled[key] == "None")
     }
 
 
@@ -121,7 +165,11 @@ def _all_settings(node: Node) -> Mapping[str, object]:
 
 def _sim_setting(sim: Sim) -> Mapping[str, object]:
     """The block for the simulator, its paths resolved."""
-    block = {key: value for key, value in sim.block.items() if value not in (None, "None")}
+    block = {
+        key: value
+        for key, value in sim.block.items()
+        if value not in (None, "None") and key != "ros_parameter"
+    }
     if sim.model is not None:
         block["model_xml_path"] = _path(sim.model, sim.model.written.value)
     found = {file.written.value: _path(file, file.written.value) for file in sim.files}
@@ -147,4 +195,5 @@ def _lower_joystick(joystick: Joystick, stack: Stack) -> Process:
         remappings=tuple((name, topic.value) for name, topic in topics if topic is not None),
         publishes=_endpoints(ends, "publishes"),
         subscribes=_endpoints(ends, "subscribes"),
+        has_lifecycle=False,
     )

@@ -7,7 +7,7 @@ Holds no YAML and no ROS types.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-__all__ = ["TIERS", "Endpoint", "Origin", "ParameterValue", "Plan", "Process"]
+__all__ = ["TIERS", "Endpoint", "Origin", "ParameterValue", "Plan", "Process", "SensorGroup"]
 
 ParameterValue = (
     bool
@@ -49,6 +49,20 @@ class Endpoint:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SensorGroup:
+    """What a simulator reads from its model and publishes on one topic."""
+
+    topic: str
+    """Absolute; one of the process's own publishing ends."""
+    kind: str
+    """The group's `msg_type` as the config has it, `ObkImu`."""
+    sensors: Mapping[str, str] = field(default_factory=dict)
+    """MuJoCo sensor name -> MuJoCo sensor type."""
+    rays: str | None = None
+    """The pattern of a ray caster, `lidar_scan`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Process:
     """One node and the process that runs it."""
 
@@ -67,6 +81,11 @@ class Process:
     log_level: str | None = None
     publishes: tuple[Endpoint, ...] = ()
     subscribes: tuple[Endpoint, ...] = ()
+    model: str | None = None
+    """Path of the MuJoCo model that stands in for the robot."""
+    sensor_groups: tuple[SensorGroup, ...] = ()
+    has_lifecycle: bool = True
+    """Whether the node has a life cycle; ROS's joystick node does not."""
 
     @property
     def full_name(self) -> str:

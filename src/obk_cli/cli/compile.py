@@ -1,11 +1,14 @@
-"""`obk compile CONFIG`: the plan, or the parameter files that the nodes are started with."""
+"""`obk compile CONFIG`: a config as parameters, a launch file, a picture or JSON."""
 
+import os
+import re
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from obelisk_spec.near import did_you_mean, list_names
 from obk_cli.adapters.files import explain_os_error
 from obk_cli.cli.config_options import (
     ColourOption,
@@ -15,53 +18,74 @@ from obk_cli.cli.config_options import (
     make_options,
     wants_colour,
 )
-from obk_cli.emit.params import emit_params, params_file_name
-from obk_cli.emit.plan_json import emit_plan
+from obk_cli.emit.forms import FORMS, Form
 from obk_cli.emit.write import write_text
 from obk_cli.errors import EXIT_FAILED, CommandFailedError, MisuseError
-from obk_cli.pipeline import compile_config
+from obk_cli.pipeline import Options, compile_config
 from obk_cli.plan import Plan
 from obk_cli.report.text import report_text, summary
 
-__all__ = ["EXAMPLE", "command"]
+__all__ = ["EXAMPLE", "OutputOption", "command", "deliver", "plan_or_exit"]
 
-EXAMPLE = "Example: obk compile config.yaml --to params --output build/params"
+EXAMPLE = "Example: obk compile config.yaml --to params --output build/dummy.params.yaml"
+
+OutputOption = Annotated[
+    str | None,
+    typer.Option(metavar="FILE|DIR", help="Where to write; in a folder it is named by the stack."),
+]
 
 
 def command(
     config: ConfigArgument,
-    to: Annotated[str, typer.Option(metavar="params|plan", help="What to make.")] = "plan",
-    output: Annotated[
-        Path | None,
-        typer.Option(help="File to write, for params a folder with a file for each node."),
-    ] = None,
+    to: Annotated[str, typer.Option(metavar="|".join(FORMS), help="What to make.")] = "plan",
+    output: OutputOption = None,
     ignore: IgnoreOption = None,
     set_: SetOption = None,
     color: ColourOption = "auto",
 ) -> None:
-    """Turn a valid config into what others read. Findings go to stderr."""
-    if to not in ("params", "plan"):
-        raise MisuseError(f"`--to {to}`: expected `params` or `plan`")
-    outcome = compile_config(config, make_options(set_, ignore))
+    """Turn a valid config into what others read. Findings go to stderr.
+
+    plan: all processes as JSON. params: a file for --params-file, for all nodes. launch: a file for
+    `ros2 launch`. mermaid, dot, svg: the block diagram. json: nodes, topics, edges.
+    """
+    form = FORMS.get(to)
+    if form is None:
+        help = did_you_mean(to, FORMS)
+        raise MisuseError(f"`--to {to}`: expected one of {list_names(tuple(FORMS))}", help=help)
+    plan = plan_or_exit(config, make_options(set_, ignore), wants_colour(color, to_stderr=True))
+    deliver(plan, form, output)
+
+
+def plan_or_exit(config: str, options: Options, colour: bool) -> Plan:
+    """The plan of a config; tells its findings on stderr.
+
+    Raises:
+        typer.Exit: the config has errors.
+    """
+    outcome = compile_config(config, options)
     if outcome.diagnostics:
-        colour = wants_colour(color, to_stderr=True)
         print(report_text(outcome.diagnostics, colour=colour), end="\n\n", file=sys.stderr)
         print(summary([outcome.path], outcome.diagnostics, colour=colour), file=sys.stderr)
     if outcome.plan is None:
         raise typer.Exit(EXIT_FAILED)
-    _deliver(outcome.plan, to, output)
+    return outcome.plan
 
 
-def _deliver(plan: Plan, to: str, output: Path | None) -> None:
+def deliver(plan: Plan, form: Form, output: str | None) -> None:
+    """Print a form of the plan, or write it to a file if that changes the file.
+
+    Raises:
+        CommandFailedError: the file cannot be written.
+    """
+    text = form.emit(plan)
     if output is None:
-        print(emit_plan(plan) if to == "plan" else emit_params(plan.processes), end="")
+        print(text, end="")
         return
-    texts = {output: emit_plan(plan)}
-    if to == "params":
-        texts = {output / params_file_name(p): emit_params((p,)) for p in plan.processes}
-    for path, text in texts.items():
-        try:
-            write_text(path, text)
-        except OSError as error:
-            reason = explain_os_error(error)
-            raise CommandFailedError(f"`{path}` cannot be written: {reason}") from error
+    path = Path(output)
+    if path.is_dir() or output.endswith(os.sep):
+        path /= re.sub(r"[^\w.-]", "_", plan.name) + form.ending
+    try:
+        write_text(path, text)
+    except OSError as error:
+        reason = explain_os_error(error)
+        raise CommandFailedError(f"`{path}` cannot be written: {reason}") from error

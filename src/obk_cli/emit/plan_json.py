@@ -1,8 +1,8 @@
-"""A plan as JSON, for other programs."""
+"""A plan as JSON, for other programs; `schema/plan.schema.json` describes it."""
 
-import json
 from dataclasses import asdict
 
+from obk_cli.emit.json_text import json_text
 from obk_cli.plan import Plan
 
 __all__ = ["emit_plan"]
@@ -10,4 +10,4 @@ __all__ = ["emit_plan"]
 
 def emit_plan(plan: Plan) -> str:
     """The text of a plan: `name`, and `processes` in the order of the config."""
-    return json.dumps(asdict(plan), indent=2, ensure_ascii=False) + "\n"
+    return json_text(asdict(plan))

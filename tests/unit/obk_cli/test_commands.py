@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.cli.main import VERBS, main
+from obk_cli.emit.forms import FORMS
 
 CASES = Path(__file__).parents[2] / "cases"
 SOUND = CASES / "accept/OBK004/topic_twice.yaml"
@@ -133,16 +134,26 @@ def test_compile_to_a_plan(capsys: pytest.CaptureFixture[str]) -> None:
     ]
 
 
-def test_compile_to_a_folder_of_parameter_files(
+@pytest.mark.parametrize("form", FORMS)
+def test_compile_into_a_folder_names_the_file_by_the_stack(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, form: str
+) -> None:
+    arguments = ("compile", str(SOUND), "--ignore", "OBK4", "--to", form)
+    printed = Result(capsys, *arguments)
+    written = Result(capsys, *arguments, "--output", f"{tmp_path}/new/")
+    assert (printed.code, written.code, written.out) == (0, 0, "")
+    (path,) = (tmp_path / "new").iterdir()
+    assert path.name == f"arm{FORMS[form].ending}"
+    assert path.read_text() == printed.out
+
+
+def test_compile_into_what_is_no_folder_fails(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    arguments = ("compile", str(SOUND), "--ignore", "OBK4", "--to", "params", "--output")
-    result = Result(capsys, *arguments, str(tmp_path / "out"))
-    assert (result.code, result.out) == (0, "")
-    names = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert names == ["obelisk_control_0.yaml", "obelisk_estimation_0.yaml", "obelisk_robot_0.yaml"]
     (tmp_path / "file").touch()
-    result = Result(capsys, *arguments, str(tmp_path / "file"))
+    result = Result(
+        capsys, "compile", str(SOUND), "--ignore", "OBK4", "--output", f"{tmp_path}/file/x.json"
+    )
     assert result.code == 1
     assert "cannot be written" in result.err
 

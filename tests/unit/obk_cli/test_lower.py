@@ -4,7 +4,7 @@ from obelisk_spec.settings import parse_component_setting, parse_mapping
 from obk_cli.config import FileSearch, Spanned
 from obk_cli.lower import lower_stack
 from obk_cli.parse import parse_source
-from obk_cli.plan import Endpoint, Plan
+from obk_cli.plan import Endpoint, Plan, SensorGroup
 from obk_cli.read.stack import read_stack
 from obk_cli.resolve.paths import resolve_paths
 from obk_cli.source import SourceFile, Span
@@ -68,6 +68,14 @@ class Nothing:
         return None
 
 
+def lower_text(text: str) -> Plan:
+    parsed = parse_source(SourceFile.of("arm.yaml", text))
+    assert parsed.tree is not None
+    stack, _ = read_stack(parsed.tree)
+    assert stack is not None
+    return lower_stack(stack)
+
+
 def lower(folder: Path) -> Plan:
     parsed = parse_source(SourceFile.of("arm.yaml", CONFIG))
     assert parsed.tree is not None
@@ -97,6 +105,7 @@ def test_the_plan_brings_the_robot_up_first(tmp_path: Path) -> None:
 def test_a_component_is_emitted_under_its_parameter_and_in_the_settings(tmp_path: Path) -> None:
     _, control, _ = lower(tmp_path).processes
     setting = {
+        "key": "sub_q",
         "ros_parameter": "sub_q_setting",
         "topic": "/q",
         "msg_type": "JointEncoders",
@@ -106,12 +115,46 @@ def test_a_component_is_emitted_under_its_parameter_and_in_the_settings(tmp_path
     assert parse_mapping(str(control.parameters["obelisk_settings"])) == {"subscribers": [setting]}
 
 
-def test_a_component_with_only_a_key_is_in_the_settings_alone(tmp_path: Path) -> None:
+def test_a_component_with_only_a_key_gets_its_parameter_and_defaults(tmp_path: Path) -> None:
     robot, *_ = lower(tmp_path).processes
+    setting = {
+        "key": "pub_true_sim_state",
+        "ros_parameter": "pub_true_sim_state_setting",
+        "topic": "state",
+        "history_depth": 10,
+    }
     settings = parse_mapping(str(robot.parameters["obelisk_settings"]))
-    assert settings["publishers"] == [{"key": "pub_true_sim_state", "topic": "state"}]
+    assert settings["publishers"] == [setting]
     assert settings["callback_groups"] == {"fast": "ReentrantCallbackGroup"}
-    assert "pub_true_sim_state_setting" not in robot.parameters
+    own = robot.parameters["pub_true_sim_state_setting"]
+    assert parse_component_setting(str(own)) == setting
+
+
+def test_components_that_share_a_key_have_no_parameter_of_their_own() -> None:
+    ends = [f"{{key: state, topic: /{topic}}}" for topic in ("in", "out")]
+    text = f"subscribers: [{ends[0]}]\n  publishers: [{ends[1]}]"
+    (process,) = lower_text(f"robot:\n  pkg: a\n  executable: b\n  {text}\n").processes
+    assert set(process.parameters) == {"obelisk_settings"}
+
+
+def test_a_simulator_tells_what_it_reads_from_its_model(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").touch()
+    robot, control, joystick = lower(tmp_path).processes
+    assert robot.model == str(tmp_path / "arm.xml")
+    assert robot.sensor_groups == (
+        SensorGroup(topic="/q", kind="JointEncoders", sensors={"a": "jointpos"}),
+    )
+    assert (control.model, control.sensor_groups) == (None, ())
+    assert [p.has_lifecycle for p in (robot, control, joystick)] == [True, True, False]
+
+
+def test_a_real_robot_reads_no_model() -> None:
+    (process,) = lower_text(
+        "robot:\n  pkg: a\n  executable: b\n  is_simulated: false\n"
+        "  sim: {model_xml_path: x.xml, sensor_settings: "
+        "[{topic: /q, dt: 0.1, msg_type: Imu, sensor_names: {a: gyro}}]}\n"
+    ).processes
+    assert (process.model, process.sensor_groups) == (None, ())
 
 
 def test_user_parameters_are_dotted_and_lists_of_one_type(tmp_path: Path) -> None:

@@ -1,0 +1,41 @@
+"""Every form that a plan can be written in, by the name that `--to` takes."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+from obk_cli.emit.dot import emit_dot
+from obk_cli.emit.graph import graph_of
+from obk_cli.emit.graph_json import emit_graph_json
+from obk_cli.emit.launch_file import emit_launch_file
+from obk_cli.emit.mermaid import emit_mermaid
+from obk_cli.emit.params import emit_params
+from obk_cli.emit.plan_json import emit_plan
+from obk_cli.emit.svg import emit_svg
+from obk_cli.plan import Plan
+
+__all__ = ["FORMS", "Form"]
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """One back end."""
+
+    emit: Callable[[Plan], str]
+    ending: str
+    """How its files end, `.params.yaml`."""
+
+
+FORMS: Final[Mapping[str, Form]] = MappingProxyType(
+    {
+        "plan": Form(emit_plan, ".plan.json"),
+        "params": Form(lambda plan: emit_params(plan.processes), ".params.yaml"),
+        "launch": Form(emit_launch_file, ".launch.py"),
+        "mermaid": Form(lambda plan: emit_mermaid(graph_of(plan)), ".mmd"),
+        "dot": Form(lambda plan: emit_dot(graph_of(plan)), ".dot"),
+        "svg": Form(lambda plan: emit_svg(graph_of(plan)), ".svg"),
+        "json": Form(lambda plan: emit_graph_json(graph_of(plan)), ".graph.json"),
+    }
+)
+"""Name -> form."""

@@ -1,0 +1,164 @@
+"""Plan -> the graph that every picture shows: nodes, topics between them, what is said of each.
+
+The nodes stand in bring-up order, the topics in the order in which the nodes have them.
+"""
+
+import unicodedata
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import PurePath
+
+from obk_cli.plan import TIERS, Endpoint, Plan, Process, SensorGroup
+
+__all__ = ["Graph", "GraphNode", "GraphTopic", "graph_of", "printable"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GraphNode:
+    """A node of the stack."""
+
+    name: str
+    """Full name."""
+    section: str
+    device: str
+    package: str
+    executable: str
+    model: str | None
+    """Path of the MuJoCo model that stands in for the robot."""
+
+    @property
+    def title(self) -> str:
+        """The name without the slash that every name in the root namespace has."""
+        return printable(self.name if self.name.count("/") > 1 else self.name.lstrip("/"))
+
+    @property
+    def facts(self) -> tuple[str, ...]:
+        """What a picture says below the title."""
+        model = (f"MuJoCo {PurePath(self.model).name}",) if self.model else ()
+        return tuple(printable(fact) for fact in (self.package, self.executable, *model))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GraphTopic:
+    """A topic, and which nodes are at its ends, by full name."""
+
+    name: str
+    msg_type: str | None
+    rate_hz: float | None
+    publishers: tuple[str, ...]
+    subscribers: tuple[str, ...]
+    sensor_groups: tuple[SensorGroup, ...]
+    """What the simulator publishes on it."""
+
+    @property
+    def title(self) -> str:
+        """The name, fit to be shown."""
+        return printable(self.name)
+
+    @property
+    def summary(self) -> str:
+        """Type and rate: `ObkImu, 500 Hz`."""
+        kind = self.msg_type.rpartition("/")[2] if self.msg_type else "type set in the code"
+        return printable(kind if self.rate_hz is None else f"{kind}, {_rate(self.rate_hz)}")
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """A line for each kind of sensor: `jointpos hip_sensor +11`, `lidar_scan rays`."""
+        return tuple(
+            printable(line) for group in self.sensor_groups for line in _sensor_lines(group)
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Graph:
+    """A stack as a picture shows it."""
+
+    name: str
+    nodes: tuple[GraphNode, ...]
+    topics: tuple[GraphTopic, ...]
+
+    @property
+    def devices(self) -> tuple[str, ...]:
+        """The devices, in the order of the nodes."""
+        return tuple(dict.fromkeys(node.device for node in self.nodes))
+
+    @property
+    def title(self) -> str:
+        """The stack's name and how much is in it."""
+        return printable(
+            f"{self.name}: {_counted(len(self.nodes), 'node')}, "
+            f"{_counted(len(self.topics), 'topic')}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _End:
+    node: str
+    is_published: bool
+    endpoint: Endpoint
+
+
+def graph_of(plan: Plan) -> Graph:
+    """The graph of a plan."""
+    processes = sorted(plan.processes, key=lambda process: TIERS.index(process.section))
+    ends: dict[str, list[_End]] = {}
+    for process in processes:
+        for is_published, endpoints in ((True, process.publishes), (False, process.subscribes)):
+            for endpoint in endpoints:
+                end = _End(process.full_name, is_published, endpoint)
+                ends.setdefault(endpoint.topic, []).append(end)
+    groups: dict[str, list[SensorGroup]] = {}
+    for group in (group for process in processes for group in process.sensor_groups):
+        groups.setdefault(group.topic, []).append(group)
+    return Graph(
+        name=plan.name,
+        nodes=tuple(_node(process) for process in processes),
+        topics=tuple(_topic(name, own, groups.get(name, [])) for name, own in ends.items()),
+    )
+
+
+def printable(text: str) -> str:
+    """The text with what no picture can show, line ends among it, replaced."""
+    return "".join("\ufffd" if unicodedata.category(c) in ("Cc", "Cs") else c for c in text)
+
+
+def _node(process: Process) -> GraphNode:
+    return GraphNode(
+        name=process.full_name,
+        section=process.section,
+        device=process.device,
+        package=process.package,
+        executable=process.executable,
+        model=process.model,
+    )
+
+
+def _topic(name: str, ends: list[_End], groups: list[SensorGroup]) -> GraphTopic:
+    types = (end.endpoint.msg_type for end in ends)
+    rates = (end.endpoint.rate_hz for end in ends)
+    return GraphTopic(
+        name=name,
+        msg_type=next((msg_type for msg_type in types if msg_type), None),
+        rate_hz=next((rate for rate in rates if rate), None),
+        publishers=tuple(dict.fromkeys(end.node for end in ends if end.is_published)),
+        subscribers=tuple(dict.fromkeys(end.node for end in ends if not end.is_published)),
+        sensor_groups=tuple(groups),
+    )
+
+
+def _sensor_lines(group: SensorGroup) -> Iterator[str]:
+    by_type: dict[str, list[str]] = {}
+    for name, kind in group.sensors.items():
+        by_type.setdefault(kind, []).append(name)
+    for kind, names in by_type.items():
+        yield f"{kind} {names[0]}" + (f" +{len(names) - 1}" if len(names) > 1 else "")
+    if group.rays is not None:
+        yield f"{group.rays} rays"
+
+
+def _rate(rate_hz: float) -> str:
+    return f"{rate_hz:.0f} Hz" if rate_hz >= 100 else f"{rate_hz:.3g} Hz"
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"

@@ -1,0 +1,190 @@
+"""The graph as an SVG picture, laid out and drawn here: needs no other program.
+
+Letters are of one width, so that boxes fit whatever font stands in.
+"""
+
+import unicodedata
+from collections.abc import Iterator
+from html import escape
+from itertools import pairwise
+
+from obk_cli.emit.colours import SECTION_COLOURS
+from obk_cli.emit.graph import Graph, GraphNode, GraphTopic, printable
+from obk_cli.emit.layout import Band, Box, Layout, Way, lay_out
+
+__all__ = ["emit_svg"]
+
+_FONT = "ui-monospace, 'DejaVu Sans Mono', Menlo, Consolas, monospace"
+_LETTER = 0.61
+"""Width of a letter, as part of the font's size."""
+_MARGIN = 24.0
+_HEADING = 46.0
+_PADDING = 12.0
+_TITLE_PX = 13.0
+_TEXT_PX = 11.0
+_LINE_PX = 16.0
+_LONGEST = 44
+"""Letters of a line that are shown; the whole text is in the box's tooltip."""
+_CORNER = 7.0
+
+
+def emit_svg(graph: Graph) -> str:
+    """The text of the picture."""
+    return "".join(f"{line}\n" for line in _lines(graph, lay_out(graph, _size)))
+
+
+def _lines(graph: Graph, layout: Layout) -> Iterator[str]:
+    title_width = _text_width(graph.title, 16)
+    width = max(layout.width, title_width) + 2 * _MARGIN
+    height = layout.height + _HEADING + 2 * _MARGIN
+    yield (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{height:.0f}" '
+        f'viewBox="0 0 {width:.0f} {height:.0f}" font-family="{_FONT}" role="img">'
+    )
+    yield f"<title>{escape(graph.title)}</title>"
+    yield f'<rect width="{width:.0f}" height="{height:.0f}" fill="#ffffff"/>'
+    yield _text(graph.title, _MARGIN, _MARGIN + 16, 16, "#1b1f24", bold=True)
+    yield f'<g transform="translate({_n(_MARGIN)} {_n(_MARGIN + _HEADING)})">'
+    for band in layout.bands:
+        yield from _band(band, layout.width)
+    # Those that run back first: they cross below the others.
+    for way in sorted(layout.ways, key=lambda way: not way.is_return):
+        yield from _way(way)
+    for box in layout.boxes:
+        yield from _node(box) if isinstance(box.item, GraphNode) else _topic(box)
+    yield from ("</g>", "</svg>")
+
+
+def _size(item: GraphNode | GraphTopic) -> tuple[float, float]:
+    title, lines = _content(item)
+    widths = (_text_width(title, _TITLE_PX), *(_text_width(line, _TEXT_PX) for line in lines))
+    return max(widths) + 2 * _PADDING, (1 + len(lines)) * _LINE_PX + 14
+
+
+def _content(item: GraphNode | GraphTopic) -> tuple[str, tuple[str, ...]]:
+    """What a box says: its title, and the lines below."""
+    lines = item.facts if isinstance(item, GraphNode) else (item.summary, *item.sensors)
+    if isinstance(item, GraphNode):
+        lines = (item.section, *lines)
+    return _shortened(item.title), tuple(map(_shortened, lines))
+
+
+def _band(band: Band, width: float) -> Iterator[str]:
+    yield (
+        f'<rect x="0" y="{_n(band.y)}" width="{_n(width)}" height="{_n(band.height)}" rx="10" '
+        'fill="#f6f8fa" stroke="#d0d7de"/>'
+    )
+    yield _text(printable(band.device), 12, band.y + 20, 12, "#57606a", bold=True)
+
+
+def _node(box: Box) -> Iterator[str]:
+    assert isinstance(box.item, GraphNode)
+    colour = SECTION_COLOURS[box.item.section]
+    title, (section, *facts) = _content(box.item)
+    tooltip = "\n".join((box.item.title, *box.item.facts))
+    yield f"<g><title>{escape(tooltip)}</title>"
+    yield _rect(box, 6, f'fill="{colour.light}" stroke="{colour.dark}" stroke-width="1.5"')
+    x, y = box.x + _PADDING, box.y + _LINE_PX + 3
+    yield _text(title, x, y, _TITLE_PX, "#1b1f24", bold=True)
+    yield _text(section, x, y + _LINE_PX, _TEXT_PX, colour.dark, bold=True)
+    for i, fact in enumerate(facts):
+        yield _text(fact, x, y + (i + 2) * _LINE_PX, _TEXT_PX, "#3d444d")
+    yield "</g>"
+
+
+def _topic(box: Box) -> Iterator[str]:
+    assert isinstance(box.item, GraphTopic)
+    title, (summary, *sensors) = _content(box.item)
+    is_whole = box.item.publishers and box.item.subscribers
+    dashes = "" if is_whole else ' stroke-dasharray="4 3"'
+    yield f"<g><title>{escape(_topic_tooltip(box.item))}</title>"
+    yield _rect(box, 16, f'fill="#ffffff" stroke="#8c959f"{dashes}')
+    x, y = box.x + _PADDING, box.y + _LINE_PX + 3
+    yield _text(title, x, y, _TEXT_PX, "#1b1f24", bold=True)
+    yield _text(summary, x, y + _LINE_PX, _TEXT_PX, "#3d444d")
+    for i, sensor in enumerate(sensors):
+        yield _text(sensor, x, y + (i + 2) * _LINE_PX, _TEXT_PX, SECTION_COLOURS["robot"].dark)
+    yield "</g>"
+
+
+def _topic_tooltip(topic: GraphTopic) -> str:
+    lines = [topic.title, topic.msg_type or topic.summary]
+    for group in topic.sensor_groups:
+        lines += [f"{kind} {name}" for name, kind in group.sensors.items()]
+    if not topic.subscribers:
+        lines.append("nothing in the config reads it")
+    if not topic.publishers:
+        lines.append("nothing in the config publishes it")
+    return "\n".join(map(printable, lines))
+
+
+def _way(way: Way) -> Iterator[str]:
+    colour = SECTION_COLOURS[way.section].dark
+    path = _corners(way) if way.is_return else _bends(way)
+    yield f'<path d="{path}" fill="none" stroke="{colour}" stroke-width="1.5" opacity="0.75"/>'
+    if way.has_arrow:
+        x, y = way.points[-1]
+        yield f'<path d="M{_n(x)} {_n(y)}l-9 -4v8z" fill="{colour}"/>'
+
+
+def _bends(way: Way) -> str:
+    """A bend between two layers, a straight line through one, in turn."""
+    (x, y), *_ = way.points
+    parts = [f"M{_n(x)} {_n(y)}"]
+    for i, ((x0, y0), (x1, y1)) in enumerate(pairwise(way.points)):
+        middle = _n((x0 + x1) / 2)
+        is_bend = i % 2 == 0
+        parts.append(
+            f"C{middle} {_n(y0)} {middle} {_n(y1)} {_n(x1)} {_n(y1)}" if is_bend else f"H{_n(x1)}"
+        )
+    return "".join(parts)
+
+
+def _corners(way: Way) -> str:
+    """Right angles with round corners."""
+    first, *inner, last = way.points
+    parts = [f"M{_n(first[0])} {_n(first[1])}"]
+    for before, (x, y), after in zip((first, *inner), inner, (*inner[1:], last), strict=False):
+        start, end = _towards((x, y), before), _towards((x, y), after)
+        parts.append(f"L{_n(start[0])} {_n(start[1])}Q{_n(x)} {_n(y)} {_n(end[0])} {_n(end[1])}")
+    return "".join((*parts, f"L{_n(last[0])} {_n(last[1])}"))
+
+
+def _towards(corner: tuple[float, float], point: tuple[float, float]) -> tuple[float, float]:
+    """The place a little off a corner, on the straight line to a point."""
+    (x, y), (to_x, to_y) = corner, point
+    length = abs(to_x - x) + abs(to_y - y)
+    share = min(_CORNER / length, 0.5) if length else 0.0
+    return x + (to_x - x) * share, y + (to_y - y) * share
+
+
+def _rect(box: Box, radius: float, style: str) -> str:
+    return (
+        f'<rect x="{_n(box.x)}" y="{_n(box.y)}" width="{_n(box.width)}" '
+        f'height="{_n(box.height)}" rx="{_n(radius)}" {style}/>'
+    )
+
+
+def _text(text: str, x: float, y: float, size: float, fill: str, *, bold: bool = False) -> str:
+    weight = ' font-weight="600"' if bold else ""
+    return (
+        f'<text x="{_n(x)}" y="{_n(y)}" font-size="{_n(size)}" fill="{fill}"{weight}>'
+        f"{escape(text)}</text>"
+    )
+
+
+def _text_width(text: str, size: float) -> float:
+    wide = sum(unicodedata.east_asian_width(letter) in "WF" for letter in text)
+    return (len(text) + wide) * size * _LETTER
+
+
+def _shortened(text: str) -> str:
+    if len(text) <= _LONGEST:
+        return text
+    kept = _LONGEST // 2
+    return f"{text[: kept - 1]}\u2026{text[-kept:]}"
+
+
+def _n(value: float) -> str:
+    """A coordinate, without what no eye sees."""
+    return f"{value:.1f}".removesuffix(".0")
