@@ -9,12 +9,12 @@ from typing import Any
 
 from obelisk_spec.model import ModelFacts, SensorFact
 from obelisk_spec.near import did_you_mean, list_names, near_names
+from obelisk_spec.scans import check_scan
 from obelisk_spec.sensors import SENSOR_GROUPS, GroupRule, sensor_group
 from obelisk_spec.sim_faults import SimFault, SimPath
 
 __all__ = ["check_group_against_model", "check_group_rule"]
 
-_GEOM_GROUPS = range(6)
 _ONE_PLACE = 2
 """From this many sensors on they can disagree about where they sit."""
 
@@ -34,8 +34,7 @@ def check_group_rule(group: Mapping[str, Any], path: SimPath) -> Iterator[SimFau
         return
     if rule.reads_sensors:
         yield from _check_types(group.get("sensor_names") or {}, written, rule, path)
-    if rule.patterns:
-        yield from _check_pattern(group.get("scan_config") or {}, written, rule, path)
+    yield from _check_scan_given(group, written, rule, path)
 
 
 def _check_types(
@@ -91,29 +90,20 @@ def _check_counts(
         )
 
 
-def _check_pattern(
-    scan: Mapping[str, Any], written: str, rule: GroupRule, path: SimPath
+def _check_scan_given(
+    group: Mapping[str, Any], written: str, rule: GroupRule, path: SimPath
 ) -> Iterator[SimFault]:
-    pattern = scan.get("pattern")
-    kind = pattern.get("type") if isinstance(pattern, Mapping) else None
-    if isinstance(kind, str) and kind not in rule.patterns:
+    scan = group.get("scan_config")
+    if isinstance(scan, Mapping):
+        yield from check_scan(scan, written, rule, (*path, "scan_config"))
+    elif rule.patterns and group.get("config_path") is None:
         yield SimFault(
-            code="OBK305",
+            code="OBK102",
             severity="error",
-            path=(*path, "scan_config", "pattern", "type"),
-            message=f"`{written}` cannot carry the ray pattern `{kind}`",
-            help=f"it takes {list_names(rule.patterns)}",
+            path=path,
+            message=f"a sensor group of `{written}` has neither `scan_config` nor `config_path`",
+            help="it names the site that the rays start from, and their pattern",
         )
-    groups = scan.get("geom_groups")
-    for index, group in enumerate(groups if isinstance(groups, list | tuple) else ()):
-        if not (isinstance(group, int) and group in _GEOM_GROUPS):
-            yield SimFault(
-                code="OBK314",
-                severity="error",
-                path=(*path, "scan_config", "geom_groups", index),
-                message=f"geom group {group!r} does not exist",
-                help="MuJoCo has the groups 0 to 5",
-            )
 
 
 def check_group_against_model(

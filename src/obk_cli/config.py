@@ -155,6 +155,8 @@ class Sim:
     """Whether the block was read without an error, so that it can be checked further."""
     model: FileSearch | None = None
     files: tuple[FileSearch, ...] = ()
+    checked: TreeMap | None = None
+    """`tree` with the files of `config_path` in place, where there are any."""
 
     @property
     def span(self) -> Span:

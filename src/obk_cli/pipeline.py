@@ -20,6 +20,7 @@ from obk_cli.read.stack import read_stack
 from obk_cli.resolve.include import Loaded, resolve_includes
 from obk_cli.resolve.overrides import resolve_overrides
 from obk_cli.resolve.paths import resolve_paths
+from obk_cli.resolve.ray_casters import resolve_ray_casters
 from obk_cli.resolve.variables import resolve_variables
 from obk_cli.silence import silence
 from obk_cli.source import SourceFile, Span
@@ -93,6 +94,8 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
     stack, faults = _front(source, options)
     if stack is not None:
         stack = resolve_paths(stack, folder, surroundings)
+        stack, scan_faults = resolve_ray_casters(stack, lambda path: _load_shown(path, options))
+        faults += scan_faults
         is_whole = not any(fault.code in _LOSES_TEXT for fault in faults)
         faults += check_stack(stack, surroundings, is_whole=is_whole)
     ignore = (*options.ignore, *(stack.ignored_codes if stack else ()))
@@ -156,12 +159,19 @@ def _parse_value(source: SourceFile) -> tuple[Tree | None, tuple[Diagnostic, ...
     return parsed.tree, parsed.diagnostics
 
 
-def _load(path: str, environment: Mapping[str, str]) -> Loaded:
+def _load(path: str, environment: Mapping[str, str], *, shown: str | None = None) -> Loaded:
     data = read_bytes(path)
     if isinstance(data, str):
         return Loaded(unreadable=data)
-    source = decode_source(path, data)
+    source = decode_source(shown or path, data)
     if isinstance(source, Diagnostic):
         return Loaded(diagnostics=(source,))
     tree, faults = _parse(source, environment)
     return Loaded(tree=tree, diagnostics=faults)
+
+
+def _load_shown(path: Path, options: Options) -> Loaded:
+    """A file under the path that a person in the working folder would write."""
+    is_near = path.is_relative_to(options.working_folder)
+    shown = path.relative_to(options.working_folder) if is_near else path
+    return _load(str(path), options.environment, shown=str(shown))

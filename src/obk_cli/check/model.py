@@ -8,7 +8,7 @@ from obk_cli.config import FileSearch, Node, Sim, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.source import Span
 from obk_cli.surroundings import ModelFault, ModelRead, Surroundings
-from obk_cli.tree import Tree, TreeList, TreeMap
+from obk_cli.tree import Tree, TreeList, TreeMap, plain_value
 
 __all__ = ["check_models"]
 
@@ -68,7 +68,9 @@ def _check_block(
 ) -> Iterator[Diagnostic]:
     parameters = {parameter.name: parameter.value for parameter in node.params}
     facts = read.facts if isinstance(read, ModelRead) else None
-    for fault in check_sim(sim.block, parameters, facts):
+    block = plain_value(sim.checked or sim.tree)
+    assert isinstance(block, dict)  # a TreeMap's value is one
+    for fault in check_sim(block, parameters, facts):
         yield _placed(fault, node, sim, surroundings)
     if isinstance(read, ModelRead) and read.missing_files and sim.model is not None:
         count = len(read.missing_files)
@@ -103,7 +105,7 @@ def _span_of(fault: SimFault, node: Node, sim: Sim) -> Span:
     if fault.path[:1] == ("params",):
         name = ".".join(str(step) for step in fault.path[1:])
         return next((p.span for p in node.params if p.name == name), node.span)
-    tree: Tree = sim.tree
+    tree: Tree = sim.checked or sim.tree
     span = tree.span
     for step in fault.path:
         if isinstance(tree, TreeMap) and isinstance(step, str):
