@@ -22,7 +22,7 @@ SPINE = (
 """Each imports only what stands left of it or beside it."""
 SPINE_MODULES = frozenset().union(*SPINE)
 STAGES = {"parse", "read", "code", "resolve", "check", "lower", "emit"}
-SHARED_BY_STAGES = {"wiring", "yaml_faults", "silence", "removal"}
+SHARED_BY_STAGES = {"wiring", "yaml_faults", "silence", "cures"}
 """Modules on top of the spine that stages share, themselves importing only the spine."""
 SURFACES = {"cli", "report", "adapters"}
 """Where the process itself is touched: its output, environment, exit and clock."""

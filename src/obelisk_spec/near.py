@@ -1,9 +1,13 @@
 """Names that exist and look like one that does not, for "did you mean"."""
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-__all__ = ["did_you_mean", "list_names", "near_names"]
+__all__ = ["did_you_mean", "list_names", "near_names", "sure_name"]
+
+_PART = re.compile(r"[_/.\s-]+")
+_DIGITS = re.compile(r"[0-9]+")
 
 
 def near_names(name: str, known: Iterable[str], *, most: int = 3) -> tuple[str, ...]:
@@ -27,3 +31,45 @@ def did_you_mean(name: str, known: Iterable[str]) -> str | None:
     if close:
         return f"did you mean {' or '.join(f'`{candidate}`' for candidate in close)}?"
     return f"there is: {list_names(every)}" if every else None
+
+
+def sure_name(name: str, known: Iterable[str]) -> str | None:
+    """The one known name that `name` is a slip of the pen from, None where there is any doubt.
+
+    One or two letters may be wrong, never a number or a whole part: `l_knee` is not `r_knee`.
+    """
+    slips = {candidate for candidate in known if _is_slip(name.casefold(), candidate.casefold())}
+    return slips.pop() if len(slips) == 1 else None
+
+
+def _is_slip(name: str, candidate: str) -> bool:
+    if _DIGITS.findall(name) != _DIGITS.findall(candidate):
+        return False
+    parts, meant = _PART.split(name), _PART.split(candidate)
+    if len(parts) != len(meant):
+        parts, meant = [name], [candidate]
+    distances = [_distance(*pair) for pair in zip(parts, meant, strict=True)]
+    allowed = [_allowed(max(map(len, pair))) for pair in zip(parts, meant, strict=True)]
+    is_small = all(d <= most for d, most in zip(distances, allowed, strict=True))
+    return is_small and sum(distances) <= _allowed(max(len(name), len(candidate)))
+
+
+def _allowed(length: int) -> int:
+    """How many letters of a part may be wrong: none of `l` or `fr`, which stand for themselves."""
+    return 0 if length < 3 else 1 if length < 6 else 2
+
+
+def _distance(one: str, other: str) -> int:
+    """Letters to put in, take out, replace or swap with their neighbour; 3 stands for more."""
+    if abs(len(one) - len(other)) > 2:
+        return 3
+    before: list[int] = []
+    row = list(range(len(other) + 1))
+    for i, letter in enumerate(one, 1):
+        last, before, row = before, row, [i]
+        for j, wanted in enumerate(other, 1):
+            cost = min(before[j] + 1, row[-1] + 1, before[j - 1] + (letter != wanted))
+            if i > 1 and j > 1 and letter == other[j - 2] and one[i - 2] == wanted:
+                cost = min(cost, last[j - 2] + 1)
+            row.append(cost)
+    return row[-1]

@@ -5,18 +5,15 @@ not mean the same to every node: a `key` of another name beside it, a name witho
 name that stands in several places.
 """
 
-import json
 import re
 from collections.abc import Iterator
 
 from obelisk_spec.components import SETTING_SUFFIX, component_identity
-from obelisk_spec.yaml_core import core_scalar
+from obk_cli.cures import remove_entry, respell
 from obk_cli.diagnostics import Diagnostic
 from obk_cli.edits import Edit, Offsets
 from obk_cli.migrate.kept import kept
 from obk_cli.migrate.shape import Spelling, text_of
-from obk_cli.removal import remove_entry
-from obk_cli.source import Span
 from obk_cli.tree import Entry, TreeMap
 
 __all__ = ["rename_component"]
@@ -39,7 +36,7 @@ def rename_component(
     elif new is None:
         yield from _renamed(old, name, to)
     elif component_identity(text_of(new) or "") == component_identity(name):
-        yield from remove_entry(component, old, offsets)
+        yield from remove_entry(component, old)
     else:
         yield kept(
             f"`{old.key}: {name}` stays: the `key` beside it is another name, and nodes may look "
@@ -53,10 +50,11 @@ def _reason_to_keep(name: str, entry: Entry, to: Spelling, offsets: Offsets) -> 
         return "what it comes to is known only with its variables"
     if to == "key" and (not name.endswith(SETTING_SUFFIX) or name == SETTING_SUFFIX):
         return f"a `key` stands for a parameter that ends in `{SETTING_SUFFIX}`"
-    between = offsets.source.text[offsets.end(entry.key_span) : offsets.start(entry.value.span)]
-    if re.fullmatch(r"[ \t]*:\s*", between) is None or _written(entry.value.span)[:1] in "&!":
+    value = entry.value.span
+    between = offsets.source.text[offsets.end(entry.key_span) : offsets.start(value)]
+    if re.fullmatch(r"[ \t]*:\s*", between) is None or value.text[:1] in ("&", "!"):
         return "it stands in several places, by an anchor"
-    if _unquoted(entry.value.span) != name:
+    if not respell(value, name, name):
         return "it is written with escapes or over several lines"
     return None
 
@@ -64,18 +62,5 @@ def _reason_to_keep(name: str, entry: Entry, to: Spelling, offsets: Offsets) -> 
 def _renamed(entry: Entry, name: str, to: Spelling) -> Iterator[Edit]:
     key = component_identity(name)
     value = key if to == "key" else f"{key}{SETTING_SUFFIX}"
-    yield Edit(entry.key_span, _written(entry.key_span).replace(entry.key, _NEW_NAME[to]))
-    written = _written(entry.value.span)
-    if written == name:
-        yield Edit(entry.value.span, value if core_scalar(value) == value else json.dumps(value))
-    else:
-        yield Edit(entry.value.span, f"{written[0]}{value}{written[0]}")
-
-
-def _written(span: Span) -> str:
-    return span.text if span.end_line == span.line else ""
-
-
-def _unquoted(span: Span) -> str:
-    written = _written(span)
-    return written[1:-1] if written[:1] in ("'", '"') else written
+    yield from respell(entry.key_span, entry.key, _NEW_NAME[to])
+    yield from respell(entry.value.span, name, value)

@@ -8,11 +8,11 @@ import re
 from collections.abc import Iterator
 from itertools import pairwise
 
+from obk_cli.cures import is_flow
 from obk_cli.diagnostics import Diagnostic
 from obk_cli.edits import Edit, Offsets
 from obk_cli.migrate.kept import kept
 from obk_cli.migrate.shape import ONE_DEVICE, devices_of, sections_of
-from obk_cli.removal import is_flow
 from obk_cli.tree import Entry, TreeMap
 
 __all__ = ["lift_device", "nest_sections"]
@@ -42,7 +42,7 @@ def lift_device(tree: TreeMap, offsets: Offsets) -> Iterator[Edit | Diagnostic]:
         yield kept(message, device.key_span)
     elif reason is not None:
         yield kept(f"the device block stays: {reason}", device.key_span)
-    elif is_flow(device.value, offsets):
+    elif is_flow(device.value):
         yield from _lift_flow(tree, device, offsets)
     else:
         yield from _lift_lines(tree, device, offsets)
@@ -87,7 +87,7 @@ def _lift_flow(tree: TreeMap, device: Entry, offsets: Offsets) -> Iterator[Edit]
     assert isinstance(block, TreeMap)
     start, brace = offsets.start(device.key_span), offsets.end(block.span) - 1
     last = offsets.end(block.entries[-1].value.span)
-    if is_flow(tree, offsets):
+    if is_flow(tree):
         yield offsets.edit(start, offsets.start(block.span) + 1)
         comma = _LAST_COMMA.match(text, last, brace)
         if comma is not None:
@@ -124,7 +124,7 @@ def nest_sections(tree: TreeMap, offsets: Offsets) -> Iterator[Edit | Diagnostic
     elif between:
         message = f"the sections stay at the top level: `{between[0].key}` stands between them"
         yield kept(message, between[0].key_span, "move it in front of the sections")
-    elif is_flow(tree, offsets):
+    elif is_flow(tree):
         yield offsets.insert(offsets.start(sections[0].key_span), f"{ONE_DEVICE}: {{")
         yield offsets.insert(offsets.end(sections[-1].value.span), "}")
     else:
