@@ -24,6 +24,8 @@ EXPECTED: dict[str, list[str]] = {
     "field/config/dummy_composed.yaml": [
         "dummy_composed_base.yaml 5:10 OBK401",
         "dummy_composed_base.yaml 7:18 OBK404",
+        "dummy_composed_base.yaml 15:9 OBK507",
+        "dummy_composed_base.yaml 16:9 OBK507",
         "dummy_composed_base.yaml 32:10 OBK401",
         "dummy_composed_base.yaml 43:19 OBK205",
         "dummy_composed_base.yaml 51:1 OBK401",
@@ -38,6 +40,8 @@ EXPECTED: dict[str, list[str]] = {
         "5:10 OBK401",
         "7:18 OBK404",
         "14:16 OBK204",
+        "15:9 OBK507",
+        "16:9 OBK507",
         "32:10 OBK401",
         "42:16 OBK203",
         "51:1 OBK401",
@@ -47,6 +51,8 @@ EXPECTED: dict[str, list[str]] = {
         "2:1 OBK201",
         "4:10 OBK401",
         "13:16 OBK203",
+        "15:9 OBK507",
+        "16:9 OBK507",
         "23:18 OBK204",
         "24:15 OBK215",
         "29:18 OBK204",
@@ -56,6 +62,8 @@ EXPECTED: dict[str, list[str]] = {
     "field/config/dummy_cpp.yaml": [
         "3:10 OBK401",
         "5:18 OBK404",
+        "13:9 OBK507",
+        "14:9 OBK507",
         "31:10 OBK401",
         "43:19 OBK205",
         "53:10 OBK401",
@@ -69,6 +77,8 @@ EXPECTED: dict[str, list[str]] = {
     "field/config/dummy_cpp_scan.yaml": [
         "13:10 OBK401",
         "15:18 OBK404",
+        "21:9 OBK507",
+        "22:9 OBK507",
         "37:10 OBK401",
         "55:10 OBK401",
         "72:17 OBK215",
@@ -80,6 +90,8 @@ EXPECTED: dict[str, list[str]] = {
     ],
     "field/config/dummy_py.yaml": [
         "3:10 OBK401",
+        "12:9 OBK507",
+        "13:9 OBK507",
         "24:10 OBK401",
         "45:10 OBK401",
         "55:16 OBK204",
@@ -92,6 +104,8 @@ EXPECTED: dict[str, list[str]] = {
     ],
     "field/config/go2_cpp.yaml": [
         "4:10 OBK401",
+        "12:9 OBK507",
+        "13:9 OBK507",
         "71:19 OBK115",
         "123:16 OBK204",
         "147:14 OBK503",
@@ -106,6 +120,8 @@ EXPECTED: dict[str, list[str]] = {
     "seed/dummy.yaml": [
         "4:12 OBK401",
         "6:20 OBK404",
+        "12:11 OBK507",
+        "13:11 OBK507",
         "25:12 OBK401",
         "36:18 OBK203",
         "47:12 OBK401",
@@ -116,6 +132,8 @@ EXPECTED: dict[str, list[str]] = {
     "seed/dummy_py_sections.yaml": [
         "5:10 OBK401",
         "7:18 OBK404",
+        "13:9 OBK507",
+        "14:9 OBK507",
         "26:10 OBK401",
         "36:16 OBK203",
         "46:10 OBK401",

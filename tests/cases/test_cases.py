@@ -16,7 +16,7 @@ from obk_cli.report.text import report_text
 
 HERE = Path(__file__).parent
 WORKSPACE = HERE / "workspace"
-ENVIRONMENT = {"OBK_CASE_PKG": "demo"}
+ENVIRONMENT = {"OBK_CASE_PKG": "demo", "HOME": "/home/ada"}
 WITHOUT_CASE = {
     "OBK001": "tests/unit/obk_cli/test_pipeline.py",
     "OBK007": "tests/unit/obk_cli/test_parse.py",

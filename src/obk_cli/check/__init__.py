@@ -4,10 +4,12 @@ from collections.abc import Callable, Iterator
 
 from obk_cli.check.code import check_code
 from obk_cli.check.components import check_callback_groups, check_components
+from obk_cli.check.control import check_controls
 from obk_cli.check.graph import check_node_names, check_required_sections
 from obk_cli.check.loop import check_control_topics, check_loop, check_timers
 from obk_cli.check.model import check_models
 from obk_cli.check.packages import check_executables, check_files
+from obk_cli.check.style import check_defaults, check_homes
 from obk_cli.check.topics import check_dangling, check_qos, check_types
 from obk_cli.config import Stack
 from obk_cli.diagnostics import Diagnostic
@@ -26,9 +28,12 @@ CHECKS: tuple[Check, ...] = (
     check_control_topics,
     check_timers,
     check_models,
+    check_controls,
     check_executables,
     check_files,
     check_code,
+    check_homes,
+    check_defaults,
 )
 """Checks of what is there."""
 

@@ -3,8 +3,9 @@
 from collections.abc import Iterator
 
 from obelisk_spec.components import component_identity, standard_component
-from obelisk_spec.near import did_you_mean, near_names
+from obelisk_spec.near import did_you_mean, near_names, sure_name
 from obk_cli.config import Component, Node, Spanned, Stack
+from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.surroundings import Surroundings
 
@@ -79,10 +80,12 @@ def check_callback_groups(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]
 
 def _undefined_group(group: Spanned[str], node: Node) -> Diagnostic:
     names = [defined.name.value for defined in node.callback_groups]
+    meant = sure_name(group.value, names)
     return found(
         "OBK207",
         f"callback group `{group.value}` is not defined in `{node.node_name}`",
         group.span,
         help=did_you_mean(group.value, names)
         or f"add `callback_groups: {{{group.value}: MutuallyExclusiveCallbackGroup}}`",
+        fix=respell(group.span, group.value, meant) if meant else (),
     )

@@ -1,7 +1,7 @@
 """OBK209 to OBK211: the loop robot -> estimation -> control -> robot, and how fast it turns."""
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from obk_cli.config import Node, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
@@ -18,25 +18,41 @@ _HOPS = (
 
 
 def check_loop(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
-    """Each block of the loop hears the one before it; not asked where a topic dangles."""
+    """What the robot measures comes back to it as a control; not asked where a topic dangles."""
     ends = tuple(stack_ends(stack))
-    sources: dict[str, set[str]] = defaultdict(set)
+    senders: dict[str, set[str]] = defaultdict(set)
     for end in ends:
         if end.direction == "publishes":
-            sources[end.topic].add(end.section)
+            senders[end.topic].add(end.owner)
+    reached = {node.full_name for s in ("robot", "sensing") for node in stack.section(s)}
     for before, section, what in _HOPS:
         nodes = list(stack.section(section))
-        heard = [
-            sources.get(end.topic)
-            for end in ends
-            if end.section == section and end.direction == "subscribes"
-        ]
-        is_linked = any(found_in and found_in.intersection(before) for found_in in heard)
-        has_senders = any(True for name in before for _ in stack.section(name))
-        if nodes and has_senders and not is_linked and None not in heard:
-            message = f"nothing that {what} publishes reaches `{section}`"
-            help = "the loop is robot -> estimation -> control -> robot"
-            yield found("OBK209", message, nodes[0].span, help=help)
+        everyone = {node.full_name for node in nodes}
+        earlier = {node.full_name for name in before for node in stack.section(name)}
+        heard = [e for e in ends if e.section == section and e.direction == "subscribes"]
+        linked = _reached(heard, senders, reached)
+        if everyone and earlier and not linked and all(e.topic in senders for e in heard):
+            is_near = bool(_reached(heard, senders, earlier))
+            yield found(
+                "OBK209",
+                f"what reaches `{section}` does not come from the robot"
+                if is_near
+                else f"nothing that {what} publishes reaches `{section}`",
+                nodes[0].span,
+                help="the loop is robot -> estimation -> control -> robot",
+            )
+        reached = linked or everyone
+
+
+def _reached(heard: list[TopicEnd], senders: Mapping[str, set[str]], start: set[str]) -> set[str]:
+    """The owners of `heard` that hear one of `start`, by way of each other too."""
+    reached: set[str] = set()
+    while True:
+        known = start | reached
+        more = {e.owner for e in heard if not known.isdisjoint(senders.get(e.topic, ()))}
+        if more <= reached:
+            return reached
+        reached |= more
 
 
 def check_control_topics(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:

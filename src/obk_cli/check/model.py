@@ -5,10 +5,11 @@ from collections.abc import Iterator
 from obelisk_spec.near import did_you_mean, list_names, near_names
 from obelisk_spec.sim_checks import SimFault, check_sim
 from obk_cli.config import FileSearch, Node, Sim, Stack
+from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.source import Span
 from obk_cli.surroundings import ModelFault, ModelRead, Surroundings
-from obk_cli.tree import Tree, TreeList, TreeMap, plain_value
+from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
 
 __all__ = ["check_models"]
 
@@ -91,30 +92,41 @@ def _placed(fault: SimFault, node: Node, sim: Sim, surroundings: Surroundings) -
         place = surroundings.model_element(sim.model.found, kind, name)
         if place is not None:
             related = (Related(message="in the model", span=place),)
+    span, written = _place_of(fault, node, sim)
     return found(
         fault.code,
         fault.message,
-        _span_of(fault, node, sim),
+        span,
         help=fault.help,
         severity=fault.severity,
         related=related,
+        fix=respell(span, written, fault.meant) if fault.meant and written else (),
     )
 
 
-def _span_of(fault: SimFault, node: Node, sim: Sim) -> Span:
+def _place_of(fault: SimFault, node: Node, sim: Sim) -> tuple[Span, str | None]:
+    """Where a finding is, and the word there if another may stand in its place."""
     if fault.path[:1] == ("params",):
         name = ".".join(str(step) for step in fault.path[1:])
-        return next((p.span for p in node.params if p.name == name), node.span)
+        parameter = next((p for p in node.params if p.name == name), None)
+        return (parameter.span, str(parameter.value)) if parameter else (node.span, None)
     tree: Tree = sim.checked or sim.tree
-    span = tree.span
+    span, written = tree.span, None
     for step in fault.path:
         if isinstance(tree, TreeMap) and isinstance(step, str):
             entry = tree.get(step)
             if entry is None:
-                return span
+                return span, None
+            is_key = fault.points_at == "key"
+            is_taken = is_key and fault.meant is not None and tree.get(fault.meant) is not None
             tree = entry.value
-            span = entry.key_span if fault.points_at == "key" else tree.span
+            span = entry.key_span if is_key else tree.span
+            written = None if is_taken else entry.key if is_key else _text(tree)
         elif isinstance(tree, TreeList) and isinstance(step, int):
             tree = tree.items[step]
-            span = tree.span
-    return span
+            span, written = tree.span, _text(tree)
+    return span, written
+
+
+def _text(tree: Tree) -> str | None:
+    return tree.value if isinstance(tree, TreeScalar) and isinstance(tree.value, str) else None

@@ -5,7 +5,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from difflib import SequenceMatcher
 
 from obelisk_spec.messages import bare_name, resolve_msg_type
+from obelisk_spec.near import sure_name
 from obk_cli.config import Spanned, Stack
+from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.surroundings import Surroundings
 from obk_cli.wiring import TopicEnd, stack_ends
@@ -42,7 +44,8 @@ def check_dangling(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
             continue
         near = _nearest(end, publishers)
         suggested.update(other.topic for other in near)
-        yield _dangling(end, near)
+        alone = len(subscribed[end.topic]) == 1
+        yield _dangling(end, near, sure_name(end.topic, published) if alone else None)
     for topic, (first, *_others) in published.items():
         is_for_outside = first.section == "viz" or first.is_optional
         if topic not in subscribed and topic not in suggested and not is_for_outside:
@@ -59,7 +62,8 @@ def _types_of_lost_publishers(stack: Stack) -> set[str | None]:
     }
 
 
-def _dangling(end: TopicEnd, near: list[TopicEnd]) -> Diagnostic:
+def _dangling(end: TopicEnd, near: list[TopicEnd], meant: str | None) -> Diagnostic:
+    is_sure = meant in {other.topic for other in near}
     return found(
         "OBK203",
         f"nothing publishes `{end.topic}`, to which `{end.owner}` subscribes",
@@ -69,6 +73,7 @@ def _dangling(end: TopicEnd, near: list[TopicEnd]) -> Diagnostic:
             Related(message=f"`{other.topic}` is published here", span=other.span)
             for other in near[:1]
         ),
+        fix=respell(end.span, end.topic, meant) if meant and is_sure else (),
     )
 
 

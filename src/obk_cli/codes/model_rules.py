@@ -111,11 +111,27 @@ RULES: tuple[Rule, ...] = (
         cure="Write a group from 0 to 5.",
     ),
     Rule(
+        code="OBK315",
+        severity="error",
+        title="a control that the simulator cannot apply",
+        cause="The simulator writes the message's `u_mujoco` to the actuators; this message has "
+        "no such field.",
+        cure="Let the robot obey a `PositionSetpoint` or a `PDFeedForward`.",
+    ),
+    Rule(
         code="OBK316",
         severity="warning",
         title="a coarse simulation step",
         cause="Steps over 0.02 s make most models unstable.",
         cure="Use a shorter `time_step`.",
+    ),
+    Rule(
+        code="OBK317",
+        severity="warning",
+        title="a control of the wrong length",
+        cause="The controller's code writes a list of fixed length into the control message, and "
+        "the model has another number of actuators; such a message is refused.",
+        cure="Write one value for each actuator, in the order of the model.",
     ),
     Rule(
         code="OBK318",

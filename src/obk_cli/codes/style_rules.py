@@ -13,6 +13,13 @@ RULES: tuple[Rule, ...] = (
         cure="Write the newer name.",
     ),
     Rule(
+        code="OBK502",
+        severity="warning",
+        title="a path into one person's home",
+        cause="On another machine, and for another person, there is no such folder.",
+        cure="Write the path relative to the config, name its package, or use `${HOME}`.",
+    ),
+    Rule(
         code="OBK503",
         severity="warning",
         title="`n_u` is not the model's",
@@ -39,5 +46,12 @@ RULES: tuple[Rule, ...] = (
         title="a key without effect",
         cause="It is read for the sake of older configs.",
         cure="Remove it.",
+    ),
+    Rule(
+        code="OBK507",
+        severity="info",
+        title="a default written out",
+        cause="The key says what holds without it; the seeds' example does so, and it is harmless.",
+        cure="Leave the key out, or leave it there.",
     ),
 )

@@ -6,6 +6,7 @@ setup(
         "console_scripts": [
             "controller = demo.controller:main",
             "estimator = demo.estimator:main",
+            "obelisk_mujoco_robot = demo.robot:main",
             "robot = demo.robot:main",
         ]
     },

@@ -1,0 +1,92 @@
+"""OBK315, OBK317: control messages against the simulator and the model's actuators."""
+
+from collections.abc import Iterator
+
+from obelisk_spec.messages import resolve_msg_type
+from obk_cli.config import Component, Node, Stack
+from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.node_code import ControlLength, NodeCode
+from obk_cli.surroundings import ModelRead, Surroundings
+from obk_cli.wiring import absolute_topic
+
+__all__ = ["check_controls"]
+
+_SIMULATOR = "obelisk_mujoco_robot"
+"""The executable that reads a control message's `u_mujoco`; others may read what they like."""
+_CONTROL = "sub_ctrl"
+_WITHOUT_ACTUATORS = (
+    "obelisk_control_msgs/msg/VelocityCommand",
+    "obelisk_control_msgs/msg/ExecutionFSM",
+)
+
+
+def check_controls(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+    """The simulator can apply the message that it obeys, and it has a value for each actuator."""
+    for robot in stack.section("robot"):
+        if not robot.runs_simulation or robot.executable is None:
+            continue
+        obeyed = [c for c in robot.components if c.kind == "subscriber" and c.identity == _CONTROL]
+        for component in obeyed:
+            if robot.executable.value == _SIMULATOR:
+                yield from _check_message(component)
+            yield from _check_lengths(stack, robot, component, surroundings)
+
+
+def _check_message(component: Component) -> Iterator[Diagnostic]:
+    if component.msg_type is None:
+        return
+    if resolve_msg_type(component.msg_type.value) in _WITHOUT_ACTUATORS:
+        yield found(
+            "OBK315",
+            f"the simulator cannot apply a `{component.msg_type.value}`: it has no `u_mujoco`, "
+            "the values for the actuators",
+            component.msg_type.span,
+            help="it takes `PositionSetpoint` and `PDFeedForward`; a low-level controller can "
+            "turn one into the other",
+        )
+
+
+def _check_lengths(
+    stack: Stack, robot: Node, obeyed: Component, surroundings: Surroundings
+) -> Iterator[Diagnostic]:
+    actuators = [
+        read.facts.actuators
+        for sim in robot.sims
+        if sim.model is not None and sim.model.found is not None
+        if isinstance(read := surroundings.read_model(sim.model.found), ModelRead)
+    ]
+    if len(actuators) != 1 or obeyed.topic is None:
+        return
+    topic = absolute_topic(obeyed.topic.value, robot)
+    for node in stack.section("control"):
+        if node.pkg is None or node.executable is None:
+            continue
+        published = [
+            c.topic
+            for c in node.components
+            if c.kind == "publisher" and c.topic and absolute_topic(c.topic.value, node) == topic
+        ]
+        code = surroundings.read_node_code(node.pkg.value, node.executable.value)
+        if published and isinstance(code, NodeCode):
+            for length in code.control_lengths:
+                if length.length != actuators[0]:
+                    yield _wrong_length(length, node, code, robot, actuators[0])
+
+
+def _wrong_length(
+    length: ControlLength, node: Node, code: NodeCode, robot: Node, actuators: int
+) -> Diagnostic:
+    assert node.executable is not None  # its code was read
+    (path, *_) = [sim.model_xml_path for sim in robot.sims if sim.model_xml_path]
+    return found(
+        "OBK317",
+        f"class `{code.class_name}` writes {length.length} "
+        f"value{'' if length.length == 1 else 's'} into `{length.field}`, the model has "
+        f"{actuators} actuator{'' if actuators == 1 else 's'}",
+        node.executable.span,
+        help="the simulator refuses a control message of another length",
+        related=(
+            Related(message="in the code", span=length.span),
+            Related(message="the model", span=path.span),
+        ),
+    )

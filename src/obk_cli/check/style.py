@@ -1,0 +1,93 @@
+"""OBK502, OBK507: what works here and now, and could be written so that it works for others."""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+
+from obelisk_spec.components import DEFAULT_HISTORY_DEPTH
+from obk_cli.config import Node, Sim, Stack
+from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.source import Span
+from obk_cli.surroundings import Surroundings
+from obk_cli.tree import Entry, TreeList, TreeMap, TreeScalar
+
+__all__ = ["check_defaults", "check_homes"]
+
+_HOME = re.compile(r"""["']?(/home/[^/\s]+|/Users/[^/\s]+|/root)/""")
+_COMPONENT_DEFAULTS = {"history_depth": DEFAULT_HISTORY_DEPTH, "callback_group": "None"}
+_QOS_DEFAULTS = {
+    "reliability": "reliable",
+    "durability": "volatile",
+    "history_depth": DEFAULT_HISTORY_DEPTH,
+}
+_SIM_DEFAULTS = {"num_steps_per_viz": 8, "robot_pkg": "None"}
+_GROUP_DEFAULTS = {"history_depth": DEFAULT_HISTORY_DEPTH}
+_MOST_SHOWN = 2
+
+
+def check_homes(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+    """No path leads into one person's home; one that `${HOME}` stands in is everybody's."""
+    for node in stack.nodes:
+        for span in _path_spans(node):
+            home = _HOME.match(span.text)
+            if home is not None:
+                yield found(
+                    "OBK502",
+                    f"`{span.text.strip(chr(34) + chr(39))}` is a path into one person's home, "
+                    f"which is nowhere else",
+                    span,
+                    help="write it relative to the config, name its package as `robot_pkg`, or "
+                    "start it with `${HOME}`",
+                )
+
+
+def _path_spans(node: Node) -> Iterator[Span]:
+    written = [node.params_path, node.urdf]
+    for sim in node.sims:
+        written += [sim.model_xml_path, *sim.config_paths]
+    yield from (path.span for path in written if path is not None)
+    yield from (parameter.span for parameter in node.params if isinstance(parameter.value, str))
+
+
+def check_defaults(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+    """Keys that say what holds without them; one finding for a key, however often it stands."""
+    places: dict[str, list[Span]] = defaultdict(list)
+    for node in stack.nodes:
+        for entry in _written_defaults(node):
+            places[f"{entry.key}: {entry.value.span.text}"].append(entry.key_span)
+    for written, (first, *others) in places.items():
+        count = f" {len(others) + 1} times" if others else ""
+        yield found(
+            "OBK507",
+            f"`{written}` is the default, written out{count}",
+            first,
+            help="it can be left out",
+            related=(Related(message="here too", span=span) for span in others[:_MOST_SHOWN]),
+        )
+
+
+def _written_defaults(node: Node) -> Iterator[Entry]:
+    for component in node.components:
+        yield from _equal(component.tree, _COMPONENT_DEFAULTS)
+        qos = component.tree.get("qos")
+        if qos is not None and isinstance(qos.value, TreeMap):
+            yield from _equal(qos.value, _QOS_DEFAULTS)
+    for sim in node.sims:
+        yield from _equal(sim.tree, _SIM_DEFAULTS)
+        for group in _groups(sim):
+            yield from _equal(group, _GROUP_DEFAULTS)
+
+
+def _groups(sim: Sim) -> Iterator[TreeMap]:
+    entry = sim.tree.get("sensor_settings")
+    if entry is not None and isinstance(entry.value, TreeList):
+        yield from (group for group in entry.value.items if isinstance(group, TreeMap))
+
+
+def _equal(tree: TreeMap, defaults: Mapping[str, object]) -> Iterator[Entry]:
+    for entry in tree:
+        value = entry.value
+        if not isinstance(value, TreeScalar) or isinstance(value.value, bool | None):
+            continue
+        if defaults.get(entry.key) == value.value:
+            yield entry
