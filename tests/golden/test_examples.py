@@ -7,11 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.emit.forms import FORMS
+from obk_cli.emit.forms import FORMS as PRINTED_FORMS
+from obk_cli.emit.forms import Form
+from obk_cli.emit.graph import graph_of
+from obk_cli.emit.terminal import emit_terminal
 from obk_cli.pipeline import Options, compile_config
 from obk_cli.plan import Plan
 
 HERE = Path(__file__).parent
+DRAWING = Form(lambda plan: emit_terminal(graph_of(plan)), ".txt")
+FORMS = {**PRINTED_FORMS, "drawing": DRAWING}
 EXAMPLES = ("dummy/dummy.yaml", "dummy/dummy_new.yaml")
 
 PRINT_ALL_FORMS = """

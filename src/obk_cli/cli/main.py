@@ -33,6 +33,7 @@ VERBS = {
     "new": Verb("obk_cli.cli.new", "Make a package from a template."),
     "validate": Verb("obk_cli.cli.validate", "Check configs without running anything."),
     "compile": Verb("obk_cli.cli.compile", "Turn a config into parameters, a launch file or JSON."),
+    "graph": Verb("obk_cli.cli.graph", "Draw a stack in the terminal or as a picture."),
     "launch": Verb("obk_cli.cli.launch", "Start, bring up and supervise a stack."),
     "lifecycle": Verb("obk_cli.cli.lifecycle", "Ask for or change the states of nodes."),
     "explain": Verb("obk_cli.cli.explain", "Tell what a rule means and how to mend it."),

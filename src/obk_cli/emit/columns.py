@@ -12,7 +12,7 @@ __all__ = ["TRACK", "Columns", "place_columns"]
 
 TRACK = 12.0
 """Between two lines that run side by side [px]."""
-_GUTTER = 64.0
+_GUTTER = 50.0
 """Between two layers, at least [px]."""
 _CLEAR = 22.0
 """Between a box and the nearest line that passes it [px]; an arrow's head goes in between."""

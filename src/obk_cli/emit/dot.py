@@ -6,7 +6,8 @@ Source: https://graphviz.org/doc/info/lang.html
 from collections.abc import Iterable, Iterator
 
 from obk_cli.emit.colours import SECTION_COLOURS
-from obk_cli.emit.graph import Graph, GraphNode, printable
+from obk_cli.emit.graph import Graph, GraphNode, GraphTopic
+from obk_cli.emit.letters import printable
 
 __all__ = ["emit_dot"]
 
@@ -21,6 +22,7 @@ def emit_dot(graph: Graph) -> str:
 
 def _lines(graph: Graph) -> Iterator[str]:
     ids = {node.name: f"node{i}" for i, node in enumerate(graph.nodes)}
+    topics = {topic.name: f"topic{i}" for i, topic in enumerate(graph.topics)}
     yield f"digraph {_text([printable(graph.name)])} {{"
     yield f'  graph [rankdir=LR, labelloc=t, fontname="Helvetica", label={_text([graph.title])}];'
     yield '  node [fontname="Helvetica", fontsize=11];'
@@ -31,14 +33,16 @@ def _lines(graph: Graph) -> Iterator[str]:
         for node in graph.nodes:
             if node.device == device:
                 yield f"    {ids[node.name]} [{_node_attributes(node)}];"
+        for topic in graph.topics_within(device):
+            yield f"    {topics[topic.name]} [{_topic_attributes(topic)}];"
         yield "  }"
-    for i, topic in enumerate(graph.topics):
-        label = _text((topic.title, topic.summary, *topic.sensors))
-        yield f"  topic{i} [shape=box, style=rounded, color=gray60, fontsize=10, label={label}];"
+    for topic in graph.topics_within(None):
+        yield f"  {topics[topic.name]} [{_topic_attributes(topic)}];"
+    for topic in graph.topics:
         for name in topic.publishers:
-            yield f"  {ids[name]} -> topic{i};"
+            yield f"  {ids[name]} -> {topics[topic.name]};"
         for name in topic.subscribers:
-            yield f"  topic{i} -> {ids[name]};"
+            yield f"  {topics[topic.name]} -> {ids[name]};"
     yield "}"
 
 
@@ -48,6 +52,11 @@ def _node_attributes(node: GraphNode) -> str:
     return f'shape=box, style=filled, fillcolor="{colour.light}", color="{colour.dark}", ' + (
         f"label={label}"
     )
+
+
+def _topic_attributes(topic: GraphTopic) -> str:
+    label = _text((topic.title, topic.summary, *topic.sensors))
+    return f"shape=box, style=rounded, color=gray60, fontsize=10, label={label}"
 
 
 def _text(lines: Iterable[str]) -> str:

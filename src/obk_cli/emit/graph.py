@@ -3,14 +3,14 @@
 The nodes stand in bring-up order, the topics in the order in which the nodes have them.
 """
 
-import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import PurePath
 
+from obk_cli.emit.letters import printable
 from obk_cli.plan import TIERS, Endpoint, Plan, Process, SensorGroup
 
-__all__ = ["Graph", "GraphNode", "GraphTopic", "graph_of", "printable"]
+__all__ = ["Graph", "GraphNode", "GraphTopic", "graph_of"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,6 +82,16 @@ class Graph:
         """The devices, in the order of the nodes."""
         return tuple(dict.fromkeys(node.device for node in self.nodes))
 
+    def topics_within(self, device: str | None) -> tuple[GraphTopic, ...]:
+        """The topics that stay on one device; None: those that join devices."""
+        devices = {node.name: node.device for node in self.nodes}
+        ends = [{devices[n] for n in (*t.publishers, *t.subscribers)} for t in self.topics]
+        return tuple(
+            topic
+            for topic, at in zip(self.topics, ends, strict=True)
+            if (len(at) > 1 if device is None else at == {device})
+        )
+
     @property
     def title(self) -> str:
         """The stack's name and how much is in it."""
@@ -115,11 +125,6 @@ def graph_of(plan: Plan) -> Graph:
         nodes=tuple(_node(process) for process in processes),
         topics=tuple(_topic(name, own, groups.get(name, [])) for name, own in ends.items()),
     )
-
-
-def printable(text: str) -> str:
-    """The text with what no picture can show, line ends among it, replaced."""
-    return "".join("\ufffd" if unicodedata.category(c) in ("Cc", "Cs") else c for c in text)
 
 
 def _node(process: Process) -> GraphNode:

@@ -7,7 +7,8 @@ import json
 from collections.abc import Iterator
 
 from obk_cli.emit.colours import SECTION_COLOURS
-from obk_cli.emit.graph import Graph, GraphNode, GraphTopic, printable
+from obk_cli.emit.graph import Graph, GraphNode, GraphTopic
+from obk_cli.emit.letters import printable
 
 __all__ = ["emit_mermaid"]
 
@@ -23,6 +24,7 @@ def emit_mermaid(graph: Graph) -> str:
 
 def _lines(graph: Graph) -> Iterator[str]:
     ids = {node.name: f"node{i}" for i, node in enumerate(graph.nodes)}
+    topics = {topic.name: f"topic{i}" for i, topic in enumerate(graph.topics)}
     yield from ("---", f"title: {json.dumps(graph.title, ensure_ascii=False)}", "---")
     yield "flowchart LR"
     for i, device in enumerate(graph.devices):
@@ -30,13 +32,16 @@ def _lines(graph: Graph) -> Iterator[str]:
         for node in graph.nodes:
             if node.device == device:
                 yield f'    {ids[node.name]}["{_node_label(node)}"]:::{node.section}'
+        for topic in graph.topics_within(device):
+            yield f"    {topics[topic.name]}{_topic_box(topic)}"
         yield "  end"
-    for i, topic in enumerate(graph.topics):
-        yield f'  topic{i}(["{_topic_label(topic)}"]):::topic'
+    for topic in graph.topics_within(None):
+        yield f"  {topics[topic.name]}{_topic_box(topic)}"
+    for topic in graph.topics:
         for name in topic.publishers:
-            yield f"  {ids[name]} --> topic{i}"
+            yield f"  {ids[name]} --> {topics[topic.name]}"
         for name in topic.subscribers:
-            yield f"  topic{i} --> {ids[name]}"
+            yield f"  {topics[topic.name]} --> {ids[name]}"
     for section in dict.fromkeys(node.section for node in graph.nodes):
         colour = SECTION_COLOURS[section]
         yield f"  classDef {section} fill:{colour.light},stroke:{colour.dark},color:#1b1f24"
@@ -47,8 +52,9 @@ def _node_label(node: GraphNode) -> str:
     return f"<b>{_escape(node.title)}</b><br/>" + "<br/>".join(map(_escape, node.facts))
 
 
-def _topic_label(topic: GraphTopic) -> str:
-    return "<br/>".join(map(_escape, (topic.title, topic.summary, *topic.sensors)))
+def _topic_box(topic: GraphTopic) -> str:
+    label = "<br/>".join(map(_escape, (topic.title, topic.summary, *topic.sensors)))
+    return f'(["{label}"]):::topic'
 
 
 def _escape(text: str) -> str:

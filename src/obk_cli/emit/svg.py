@@ -3,20 +3,20 @@
 Letters are of one width, so that boxes fit whatever font stands in.
 """
 
-import unicodedata
 from collections.abc import Iterator
 from html import escape
 from itertools import pairwise
 
 from obk_cli.emit.colours import SECTION_COLOURS
-from obk_cli.emit.graph import Graph, GraphNode, GraphTopic, printable
+from obk_cli.emit.graph import Graph, GraphNode, GraphTopic
 from obk_cli.emit.layout import Band, Box, Layout, Way, lay_out
+from obk_cli.emit.letters import columns_of, printable, shortened
 
 __all__ = ["emit_svg"]
 
 _FONT = "ui-monospace, 'DejaVu Sans Mono', Menlo, Consolas, monospace"
-_LETTER = 0.61
-"""Width of a letter, as part of the font's size."""
+_LETTER = 0.64
+"""Width of a letter, as part of the font's size; a little more than any of the fonts takes."""
 _MARGIN = 24.0
 _HEADING = 46.0
 _PADDING = 12.0
@@ -45,8 +45,10 @@ def _lines(graph: Graph, layout: Layout) -> Iterator[str]:
     yield f'<rect width="{width:.0f}" height="{height:.0f}" fill="#ffffff"/>'
     yield _text(graph.title, _MARGIN, _MARGIN + 16, 16, "#1b1f24", bold=True)
     yield f'<g transform="translate({_n(_MARGIN)} {_n(_MARGIN + _HEADING)})">'
+    # Left of the first box lines may pass.
+    heading_x = min((box.x for box in layout.boxes), default=0.0)
     for band in layout.bands:
-        yield from _band(band, layout.width)
+        yield from _band(band, layout.width, heading_x)
     # Those that run back first: they cross below the others.
     for way in sorted(layout.ways, key=lambda way: not way.is_return):
         yield from _way(way)
@@ -66,15 +68,15 @@ def _content(item: GraphNode | GraphTopic) -> tuple[str, tuple[str, ...]]:
     lines = item.facts if isinstance(item, GraphNode) else (item.summary, *item.sensors)
     if isinstance(item, GraphNode):
         lines = (item.section, *lines)
-    return _shortened(item.title), tuple(map(_shortened, lines))
+    return shortened(item.title, _LONGEST), tuple(shortened(line, _LONGEST) for line in lines)
 
 
-def _band(band: Band, width: float) -> Iterator[str]:
+def _band(band: Band, width: float, heading_x: float) -> Iterator[str]:
     yield (
         f'<rect x="0" y="{_n(band.y)}" width="{_n(width)}" height="{_n(band.height)}" rx="10" '
         'fill="#f6f8fa" stroke="#d0d7de"/>'
     )
-    yield _text(printable(band.device), 12, band.y + 20, 12, "#57606a", bold=True)
+    yield _text(printable(band.device), heading_x, band.y + 20, 12, "#57606a", bold=True)
 
 
 def _node(box: Box) -> Iterator[str]:
@@ -121,7 +123,7 @@ def _topic_tooltip(topic: GraphTopic) -> str:
 def _way(way: Way) -> Iterator[str]:
     colour = SECTION_COLOURS[way.section].dark
     path = _corners(way) if way.is_return else _bends(way)
-    yield f'<path d="{path}" fill="none" stroke="{colour}" stroke-width="1.5" opacity="0.75"/>'
+    yield f'<path d="{path}" fill="none" stroke="{colour}" stroke-width="1.5"/>'
     if way.has_arrow:
         x, y = way.points[-1]
         yield f'<path d="M{_n(x)} {_n(y)}l-9 -4v8z" fill="{colour}"/>'
@@ -174,15 +176,7 @@ def _text(text: str, x: float, y: float, size: float, fill: str, *, bold: bool =
 
 
 def _text_width(text: str, size: float) -> float:
-    wide = sum(unicodedata.east_asian_width(letter) in "WF" for letter in text)
-    return (len(text) + wide) * size * _LETTER
-
-
-def _shortened(text: str) -> str:
-    if len(text) <= _LONGEST:
-        return text
-    kept = _LONGEST // 2
-    return f"{text[: kept - 1]}\u2026{text[-kept:]}"
+    return columns_of(text) * size * _LETTER
 
 
 def _n(value: float) -> str:
