@@ -13,7 +13,7 @@ import re
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from obelisk_spec.near import near_names
+from obelisk_spec.near import near_names, sure_name
 
 __all__ = [
     "OBELISK_MESSAGES",
@@ -21,6 +21,7 @@ __all__ = [
     "bare_name",
     "near_msg_types",
     "resolve_msg_type",
+    "sure_msg_type",
 ]
 
 OBELISK_MESSAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -125,6 +126,11 @@ def resolve_msg_type(name: str) -> str | None:
 def near_msg_types(name: str) -> tuple[str, ...]:
     """Bare names of messages that exist and look like `name`, best first, at most three."""
     return near_names(bare_name(name), _FULL_BY_BARE)
+
+
+def sure_msg_type(name: str) -> str | None:
+    """The message that a bare `name` is a slip of the pen from, None where there is any doubt."""
+    return sure_name(name, _FULL_BY_BARE)
 
 
 def bare_name(msg_type: str) -> str:

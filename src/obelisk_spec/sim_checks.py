@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from obelisk_spec.model import ModelFacts
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.near import did_you_mean, sure_name
 from obelisk_spec.sim_faults import SimFault, SimPath
 from obelisk_spec.sim_groups import check_group_against_model, check_group_rule
 from obelisk_spec.sim_shape import check_sim_shape
@@ -77,6 +77,7 @@ def _check_viz_geoms(viz_geoms: Mapping[str, Any], facts: ModelFacts) -> Iterato
                 points_at="key",
                 message=f"geom `{name}` is not in the model",
                 help=did_you_mean(name, facts.geoms),
+                meant=sure_name(name, facts.geoms),
             )
         elif actual != written:
             yield SimFault(
@@ -98,6 +99,7 @@ def _check_keyframe(parameters: Mapping[str, Any], facts: ModelFacts) -> Iterato
             path=("params", "ic_keyframe"),
             message=f"keyframe `{name}` is not in the model",
             help=did_you_mean(name, facts.keyframes) or "the model has no keyframe",
+            meant=sure_name(name, facts.keyframes),
         )
 
 

@@ -21,6 +21,8 @@ class SimFault:
     help: str | None = None
     points_at: Literal["key", "value"] = "value"
     """Whether the finding is about the last key of `path` or about what it holds."""
+    meant: str | None = None
+    """The name to write there instead; only where it is certain."""
     element: tuple[str, str] | None = None
     """Kind (`sensor`, `geom`, `site`, `key`, `joint`) and name of the model element meant."""
 

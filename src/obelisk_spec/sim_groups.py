@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from obelisk_spec.model import ModelFacts, SensorFact
-from obelisk_spec.near import did_you_mean, list_names, near_names
+from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
 from obelisk_spec.scans import check_scan
 from obelisk_spec.sensors import SENSOR_GROUPS, GroupRule, sensor_group
 from obelisk_spec.sim_faults import SimFault, SimPath
@@ -30,6 +30,7 @@ def check_group_rule(group: Mapping[str, Any], path: SimPath) -> Iterator[SimFau
             path=(*path, "msg_type"),
             message=f"`{written}` is not a message that a sensor group can publish",
             help=did_you_mean(written, SENSOR_GROUPS),
+            meant=sure_name(written, SENSOR_GROUPS),
         )
         return
     if rule.reads_sensors:
@@ -48,6 +49,7 @@ def _check_types(
                 path=(*path, "sensor_names", name),
                 message=f"`{written}` cannot carry the `{sensor_type}` sensor `{name}`",
                 help=f"it takes {list_names(rule.takes)}",
+                meant=sure_name(sensor_type, rule.takes),
             )
     yield from _check_counts(names, written, rule, path)
 
@@ -141,6 +143,7 @@ def _check_sensor(
             points_at="key",
             message=f"sensor `{name}` is not in the model",
             help=_near_sensors(name, written, facts),
+            meant=sure_name(name, (s.name for s in facts.sensors.values() if s.type == written)),
         )
     elif sensor.type != written:
         yield SimFault(
@@ -203,4 +206,5 @@ def _check_site(scan: Mapping[str, Any], path: SimPath, facts: ModelFacts) -> It
             path=(*path, "scan_config", "site_name"),
             message=f"site `{site}` is not in the model",
             help=did_you_mean(site, facts.sites),
+            meant=sure_name(site, facts.sites),
         )

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from obk_cli.codes import Severity, rule_of
+from obk_cli.edits import Edit
 from obk_cli.source import Span
 
 __all__ = ["Diagnostic", "Related", "Severity", "found", "in_order", "worst"]
@@ -29,6 +30,8 @@ class Diagnostic:
     span: Span
     help: str | None = None
     related: tuple[Related, ...] = ()
+    fix: tuple[Edit, ...] = ()
+    """The edits that mend it; only where the cure is certain."""
 
     def __str__(self) -> str:
         return f"{self.span}: {self.severity}[{self.code}]: {self.message}"
@@ -42,6 +45,7 @@ def found(
     help: str | None = None,
     related: Iterable[Related] = (),
     severity: Severity | None = None,
+    fix: Iterable[Edit] = (),
 ) -> Diagnostic:
     """A finding with the severity of its rule, unless another is given."""
     return Diagnostic(
@@ -51,6 +55,7 @@ def found(
         span=span,
         help=help,
         related=tuple(related),
+        fix=tuple(fix),
     )
 
 

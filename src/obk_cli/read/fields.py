@@ -6,9 +6,11 @@ Null is the same as not written, except where a key is required.
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 
-from obelisk_spec.near import did_you_mean, list_names, near_names
+from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
 from obk_cli.config import Spanned
+from obk_cli.cures import remove_entry, respell
 from obk_cli.diagnostics import Diagnostic, found
+from obk_cli.edits import Edit
 from obk_cli.read.keys import NO_EFFECT_KEYS
 from obk_cli.source import Span
 from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
@@ -33,7 +35,8 @@ class Fields:
                 self._unknown(entry, keys)
             elif entry.key in NO_EFFECT_KEYS:
                 message = f"`{entry.key}` has no effect"
-                faults.append(found("OBK506", message, entry.key_span))
+                cure = remove_entry(tree, entry)
+                faults.append(found("OBK506", message, entry.key_span, fix=cure))
 
     def _unknown(self, entry: Entry, keys: tuple[str, ...]) -> None:
         useful = [key for key in keys if key not in NO_EFFECT_KEYS]
@@ -45,7 +48,11 @@ class Fields:
             # It is read as what it was meant to be, so that nothing is reported missing.
             self._entries.setdefault(near[0], entry)
         message = f"{self._what} has no key `{entry.key}`"
-        self._faults.append(found("OBK101", message, entry.key_span, help=help))
+        meant = sure_name(entry.key, useful)
+        cure: tuple[Edit, ...] = ()
+        if meant is not None and self.tree.get(meant) is None:
+            cure = respell(entry.key_span, entry.key, meant)
+        self._faults.append(found("OBK101", message, entry.key_span, help=help, fix=cure))
 
     def entry(self, key: str, *, required: bool = False) -> Entry | None:
         """The entry of a key that holds something."""
@@ -101,7 +108,9 @@ class Fields:
         message = f"`{key}` is `{text.value}`, expected one of {list_names(words)}"
         near = near_names(text.value, words)
         help = did_you_mean(text.value, words) if near else None
-        self._faults.append(found("OBK105", message, text.span, help=help))
+        meant = sure_name(text.value, words)
+        cure = respell(text.span, text.value, meant) if meant else ()
+        self._faults.append(found("OBK105", message, text.span, help=help, fix=cure))
         return None
 
     def mapping(self, key: str, *, required: bool = False) -> TreeMap | None:

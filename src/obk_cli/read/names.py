@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from obelisk_spec.messages import near_msg_types, resolve_msg_type
+from obelisk_spec.messages import near_msg_types, resolve_msg_type, sure_msg_type
 from obelisk_spec.names import (
     namespace_fault,
     node_name_fault,
@@ -10,6 +10,7 @@ from obelisk_spec.names import (
     topic_name_fault,
 )
 from obk_cli.config import Spanned
+from obk_cli.cures import respell
 from obk_cli.diagnostics import found
 from obk_cli.read.fields import Faults
 
@@ -50,7 +51,9 @@ def check_msg_type(msg_type: Spanned[str] | None, faults: Faults) -> Spanned[str
     if near:
         help = f"did you mean {' or '.join(f'`{name}`' for name in near)}?"
     message = f"message type `{msg_type.value}` is not known"
-    faults.append(found("OBK115", message, msg_type.span, help=help))
+    meant = sure_msg_type(msg_type.value)
+    cure = respell(msg_type.span, msg_type.value, meant) if meant else ()
+    faults.append(found("OBK115", message, msg_type.span, help=help, fix=cure))
     return None
 
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from obk_cli.config import SensorGroup, Sim, Spanned
+from obk_cli.cures import respell
 from obk_cli.diagnostics import found
 from obk_cli.read.fields import Faults, Fields, read_items, read_text
 from obk_cli.read.keys import OLDER_KEYS, SENSOR_GROUP_KEYS, SIM_KEYS
@@ -50,7 +51,9 @@ def _renamed(group: TreeMap, faults: Faults) -> TreeMap:
         newer = OLDER_KEYS.get(entry.key)
         if newer is not None and group.get(newer) is None:
             message = f"`{entry.key}` is the older name of `{newer}`"
-            faults.append(found("OBK501", message, entry.key_span, help=f"write `{newer}`"))
+            cure = respell(entry.key_span, entry.key, newer)
+            help = f"write `{newer}`"
+            faults.append(found("OBK501", message, entry.key_span, help=help, fix=cure))
             entry = replace(entry, key=newer)
         entries.append(entry)
     return replace(group, entries=tuple(entries))

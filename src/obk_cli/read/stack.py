@@ -3,8 +3,9 @@
 from collections import Counter
 from dataclasses import replace
 
-from obelisk_spec.near import did_you_mean, list_names, near_names
+from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
 from obk_cli.config import NODE_SECTIONS, Joystick, Node, Stack
+from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.read.fields import Faults, Fields, read_items
 from obk_cli.read.keys import (
@@ -130,7 +131,9 @@ class _StackReader:
             if section is not entry:
                 help = did_you_mean(entry.key, SECTION_KEYS)
                 message = f"device `{device.key}` has no section `{entry.key}`"
-                self._faults.append(found("OBK101", message, entry.key_span, help=help))
+                meant = sure_name(entry.key, SECTION_KEYS)
+                cure = respell(entry.key_span, entry.key, meant) if meant else ()
+                self._faults.append(found("OBK101", message, entry.key_span, help=help, fix=cure))
 
     def read_section(self, section: Entry, device: str) -> None:
         """One section of one device."""
