@@ -14,7 +14,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
 INSTALL := $(PIP) install --no-deps --no-build-isolation
 PYTHONS := 3.12 3.13
 
-.PHONY: setup demo test test-unit check golden lock wheel clean
+.PHONY: setup demo test test-unit check golden docs lock wheel clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.interfaces
@@ -37,6 +37,10 @@ check: setup
 # Rewrites the expected outputs of the tests; look at the difference before committing it.
 golden: setup
 	$(BIN)/python -m pytest tests/golden tests/cases --update-golden
+
+# Writes the pages of the rules, and the examples of `obk explain`, from the table and the cases.
+docs: setup
+	$(BIN)/python tools/rule_pages.py
 
 # --- the environment, in four steps; each is done again only when what it is made from changes ---
 

@@ -1,5 +1,7 @@
-"""`obk explain CODE`: what a rule means and how to mend what it finds."""
+"""`obk explain CODE`: what a rule means, a wrong and a right example, how to mend what it finds."""
 
+import json
+from importlib import resources
 from typing import Annotated
 
 import typer
@@ -29,10 +31,24 @@ def command(
 
 
 def _page(rule: Rule) -> str:
-    return (
-        f"{rule.code} ({rule.severity}): {rule.title}\n\n"
-        f"Why:  {rule.cause}\n"
-        f"Cure: {rule.cure}\n\n"
+    parts = [
+        f"{rule.code} ({rule.severity}): {rule.title}",
+        f"Why:  {rule.cause}\nCure: {rule.cure}",
+    ]
+    text = resources.files("obk_cli.codes").joinpath("examples.json").read_text(encoding="utf-8")
+    example: dict[str, str] | None = json.loads(text).get(rule.code)
+    if example:
+        parts += [
+            f"Wrong:\n{_indented(example['wrong'])}",
+            f"Right:\n{_indented(example['right'])}",
+            f"What is said of the wrong one:\n{_indented(example['report'])}",
+        ]
+    parts.append(
         f"Silence it on a line with `# obk: ignore[{rule.code}]`, in a run with "
         f"`--ignore {rule.code}`."
     )
+    return "\n\n".join(parts)
+
+
+def _indented(text: str) -> str:
+    return "\n".join(f"    {line}".rstrip() for line in text.splitlines())
