@@ -4,7 +4,7 @@ The library entry for everything that needs a config: the command line, the laun
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -52,6 +52,8 @@ class Options:
     """Codes, or beginnings of codes, not to report."""
     surroundings: Surroundings | None = None
     """What to ask about packages and models; None: this machine."""
+    read: Callable[[str], bytes | str] = read_bytes
+    """What a config file holds, or why it cannot be read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +74,7 @@ class Outcome:
 def compile_config(path: str, options: Options) -> Outcome:
     """Compile a file; `-` is the standard input."""
     shown = "<standard input>" if path == STANDARD_INPUT else path
-    data = read_bytes(path)
+    data = options.read(path)
     if isinstance(data, str):
         place = Span.at(SourceFile.of(shown, ""), 1, 1)
         fault = found("OBK001", f"`{shown}` cannot be read: {data}", place)
@@ -133,7 +135,7 @@ def _front(source: SourceFile, options: Options) -> tuple[Stack | None, tuple[Di
         return None, faults
     if isinstance(tree, TreeMap):
         tree, include_faults = resolve_includes(
-            tree, source.path, lambda path: _load(path, options.environment)
+            tree, source.path, lambda path: _load(path, options)
         )
         faults += include_faults
         tree, override_faults = resolve_overrides(tree, options.overrides, _parse_value)
@@ -159,14 +161,14 @@ def _parse_value(source: SourceFile) -> tuple[Tree | None, tuple[Diagnostic, ...
     return parsed.tree, parsed.diagnostics
 
 
-def _load(path: str, environment: Mapping[str, str], *, shown: str | None = None) -> Loaded:
-    data = read_bytes(path)
+def _load(path: str, options: Options, *, shown: str | None = None) -> Loaded:
+    data = options.read(path)
     if isinstance(data, str):
         return Loaded(unreadable=data)
     source = decode_source(shown or path, data)
     if isinstance(source, Diagnostic):
         return Loaded(diagnostics=(source,))
-    tree, faults = _parse(source, environment)
+    tree, faults = _parse(source, options.environment)
     return Loaded(tree=tree, diagnostics=faults)
 
 
@@ -174,4 +176,4 @@ def _load_shown(path: Path, options: Options) -> Loaded:
     """A file under the path that a person in the working folder would write."""
     is_near = path.is_relative_to(options.working_folder)
     shown = path.relative_to(options.working_folder) if is_near else path
-    return _load(str(path), options.environment, shown=str(shown))
+    return _load(str(path), options, shown=str(shown))
