@@ -216,6 +216,18 @@ def test_after_shutdown_neither_descriptor_nor_thread_is_left() -> None:
         assert threading.active_count() == before_threads
 
 
+def test_a_shutdown_within_a_callback_leaves_no_descriptor_either() -> None:
+    with world() as made:
+        node = Node("node", context=made.context)
+        before_fds = open_fds()
+        executor = EventLoopExecutor(2, context=made.context)
+        executor.add_node(node)
+        node.create_timer(0.001, executor.shutdown)
+        executor.spin()
+        assert open_fds() <= before_fds
+        node.destroy_node()
+
+
 def test_an_executor_that_nobody_has_any_more_lets_go_of_everything() -> None:
     with world() as made:
         executor = EventLoopExecutor(context=made.context)

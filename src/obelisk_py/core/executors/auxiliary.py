@@ -6,6 +6,7 @@ signal ended the context. It never calls the user.
 """
 
 import threading
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
@@ -23,6 +24,9 @@ from obelisk_py.core.executors.entities import ExecutorReference
 from obelisk_py.core.executors.lane import Job, Lane
 
 __all__ = ["AuxiliaryRunner", "AuxiliaryThread", "GuardRunner", "WaitableRunner"]
+
+_END_AFTER_SIGNAL_S = 2.0
+_LOOK_EVERY_S = 0.002
 
 
 class AuxiliaryRunner(ABC):
@@ -144,9 +148,9 @@ class AuxiliaryThread:
             self._thread.join(timeout_s)
             if self._thread.is_alive():
                 return False
-        for guard in (self._change, self._signal):
-            with suppress(InvalidHandle):
-                guard.destroy()
+        # `_signal` is left to the garbage collector: after a signal, a thread of rclpy may be about
+        # to trigger it, and would crash.
+        self._change.destroy()
         return True
 
     def _main(self) -> None:
@@ -187,6 +191,14 @@ class AuxiliaryThread:
             ]
         for runner in ready:
             runner.post()
+        if self._signal.handle.pointer in triggered:
+            self._await_end_of_context()
+
+    def _await_end_of_context(self) -> None:
+        """Be patient: the signal handler triggers first and ends the context a little later."""
+        end_s = time.monotonic() + _END_AFTER_SIGNAL_S
+        while self._context.ok() and not self._is_stopped and time.monotonic() < end_s:
+            time.sleep(_LOOK_EVERY_S)
 
     def _wait_set(
         self, guards: Sequence[GuardCondition], waitables: Sequence[WaitableRunner]

@@ -128,9 +128,9 @@ class Engine:
             thread.join(_left_s(end_s))
         if any(thread.is_alive() for thread in self._threads):
             return False
-        if not self._auxiliary.stop(_left_s(end_s)):
-            return False
         if not self._is_closed:
+            if not self._auxiliary.stop(_left_s(end_s)):
+                return False
             self._is_closed = True
             self._roster.clear()
             for lane in self._lanes:

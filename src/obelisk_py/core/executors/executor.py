@@ -135,7 +135,10 @@ class EventLoopExecutor(Executor):
         self._is_shutdown = True
         ended = self._engine.stop(timeout_s)
         if ended:
-            super().shutdown()
+            # Not the base's, which destroys a guard condition that a thread of rclpy may be about
+            # to trigger after a signal; that crashes.
+            with self._nodes_lock:
+                self._nodes = set()
         return ended
 
     def _run(self, lane: Lane, future: Future | None, end_s: float | None) -> None:
