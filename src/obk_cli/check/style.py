@@ -6,7 +6,9 @@ from collections.abc import Iterator, Mapping
 
 from obelisk_spec.components import DEFAULT_HISTORY_DEPTH
 from obk_cli.config import Node, Sim, Stack
+from obk_cli.cures import remove_entry
 from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.edits import Edit
 from obk_cli.source import Span
 from obk_cli.surroundings import Surroundings
 from obk_cli.tree import Entry, TreeList, TreeMap, TreeScalar
@@ -52,9 +54,12 @@ def _path_spans(node: Node) -> Iterator[Span]:
 def check_defaults(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
     """Keys that say what holds without them; one finding for a key, however often it stands."""
     places: dict[str, list[Span]] = defaultdict(list)
+    cures: dict[str, list[Edit]] = defaultdict(list)
     for node in stack.nodes:
-        for entry in _written_defaults(node):
-            places[f"{entry.key}: {entry.value.span.text}"].append(entry.key_span)
+        for tree, entry in _written_defaults(node):
+            written = f"{entry.key}: {entry.value.span.text}"
+            places[written].append(entry.key_span)
+            cures[written] += remove_entry(tree, entry)
     for written, (first, *others) in places.items():
         count = f" {len(others) + 1} times" if others else ""
         yield found(
@@ -63,10 +68,11 @@ def check_defaults(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
             first,
             help="it can be left out",
             related=(Related(message="here too", span=span) for span in others[:_MOST_SHOWN]),
+            fix=cures[written],
         )
 
 
-def _written_defaults(node: Node) -> Iterator[Entry]:
+def _written_defaults(node: Node) -> Iterator[tuple[TreeMap, Entry]]:
     for component in node.components:
         yield from _equal(component.tree, _COMPONENT_DEFAULTS)
         qos = component.tree.get("qos")
@@ -84,10 +90,10 @@ def _groups(sim: Sim) -> Iterator[TreeMap]:
         yield from (group for group in entry.value.items if isinstance(group, TreeMap))
 
 
-def _equal(tree: TreeMap, defaults: Mapping[str, object]) -> Iterator[Entry]:
+def _equal(tree: TreeMap, defaults: Mapping[str, object]) -> Iterator[tuple[TreeMap, Entry]]:
     for entry in tree:
         value = entry.value
         if not isinstance(value, TreeScalar) or isinstance(value.value, bool | None):
             continue
         if defaults.get(entry.key) == value.value:
-            yield entry
+            yield tree, entry
