@@ -1,0 +1,59 @@
+"""Plans to emit, made up."""
+
+from obk_cli.plan import Endpoint, Origin, Plan, Process, SensorGroup
+
+__all__ = ["loop", "node"]
+
+
+def node(
+    section: str,
+    name: str = "0",
+    *,
+    says: tuple[str, ...] = (),
+    hears: tuple[str, ...] = (),
+    **others: object,
+) -> Process:
+    """A process of a section that publishes and subscribes to topics."""
+    settings: dict[str, object] = {
+        "node": f"obelisk_{section}_{name}",
+        "namespace": "/",
+        "section": section,
+        "device": "onboard",
+        "package": "demo",
+        "executable": "run",
+        "origin": Origin(path="f", line=1, column=1),
+        "publishes": tuple(Endpoint(topic=t, msg_type="a_msgs/msg/T", rate_hz=10.0) for t in says),
+        "subscribes": tuple(Endpoint(topic=t, msg_type="a_msgs/msg/T") for t in hears),
+        "has_lifecycle": section != "joystick",
+    }
+    return Process(**{**settings, **others})  # type: ignore[arg-type]
+
+
+def loop() -> Plan:
+    """A control loop of four nodes on two devices, in no good order, and a joystick."""
+    return Plan(
+        name='arm <"&">',
+        processes=(
+            node("control", says=("/ctrl",), hears=("/est", "/joy"), device="offboard"),
+            node("robot", "a", says=("/q",), hears=("/ctrl",), parameters={"text": "it's '''"}),
+            node("estimation", says=("/est",), hears=("/q", "/imu")),
+            node(
+                "robot",
+                "b",
+                says=("/imu",),
+                model="/models/arm.xml",
+                namespace="/left",
+                remappings=(("/a", "/b"),),
+                env={"A": "1"},
+                log_level="debug",
+                sensor_groups=(
+                    SensorGroup(
+                        topic="/imu",
+                        kind="ObkImu",
+                        sensors={'g"1': "gyro", "g2": "gyro", "<a>": "accelerometer"},
+                    ),
+                ),
+            ),
+            node("joystick", says=("/joy",), device="offboard", node="obelisk_joystick"),
+        ),
+    )

@@ -1,0 +1,153 @@
+"""Mermaid, DOT, SVG, JSON and the terminal: what they say, and that nothing of it breaks them."""
+
+import json
+import re
+from xml.etree import ElementTree
+
+import pytest
+
+from obk_cli.emit.dot import emit_dot
+from obk_cli.emit.graph import graph_of
+from obk_cli.emit.graph_json import emit_graph_json
+from obk_cli.emit.letters import columns_of, shortened
+from obk_cli.emit.mermaid import emit_mermaid
+from obk_cli.emit.svg import emit_svg
+from obk_cli.emit.terminal import emit_terminal
+from obk_cli.plan import Plan
+
+from .plans import loop, node
+
+GRAPH = graph_of(loop())
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def svg_texts(text: str) -> list[str]:
+    return [element.text or "" for element in ElementTree.fromstring(text).iter(f"{SVG}text")]
+
+
+def test_the_graph_stands_in_bring_up_order() -> None:
+    assert [n.title for n in GRAPH.nodes] == [
+        "obelisk_robot_a",
+        "/left/obelisk_robot_b",
+        "obelisk_estimation_0",
+        "obelisk_control_0",
+        "obelisk_joystick",
+    ]
+    assert [t.name for t in GRAPH.topics] == ["/q", "/ctrl", "/imu", "/est", "/joy"]
+
+
+def test_sensors_are_told_by_type() -> None:
+    (imu,) = (topic for topic in GRAPH.topics if topic.name == "/imu")
+    assert imu.summary == "T, 10 Hz"
+    assert imu.sensors == ('gyro g"1 +1', "accelerometer <a>")
+
+
+def test_every_picture_shows_every_node_topic_and_sensor() -> None:
+    svg = "\n".join(svg_texts(emit_svg(GRAPH)))
+    for text in (svg, emit_terminal(GRAPH)):
+        for word in ("obelisk_robot_a", "/left/obelisk_robot_b", "/ctrl", "T, 10 Hz", "gyro g"):
+            assert word in text
+        assert "MuJoCo arm.xml" in text
+        assert "accelerometer <a>" in text
+        assert 'arm <"&">: 5 nodes, 5 topics' in text
+
+
+def test_mermaid_names_what_it_cannot_write() -> None:
+    text = emit_mermaid(GRAPH)
+    assert "gyro g#quot;1 +1<br/>accelerometer #lt;a#gt;" in text
+    assert 'title: "arm <\\"&\\">: 5 nodes, 5 topics"' in text
+    # What is left between quotes holds none of what would end a label.
+    for label in re.findall(r'\["(.*)"\]', text):
+        assert '"' not in label
+        assert not re.search(r"<(?!b>|/b>|br/>)", label)
+
+
+def test_dot_escapes_what_graphviz_reads() -> None:
+    text = emit_dot(GRAPH)
+    assert text.startswith('digraph "arm <\\"&amp;\\">" {')
+    assert 'gyro g\\"1 +1\\naccelerometer <a>' in text
+
+
+def test_topics_of_one_device_stand_with_it() -> None:
+    within = {device: [t.name for t in GRAPH.topics_within(device)] for device in GRAPH.devices}
+    assert within == {"onboard": ["/q", "/imu"], "offboard": ["/joy"]}
+    assert [t.name for t in GRAPH.topics_within(None)] == ["/ctrl", "/est"]
+
+
+def test_the_json_graph_names_each_edge() -> None:
+    graph = json.loads(emit_graph_json(GRAPH))
+    assert {"kind": "publishes", "from": "/obelisk_control_0", "to": "/ctrl"} in graph["edges"]
+    assert {"kind": "subscribes", "from": "/ctrl", "to": "/obelisk_robot_a"} in graph["edges"]
+    assert len(graph["edges"]) == 10
+    names = {item["name"] for item in (*graph["nodes"], *graph["topics"])}
+    assert {edge[end] for edge in graph["edges"] for end in ("from", "to")} <= names
+    (imu,) = (topic for topic in graph["topics"] if topic["name"] == "/imu")
+    assert imu["sensor_groups"][0]["sensors"] == {
+        'g"1': "gyro",
+        "g2": "gyro",
+        "<a>": "accelerometer",
+    }
+
+
+@pytest.mark.parametrize("letter", ["\x00", "\x1b", "\ud800", "\n", "]]>", "--", '"', "漢", "`"])
+def test_any_letter_gives_a_picture(letter: str) -> None:
+    strange = node("robot", says=(f"/t{letter}",), package=f"p{letter}", device=f"d{letter}")
+    graph = graph_of(Plan(name=f"n{letter}", processes=(strange,)))
+    ElementTree.fromstring(emit_svg(graph).encode())
+    for text in (emit_mermaid(graph), emit_dot(graph), emit_terminal(graph)):
+        assert not re.search("[\x00-\x09\x0b-\x1f]", text)
+        text.encode()
+    lengths = {
+        columns_of(line)
+        for line in emit_terminal(graph).splitlines()
+        if line.startswith(("╭", "│", "╰"))
+    }
+    assert len(lengths) <= 2  # with and without the mark of a topic that nobody hears
+    json.loads(emit_graph_json(graph).encode())
+
+
+def test_a_plan_without_topics_has_pictures() -> None:
+    graph = graph_of(Plan(name="x", processes=(node("robot"),)))
+    ElementTree.fromstring(emit_svg(graph))
+    assert "obelisk_robot_0" in emit_terminal(graph)
+
+
+def test_the_drawing_for_the_terminal_word_for_word() -> None:
+    plan = Plan(
+        name="arm",
+        processes=(
+            node("robot", says=("/q",), hears=("/u",)),
+            node("control", says=("/u", "/debug"), hears=("/q",)),
+        ),
+    )
+    assert emit_terminal(graph_of(plan), 52) == (
+        "arm: 2 nodes, 3 topics\n"
+        "\n"
+        "onboard\n"
+        "╭─ robot ──────────────────────────────────────╮\n"
+        "│ obelisk_robot_0                         demo │\n"
+        "│                                          run │\n"
+        "│ ◀ /u                                T, 10 Hz ◀───╮\n"
+        "│ ▶ /q                                T, 10 Hz ├─╮ │\n"
+        "╰──────────────────────────────────────────────╯ │ │\n"
+        "╭─ control ────────────────────────────────────╮ │ │\n"
+        "│ obelisk_control_0                       demo │ │ │\n"
+        "│                                          run │ │ │\n"
+        "│ ◀ /q                                T, 10 Hz ◀─╯ │\n"
+        "│ ▶ /u                                T, 10 Hz ├───╯\n"
+        "│ ▶ /debug                            T, 10 Hz ├○\n"
+        "╰──────────────────────────────────────────────╯\n"
+    )
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_the_drawing_keeps_to_its_width(width: int) -> None:
+    lines = emit_terminal(GRAPH, width).splitlines()
+    assert max(map(columns_of, lines)) == width
+
+
+@pytest.mark.parametrize("most", range(2, 12))
+def test_shortened_text_fits(most: int) -> None:
+    for text in ("", "abc", "abcdefghijkl", "漢字漢字漢字漢字"):
+        assert columns_of(shortened(text, most)) <= most
+    assert shortened("abcdefghijkl", 7) == "abc…jkl"

@@ -1,0 +1,85 @@
+"""The plan as JSON keeps to its schema, and the schema says what everything is."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any
+
+import jsonschema
+import pytest
+
+from obk_cli.emit.plan_json import emit_plan
+from obk_cli.plan import Endpoint, Origin, Plan, Process, SensorGroup
+from obk_cli.resources import resource_folder
+
+from .plans import loop, node
+
+SCHEMA: dict[str, Any] = json.loads((resource_folder("schema") / "plan.schema.json").read_text())
+DEFINITIONS = {
+    "process": Process,
+    "endpoint": Endpoint,
+    "origin": Origin,
+    "sensor_group": SensorGroup,
+}
+
+
+def faults(plan: dict[str, Any]) -> list[str]:
+    validator = jsonschema.Draft202012Validator(SCHEMA)
+    return [error.message for error in validator.iter_errors(plan)]
+
+
+def schemas(value: Any) -> Iterator[dict[str, Any]]:
+    """Every schema in a schema."""
+    if isinstance(value, dict):
+        if value.keys() & {"type", "anyOf", "enum"} and isinstance(
+            value.get("type", ""), str | list
+        ):
+            yield value
+        for item in value.values():
+            yield from schemas(item)
+    elif isinstance(value, list):
+        for item in value:
+            yield from schemas(item)
+
+
+def test_the_schema_is_one_and_says_what_everything_is() -> None:
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+    assert all({"title", "description"} <= schema.keys() for schema in schemas(SCHEMA))
+
+
+@pytest.mark.parametrize("name", DEFINITIONS)
+def test_the_schema_has_the_plans_fields(name: str) -> None:
+    names = {field.name for field in fields(DEFINITIONS[name])}
+    assert set(SCHEMA["$defs"][name]["properties"]) == names
+    assert set(SCHEMA["$defs"][name]["required"]) == names
+
+
+def test_an_emitted_plan_keeps_to_the_schema() -> None:
+    strange = {
+        "floats": (1.0, float("inf")),
+        "nan": float("nan"),
+        "half": "\ud800",
+        "flags": (True,),
+        "names": ("a",),
+        "count": 3,
+    }
+    plan = Plan(name="x", processes=(*loop().processes, node("viz", parameters=strange)))
+    text = emit_plan(plan).encode()
+    assert faults(json.loads(text)) == []
+    assert json.loads(text)["processes"][-1]["parameters"] == {
+        "floats": [1.0, ".inf"],
+        "nan": ".nan",
+        "half": "\ud800",
+        "flags": [True],
+        "names": ["a"],
+        "count": 3,
+    }
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("section", "brain"), ("namespace", "left"), ("parameters", {"x": None})]
+)
+def test_what_is_no_plan_is_refused(key: str, value: object) -> None:
+    plan = json.loads(emit_plan(loop()))
+    plan["processes"][0][key] = value
+    assert faults(plan)
