@@ -24,6 +24,7 @@ from obk_cli.wiring import TopicEnd, absolute_topic, node_ends, stack_ends
 __all__ = ["DEFAULT_STACK_NAME", "lower_stack"]
 
 DEFAULT_STACK_NAME = "obelisk"
+_SIM_DEFAULTS = {"num_steps_per_viz": 8}
 _DEFAULT_SIM_PARAMETER = f"mujoco{SETTING_SUFFIX}"
 _LISTS = (("publishers", "publisher"), ("subscribers", "subscriber"), ("timers", "timer"))
 _LEFT_OUT = ("non_obelisk", "callback_key")
@@ -164,11 +165,11 @@ def _all_settings(node: Node) -> Mapping[str, object]:
 
 
 def _sim_setting(sim: Sim) -> Mapping[str, object]:
-    """The block for the simulator, its paths resolved."""
+    """The block for the simulator, its paths resolved; what says nothing is left out."""
     block = {
         key: value
         for key, value in sim.block.items()
-        if value not in (None, "None") and key != "ros_parameter"
+        if value not in (None, "None", _SIM_DEFAULTS.get(key)) and key != "ros_parameter"
     }
     if sim.model is not None:
         block["model_xml_path"] = _path(sim.model, sim.model.written.value)
@@ -177,6 +178,8 @@ def _sim_setting(sim: Sim) -> Mapping[str, object]:
     for group in groups if isinstance(groups, list) else ():
         if group.get("config_path") in found:
             group["config_path"] = found[group["config_path"]]
+        if group.get("history_depth") == DEFAULT_HISTORY_DEPTH:
+            del group["history_depth"]
     return block
 
 
