@@ -20,6 +20,8 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from obelisk_py.core.exceptions import ObeliskError
+
 __all__ = ["Fault", "GuardedLifecycleNode"]
 
 TransitionCallback = Callable[[LifecycleState], TransitionCallbackReturn]
@@ -123,8 +125,10 @@ class GuardedLifecycleNode(LifecycleNode):
 
     def _keep(self, fault: BaseException | str, where: str) -> None:
         if isinstance(fault, BaseException):
-            trace = "".join(traceback.format_exception(fault)).rstrip()
-            text = f"{type(fault).__name__}: {fault}"
+            # What is wrong with the settings stands in the sentence, not in the library's code.
+            is_ours = isinstance(fault, ObeliskError)
+            trace = "" if is_ours else "".join(traceback.format_exception(fault)).rstrip()
+            text = str(fault) if is_ours else f"{type(fault).__name__}: {fault}"
         else:
             trace, text = "", fault
         self.last_fault = Fault(where=where, text=text, traceback=trace)

@@ -20,6 +20,8 @@ from obk_cli.plan import Process
 
 __all__ = ["NodeCommand", "WardenProcesses"]
 
+LAST_WORDS_S = 1.0
+"""How long the rest of an ended process's output may take [s]."""
 NO_WARDEN = "the process that watched over the nodes is gone"
 
 
@@ -54,7 +56,8 @@ class WardenProcesses:
         self._folder = folder
         self._hear = hear
         self._on_line = on_line
-        self._pumps: list[threading.Thread] = []
+        self._pumps: dict[str, threading.Thread] = {}
+        self._last_lines: dict[str, str] = {}
         self._running: set[str] = set()
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
@@ -81,7 +84,7 @@ class WardenProcesses:
         self._warden.wait()
         self._listener.join()
         self._link.close()
-        for pump in self._pumps:
+        for pump in self._pumps.values():
             pump.join()
 
     def start(self, process: Process) -> None:
@@ -105,7 +108,7 @@ class WardenProcesses:
             target=self._pump, args=(process.full_name, read_fd), name="output", daemon=True
         )
         pump.start()
-        self._pumps.append(pump)
+        self._pumps[process.full_name] = pump
 
     def signal(self, node: str, number: int) -> None:
         """Send a signal to a node's process and its children that share its group."""
@@ -123,10 +126,18 @@ class WardenProcesses:
                 self._hear(ProcessStarted(node=node, pid=news["pid"]))
             else:
                 self._running.discard(node)
-                self._hear(ProcessEnded(node=node, code=news["code"], text=news["text"]))
+                text = news["text"] or (self._last_words(node) if news["code"] > 0 else "")
+                self._hear(ProcessEnded(node=node, code=news["code"], text=text))
         # The nodes die with the warden, and nobody else would tell.
         for node in sorted(self._running):
             self._hear(ProcessEnded(node=node, code=-signal.SIGKILL, text=NO_WARDEN))
+
+    def _last_words(self, node: str) -> str:
+        """The last line that a process wrote: of a Python program that died, its exception."""
+        pump = self._pumps.get(node)
+        if pump is not None:
+            pump.join(LAST_WORDS_S)
+        return self._last_lines.get(node, "")
 
     def _received(self) -> bytes:
         try:
@@ -137,4 +148,7 @@ class WardenProcesses:
     def _pump(self, node: str, read_fd: int) -> None:
         with open(read_fd, encoding="utf-8", errors="replace") as output:
             for line in output:
-                self._on_line(node, line.rstrip("\n"))
+                text = line.rstrip("\n")
+                if text.strip():
+                    self._last_lines[node] = text
+                self._on_line(node, text)

@@ -91,7 +91,7 @@ class Warden:
                 preexec_fn=self._in_child,
             )
         except OSError as error:
-            self._send(news="ended", node=node, code=127, text=f"cannot start: {error}")
+            self._send(news="ended", node=node, code=127, text=f"it cannot start: {error}")
         else:
             self._pids[child.pid] = node
             child.returncode = 0

@@ -1,5 +1,6 @@
 """What happens during a run, as values: what the supervisor hears, and what it tells."""
 
+import signal
 from dataclasses import dataclass
 from typing import Literal
 
@@ -38,7 +39,16 @@ class ProcessEnded:
     node: str
     code: int
     text: str = ""
-    """Why it could not even start, else empty."""
+    """What is known of the reason: why it could not start, or its last words; else empty."""
+
+    @property
+    def how(self) -> str:
+        """The end in words."""
+        if self.code < 0:
+            end = f"the process was ended by {signal.Signals(-self.code).name}"
+        else:
+            end = f"the process exited with code {self.code}"
+        return f"{end}: {self.text}" if self.text else end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,4 +127,4 @@ class Ended:
     """Further failures that came after the first."""
 
 
-Told = ProcessStarted | ProcessEnded | Failed | TransitionEnded | Phase | Ended
+Told = ProcessStarted | ProcessEnded | StateSeen | Failed | TransitionEnded | Phase | Ended

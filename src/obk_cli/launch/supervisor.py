@@ -110,6 +110,10 @@ class Supervisor:
         self._running: set[str] = set()
         self._ready: set[str] = set()
         self._states: dict[str, str] = {}
+        self._asked: set[str] = set()
+        """Nodes that are in the middle of a transition that was asked of them here."""
+        self._silent: set[str] = set()
+        """Nodes that left a request without an answer; nothing more is asked of them."""
         self._stop: str | None = None
         self._failures: list[str] = []
         self._is_going_down = False
@@ -182,6 +186,7 @@ class Supervisor:
         """Ask all nodes at once and wait for every answer, at most `limit_s`."""
         asked = self._clock()
         waiting = set(nodes) & self._running
+        self._asked = set(waiting)
         results: dict[str, Result] = dict.fromkeys(nodes, "gone")
         for node in sorted(waiting):
             self._lifecycle.request(node, transition.name)
@@ -193,7 +198,9 @@ class Supervisor:
             waiting &= self._running
         for node in sorted(waiting):
             results[node] = "timed out"
+            self._silent.add(node)
             self._concluded(node, transition, "timed out", asked, "")
+        self._asked = set()
         return results
 
     def _concluded(
@@ -207,7 +214,7 @@ class Supervisor:
         )
         if result == "reached":
             self._states[node] = transition.goal
-        elif not self._is_going_down:
+        else:
             how = f"was not done within {seconds:.1f} s" if result == "timed out" else "failed"
             first = f": {fault.splitlines()[0]}" if fault else ""
             self._fail(f"{node}: the transition '{transition.name}' {how}{first}")
@@ -220,13 +227,16 @@ class Supervisor:
                 at = [
                     node
                     for node in tier
-                    if node in self._ready
+                    if node in self._ready - self._silent
                     and self._states.get(node, UNCONFIGURED) in transition.starts
                 ]
                 self._transition(transition, at, self._limits.down_s)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
             for node in sorted(self._running):
-                self._processes.signal(node, number)
+                # Before it is ready a node does not handle SIGINT yet, Python does: with a
+                # traceback that says nothing.
+                early = number == signal.SIGINT and node not in self._ready
+                self._processes.signal(node, signal.SIGTERM if early else number)
             deadline = self._clock() + self._limits.grace_s
             while self._running and self._hear(deadline):
                 pass
@@ -246,9 +256,9 @@ class Supervisor:
                 self._tell(heard)
             case Ready(node=node):
                 self._ready.add(node)
-            case StateSeen(node=node, state=state):
-                self._states[node] = state
-            case Failed(node=node, fault=fault) if not self._is_going_down:
+            case StateSeen():
+                self._seen(heard)
+            case Failed(node=node, fault=fault) if not (self._is_going_down or node in self._asked):
                 self._tell(heard)
                 self._fail(
                     f"{node} failed: {fault.splitlines()[0] if fault else 'no reason given'}"
@@ -261,22 +271,23 @@ class Supervisor:
                 pass
         return heard
 
+    def _seen(self, heard: StateSeen) -> None:
+        """A node's state changed: by what was asked here, or from elsewhere."""
+        is_news = self._states.get(heard.node) != heard.state
+        self._states[heard.node] = heard.state
+        if is_news and heard.node not in self._asked and not self._is_going_down:
+            self._tell(heard)
+            if all(self._states.get(node) == FINALIZED for node in self._running):
+                self._stop = self._stop or "every node was shut down from elsewhere"
+
     def _ended(self, heard: ProcessEnded) -> None:
         self._running.discard(heard.node)
         self._states[heard.node] = FINALIZED
-        is_expected = self._is_going_down and heard.code == 0
-        if not is_expected:
+        is_early = heard.node not in self._ready
+        in_order = heard.code == 0 or (is_early and heard.code == -signal.SIGTERM)
+        if not (self._is_going_down and in_order):
             self._tell(heard)
-        if not self._is_going_down:
-            self._fail(f"{heard.node}: {_how_it_ended(heard)}")
+            self._fail(f"{heard.node}: {heard.how}")
 
     def _fail(self, text: str) -> None:
         self._failures.append(text)
-
-
-def _how_it_ended(heard: ProcessEnded) -> str:
-    if heard.text:
-        return heard.text
-    if heard.code < 0:
-        return f"the process was ended by {signal.Signals(-heard.code).name}"
-    return f"the process exited with code {heard.code}"

@@ -9,6 +9,7 @@ from obk_cli.launch.events import (
     Phase,
     ProcessEnded,
     ProcessStarted,
+    StateSeen,
     Told,
     TransitionEnded,
 )
@@ -66,18 +67,25 @@ class LaunchReport:
                     f"  {self._short[event.node]}: {event.transition} "
                     f"{self._paint(colour, mark)} ({took})"
                 )
-                yield from (f"    {line}" for line in event.fault.splitlines())
+                yield from self._fault(event.fault)
+            case StateSeen():
+                yield f"  {self._short[event.node]}: {event.state} (not asked for here)"
             case Failed():
                 yield self._paint("31", f"  {self._short[event.node]}: FAILED")
-                yield from (f"    {line}" for line in event.fault.splitlines())
+                yield from self._fault(event.fault)
             case ProcessEnded():
-                why = event.text or f"code {event.code}"
-                yield self._paint("31", f"  {self._short[event.node]}: process ended ({why})")
+                yield self._paint("31", f"  {self._short[event.node]}: {event.how}")
             case Ended() if event.cause:
                 more = f" (and {event.consequences} more after it)" if event.consequences else ""
                 yield self._paint("31", f"failed: {event.cause}{more}")
             case Ended():
                 yield self._paint("32", "ended in order")
+
+    def _fault(self, fault: str) -> Iterable[str]:
+        """A node's own words; the traceback only where the node's output does not show it."""
+        lines = fault.splitlines()
+        shown = lines if self._quiet else _without_traceback(lines)
+        return (f"    {line}" for line in shown)
 
     def _paint(self, code: str, text: str) -> str:
         return f"\x1b[{code}m{text}\x1b[0m" if self._colour else text
@@ -85,3 +93,8 @@ class LaunchReport:
     def _put(self, text: str) -> None:
         with self._lock:
             self._write(text)
+
+
+def _without_traceback(lines: list[str]) -> list[str]:
+    start = next((n for n, line in enumerate(lines) if line.startswith("Traceback ")), None)
+    return lines[:start]

@@ -89,7 +89,7 @@ def test_output_environment_folder_and_exit_code_come_through(
     run = bench({"a": code})
     run.start("a")
     assert run.line() == f"hi {tmp_path}"
-    assert run.ended() == ProcessEnded(node="/a", code=3)
+    assert run.ended() == ProcessEnded(node="/a", code=3, text=f"hi {tmp_path}")
 
 
 def test_a_program_that_is_not_there_is_told_with_its_reason(bench: MakeBench) -> None:
@@ -99,7 +99,7 @@ def test_a_program_that_is_not_there_is_told_with_its_reason(bench: MakeBench) -
     ended = run.ended()
     assert isinstance(ended, ProcessEnded)
     assert ended.code == 127
-    assert "cannot start: [Errno 2] No such file or directory: '/no/such'" in ended.text
+    assert "it cannot start: [Errno 2] No such file or directory: '/no/such'" in ended.text
 
 
 def test_a_signal_reaches_the_one_that_is_named(bench: MakeBench) -> None:

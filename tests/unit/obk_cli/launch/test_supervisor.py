@@ -223,8 +223,10 @@ def test_a_process_that_dies_while_it_is_asked_ends_the_wait_at_once() -> None:
 
 def test_a_process_that_cannot_start_is_told_with_its_reason() -> None:
     world = World(never_ready={ROBOT})
-    world.heard.append(ProcessEnded(node=ROBOT, code=127, text="cannot start: no such file"))
-    assert world.run().cause == f"{ROBOT}: cannot start: no such file"
+    world.heard.append(ProcessEnded(node=ROBOT, code=127, text="it cannot start: no such file"))
+    assert world.run().cause == (
+        f"{ROBOT}: the process exited with code 127: it cannot start: no such file"
+    )
 
 
 def test_a_node_that_fails_by_itself_takes_the_stack_down() -> None:
@@ -253,6 +255,54 @@ def test_a_process_that_ignores_sigint_gets_harder_signals() -> None:
         signal.SIGKILL,
     ]
     assert not world.alive
+
+
+def test_a_process_that_had_to_be_killed_is_no_end_in_order() -> None:
+    world = World(deaf_to={(ROBOT, signal.SIGINT), (ROBOT, signal.SIGTERM)})
+    ended = world.run()
+    assert ended.exit_code == 1
+    assert ended.cause == f"{ROBOT}: the process was ended by SIGKILL"
+
+
+def test_a_node_without_an_answer_on_the_way_down_is_asked_nothing_more() -> None:
+    world = World(silent={(CONTROLLER, "deactivate")})
+    ended = world.run()
+    assert ended.exit_code == 1
+    assert "'deactivate' was not done within 3.0 s" in ended.cause
+    assert (CONTROLLER, "cleanup") not in world.done
+    assert (ROBOT, "shutdown") in world.done
+
+
+def test_a_stop_before_a_node_is_ready_ends_it_without_a_word_of_python() -> None:
+    world = World(never_ready={ROBOT}, later=deque([StopAsked(reason="SIGINT")]))
+    ended = world.run()
+    assert (ROBOT, signal.SIGTERM) in world.signals
+    assert (ROBOT, signal.SIGINT) not in world.signals
+    assert ended.exit_code == 0
+
+
+def test_a_failure_in_a_transition_that_was_asked_for_is_told_once() -> None:
+    world = World(
+        silent={(ROBOT, "configure")},
+        later=deque(
+            [
+                Failed(node=ROBOT, fault="on_configure: x"),
+                Answered(node=ROBOT, transition="configure", success=False, fault="x"),
+            ]
+        ),
+    )
+    ended = world.run()
+    assert ended.cause == f"{ROBOT}: the transition 'configure' failed: x"
+    assert ended.consequences == 0
+    assert not [event for event in world.told if isinstance(event, Failed)]
+
+
+def test_a_stack_that_is_shut_down_from_elsewhere_ends_in_order() -> None:
+    seen = [StateSeen(node=node, state="finalized") for node in (CONTROLLER, ESTIMATOR, ROBOT)]
+    world = World(later=deque(seen))
+    ended = world.run(duration_s=None)
+    assert ended.exit_code == 0
+    assert seen[0] in world.told
 
 
 def test_a_state_changed_from_elsewhere_is_known_on_the_way_down() -> None:

@@ -1,6 +1,13 @@
 """Lines of a run for a person."""
 
-from obk_cli.launch.events import Ended, Failed, Phase, ProcessEnded, TransitionEnded
+from obk_cli.launch.events import (
+    Ended,
+    Failed,
+    Phase,
+    ProcessEnded,
+    StateSeen,
+    TransitionEnded,
+)
 from obk_cli.report.launch import LaunchReport
 
 CONTROL, ROBOT = "/obelisk_control_0", "/obelisk_robot_0"
@@ -35,18 +42,32 @@ def test_a_refused_transition_shows_the_nodes_own_words_and_traceback() -> None:
         transition="configure",
         result="refused",
         seconds=0.001,
-        fault="on_configure: ValueError: x\nTraceback ...",
+        fault="on_configure: ValueError: x\nTraceback (most recent call last):\n  line",
     )
-    assert lines_of(event) == [
-        "  robot_0: configure FAILED (1 ms)",
-        "    on_configure: ValueError: x",
-        "    Traceback ...",
+    # The node's own output, which is shown too, has the traceback.
+    shown = ["  robot_0: configure FAILED (1 ms)", "    on_configure: ValueError: x"]
+    assert lines_of(event) == shown
+    assert lines_of(event, quiet=True) == [
+        *shown,
+        "    Traceback (most recent call last):",
+        "      line",
+    ]
+
+
+def test_a_change_from_elsewhere_is_told() -> None:
+    assert lines_of(StateSeen(node=CONTROL, state="inactive")) == [
+        "  control_0: inactive (not asked for here)"
     ]
 
 
 def test_failures_are_told_with_their_cause() -> None:
     assert lines_of(Failed(node=CONTROL, fault="boom")) == ["  control_0: FAILED", "    boom"]
-    assert lines_of(ProcessEnded(node=ROBOT, code=-9)) == ["  robot_0: process ended (code -9)"]
+    assert lines_of(ProcessEnded(node=ROBOT, code=-9)) == [
+        "  robot_0: the process was ended by SIGKILL"
+    ]
+    assert lines_of(ProcessEnded(node=ROBOT, code=1, text="KeyError: 'x'")) == [
+        "  robot_0: the process exited with code 1: KeyError: 'x'"
+    ]
     assert lines_of(Ended(exit_code=1, cause="a died", consequences=2)) == [
         "failed: a died (and 2 more after it)"
     ]
