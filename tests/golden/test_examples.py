@@ -5,7 +5,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jsonschema
 import pytest
+import yaml
 
 from obk_cli.emit.forms import FORMS as PRINTED_FORMS
 from obk_cli.emit.forms import Form
@@ -73,6 +75,25 @@ def test_both_spellings_come_to_the_same_but_for_places(form: str) -> None:
         assert plans[0] == plans[1]
     else:
         assert old == new
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_a_compiled_plan_keeps_to_its_schema(name: str, repository: Path) -> None:
+    schema = json.loads((repository / "schema/plan.schema.json").read_text(encoding="utf-8"))
+    jsonschema.validate(json.loads(golden(name, "plan").read_text(encoding="utf-8")), schema)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_another_yaml_reader_finds_the_plans_parameters(name: str) -> None:
+    plan = json.loads(golden(name, "plan").read_text(encoding="utf-8"))
+    read = yaml.safe_load(golden(name, "params").read_text(encoding="utf-8"))
+    assert read == {
+        f"/{process['node']}": {"ros__parameters": process["parameters"]}
+        for process in plan["processes"]
+    }
+    assert {"sub_ctrl_setting", "obelisk_settings", "mujoco_setting", "ic_keyframe"} == set(
+        read["/obelisk_robot_0"]["ros__parameters"]
+    )
 
 
 def test_the_same_config_gives_the_same_bytes_in_every_process(repository: Path) -> None:

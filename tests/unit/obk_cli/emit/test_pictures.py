@@ -13,7 +13,7 @@ from obk_cli.emit.letters import columns_of, shortened
 from obk_cli.emit.mermaid import emit_mermaid
 from obk_cli.emit.svg import emit_svg
 from obk_cli.emit.terminal import emit_terminal
-from obk_cli.plan import Plan
+from obk_cli.plan import Endpoint, Plan
 
 from .plans import loop, node
 
@@ -91,7 +91,8 @@ def test_the_json_graph_names_each_edge() -> None:
 
 @pytest.mark.parametrize("letter", ["\x00", "\x1b", "\ud800", "\n", "]]>", "--", '"', "漢", "`"])
 def test_any_letter_gives_a_picture(letter: str) -> None:
-    strange = node("robot", says=(f"/t{letter}",), package=f"p{letter}", device=f"d{letter}")
+    end = Endpoint(topic=f"/t{letter}", msg_type=f"a/msg/T{letter}")
+    strange = node("robot", publishes=(end,), package=f"p{letter}", device=f"d{letter}")
     graph = graph_of(Plan(name=f"n{letter}", processes=(strange,)))
     ElementTree.fromstring(emit_svg(graph).encode())
     for text in (emit_mermaid(graph), emit_dot(graph), emit_terminal(graph)):
@@ -138,6 +139,11 @@ def test_the_drawing_for_the_terminal_word_for_word() -> None:
         "│ ▶ /debug                            T, 10 Hz ├○\n"
         "╰──────────────────────────────────────────────╯\n"
     )
+
+
+def test_a_line_that_crosses_a_rail_shows_both() -> None:
+    (said,) = (line for line in emit_terminal(GRAPH).splitlines() if "▶ /ctrl" in line)
+    assert said.endswith("├─┼───╯")
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
