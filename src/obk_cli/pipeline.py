@@ -34,9 +34,12 @@ _LOSES_TEXT = frozenset(f"OBK{number:03}" for number in (2, 3, 6, 7, 8, 9, 10, 1
 """Faults after which part of the config is not there to be checked."""
 
 
-_FOLLOWS = {"OBK011": "OBK", "OBK407": "OBK205"}
-"""Finding -> findings at the same place that would tell the same fault once more."""
-_Place = tuple[str, int, int]
+_FOLLOWS: Mapping[str, str | tuple[str, ...]] = {
+    "OBK011": "OBK",
+    "OBK109": ("OBK203", "OBK204"),
+    "OBK407": "OBK205",
+}
+"""Finding -> findings about the same text that would tell the same fault once more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,22 +110,20 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
 
 
 def _causes(faults: tuple[Diagnostic, ...]) -> Iterator[Diagnostic]:
-    """The findings without those that only follow from another one at the same place."""
-    codes_at: dict[_Place, set[str]] = defaultdict(set)
+    """The findings without those that only follow from another one about the same text."""
+    causes: dict[tuple[str, int], list[Diagnostic]] = defaultdict(list)
     for fault in faults:
-        codes_at[_place(fault)].add(fault.code)
+        if fault.code in _FOLLOWS:
+            causes[fault.span.path, fault.span.line].append(fault)
     for fault in faults:
-        there = codes_at[_place(fault)]
-        follows = any(
-            cause in there and fault.code != cause and fault.code.startswith(effects)
-            for cause, effects in _FOLLOWS.items()
-        )
-        if not follows:
+        span = fault.span
+        if not any(
+            fault.code.startswith(_FOLLOWS[cause.code])
+            and fault.code != cause.code
+            and span.column <= cause.span.column < span.first_line_end
+            for cause in causes.get((span.path, span.line), ())
+        ):
             yield fault
-
-
-def _place(fault: Diagnostic) -> _Place:
-    return fault.span.path, fault.span.line, fault.span.column
 
 
 def _front(source: SourceFile, options: Options) -> tuple[Stack | None, tuple[Diagnostic, ...]]:

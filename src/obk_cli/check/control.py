@@ -6,6 +6,7 @@ from obelisk_spec.messages import resolve_msg_type
 from obk_cli.config import Component, Node, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.node_code import ControlLength, NodeCode
+from obk_cli.source import Span
 from obk_cli.surroundings import ModelRead, Surroundings
 from obk_cli.wiring import absolute_topic
 
@@ -22,6 +23,7 @@ _WITHOUT_ACTUATORS = (
 
 def check_controls(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
     """The simulator can apply the message that it obeys, and it has a value for each actuator."""
+    told: set[tuple[str, Span]] = set()
     for robot in stack.section("robot"):
         if not robot.runs_simulation or robot.executable is None:
             continue
@@ -29,7 +31,10 @@ def check_controls(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnos
         for component in obeyed:
             if robot.executable.value == _SIMULATOR:
                 yield from _check_message(component)
-            yield from _check_lengths(stack, robot, component, surroundings)
+            for place, fault in _check_lengths(stack, robot, component, surroundings):
+                if place not in told:  # by another robot that obeys the same controller
+                    told.add(place)
+                    yield fault
 
 
 def _check_message(component: Component) -> Iterator[Diagnostic]:
@@ -48,7 +53,8 @@ def _check_message(component: Component) -> Iterator[Diagnostic]:
 
 def _check_lengths(
     stack: Stack, robot: Node, obeyed: Component, surroundings: Surroundings
-) -> Iterator[Diagnostic]:
+) -> Iterator[tuple[tuple[str, Span], Diagnostic]]:
+    """The findings, each with the controller and the place in its code."""
     actuators = [
         read.facts.actuators
         for sim in robot.sims
@@ -70,7 +76,8 @@ def _check_lengths(
         if published and isinstance(code, NodeCode):
             for length in code.control_lengths:
                 if length.length != actuators[0]:
-                    yield _wrong_length(length, node, code, robot, actuators[0])
+                    fault = _wrong_length(length, node, code, robot, actuators[0])
+                    yield (node.full_name, length.span), fault
 
 
 def _wrong_length(
