@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from obk_cli.source import SourceFile, Span
 
-__all__ = ["Edit", "Offsets", "apply_edits", "overlap"]
+__all__ = ["Edit", "Offsets", "apply_edits", "touched_lines"]
 
 _LINE_END = re.compile(r"\r\n|\r|\n")
 
@@ -84,15 +84,6 @@ def apply_edits(source: SourceFile, edits: Iterable[Edit]) -> str:
     return "".join((*parts, source.text[done:]))
 
 
-def overlap(one: Iterable[Edit], other: Iterable[Edit]) -> bool:
-    """Whether two groups of edits of one source want a stretch in common, or the same place."""
-    taken = [_bounds(edit.span) for edit in other]
-    return any(
-        (start < taken_end and taken_start < end) or (start, end) == (taken_start, taken_end)
-        for start, end in (_bounds(edit.span) for edit in one)
-        for taken_start, taken_end in taken
-    )
-
-
-def _bounds(span: Span) -> tuple[tuple[int, int], tuple[int, int]]:
-    return (span.line, span.column), (span.end_line, span.end_column)
+def touched_lines(edits: Iterable[Edit]) -> set[tuple[str, int]]:
+    """The lines that edits change, by file; edits without a common line are independent."""
+    return {(e.span.path, line) for e in edits for line in range(e.span.line, e.span.end_line + 1)}

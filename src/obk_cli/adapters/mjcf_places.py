@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.parsers import expat
 
-__all__ = ["MjcfElement", "mjcf_elements"]
+__all__ = ["MjcfElement", "mjcf_elements", "mjcf_files"]
 
 _SENSOR_SECTION = "sensor"
 
@@ -33,6 +33,21 @@ def mjcf_elements(path: Path) -> Iterator[MjcfElement]:
     model says so.
     """
     yield from _elements(path, path.parent, frozenset())
+
+
+def mjcf_files(path: Path) -> Iterator[Path]:
+    """The files of a model: its own and those that it includes, missing ones too."""
+    yield from dict.fromkeys(_files(path, path.parent, frozenset()))
+
+
+def _files(path: Path, folder: Path, opened: frozenset[Path]) -> Iterator[Path]:
+    if path in opened:
+        return
+    yield path
+    includes: list[Path] = []
+    _Scan(path, folder, includes).elements()
+    for included in includes:
+        yield from _files(included, folder, opened | {path})
 
 
 def _elements(path: Path, folder: Path, opened: frozenset[Path]) -> Iterator[MjcfElement]:

@@ -1,10 +1,14 @@
 """`obk validate CONFIG...`: every check, nothing started."""
 
+import sys
+from datetime import datetime
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from obelisk_spec.near import list_names
+from obk_cli.adapters.files import STANDARD_INPUT
 from obk_cli.cli.config_options import (
     ColourOption,
     IgnoreOption,
@@ -14,7 +18,7 @@ from obk_cli.cli.config_options import (
 )
 from obk_cli.diagnostics import Diagnostic, in_order
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
-from obk_cli.pipeline import compile_config
+from obk_cli.pipeline import Options, Outcome, compile_config
 from obk_cli.report.github import report_github
 from obk_cli.report.json import report_json
 from obk_cli.report.sarif import report_sarif
@@ -35,24 +39,87 @@ def command(
         str, typer.Option(metavar="text|json|sarif|github", help="How to report.")
     ] = "text",
     strict: Annotated[bool, typer.Option("--strict", help="Fail on warnings too.")] = False,
+    fix: Annotated[
+        bool, typer.Option("--fix", help="Mend in the files what is sure, report the rest.")
+    ] = False,
+    diff: Annotated[
+        bool, typer.Option("--diff", help="With --fix: show the changes, write nothing.")
+    ] = False,
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Check again when a file changes, until Ctrl-C.")
+    ] = False,
     ignore: IgnoreOption = None,
     set_: SetOption = None,
     color: ColourOption = "auto",
 ) -> None:
     """Check configs: the text, the wiring, the model, the packages. Starts nothing.
 
-    Exit code 0: no errors; 1: errors, with --strict warnings too; 2: misuse.
+    Exit code 0: no errors; 1: errors, with --strict warnings too; 2: misuse. With --watch 0.
     """
     if format not in _FORMATS:
         raise MisuseError(f"`--format {format}`: expected one of {list_names(_FORMATS)}")
-    options = make_options(set_, ignore)
-    outcomes = [compile_config(config, options) for config in configs]
-    findings = in_order(finding for outcome in outcomes for finding in outcome.diagnostics)
-    paths = [outcome.path for outcome in outcomes]
-    _print_report(format, paths, findings, colour=wants_colour(color))
+    _check_together(configs, format, fix=fix, diff=diff, watch=watch)
+    options, colour = make_options(set_, ignore), wants_colour(color)
+    if watch:
+        _watch(configs, options, colour=colour)
+        raise typer.Exit(EXIT_DONE)
+    if fix:
+        outcomes = _fix(configs, format, options, diff=diff, colour=colour)
+    else:
+        outcomes = [compile_config(config, options) for config in configs]
+    findings = _findings(outcomes)
+    if not diff:
+        _print_report(format, [outcome.path for outcome in outcomes], findings, colour=colour)
     failing = ("error", "warning") if strict else ("error",)
     failed = any(finding.severity in failing for finding in findings)
     raise typer.Exit(EXIT_FAILED if failed else EXIT_DONE)
+
+
+def _check_together(configs: list[str], form: str, *, fix: bool, diff: bool, watch: bool) -> None:
+    if diff and not fix:
+        raise MisuseError("`--diff` shows what `--fix` would change: give both")
+    if watch and (fix or form != "text"):
+        raise MisuseError(f"`--watch` does not go with {'--fix' if fix else '--format ' + form}")
+    if (fix or watch) and STANDARD_INPUT in configs:
+        raise MisuseError(f"`--{'fix' if fix else 'watch'}` needs files, not the standard input")
+
+
+def _fix(
+    configs: list[str], form: str, options: Options, *, diff: bool, colour: bool
+) -> list[Outcome]:
+    """Mend the configs one after another; what is left of their findings."""
+    from obk_cli.cli.fix import fix_file
+
+    reports = [fix_file(config, options, show_only=diff, colour=colour) for config in configs]
+    for report in reports:
+        for line in report.lines:
+            print(line, file=sys.stderr if diff or form != "text" else sys.stdout)
+    return [report.outcome for report in reports]
+
+
+def _watch(configs: list[str], options: Options, *, colour: bool) -> None:
+    from obk_cli.cli.watch import WatchedRun, pause, watch
+
+    def check() -> dict[Path, tuple[int, int] | None]:
+        run = WatchedRun(options)
+        outcomes = [run.compile(config) for config in configs]
+        print(f"[{datetime.now():%H:%M:%S}] ", end="")
+        paths = [outcome.path for outcome in outcomes]
+        _print_watched(paths, _findings(outcomes), colour=colour)
+        return run.marks
+
+    watch(check, pause)
+
+
+def _print_watched(paths: list[str], findings: tuple[Diagnostic, ...], *, colour: bool) -> None:
+    print(summary(paths, findings, colour=colour))
+    if findings:
+        print(f"\n{report_text(findings, colour=colour)}\n")
+    sys.stdout.flush()
+
+
+def _findings(outcomes: list[Outcome]) -> tuple[Diagnostic, ...]:
+    return in_order(finding for outcome in outcomes for finding in outcome.diagnostics)
 
 
 def _print_report(

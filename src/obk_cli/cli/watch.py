@@ -1,0 +1,86 @@
+"""`obk validate --watch`: a check again whenever a file that took part in it changes."""
+
+import contextlib
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from obk_cli.adapters.files import read_bytes
+from obk_cli.adapters.mjcf_places import mjcf_files
+from obk_cli.config import Stack
+from obk_cli.pipeline import Options, Outcome, compile_config
+
+__all__ = ["WatchedRun", "pause", "watch"]
+
+_POLL_S = 0.2
+Mark = tuple[int, int] | None
+"""Modification time [ns] and size of a file, None where there is none."""
+
+
+@dataclass(slots=True)
+class WatchedRun:
+    """Compiles configs and notes the state in which it found every file."""
+
+    options: Options
+    marks: dict[Path, Mark] = field(default_factory=dict)
+
+    def compile(self, config: str) -> Outcome:
+        """Compile one config."""
+        outcome = compile_config(config, replace(self.options, read=self._read))
+        if outcome.config is not None:
+            for path in _files_of(outcome.config):
+                self.marks.setdefault(path, _mark(path))
+        return outcome
+
+    def _read(self, path: str) -> bytes | str:
+        real = self.options.working_folder / path
+        self.marks.setdefault(real, _mark(real))
+        return read_bytes(path)
+
+
+def watch(check: Callable[[], Mapping[Path, Mark]], wait: Callable[[], None]) -> None:
+    """Run `check` now and after each change of the files that it names, until interrupted."""
+    with contextlib.suppress(KeyboardInterrupt):
+        while True:
+            marks = check()
+            while _marks(marks) == marks:
+                wait()
+            _settle(marks, wait)
+
+
+def pause() -> None:
+    """Wait for the next look at the files."""
+    time.sleep(_POLL_S)
+
+
+def _settle(paths: Iterable[Path], wait: Callable[[], None]) -> None:
+    """Wait until whoever is writing has done: an editor takes the old file away first."""
+    before = None
+    while before != (now := _marks(paths)):
+        before = now
+        wait()
+
+
+def _marks(paths: Iterable[Path]) -> dict[Path, Mark]:
+    return {path: _mark(path) for path in paths}
+
+
+def _mark(path: Path) -> Mark:
+    try:
+        state = path.stat()
+    except (OSError, ValueError):
+        return None
+    return state.st_mtime_ns, state.st_size
+
+
+def _files_of(stack: Stack) -> Iterable[Path]:
+    """Files beside the configs: models with what they include, wherever they were looked for."""
+    for node in stack.nodes:
+        models = [sim.model for sim in node.sims if sim.model is not None]
+        for search in (*models, node.params_file, node.urdf_file):
+            if search is not None:
+                yield from search.tried
+        for model in models:
+            if model.found is not None:
+                yield from mjcf_files(model.found)

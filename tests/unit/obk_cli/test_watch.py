@@ -1,0 +1,109 @@
+"""`obk validate --watch`: a change of any file that took part is noticed, once."""
+
+import os
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from obk_cli.adapters.mjcf_places import mjcf_files
+from obk_cli.cli import watch as module
+from obk_cli.cli.main import main
+from obk_cli.cli.watch import WatchedRun, watch
+from obk_cli.pipeline import Options
+
+
+def stepping(steps: Iterator[None]) -> Callable[[], None]:
+    """A wait that takes the next step of a story, and is interrupted at its end."""
+
+    def wait() -> None:
+        try:
+            next(steps)
+        except StopIteration:
+            raise KeyboardInterrupt from None
+
+    return wait
+
+
+def rewrite(path: Path, text: str, tick: int) -> None:
+    path.write_text(text)
+    os.utime(path, ns=(tick, tick))
+
+
+def test_each_change_is_checked_once_when_it_has_settled(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    rewrite(path, "one", 1)
+    seen: list[str] = []
+
+    def check() -> dict[Path, tuple[int, int] | None]:
+        seen.append(path.read_text() if path.exists() else "gone")
+        state = path.stat() if path.exists() else None
+        return {path: (state.st_mtime_ns, state.st_size) if state else None}
+
+    def story() -> Iterator[None]:
+        yield
+        path.unlink()  # as an editor does
+        yield
+        rewrite(path, "two", 2)
+        yield
+        yield
+        rewrite(path, "three", 3)
+        yield
+        yield
+        yield
+
+    watch(check, stepping(story()))
+    assert seen == ["one", "two", "three"]
+
+
+def test_every_file_that_took_part_is_marked(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text('<mujoco><include file="part.xml"/></mujoco>')
+    (tmp_path / "rays.yaml").write_text("site_name: a\n")
+    (tmp_path / "part.yaml").write_text("control: {pkg: p, executable: e, params_path: p.txt}\n")
+    config = tmp_path / "c.yaml"
+    config.write_text(
+        "include: [part.yaml, missing.yaml]\n"
+        "robot:\n  pkg: p\n  executable: e\n  is_simulated: true\n  sim:\n"
+        "    model_xml_path: arm.xml\n"
+        "    sensor_settings: [{topic: /s, dt: 1, msg_type: ObkScan, config_path: rays.yaml}]\n"
+    )
+    run = WatchedRun(Options(environment={}, working_folder=tmp_path))
+    run.compile(str(config))
+    marked = {path.name: mark is not None for path, mark in run.marks.items()}
+    assert marked == {
+        "c.yaml": True,
+        "part.yaml": True,
+        "missing.yaml": False,
+        "rays.yaml": True,
+        "arm.xml": True,
+        "part.xml": False,
+        "p.txt": False,
+    }
+
+
+def test_models_that_include_each_other_end(tmp_path: Path) -> None:
+    for name, other in (("a.xml", "b.xml"), ("b.xml", "a.xml")):
+        (tmp_path / name).write_text(f'<mujoco><include file="{other}"/></mujoco>')
+    assert [path.name for path in mjcf_files(tmp_path / "a.xml")] == ["a.xml", "b.xml"]
+
+
+def test_the_command_prints_a_summary_with_the_time_until_it_is_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = Path("c.yaml")
+    rewrite(path, "a: [", 1)
+
+    def story() -> Iterator[None]:
+        rewrite(path, "config: [", 2)
+        yield
+        yield
+
+    monkeypatch.setattr(module, "pause", stepping(story()))
+    with pytest.raises(SystemExit) as ended:
+        main(["validate", "--watch", "c.yaml"])
+    out = capsys.readouterr().out
+    assert ended.value.code == 0
+    assert len(re.findall(r"^\[\d\d:\d\d:\d\d\] c\.yaml: 1 error$", out, re.MULTILINE)) == 2
+    assert "  1 | config: [" in out
