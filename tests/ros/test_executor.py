@@ -243,8 +243,9 @@ def test_guard_conditions_waitables_and_events_are_served(one: World) -> None:
         eventually(lambda: {"matched", "incompatible"} <= set(log), "both events")
         for number in range(1, 6):
             guard.trigger()
-            waitable.trigger()
             eventually(lambda n=number: log.count("guard") == n, "the guard condition")
+        for number in range(1, 6):
+            waitable.trigger()
             eventually(lambda n=number: log.count("data") == n, "the waitable")
         assert log.count("matched") == 1
         assert None not in log

@@ -2,13 +2,14 @@
 
 import gc
 import threading
+import time
 import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -246,16 +247,38 @@ def test_an_executor_that_nobody_has_any_more_lets_go_of_everything() -> None:
         node.destroy_node()
 
 
-def test_a_removed_node_is_let_go_at_once_while_nobody_spins(one: World) -> None:
+@pytest.mark.parametrize("num_threads", [1, 2])
+def test_a_removed_node_is_let_go_without_another_spin(num_threads: int) -> None:
+    with world(num_threads) as made:
+        node = Node("node", context=made.context)
+        made.executor.spin_once(0)
+        before_fds = open_fds()
+        made.executor.add_node(node)
+        ticks: list[int] = []
+        group = MutuallyExclusiveCallbackGroup()
+        timer = node.create_timer(0.001, lambda: ticks.append(1), callback_group=group)
+        made.executor.spin_once(0.01)
+        made.executor.remove_node(node)
+        eventually(lambda: open_fds() <= before_fds, "the end of what stood for the node")
+        ticks.clear()
+        made.executor.add_node(node)
+        timer.reset()
+        made.run_until(lambda: ticks, "ticks after the node was added again")
+        node.destroy_node()
+
+
+def test_a_guard_condition_that_was_triggered_and_destroyed_calls_nobody(one: World) -> None:
     node = one.node()
-    one.executor.spin_once(0)
-    with_node = open_fds()
-    one.executor.remove_node(node)
-    assert open_fds() < with_node
-    other: list[int] = []
-    one.executor.add_node(node)
-    node.create_timer(0.001, lambda: other.append(1))
-    one.run_until(lambda: other, "ticks after the node was added again")
+    called: list[int] = []
+    guard = node.create_guard_condition(lambda: called.append(1))
+    one.executor.spin_once(0.01)
+    guard.trigger()
+    time.sleep(0.05)  # for the thread that waits for it
+    node.destroy_guard_condition(guard)
+    later: list[int] = []
+    node.create_timer(0.001, lambda: later.append(1))
+    one.run_until(lambda: len(later) > 3, "later ticks")
+    assert not called
 
 
 def test_entities_of_reentrant_groups_may_go_while_other_threads_run_them() -> None:

@@ -166,6 +166,7 @@ class Engine:
     def _disown(self, lane: Lane) -> None:
         with self._roster.lock:
             lane.thread_id = None
+            self._roster.let_leave(lane)
 
     def _on_event(self, fault: BaseException | None) -> None:
         self.fault = self.fault or fault

@@ -74,8 +74,13 @@ class Roster:
     def clear(self) -> None:
         """Let every runner go at once; only while no lane has a thread."""
         self.update(())
-        for runner, lanes in list(self._leaving.items()):
-            for lane in list(lanes):
+        for lane in self._lanes:
+            self.let_leave(lane)
+
+    def let_leave(self, lane: Lane) -> None:
+        """Take from a lane that no thread runs what it has not let go itself."""
+        with self.lock:
+            for runner in list(self._leaving):
                 self._leave(runner, lane)
 
     def _enlist(self, key: int, make: Callable[..., Runner], entity: Any) -> None:
@@ -105,13 +110,14 @@ class Roster:
                 lane.post(partial(self._leave, runner))
 
     def _leave(self, runner: Runner, lane: Lane) -> bool:
-        lane.remove(runner)
         with self.lock:
-            left = self._leaving[runner]
-            left.remove(lane)
-            if not left:
-                del self._leaving[runner]
-                runner.close()
+            lanes = self._leaving.get(runner, set())
+            if lane in lanes:
+                lane.remove(runner)
+                lanes.remove(lane)
+                if not lanes:
+                    del self._leaving[runner]
+                    runner.close()
         return False
 
     def _lanes_of(self, group: CallbackGroup) -> Sequence[Lane]:
