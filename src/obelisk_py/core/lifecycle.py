@@ -2,25 +2,26 @@
 
 rclpy's own swallows what a transition callback raises, dies of a transition that is not allowed,
 and is left half-way by a callback that returns nothing. Here each of these is logged, kept (the
-service `~/last_error` tells the newest) and ends in a defined state.
+service `~/last_error` tells the newest) and ends in a defined state. What runs in a state is
+decided by the state that a transition ended in, not by what a user's override remembered to do.
 Source: https://design.ros2.org/articles/node_lifecycle.html (states, transitions, errors).
 """
 
 import functools
-import inspect
 import threading
-import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.service import Service
+from rclpy.subscription import Subscription
 from rclpy.task import Future
+from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
-from obelisk_py.core.exceptions import ObeliskError
+from obelisk_py.core.faults import Fault, fault_of, guard_callback, guard_service
 
 __all__ = ["Fault", "GuardedLifecycleNode"]
 
@@ -29,21 +30,6 @@ TransitionCallback = Callable[[LifecycleState], TransitionCallbackReturn]
 SUCCESS = TransitionCallbackReturn.SUCCESS
 ERROR = TransitionCallbackReturn.ERROR
 NO_TRANSITION = -1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fault:
-    """What a node died of, or nearly."""
-
-    where: str
-    """The callback that failed, by its name in the code."""
-    text: str
-    """One sentence."""
-    traceback: str
-    """The Python traceback, empty where the fault was no exception."""
-
-    def __str__(self) -> str:
-        return f"{self.where}: {self.text}" + (f"\n{self.traceback}" if self.traceback else "")
 
 
 class GuardedLifecycleNode(LifecycleNode):
@@ -56,13 +42,14 @@ class GuardedLifecycleNode(LifecycleNode):
             node_name: name in the ROS graph, where no remapping gives another.
             kwargs: handed to `rclpy.node.Node`.
         """
-        super().__init__(node_name, **kwargs)
         self.last_fault: Fault | None = None
         self.ended: Future = Future()
-        """Done when nothing further can be done with this node (finalized by a fault)."""
-        self._fault_lock = threading.Lock()
-        self._fault_pending = False
-        self._unrecoverable = False
+        """Done when nothing further can be done with this node; the result is what it died of."""
+        # One transition at a time, whatever the executor; a fault waits for its end.
+        self._transition_lock = threading.RLock()
+        self._is_failing = False
+        self._is_unrecoverable = False
+        super().__init__(node_name, **kwargs)
         # rclpy has no door for this: the callbacks that it calls by state stand in this table.
         self._callbacks = {
             state: self._guarded_transition(callback) for state, callback in self._callbacks.items()
@@ -75,21 +62,20 @@ class GuardedLifecycleNode(LifecycleNode):
         """The life-cycle state: `unconfigured`, `inactive`, `active`, `finalized`, ..."""
         return str(self._state_machine.current_state[1])
 
-    def fail(self, fault: BaseException | str, where: str = "node") -> None:
+    def fail(self, cause: BaseException | str, where: str = "node") -> None:
         """Take the node to error processing; may be called from any thread.
 
-        The fault is logged with its traceback and kept. What follows happens on the executor's
-        thread; callbacks that come before it are dropped.
+        The fault is logged and kept. What follows happens on the executor's thread, after the
+        transition that may be under way; callbacks that come before it are dropped.
 
         Args:
-            fault: the exception, or a sentence.
+            cause: the exception, or a sentence.
             where: what failed, for the message.
         """
-        self._keep(fault, where)
-        with self._fault_lock:
-            if self._fault_pending:
-                return
-            self._fault_pending = True
+        self._keep(cause, where)
+        if self._is_failing:
+            return
+        self._is_failing = True
         if self.executor is None:
             self._enter_error_processing()
         else:
@@ -97,41 +83,91 @@ class GuardedLifecycleNode(LifecycleNode):
 
     def guarded(self, callback: Callable[..., Any]) -> Callable[..., Any]:
         """The same callback, but what it raises takes the node to error processing."""
-        where = getattr(callback, "__qualname__", repr(callback))
+        return guard_callback(callback, lambda: self._is_failing, self.fail)
 
-        if inspect.iscoroutinefunction(callback):
+    def create_timer(
+        self, timer_period_sec: float, callback: Any, *args: Any, **kwargs: Any
+    ) -> Timer:
+        """As rclpy's, but what the callback raises takes the node to error processing."""
+        # rclpy's rates are timers without a callback.
+        guarded = self.guarded(callback) if callable(callback) else callback
+        return super().create_timer(timer_period_sec, guarded, *args, **kwargs)
 
-            @functools.wraps(callback)
-            async def wait(*args: Any) -> Any:
-                if self._fault_pending:
-                    return None
-                try:
-                    return await callback(*args)
-                except Exception as error:
-                    self.fail(error, where)
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any, **kwargs: Any
+    ) -> Subscription:
+        """As rclpy's, but what the callback raises takes the node to error processing."""
+        return super().create_subscription(msg_type, topic, self.guarded(callback), *args, **kwargs)
 
-            return wait
+    def create_service(
+        self, srv_type: Any, srv_name: str, callback: Callable[..., Any], *args: Any, **kwargs: Any
+    ) -> Service:
+        """As rclpy's, but what the callback raises takes the node to error processing."""
+        return super().create_service(
+            srv_type, srv_name, guard_service(callback, self.fail), *args, **kwargs
+        )
 
-        @functools.wraps(callback)
-        def call(*args: Any) -> Any:
-            if self._fault_pending:
-                return None
+    def trigger_configure(self) -> TransitionCallbackReturn:
+        """Configure now, on this thread."""
+        return self._settled(super().trigger_configure)
+
+    def trigger_cleanup(self) -> TransitionCallbackReturn:
+        """Clean up now, on this thread."""
+        return self._settled(super().trigger_cleanup)
+
+    def trigger_shutdown(self) -> TransitionCallbackReturn:
+        """Shut down now, on this thread."""
+        return self._settled(super().trigger_shutdown)
+
+    def trigger_activate(self) -> TransitionCallbackReturn:
+        """Activate now, on this thread."""
+        return self._settled(super().trigger_activate)
+
+    def trigger_deactivate(self) -> TransitionCallbackReturn:
+        """Deactivate now, on this thread."""
+        return self._settled(super().trigger_deactivate)
+
+    def _settle(self, state: str) -> None:
+        """Make what runs agree with the state that a transition ended in; for inheriting classes.
+
+        Called after every transition, also after one whose override left the library's part out.
+
+        Args:
+            state: `unconfigured`, `inactive`, `active` or `finalized`.
+        """
+
+    def _settled(self, trigger: Callable[[], TransitionCallbackReturn]) -> TransitionCallbackReturn:
+        with self._transition_lock:
+            result = trigger()
+            state = self.state_label
             try:
-                return callback(*args)
+                self._settle(state)
             except Exception as error:
-                self.fail(error, where)
+                self._keep(error, f"settling in '{state}'")
+                self._is_unrecoverable = True
+            if state in ("unconfigured", "finalized"):
+                self._is_failing = False
+            self._end_if_unrecoverable()
+            return result
 
-        return call
+    def _end_if_unrecoverable(self) -> None:
+        if self._is_unrecoverable and not self.ended.done():
+            self.ended.set_result(self.last_fault)
 
-    def _keep(self, fault: BaseException | str, where: str) -> None:
-        if isinstance(fault, BaseException):
-            # What is wrong with the settings stands in the sentence, not in the library's code.
-            is_ours = isinstance(fault, ObeliskError)
-            trace = "" if is_ours else "".join(traceback.format_exception(fault)).rstrip()
-            text = str(fault) if is_ours else f"{type(fault).__name__}: {fault}"
-        else:
-            trace, text = "", fault
-        self.last_fault = Fault(where=where, text=text, traceback=trace)
+    def _enter_error_processing(self) -> None:
+        # The state machine has no edge from a resting state to error processing, so a transition
+        # is begun whose callback answers ERROR at once (see _guarded_transition).
+        begin = {"active": self.trigger_deactivate, "inactive": self.trigger_cleanup}
+        with self._transition_lock:
+            if not self._is_failing:
+                return
+            if self.state_label in begin:
+                begin[self.state_label]()
+            elif self.state_label in ("unconfigured", "finalized"):
+                self._is_failing = False
+
+    def _keep(self, cause: BaseException | str, where: str) -> None:
+        self.last_fault = fault_of(cause, where)
         self.get_logger().error(str(self.last_fault))
 
     def _guarded_transition(self, callback: TransitionCallback) -> TransitionCallback:
@@ -139,19 +175,24 @@ class GuardedLifecycleNode(LifecycleNode):
         failed = TransitionCallbackReturn.FAILURE if where == "on_error" else ERROR
 
         def call(state: LifecycleState) -> TransitionCallbackReturn:
-            if self._fault_pending and where != "on_error":
+            if where == "on_error":
+                result = attempt(state)
+                self._is_unrecoverable = result != SUCCESS
+                return result
+            if self._is_failing:
                 return ERROR
+            if where == "on_configure":
+                self.last_fault = None
             result = attempt(state)
-            self._unrecoverable = where == "on_error" and result != SUCCESS
-            return result
+            return ERROR if self._is_failing else result
 
         def attempt(state: LifecycleState) -> TransitionCallbackReturn:
             try:
-                result = callback(state)
+                result: object = callback(state)
             except Exception as error:
                 self._keep(error, where)
                 return failed
-            if not isinstance(result, TransitionCallbackReturn):
+            if type(result) is not TransitionCallbackReturn:
                 self._keep(
                     f"returned {result!r}, expected a TransitionCallbackReturn "
                     "(did the callback forget its return statement?)",
@@ -160,48 +201,30 @@ class GuardedLifecycleNode(LifecycleNode):
                 return failed
             if result != SUCCESS:
                 self._keep(f"returned {result.name}", where)
-            elif where == "on_configure":
-                self.last_fault = None
             return result
 
         return call
-
-    def _enter_error_processing(self) -> None:
-        # The state machine has no edge from a resting state to error processing, so a transition
-        # is begun whose callback answers ERROR at once (see _guarded_transition).
-        begin = {"active": self.trigger_deactivate, "inactive": self.trigger_cleanup}
-        try:
-            if self.state_label in begin:
-                begin[self.state_label]()
-        finally:
-            with self._fault_lock:
-                self._fault_pending = False
-        self._end_if_unrecoverable()
-
-    def _end_if_unrecoverable(self) -> None:
-        if self._unrecoverable and not self.ended.done():
-            self.ended.set_result(self.last_fault)
 
     def _on_change_state(
         self, request: ChangeState.Request, response: ChangeState.Response
     ) -> ChangeState.Response:
         wanted = request.transition
-        allowed = {
-            edge[0]: edge[1]
-            for edge in self._state_machine.available_transitions
-            if edge[0] in self._triggers
-        }
-        by_label = {label: number for number, label in allowed.items()}
-        number = by_label.get(wanted.label, NO_TRANSITION) if wanted.label else int(wanted.id)
-        if number not in allowed:
-            self.get_logger().warning(
-                f"refused the transition '{wanted.label or wanted.id}' in the state "
-                f"'{self.state_label}'; possible here: {', '.join(by_label) or 'none'}"
-            )
-            response.success = False
-            return response
-        response.success = self._triggers[number]() == SUCCESS
-        self._end_if_unrecoverable()
+        with self._transition_lock:
+            allowed = {
+                edge[0]: edge[1]
+                for edge in self._state_machine.available_transitions
+                if edge[0] in self._triggers
+            }
+            by_label = {label: number for number, label in allowed.items()}
+            number = by_label.get(wanted.label, NO_TRANSITION) if wanted.label else int(wanted.id)
+            if number in allowed:
+                response.success = self._triggers[number]() == SUCCESS
+                return response
+        self.get_logger().warning(
+            f"refused the transition '{wanted.label or wanted.id}' in the state "
+            f"'{self.state_label}'; possible here: {', '.join(by_label) or 'none'}"
+        )
+        response.success = False
         return response
 
     @functools.cached_property

@@ -4,11 +4,14 @@ The constructor registers components; configure builds them from ROS parameters,
 them, deactivate stops them, cleanup destroys them, so that configure can run again.
 """
 
-import importlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rclpy.callback_groups import CallbackGroup
+from rclpy.callback_groups import (
+    CallbackGroup,
+    MutuallyExclusiveCallbackGroup,
+    ReentrantCallbackGroup,
+)
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -22,6 +25,7 @@ from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.messages import message_class, message_name
 from obelisk_py.core.settings import (
     NodeSettings,
+    entry_names,
     find_settings,
     parse_node_settings,
     timer_settings,
@@ -30,6 +34,11 @@ from obelisk_py.core.settings import (
 from obelisk_spec.components import CALLBACK_GROUP_TYPES
 
 __all__ = ["ObeliskNode"]
+
+CALLBACK_GROUPS: dict[str, Callable[[], CallbackGroup]] = {
+    "MutuallyExclusiveCallbackGroup": MutuallyExclusiveCallbackGroup,
+    "ReentrantCallbackGroup": ReentrantCallbackGroup,
+}
 
 Default = str | Mapping[str, Any] | None
 
@@ -57,6 +66,7 @@ class ObeliskNode(GuardedLifecycleNode):
         self.obk_callback_groups: dict[str, CallbackGroup] = {}
         self._components: list[Component] = []
         self._registration_open = True
+        self._is_built = False
 
     @property
     def t(self) -> float:
@@ -174,12 +184,13 @@ class ObeliskNode(GuardedLifecycleNode):
             ObeliskConfigError: settings are missing or wrong; all of them are named at once.
         """
         self._registration_open = False
+        self._release()
         result = super().on_configure(state)
         node = parse_node_settings(str(self.get_parameter("obelisk_settings").value))
         self.obk_callback_groups = {
-            name: getattr(importlib.import_module("rclpy.callback_groups"), kind)()
-            for name, kind in node.callback_groups.items()
+            name: CALLBACK_GROUPS[kind]() for name, kind in node.callback_groups.items()
         }
+        self._warn_of_strangers(node)
         faults: list[str] = []
         for component in self._components:
             try:
@@ -189,19 +200,18 @@ class ObeliskNode(GuardedLifecycleNode):
         if faults:
             self._release()
             raise ObeliskConfigError("\n".join(faults))
+        self._is_built = True
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let the publishers send and start the timers."""
         result = super().on_activate(state)
-        for timer in self.obk_timers.values():
-            timer.reset()
+        self._start()
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop the timers and hold the publishers."""
-        for timer in self.obk_timers.values():
-            timer.cancel()
+        self._hold(state)
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -210,14 +220,39 @@ class ObeliskNode(GuardedLifecycleNode):
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Destroy what configure built, whatever the state."""
+        """Stop and destroy what configure built, whatever the state."""
+        self._hold(state)
         self._release()
         return super().on_shutdown(state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Destroy what configure built; success leads back to `unconfigured`."""
+        """Stop and destroy what configure built; success leads back to `unconfigured`."""
+        self._hold(state)
         self._release()
         return super().on_error(state)
+
+    def _settle(self, state: str) -> None:
+        super()._settle(state)
+        if state == "active":
+            self._start()
+            return
+        self._hold(LifecycleState(state_id=0, label=state))
+        if state != "inactive":
+            self._release()
+        elif not self._is_built:
+            self.fail("it did not call super().on_configure(state): nothing is built", "configure")
+
+    def _start(self) -> None:
+        for timer in self.obk_timers.values():
+            if timer.is_canceled():
+                timer.reset()
+
+    def _hold(self, state: LifecycleState) -> None:
+        """Nothing that configure built acts any more; an override may have forgotten it."""
+        for timer in self.obk_timers.values():
+            timer.cancel()
+        for entity in self._managed_entities:
+            entity.on_deactivate(state)
 
     def _register(self, component: Component) -> None:
         if not self._registration_open:
@@ -275,7 +310,7 @@ class ObeliskNode(GuardedLifecycleNode):
         return self.create_subscription(
             self._message_class(component, settings.msg_type),
             settings.topic,
-            self.guarded(component.callback),
+            component.callback,
             settings.qos,
             callback_group=self._group(component, settings.callback_group),
         )
@@ -285,7 +320,7 @@ class ObeliskNode(GuardedLifecycleNode):
         assert component.callback is not None
         return self.create_timer(
             settings.period_s,
-            self.guarded(component.callback),
+            component.callback,
             callback_group=self._group(component, settings.callback_group),
             clock=self._timer_clock(),
             autostart=False,
@@ -323,7 +358,22 @@ class ObeliskNode(GuardedLifecycleNode):
             )
         return component.msg_type
 
+    def _warn_of_strangers(self, node: NodeSettings) -> None:
+        """Tell of settings for components that the code does not have."""
+        for kind, entries in node.components.items():
+            known = [c for c in self._components if c.kind is kind]
+            for entry in entries:
+                names = entry_names(entry)
+                if not any(component.names & names for component in known):
+                    have = ", ".join(f"'{c.key or c.ros_parameter}'" for c in known) or "none"
+                    self.get_logger().warning(
+                        f"the config has a {kind.noun} "
+                        f"'{entry.get('key') or entry.get('ros_parameter')}' that this node's code "
+                        f"does not register; it registers: {have}"
+                    )
+
     def _release(self) -> None:
+        self._is_built = False
         for timer in self.obk_timers.values():
             self.destroy_timer(timer)
         for subscription in self.obk_subscriptions.values():

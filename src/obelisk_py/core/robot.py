@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from typing import Any
 
 from obelisk_sensor_msgs.msg import TrueSimState
-from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState
 
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.node import ObeliskNode
@@ -36,12 +36,17 @@ class ObeliskRobot(ABC, ObeliskNode):
         """
         super().__init__(node_name, **kwargs)
         self.register_obk_subscription(
-            "sub_ctrl_setting", self.apply_control, key="sub_ctrl", msg_type=ctrl_msg_type
+            "sub_ctrl_setting", self._take_control, key="sub_ctrl", msg_type=ctrl_msg_type
         )
+
+    def _take_control(self, control_msg: ObeliskControlMsg) -> None:
+        # A robot that is not active must not move, whoever still publishes.
+        if self.state_label == "active":
+            self.apply_control(control_msg)
 
     @abstractmethod
     def apply_control(self, control_msg: ObeliskControlMsg) -> None:
-        """Apply a control message to the system.
+        """Apply a control message to the system; called only while the node is active.
 
         Args:
             control_msg: the newest control.
@@ -85,7 +90,10 @@ class ObeliskSimRobot(ObeliskRobot):
 
     @abstractmethod
     def run_simulator(self) -> None:
-        """Step the simulation until `simulator_stop` is set; what it raises fails the node."""
+        """Step the simulation until `simulator_stop` is set; what it raises fails the node.
+
+        Each run has an event of its own: take `self.simulator_stop` once, at the beginning.
+        """
 
     def publish_true_sim_state(self) -> TrueSimState:
         """Publish the simulator's own state on `pub_true_sim_state`, and return it.
@@ -98,42 +106,32 @@ class ObeliskSimRobot(ObeliskRobot):
             "but the config sets timer_true_sim_state"
         )
 
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Start the components, then the simulator's thread."""
-        result = super().on_activate(state)
-        self.simulator_stop.clear()
-        self._simulator = threading.Thread(
-            target=self.guarded(self.run_simulator), name="simulator", daemon=True
-        )
-        self._simulator.start()
-        return result
-
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop the simulator's thread, then the components."""
-        self._stop_simulator()
-        return super().on_deactivate(state)
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop the simulator's thread and destroy the components, whatever the state."""
-        self._stop_simulator()
-        return super().on_shutdown(state)
-
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop the simulator's thread and destroy the components."""
-        self._stop_simulator()
-        return super().on_error(state)
-
     def destroy_node(self) -> None:
         """Stop the simulator's thread before the publishers go."""
         self._stop_simulator()
         super().destroy_node()
 
+    def _start(self) -> None:
+        super()._start()
+        if self._simulator is None:
+            # A stop of its own for each run, so that an old one cannot come back to life.
+            self.simulator_stop = threading.Event()
+            self._simulator = threading.Thread(
+                target=self.guarded(self.run_simulator), name="simulator", daemon=True
+            )
+            self._simulator.start()
+
+    def _hold(self, state: LifecycleState) -> None:
+        self._stop_simulator()
+        super()._hold(state)
+
     def _stop_simulator(self) -> None:
         self.simulator_stop.set()
-        if self._simulator is not None:
-            simulator, self._simulator = self._simulator, None
-            simulator.join(LONGEST_STOP_S)
-            if simulator.is_alive():
-                raise ObeliskError(
-                    f"run_simulator went on for {LONGEST_STOP_S:g} s after simulator_stop was set"
-                )
+        if self._simulator is None:
+            return
+        self._simulator.join(LONGEST_STOP_S)
+        if self._simulator.is_alive():
+            raise ObeliskError(
+                f"run_simulator went on for {LONGEST_STOP_S:g} s after simulator_stop was set"
+            )
+        self._simulator = None

@@ -20,6 +20,7 @@ __all__ = [
     "NodeSettings",
     "TimerSettings",
     "TopicSettings",
+    "entry_names",
     "find_settings",
     "parse_node_settings",
     "timer_settings",
@@ -27,6 +28,10 @@ __all__ = [
 ]
 
 P = TypeVar("P")
+
+SHORTEST_PERIOD_S = 1e-9
+LONGEST_PERIOD_S = 9e9
+"""What 64 bits of nanoseconds hold."""
 
 RELIABILITY = {
     "reliable": QoSReliabilityPolicy.RELIABLE,
@@ -148,12 +153,17 @@ def timer_settings(component: Component, raw: Mapping[str, Any]) -> TimerSetting
     """Typed settings of a timer.
 
     Raises:
-        ObeliskConfigError: no period, or one that is not a number above 0.
+        ObeliskConfigError: no period, or one that a ROS timer cannot hold.
     """
     period = raw.get("timer_period_sec")
-    if isinstance(period, bool) or not isinstance(period, int | float) or not period > 0:
+    if (
+        isinstance(period, bool)
+        or not isinstance(period, int | float)
+        or not SHORTEST_PERIOD_S <= period < LONGEST_PERIOD_S
+    ):
         raise ObeliskConfigError(
-            f"the {component}: 'timer_period_sec' is {period!r}, expected seconds above 0"
+            f"the {component}: 'timer_period_sec' is {period!r}, expected seconds above 0, "
+            f"from {SHORTEST_PERIOD_S:g} to {LONGEST_PERIOD_S:g}"
         )
     return TimerSettings(period_s=float(period), callback_group=_named(raw.get("callback_group")))
 

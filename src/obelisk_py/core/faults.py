@@ -1,0 +1,93 @@
+"""What went wrong in a node, as a value, and callbacks that report it instead of raising."""
+
+import functools
+import inspect
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from obelisk_py.core.exceptions import ObeliskError
+
+__all__ = ["Fault", "fault_of", "guard_callback", "guard_service"]
+
+Callback = Callable[..., Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fault:
+    """What a node died of, or nearly."""
+
+    where: str
+    """The callback that failed, by its name in the code."""
+    text: str
+    """One sentence, or one for each finding."""
+    traceback: str
+    """The Python traceback, empty where the code has nothing to do with it."""
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.text}" + (f"\n{self.traceback}" if self.traceback else "")
+
+
+def fault_of(cause: BaseException | str, where: str) -> Fault:
+    """The fault that an exception or a sentence is."""
+    if isinstance(cause, str):
+        return Fault(where=where, text=cause, traceback="")
+    if isinstance(cause, ObeliskError):
+        # What is wrong with the settings stands in the sentence, not in the library's code.
+        return Fault(where=where, text=str(cause), traceback="")
+    return Fault(
+        where=where,
+        text=f"{type(cause).__name__}: {cause}",
+        traceback="".join(traceback.format_exception(cause)).rstrip(),
+    )
+
+
+def guard_callback(
+    callback: Callback, is_failing: Callable[[], bool], fail: Callable[[Exception, str], None]
+) -> Callback:
+    """The same callback; what it raises goes to `fail`, and it is not called while failing."""
+    where = getattr(callback, "__qualname__", repr(callback))
+
+    @functools.wraps(callback)
+    async def wait(*args: Any) -> Any:
+        if is_failing():
+            return None
+        try:
+            return await callback(*args)
+        except Exception as error:
+            fail(error, where)
+
+    @functools.wraps(callback)
+    def call(*args: Any) -> Any:
+        if is_failing():
+            return None
+        try:
+            return callback(*args)
+        except Exception as error:
+            fail(error, where)
+
+    return wait if inspect.iscoroutinefunction(callback) else call
+
+
+def guard_service(callback: Callback, fail: Callable[[Exception, str], None]) -> Callback:
+    """The same service callback; when it raises, the client gets the response as it is by then."""
+    where = getattr(callback, "__qualname__", repr(callback))
+
+    @functools.wraps(callback)
+    async def wait(request: Any, response: Any) -> Any:
+        try:
+            return await callback(request, response)
+        except Exception as error:
+            fail(error, where)
+            return response
+
+    @functools.wraps(callback)
+    def call(request: Any, response: Any) -> Any:
+        try:
+            return callback(request, response)
+        except Exception as error:
+            fail(error, where)
+            return response
+
+    return wait if inspect.iscoroutinefunction(callback) else call

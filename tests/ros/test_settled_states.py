@@ -1,0 +1,338 @@
+"""What runs agrees with the state, whatever an override forgot, and whichever executor spins."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from obelisk_control_msgs.msg import PositionSetpoint
+from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+
+from obelisk_py.core.control import ObeliskController
+from obelisk_py.core.executors import EventLoopExecutor
+from obelisk_py.core.lifecycle import GuardedLifecycleNode
+from obelisk_py.core.node import ObeliskNode
+from obelisk_py.core.robot import ObeliskRobot, ObeliskSimRobot
+
+pytestmark = pytest.mark.ros
+
+SUCCESS = TransitionCallbackReturn.SUCCESS
+FAILURE = TransitionCallbackReturn.FAILURE
+CONTROL = {"sub_ctrl_setting": "{topic: /c, msg_type: PositionSetpoint}"}
+EXECUTORS: dict[str, Callable[[], Executor]] = {
+    "single": SingleThreadedExecutor,
+    "multi": lambda: MultiThreadedExecutor(4),
+    "event loop": EventLoopExecutor,
+    "event loop of four": lambda: EventLoopExecutor(num_threads=4),
+}
+
+
+def overrides(**values: Any) -> dict[str, Any]:
+    return {"parameter_overrides": [Parameter(n, value=v) for n, v in values.items()]}
+
+
+@contextmanager
+def spun(
+    make: Callable[[], GuardedLifecycleNode], executor: Callable[[], Executor] = EventLoopExecutor
+) -> Iterator[Any]:
+    rclpy.init()
+    node, runner = make(), executor()
+    runner.add_node(node)
+    thread = threading.Thread(target=runner.spin, daemon=True)
+    thread.start()
+    try:
+        yield node
+    finally:
+        runner.shutdown()
+        thread.join(10)
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def eventually(condition: Callable[[], object]) -> None:
+    end = time.monotonic() + 15
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+class Ticking(ObeliskController):
+    """Counts its ticks; its transitions answer, and forget, what they are told to."""
+
+    def __init__(self, answers: dict[str, Any] | None = None, forgets: str = "") -> None:
+        super().__init__(
+            "ticking",
+            **overrides(
+                pub_ctrl_setting="{topic: /c, msg_type: PositionSetpoint}",
+                sub_est_setting="{topic: /e, msg_type: EstimatedState}",
+                timer_ctrl_setting="{timer_period_sec: 0.002}",
+            ),
+        )
+        self.answers, self.forgets = answers or {}, forgets
+        self.ticks = 0
+
+    def update_x_hat(self, x_hat_msg: Any) -> None:
+        del x_hat_msg
+
+    def compute_control(self) -> Any:
+        self.ticks += 1
+        return None
+
+    def _step(self, name: str, state: LifecycleState) -> Any:
+        if name != self.forgets:
+            getattr(super(), name)(state)
+        return self.answers.get(name, SUCCESS)
+
+    def on_configure(self, state: LifecycleState) -> Any:
+        return self._step("on_configure", state)
+
+    def on_activate(self, state: LifecycleState) -> Any:
+        return self._step("on_activate", state)
+
+    def on_deactivate(self, state: LifecycleState) -> Any:
+        return self._step("on_deactivate", state)
+
+    def on_cleanup(self, state: LifecycleState) -> Any:
+        return self._step("on_cleanup", state)
+
+    def on_error(self, state: LifecycleState) -> Any:
+        return self._step("on_error", state)
+
+
+def assert_silent(node: Ticking) -> None:
+    """No timer runs and no publisher sends."""
+    assert all(timer.is_canceled() for timer in node.obk_timers.values())
+    assert not any(publisher.is_activated for publisher in node.obk_publishers.values())
+
+
+def test_an_activate_that_fails_after_its_super_call_starts_nothing() -> None:
+    with spun(lambda: Ticking({"on_activate": FAILURE})) as node:
+        node.trigger_configure()
+        node.trigger_activate()
+        assert node.state_label == "inactive"
+        assert_silent(node)
+
+
+def test_a_deactivate_without_its_super_call_stops_everything() -> None:
+    with spun(lambda: Ticking(forgets="on_deactivate")) as node:
+        node.trigger_configure()
+        node.trigger_activate()
+        eventually(lambda: node.ticks)
+        node.trigger_deactivate()
+        assert_silent(node)
+
+
+def test_an_activate_without_its_super_call_starts_everything() -> None:
+    with spun(lambda: Ticking(forgets="on_activate")) as node:
+        node.trigger_configure()
+        node.trigger_activate()
+        eventually(lambda: node.ticks)
+
+
+@pytest.mark.parametrize("forgets", ["on_cleanup", "on_error"])
+def test_nothing_is_left_of_a_node_that_is_unconfigured(forgets: str) -> None:
+    with spun(lambda: Ticking(forgets=forgets)) as node:
+        node.trigger_configure()
+        node.trigger_activate()
+        if forgets == "on_error":
+            node.fail("told to")
+            eventually(lambda: node.state_label == "unconfigured")
+        else:
+            node.trigger_deactivate()
+            node.trigger_cleanup()
+        assert not node.obk_timers
+        assert not list(node.timers)
+
+
+def test_a_configure_without_its_super_call_is_a_fault_that_says_so() -> None:
+    with spun(lambda: Ticking(forgets="on_configure")) as node:
+        node.trigger_configure()
+        eventually(lambda: node.state_label == "unconfigured")
+        assert "did not call super().on_configure(state)" in node.last_fault.text
+
+
+def test_a_configure_that_fails_again_and_again_leaves_nothing_behind() -> None:
+    with spun(lambda: Ticking({"on_configure": FAILURE})) as node:
+        for _ in range(3):
+            node.trigger_configure()
+        assert not list(node.timers)
+        assert not node.obk_publishers
+
+
+def test_a_fault_told_within_configure_is_kept() -> None:
+    class NoHardware(ObeliskNode):
+        def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+            super().on_configure(state)
+            self.fail("no hardware", "on_configure")
+            return SUCCESS
+
+    with spun(lambda: NoHardware("n")) as node:
+        assert node.trigger_configure() == TransitionCallbackReturn.ERROR
+        assert node.state_label == "unconfigured"
+        assert str(node.last_fault) == "on_configure: no hardware"
+
+
+@pytest.mark.parametrize("executor", EXECUTORS.values(), ids=EXECUTORS)
+def test_a_fault_during_a_transition_is_not_lost(executor: Callable[[], Executor]) -> None:
+    class SlowToActivate(ObeliskSimRobot):
+        def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+            result = super().on_activate(state)
+            eventually(lambda: self.last_fault is not None)
+            return result
+
+        def run_simulator(self) -> None:
+            raise ValueError("diverged")
+
+        def apply_control(self, control_msg: Any) -> None:
+            del control_msg
+
+    with spun(lambda: SlowToActivate("s", **overrides(**CONTROL)), executor) as node:
+        node.trigger_configure()
+        node.trigger_activate()
+        eventually(lambda: node.state_label == "unconfigured")
+        assert node.last_fault.text == "ValueError: diverged"
+
+
+@pytest.mark.parametrize("executor", EXECUTORS.values(), ids=EXECUTORS)
+def test_a_callback_of_plain_rclpy_fails_the_node_too(executor: Callable[[], Executor]) -> None:
+    class Plain(ObeliskNode):
+        def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+            self.plain = self.create_timer(0.01, self.tick)
+            return super().on_activate(state)
+
+        def tick(self) -> None:
+            self.plain.cancel()
+            raise ValueError("plain")
+
+    with spun(lambda: Plain("p"), executor) as node:
+        node.trigger_configure()
+        node.trigger_activate()
+        eventually(lambda: node.state_label == "unconfigured")
+        assert node.last_fault.text == "ValueError: plain"
+
+
+def test_a_coroutine_callback_fails_the_node_too() -> None:
+    class Waiting(ObeliskNode):
+        def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+            self.waiting = self.create_timer(0.01, self.tick)
+            return super().on_activate(state)
+
+        async def tick(self) -> None:
+            self.waiting.cancel()
+            raise ValueError("later")
+
+    with spun(lambda: Waiting("w")) as node:
+        node.trigger_configure()
+        node.trigger_activate()
+        eventually(lambda: node.state_label == "unconfigured")
+        assert node.last_fault.text == "ValueError: later"
+
+
+def test_a_robot_takes_control_only_while_it_is_active() -> None:
+    class Robot(ObeliskRobot):
+        taken = 0
+
+        def apply_control(self, control_msg: Any) -> None:
+            del control_msg
+            self.taken += 1
+
+    with spun(lambda: Robot("r", **overrides(**CONTROL))) as node:
+        node.trigger_configure()
+        callback = node.obk_subscriptions["sub_ctrl"].callback
+        callback(PositionSetpoint())
+        assert node.taken == 0
+        node.trigger_activate()
+        callback(PositionSetpoint())
+        assert node.taken == 1
+
+
+def test_a_simulator_that_does_not_stop_is_never_joined_by_a_second_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("obelisk_py.core.robot.LONGEST_STOP_S", 0.05)
+    release = threading.Event()
+
+    class Deaf(ObeliskSimRobot):
+        def run_simulator(self) -> None:
+            release.wait(15)
+
+        def apply_control(self, control_msg: Any) -> None:
+            del control_msg
+
+    with spun(lambda: Deaf("d", **overrides(**CONTROL))) as node:
+        node.trigger_configure()
+        node.trigger_activate()
+        node.trigger_deactivate()
+        assert node.state_label == "finalized"
+        assert "run_simulator went on for" in node.last_fault.text
+        assert node.ended.done()
+        assert sum(t.name == "simulator" for t in threading.enumerate()) == 1
+        release.set()
+
+
+@pytest.mark.parametrize("period", [".inf", "1e300", "1e-12"])
+def test_a_period_that_no_timer_can_hold_is_refused(period: str) -> None:
+    with spun(Ticking) as node:
+        text = f"{{timer_period_sec: {period}}}"
+        node.set_parameters([Parameter("timer_ctrl_setting", value=text)])
+        assert node.trigger_configure() != SUCCESS
+        assert "expected seconds above 0, from 1e-09 to 9e+09" in node.last_fault.text
+
+
+PROGRAM = """
+from rclpy.lifecycle import TransitionCallbackReturn as Return
+from obelisk_py.core.node import ObeliskNode
+from obelisk_py.core.utils.ros import spin_obelisk
+
+class Node(ObeliskNode):
+    def __init__(self):
+        super().__init__("node")
+        self.trigger_configure(); self.trigger_activate()
+        print("up", flush=True)
+    def on_deactivate(self, state):
+        super().on_deactivate(state)
+        {deactivate}
+    def on_shutdown(self, state):
+        print("shutdown from", state.label, flush=True)
+        return super().on_shutdown(state)
+
+spin_obelisk(None, Node)
+"""
+
+
+@pytest.mark.parametrize(
+    ("deactivate", "shutdown_from"),
+    [("return Return.FAILURE", "active"), ("raise ValueError('x')", "unconfigured")],
+)
+def test_a_signal_shuts_down_also_a_node_that_does_not_deactivate(
+    deactivate: str, shutdown_from: str, tmp_path: Path
+) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM.format(deactivate=deactivate))
+    with subprocess.Popen(
+        [sys.executable, program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "up\n"
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=30)
+    assert output == f"shutdown from {shutdown_from}\n"
+    assert "RCLError" not in errors
+    assert process.returncode == 1
+
+
+def test_settings_of_no_component_are_told(capfd: pytest.CaptureFixture[str]) -> None:
+    settings = "publishers: [{key: pub_crtl, topic: /x}]"
+    with spun(lambda: ObeliskNode("n", **overrides(obelisk_settings=settings))) as node:
+        node.trigger_configure()
+    text = "the config has a publisher 'pub_crtl' that this node's code does not register"
+    assert text in capfd.readouterr().err
