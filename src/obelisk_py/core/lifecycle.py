@@ -62,6 +62,10 @@ class GuardedLifecycleNode(LifecycleNode):
         """The life-cycle state: `unconfigured`, `inactive`, `active`, `finalized`, ..."""
         return str(self._state_machine.current_state[1])
 
+    def is_failing(self) -> bool:
+        """Whether a fault waits for its error processing."""
+        return self._is_failing
+
     def fail(self, cause: BaseException | str, where: str = "node") -> None:
         """Take the node to error processing; may be called from any thread.
 
@@ -83,7 +87,7 @@ class GuardedLifecycleNode(LifecycleNode):
 
     def guarded(self, callback: Callable[..., Any]) -> Callable[..., Any]:
         """The same callback, but what it raises takes the node to error processing."""
-        return guard_callback(callback, lambda: self._is_failing, self.fail)
+        return guard_callback(callback, self.is_failing, self.fail)
 
     def create_timer(
         self, timer_period_sec: float, callback: Any, *args: Any, **kwargs: Any
@@ -179,20 +183,20 @@ class GuardedLifecycleNode(LifecycleNode):
                 result = attempt(state)
                 self._is_unrecoverable = result != SUCCESS
                 return result
-            if self._is_failing:
+            if self.is_failing():
                 return ERROR
             if where == "on_configure":
                 self.last_fault = None
             result = attempt(state)
-            return ERROR if self._is_failing else result
+            return ERROR if self.is_failing() else result
 
         def attempt(state: LifecycleState) -> TransitionCallbackReturn:
             try:
-                result: object = callback(state)
+                result = callback(state)
             except Exception as error:
                 self._keep(error, where)
                 return failed
-            if type(result) is not TransitionCallbackReturn:
+            if not isinstance(result, TransitionCallbackReturn):
                 self._keep(
                     f"returned {result!r}, expected a TransitionCallbackReturn "
                     "(did the callback forget its return statement?)",
