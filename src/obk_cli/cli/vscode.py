@@ -1,0 +1,140 @@
+"""`obk schema --install-vscode`: what VS Code needs to check configs while they are written.
+
+The schema goes into the folder's `.vscode`, `settings.json` associates it with the configs that are
+there, `extensions.json` recommends the extension that reads it. Settings and comments that are
+there stay.
+"""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from obk_cli.adapters.files import explain_os_error
+from obk_cli.adapters.replace_file import replace_file
+from obk_cli.emit.write import write_text
+from obk_cli.errors import CommandFailedError
+from obk_cli.jsonc import JsoncError, read_jsonc, set_member
+from obk_cli.migrate.shape import components_of, devices_of, sections_of
+from obk_cli.parse import decode_source, parse_source
+from obk_cli.source import SourceFile
+from obk_cli.tree import TreeMap
+
+__all__ = ["install_vscode"]
+
+_SCHEMA = "./.vscode/obelisk.schema.json"
+"""As the editor finds it from the folder."""
+_NEW_CONFIGS = "*.obelisk.yaml"
+_EXTENSION = "redhat.vscode-yaml"
+_NOT_LOOKED_INTO = frozenset({"build", "install", "log", "node_modules", "venv", "__pycache__"})
+_LONGEST_CONFIG_BYTES = 1024 * 1024
+
+
+def install_vscode(folder: Path, schema: str) -> Iterator[str]:
+    """Write the files into `folder/.vscode`; a line for each thing done.
+
+    Raises:
+        CommandFailedError: the folder is not there, or settings that are there cannot be merged;
+            the help says what to add by hand.
+    """
+    if not folder.is_dir():
+        raise CommandFailedError(f"`{folder}` is no folder")
+    globs = [*_configs(folder), _NEW_CONFIGS]
+    home = folder / ".vscode"
+    settings, extensions = home / "settings.json", home / "extensions.json"
+    texts = {
+        home / "obelisk.schema.json": schema,
+        settings: _with_schema(settings, globs),
+        extensions: _with_extension(extensions),
+    }
+    for path, text in texts.items():
+        yield f"{path}: {'written' if _write(path, text) else 'nothing to change'}"
+    yield f"checked while you write: {', '.join(globs)}"
+
+
+def _configs(folder: Path) -> list[str]:
+    """The YAML files of the folder that are configs or fragments of one."""
+    found: list[str] = []
+    for root, folders, names in os.walk(folder):
+        folders[:] = sorted(
+            name for name in folders if name not in _NOT_LOOKED_INTO and not name.startswith(".")
+        )
+        paths = (Path(root, name) for name in sorted(names) if name.endswith((".yaml", ".yml")))
+        found += [path.relative_to(folder).as_posix() for path in paths if _is_config(path)]
+    return found
+
+
+def _is_config(path: Path) -> bool:
+    """Whether the file holds nodes with components, or includes what may."""
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return False
+    source = decode_source(str(path), data) if len(data) <= _LONGEST_CONFIG_BYTES else None
+    tree = parse_source(source).tree if isinstance(source, SourceFile) else None
+    if not isinstance(tree, TreeMap):
+        return False
+    keys = {entry.key for entry in tree}
+    has_sections = bool(devices_of(tree) or sections_of(tree))
+    return (has_sections and next(components_of(tree), None) is not None) or {
+        "config",
+        "include",
+    } <= keys
+
+
+def _with_schema(path: Path, globs: list[str]) -> str:
+    text = _read(path) or "{}\n"
+    try:
+        value = read_jsonc(text)
+        schemas = value.get("yaml.schemas") if isinstance(value, dict) else None
+        listed = _listed(schemas.get(_SCHEMA)) if isinstance(schemas, dict) else []
+        if set(globs) <= set(listed):
+            return text
+        return set_member(text, ("yaml.schemas", _SCHEMA), list(dict.fromkeys([*listed, *globs])))
+    except JsoncError as error:
+        help = f'add to it by hand: "yaml.schemas": {{"{_SCHEMA}": {_quoted(globs)}}}'
+        raise CommandFailedError(f"`{path}` cannot be merged: {error}", help=help) from error
+
+
+def _with_extension(path: Path) -> str:
+    text = _read(path) or "{}\n"
+    try:
+        value = read_jsonc(text)
+        listed = _listed(value.get("recommendations")) if isinstance(value, dict) else []
+        if _EXTENSION in listed:
+            return text
+        return set_member(text, ("recommendations",), [*listed, _EXTENSION])
+    except JsoncError as error:
+        help = f'add to it by hand: "recommendations": ["{_EXTENSION}"]'
+        raise CommandFailedError(f"`{path}` cannot be merged: {error}", help=help) from error
+
+
+def _listed(value: object) -> list[str]:
+    items = value if isinstance(value, list) else [value]
+    return [item for item in items if isinstance(item, str)]
+
+
+def _quoted(globs: list[str]) -> str:
+    return f"[{', '.join(f'{chr(34)}{glob}{chr(34)}' for glob in globs)}]"
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_bytes().decode("utf-8") if path.exists() else ""
+    except (OSError, UnicodeDecodeError) as error:
+        reason = explain_os_error(error)
+        raise CommandFailedError(f"`{path}` cannot be read: {reason}") from error
+
+
+def _write(path: Path, text: str) -> bool:
+    """Put the text there; tells whether anything changed."""
+    try:
+        if not path.exists():
+            return write_text(path, text)
+        data = text.encode("utf-8")
+        if path.read_bytes() == data:
+            return False
+        replace_file(path, data)
+    except OSError as error:
+        reason = explain_os_error(error)
+        raise CommandFailedError(f"`{path}` cannot be written: {reason}") from error
+    return True
