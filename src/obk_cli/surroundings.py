@@ -46,8 +46,10 @@ class ModelRead:
     """A model that could be read."""
 
     facts: ModelFacts
+    wanted_files: tuple[tuple[str, str], ...] = ()
+    """Meshes and textures, each by its path under its folder and by its path as written."""
     missing_files: tuple[str, ...] = ()
-    """Meshes and textures that are not where the model says."""
+    """Those that are not where the model says."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

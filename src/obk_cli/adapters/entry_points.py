@@ -9,8 +9,9 @@ import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
+
+from obk_cli.adapters.distributions import distribution_version
 
 __all__ = ["EntryPoint", "installed_console_scripts", "source_console_scripts"]
 
@@ -39,6 +40,10 @@ def source_console_scripts(folder: Path) -> Mapping[str, EntryPoint]:
 
 def installed_console_scripts(package: str) -> Mapping[str, EntryPoint]:
     """Script name -> function of an installed distribution of that name."""
+    if distribution_version(package) is None:
+        return {}
+    from importlib import metadata  # slow to load, and seldom needed
+
     try:
         points = metadata.distribution(package).entry_points.select(group="console_scripts")
     except (metadata.PackageNotFoundError, ValueError):

@@ -8,13 +8,14 @@ import importlib
 import importlib.util
 import os
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from obelisk_spec.model import read_model_facts
 from obk_cli.surroundings import ModelFault, ModelRead
 
-__all__ = ["has_mujoco", "read_model"]
+__all__ = ["has_mujoco", "missing_files", "read_model"]
 
 _LINE = re.compile(r"[Ll]ine(?: number)?[ =]+(\d+)")
 _NOT_XML = re.compile(r"Error=XML_ERROR_(\w+).*XMLElement name=(\w*)", re.DOTALL)
@@ -37,7 +38,12 @@ def read_model(path: Path) -> ModelRead | ModelFault:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
         return _fault(str(error))
-    return ModelRead(facts=read_model_facts(spec), missing_files=_missing_files(spec, path))
+    wanted = _wanted_files(spec, path)
+    return ModelRead(
+        facts=read_model_facts(spec),
+        wanted_files=wanted,
+        missing_files=missing_files(wanted, path),
+    )
 
 
 def _import_mujoco() -> Any:
@@ -62,24 +68,30 @@ def _fault(text: str) -> ModelFault:
     return ModelFault(message=_NOISE.sub("", sentence), line=int(line[1]) if line else None)
 
 
-def _missing_files(spec: Any, path: Path) -> tuple[str, ...]:
+def _wanted_files(spec: Any, path: Path) -> tuple[tuple[str, str], ...]:
+    """Meshes and textures: under their folder, and as written."""
     compiler = spec.compiler
     folders = ((spec.meshes, compiler.meshdir), (spec.textures, compiler.texturedir))
     wanted = ((folder, e.file) for elements, folder in folders for e in elements if e.file)
     # A file of an included model comes with its folder in front, its `meshdir` not yet applied.
-    files = (
+    return tuple(
         (
-            Path(folder) / os.path.relpath(file, path.parent)
+            str(Path(folder) / os.path.relpath(file, path.parent))
             if Path(file).is_absolute()
-            else Path(folder) / file,
-            path.parent / file,
+            else str(Path(folder) / file),
+            file,
         )
         for folder, file in wanted
     )
+
+
+def missing_files(wanted: Iterable[tuple[str, str]], path: Path) -> tuple[str, ...]:
+    """The files that are in neither place, of those that the model at `path` wants."""
+    folder = path.parent
     return tuple(
         dict.fromkeys(
-            str(relative)
-            for relative, direct in files
-            if not direct.exists() and not (path.parent / relative).exists()
+            relative
+            for relative, written in wanted
+            if not (folder / written).exists() and not (folder / relative).exists()
         )
     )

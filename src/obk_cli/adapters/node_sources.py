@@ -10,7 +10,7 @@ from pathlib import Path
 
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.code.entry import read_node_code
-from obk_cli.code.modules import FoundSource
+from obk_cli.code.modules import FoundSource, Module, parse_module
 from obk_cli.node_code import CodeFault, NodeCode
 from obk_cli.source import SourceFile
 from obk_cli.surroundings import Command
@@ -29,7 +29,7 @@ class NodeSources:
     def __init__(self, packages: PackageIndex, shown: Callable[[Path], str]) -> None:
         self._packages = packages
         self._shown = shown
-        self._files: dict[Path, FoundSource | None] = {}
+        self._modules: dict[tuple[str, Path], Module | None] = {}
         self._folders: dict[tuple[str, tuple[Path, ...]], tuple[Path, ...]] = {}
 
     def read(self, command: Command) -> NodeCode | CodeFault | None:
@@ -42,7 +42,11 @@ class NodeSources:
         if "python" in first:
             source = FoundSource(source=SourceFile.of(self._shown(program), text))
             return read_node_code(
-                _PROGRAM, None, lambda name: source if name == _PROGRAM else self._load(name, ())
+                _PROGRAM,
+                None,
+                lambda name: (
+                    parse_module(name, source) if name == _PROGRAM else self._load(name, ())
+                ),
             )
         runs = _RUNS_MODULE.search(text)
         return self._read_module(runs[1], None, ()) if runs else None
@@ -63,21 +67,24 @@ class NodeSources:
 
     def _load(
         self, module: str, path: tuple[Path, ...], installed: Iterable[str] = ()
-    ) -> FoundSource | None:
+    ) -> Module | None:
         file = self._find(module, path, installed)
         if file is None:
             return None
-        if file not in self._files:
+        if (module, file) not in self._modules:
             text = _python_text(file)
-            self._files[file] = (
+            self._modules[module, file] = (
                 None
                 if text is None
-                else FoundSource(
-                    source=SourceFile.of(self._shown(file), text),
-                    is_package=file.name == "__init__.py",
+                else parse_module(
+                    module,
+                    FoundSource(
+                        source=SourceFile.of(self._shown(file), text),
+                        is_package=file.name == "__init__.py",
+                    ),
                 )
             )
-        return self._files[file]
+        return self._modules[module, file]
 
     def _find(self, module: str, path: tuple[Path, ...], installed: Iterable[str]) -> Path | None:
         """The file of a module: in the workspace, or of an installed package that may be read."""

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from obk_cli.adapters.mjcf_places import MjcfElement, mjcf_elements
-from obk_cli.adapters.mujoco_model import has_mujoco, read_model
+from obk_cli.adapters.model_cache import cache_folder, read_model_once
+from obk_cli.adapters.mujoco_model import has_mujoco
 from obk_cli.adapters.node_sources import NodeSources
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.node_code import CodeFault, NodeCode
@@ -21,6 +22,8 @@ class MachineSurroundings:
     def __init__(self, folder: Path, working_folder: Path, environment: Mapping[str, str]) -> None:
         self.packages = PackageIndex.around(folder, working_folder, environment)
         self._working_folder = working_folder
+        self._cache = cache_folder(environment)
+        self._node_sources: NodeSources | None = None
         self._models: dict[Path, ModelRead | ModelFault | None] = {}
         self._elements: dict[Path, list[MjcfElement]] = {}
         self._sources: dict[Path, SourceFile] = {}
@@ -47,14 +50,17 @@ class MachineSurroundings:
         key = (package, executable)
         if key not in self._codes:
             command = self.find_executable(package, executable)
-            sources = NodeSources(self.packages, self._shown)
-            self._codes[key] = sources.read(command) if isinstance(command, Command) else None
+            if self._node_sources is None:
+                self._node_sources = NodeSources(self.packages, self._shown)
+            self._codes[key] = (
+                self._node_sources.read(command) if isinstance(command, Command) else None
+            )
         return self._codes[key]
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         """The facts of a model, None without MuJoCo."""
         if path not in self._models:
-            self._models[path] = read_model(path) if has_mujoco() else None
+            self._models[path] = read_model_once(path, self._cache) if has_mujoco() else None
         return self._models[path]
 
     def model_line(self, path: Path, line: int) -> Span:

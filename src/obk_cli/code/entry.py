@@ -11,7 +11,7 @@ from obk_cli.code.lineage import ClassSource, lineage_of
 from obk_cli.code.modules import (
     Definition,
     Library,
-    LoadSource,
+    LoadModule,
     Module,
     UnreadableSourceError,
     dotted_name,
@@ -36,14 +36,14 @@ class _Spun:
 
 
 def read_node_code(
-    module: str, function: str | None, load: LoadSource
+    module: str, function: str | None, load: LoadModule
 ) -> NodeCode | CodeFault | None:
     """What the source behind an entry point says; None where it cannot be known from reading.
 
     Args:
         module: dotted name of the module.
         function: what the entry point calls; None for a module that is run as a program.
-        load: finds the source of modules.
+        load: gives modules by their dotted names.
     """
     library = Library(load)
     try:

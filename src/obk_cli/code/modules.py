@@ -1,6 +1,6 @@
 """Python modules as text: their names, and following a name through imports to its definition.
 
-In: a function that finds the source of a module. Out: syntax trees and the constants, classes and
+In: the text of modules. Out: syntax trees and the constants, classes and
 functions that names stand for. Opens nothing itself and runs nothing.
 """
 
@@ -16,10 +16,11 @@ __all__ = [
     "FoundSource",
     "Imported",
     "Library",
-    "LoadSource",
+    "LoadModule",
     "Module",
     "UnreadableSourceError",
     "dotted_name",
+    "parse_module",
     "span_of",
 ]
 
@@ -34,10 +35,6 @@ class FoundSource:
     source: SourceFile
     is_package: bool = False
     """Whether it is the `__init__` of a package, from which relative imports start."""
-
-
-LoadSource = Callable[[str], FoundSource | None]
-"""Dotted module name -> its source, None where it is not to be followed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +68,10 @@ class Definition:
     node: ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef | ast.expr
 
 
+LoadModule = Callable[[str], Module | None]
+"""Dotted name -> module, None where it is not to be followed."""
+
+
 class UnreadableSourceError(Exception):
     """A module that is not Python; carries the sentence and the place."""
 
@@ -83,7 +84,7 @@ class UnreadableSourceError(Exception):
 class Library:
     """Modules, each read once."""
 
-    def __init__(self, load: LoadSource) -> None:
+    def __init__(self, load: LoadModule) -> None:
         self._load = load
         self._modules: dict[str, Module | None] = {}
 
@@ -94,8 +95,7 @@ class Library:
             UnreadableSourceError: the source is not Python.
         """
         if name not in self._modules:
-            found = self._load(name)
-            self._modules[name] = None if found is None else _parse(name, found)
+            self._modules[name] = self._load(name)
         return self._modules[name]
 
     def definition(self, dotted: str) -> Definition | None:
@@ -147,7 +147,12 @@ def span_of(node: ast.expr | ast.stmt, source: SourceFile) -> Span:
     return Span.at(source, node.lineno, start + 1, max(len(text) - start, 1))
 
 
-def _parse(name: str, found: FoundSource) -> Module:
+def parse_module(name: str, found: FoundSource) -> Module:
+    """The module that a text is.
+
+    Raises:
+        UnreadableSourceError: the text is not Python.
+    """
     tree = _syntax_tree(found.source)
     statements = list(_at_top_level(tree.body))
     names: dict[str, Binding] = {}
