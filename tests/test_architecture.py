@@ -107,6 +107,8 @@ def test_stages_import_the_spine_and_never_each_other() -> None:
         assert areas_imported(path) <= allowed, path
     for path in in_area(*SHARED_BY_STAGES):
         assert areas_imported(path) <= SPINE_MODULES, path
+    for path in in_area("migrate"):
+        assert areas_imported(path) <= SPINE_MODULES | {"cures", "parse", "read"}, path
     for path in in_area("report"):
         assert areas_imported(path) <= SPINE_MODULES | {"launch"}, path
 
