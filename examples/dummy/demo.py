@@ -102,9 +102,12 @@ def launch(seconds: float) -> int:
     """Run the stack to its end; gives `obk launch`'s exit code."""
     config = Path(__file__).with_name("dummy.yaml")
     obk = Path(sys.executable).with_name("obk")
-    return subprocess.run(
-        [obk, "launch", config, "--duration", f"{seconds:g}"], check=False
-    ).returncode
+    with subprocess.Popen([obk, "launch", config, "--duration", f"{seconds:g}"]) as stack:
+        try:
+            return stack.wait()
+        except KeyboardInterrupt:
+            # Ctrl-C goes to the whole terminal: the stack is on its way down already.
+            return stack.wait()
 
 
 def watch(seconds: float) -> tuple[int, dict[str, Watched]]:

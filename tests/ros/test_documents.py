@@ -1,4 +1,4 @@
-"""Every `obk` command that a document shows does what it is shown for."""
+"""Every `obk` command that a document shows does what it is shown for, and `cp` beside it."""
 
 import re
 import shlex
@@ -12,31 +12,43 @@ from .stack import launched, obk
 pytestmark = pytest.mark.ros
 
 ROOT = Path(__file__).resolve().parents[2]
-DOCUMENTS = (ROOT / "README.md", ROOT / "examples" / "dummy" / "README.md")
+DOCUMENTS = (
+    ROOT / "README.md",
+    ROOT / "examples" / "dummy" / "README.md",
+    ROOT / "docs" / "compile.md",
+)
 SHELL_BLOCK = re.compile(r"```sh\n(.*?)```", re.DOTALL)
 
 
 def commands(document: Path) -> list[list[str]]:
-    """The arguments of every `obk` command in a document, in its order."""
+    """Every `obk` and `cp` command in a document, as words, in its order."""
     lines = "".join(SHELL_BLOCK.findall(document.read_text())).splitlines()
     split = [shlex.split(line, comments=True) for line in lines]
-    return [words[1:] for words in split if words and Path(words[0]).name == "obk"]
+    return [words for words in split if words and Path(words[0]).name in ("obk", "cp")]
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+SHOWN = [document for document in DOCUMENTS if commands(document)]
+
+
+@pytest.mark.parametrize("document", SHOWN, ids=lambda path: str(path.relative_to(ROOT)))
 def test_the_commands_of_a_document_work_in_their_order(
     document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    shutil.copytree(ROOT / "schema", tmp_path / "schema")
     monkeypatch.chdir(tmp_path)
     found = commands(document)
-    assert found
-    launches = [words for words in found if words[0] == "launch"]
-    for words in (w for w in found if w[0] not in ("launch", "lifecycle")):
-        assert obk(*words).returncode == 0, words
-    with launched(Path(launches[0][1]), *launches[0][2:]) as run:
-        for words in (w for w in found if w[0] == "lifecycle"):
-            result = obk(*words)
-            assert result.returncode == 0, (words, result.stderr)
-    assert run.process.returncode == 0, run.text
+    launches = [words for words in found if words[1] == "launch"]
+    for words in (w for w in found if w[1] not in ("launch", "lifecycle")):
+        if words[0] == "cp":
+            shutil.copytree(words[2], words[3])
+        else:
+            result = obk(*words[1:])
+            assert result.returncode == 0, (words, result.stdout, result.stderr)
+    for launch in launches:
+        with launched(Path(launch[2]), *launch[3:]) as run:
+            for words in (w for w in found if w[1] == "lifecycle"):
+                result = obk(*words[1:])
+                assert result.returncode == 0, (words, result.stderr)
+        assert run.process.returncode == 0, run.text

@@ -70,7 +70,7 @@ class ObeliskNode(GuardedLifecycleNode):
 
     @property
     def t(self) -> float:
-        """The node clock's time [s]."""
+        """The node clock's time [s]: since 1970, or simulated time with `use_sim_time`."""
         return float(self.get_clock().now().nanoseconds * 1e-9)
 
     @property

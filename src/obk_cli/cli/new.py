@@ -1,6 +1,8 @@
 """`obk new controller|estimator NAME`: a package that runs, or a node more in the one around."""
 
 import os
+import shutil
+import sys
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
@@ -102,6 +104,7 @@ def _run(question: Question, dest: Path | None, *, dry_run: bool, force: bool, f
         folder=_short(root),
         decisions=decisions,
         dry_run=dry_run,
+        programs=_programs(),
     )
     typer.echo(describe_json(outcome) if form == "json" else describe_text(outcome))
 
@@ -167,3 +170,10 @@ def _short(path: Path) -> str:
     """As the user would type it from here."""
     here, full = Path.cwd(), path.resolve()
     return str(full.relative_to(here)) if full.is_relative_to(here) else str(full)
+
+
+def _programs() -> str:
+    """What stands in front of `python` and `obk` here: nothing when they are found by name."""
+    folder = Path(sys.executable).parent
+    found = shutil.which("python")
+    return "" if found and Path(found).parent == folder else f"{_short(folder)}/"

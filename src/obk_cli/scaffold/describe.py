@@ -17,18 +17,20 @@ __all__ = ["Outcome", "describe_json", "describe_text"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """A run of `obk new`; `folder` is the package's folder as the user would type it."""
+    """A run of `obk new`; `folder` and `programs` are as the user would type them."""
 
     answers: Answers
     folder: str
     decisions: tuple[Decision, ...]
     dry_run: bool
+    programs: str
+    """In front of `python` and `obk`: empty in an active environment, else its `bin/`."""
 
     @property
     def next_commands(self) -> tuple[str, str]:
         """What to type now."""
         test = PurePath(self.folder, "test", f"test_{self.answers.node}.py")
-        return (f"python -m pytest {test}", "obk launch CONFIG")
+        return (f"{self.programs}python -m pytest {test}", f"{self.programs}obk launch CONFIG")
 
 
 def describe_text(outcome: Outcome) -> str:

@@ -34,7 +34,7 @@ class Filling:
 
 _U_MUJOCO = Filling(
     statements=(
-        "u = math.sin(self.t)  # your control law goes here",
+        "u = self.amplitude * math.sin(self.t)  # your control law goes here",
         "msg.u_mujoco = [u]",
     ),
     assertions=("assert len(msg.u_mujoco) == 1", "assert abs(msg.u_mujoco[0]) <= 1.0"),
@@ -44,11 +44,11 @@ _CONTROL = {
     "obelisk_control_msgs/msg/PDFeedForward": _U_MUJOCO,
     "obelisk_control_msgs/msg/VelocityCommand": Filling(
         statements=(
-            "msg.v_x = 0.1 * math.sin(self.t)  # [m/s] your control law goes here",
+            "msg.v_x = self.amplitude * math.sin(self.t)  # [m/s] your control law goes here",
             "msg.v_y = 0.0  # [m/s]",
             "msg.w_z = 0.0  # [rad/s]",
         ),
-        assertions=("assert abs(msg.v_x) <= 0.1",),
+        assertions=("assert abs(msg.v_x) <= 1.0",),
     ),
 }
 _ESTIMATE = {

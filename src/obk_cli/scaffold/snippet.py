@@ -5,6 +5,7 @@ In: the answers. Out: YAML text for the section's list, with the dummy example's
 
 from dataclasses import dataclass
 
+from obk_cli.scaffold.fields import control_filling
 from obk_cli.scaffold.questions import Answers, MessageType
 
 __all__ = ["SECTIONS", "config_snippet"]
@@ -36,6 +37,7 @@ def config_snippet(answers: Answers) -> str:
         [
             f"- pkg: {answers.package}",
             f"  executable: {answers.node}",
+            *_parameter_lines(answers),
             "  publishers:",
             *_topic_lines(*wiring.publisher),
             "  subscribers:",
@@ -45,6 +47,13 @@ def config_snippet(answers: Answers) -> str:
             "      timer_period_sec: 0.001",
         ]
     )
+
+
+def _parameter_lines(answers: Answers) -> tuple[str, ...]:
+    """The parameters that the generated node declares."""
+    if answers.kind == "controller" and control_filling(answers.ctrl).uses_math:
+        return ("  params:", "    amplitude: 1.0")
+    return ()
 
 
 def _wire(answers: Answers) -> _Wiring:

@@ -1,5 +1,6 @@
 import json
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -36,13 +37,31 @@ def refused(*arguments: str) -> ObkError:
     return result.exception
 
 
-def test_a_package_goes_into_src_of_the_workspace(workspace: Path) -> None:
+def test_a_package_goes_into_src_of_the_workspace(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(Path(sys.executable).parent))
     said = obk_new("controller", "foo")
     assert said.startswith("made the controller `foo`, package `foo`, in src/foo/\n")
     assert said.endswith(
         "next:\n  python -m pytest src/foo/test/test_foo.py\n  obk launch CONFIG\n"
     )
     assert (workspace / "src/foo/foo/foo.py").is_file()
+
+
+def test_the_next_commands_work_without_an_active_environment(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", "")
+    programs = Path(sys.executable).parent
+    said = obk_new("controller", "foo")
+    assert f"  {programs}/python -m pytest src/foo/test/test_foo.py\n" in said
+    assert f"  {programs}/obk launch CONFIG\n" in said
+
+
+def test_the_snippet_sets_the_parameter_that_the_node_declares(workspace: Path) -> None:
+    assert "  params:\n    " in obk_new("controller", "foo").replace("\n  ", "\n")
+    assert 'declare_parameter("amplitude"' in (workspace / "src/foo/foo/foo.py").read_text()
 
 
 def test_without_src_a_package_goes_into_the_working_folder(

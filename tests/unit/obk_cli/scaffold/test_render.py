@@ -35,6 +35,7 @@ def test_a_package_has_what_ament_python_asks_for(package: Package, kind: str) -
         "foo/foo.py",
         "package.xml",
         "resource/foo",
+        "pytest.ini",
         "ruff.toml",
         "setup.cfg",
         "setup.py",
@@ -67,7 +68,7 @@ def test_an_estimator_registers_its_sensor(package: Package) -> None:
     ("ctrl_msg", "line"),
     [
         ("PDFeedForward", "msg.u_mujoco = [u]"),
-        ("VelocityCommand", "msg.v_x = 0.1 * math.sin(self.t)"),
+        ("VelocityCommand", "msg.v_x = self.amplitude * math.sin(self.t)"),
         ("ExecutionFSM", "msg.header.stamp = self.get_clock().now().to_msg()"),
         ("TwistStamped", "msg.header.stamp = self.get_clock().now().to_msg()"),
     ],
