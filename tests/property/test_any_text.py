@@ -1,6 +1,7 @@
 """House style: any text gives a tree or diagnostics, never an exception; spans lie in the file."""
 
 import random
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,15 +10,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from obelisk_spec.yaml_core import YamlTextError, core_scalar, load_yaml_core
+from obk_cli.adapters.packages import PackageIndex
+from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.diagnostics import Diagnostic
 from obk_cli.parse import decode_source, parse_source
-from obk_cli.pipeline import Options, compile_source
+from obk_cli.pipeline import Options, compile_config, compile_source
+from obk_cli.report.github import report_github
+from obk_cli.report.json import report_json
+from obk_cli.report.sarif import report_sarif
 from obk_cli.report.text import report_text
 from obk_cli.source import SourceFile, Span
 from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
 
 CORPUS = Path(__file__).resolve().parents[3] / "shared/corpus"
 SEEDS = [path.read_text() for path in sorted(CORPUS.rglob("*.yaml"))]
+TESTS = Path(__file__).parents[1]
+PLANTED = (TESTS / "planted" / "stack.yaml").read_text()
 ALPHABET = "ab:- \n\t[]{},&*!|>'\"#%@`?~0123.<$"
 NEARLY_YAML = st.text(ALPHABET) | st.text(st.characters(exclude_categories=["Cs"]))
 KEYS = st.sampled_from(
@@ -33,7 +41,10 @@ ENOUGH = settings(max_examples=150, deadline=None)
 
 
 def compiled(text: str) -> tuple[Diagnostic, ...]:
-    options = Options(environment={}, working_folder=Path.cwd())
+    surroundings = MachineSurroundings(Path.cwd(), Path.cwd(), {})
+    # Packages whose code and models are there, so that every check has something to look at.
+    surroundings.packages = PackageIndex(workspaces=(TESTS / "cases" / "workspace",), prefixes=())
+    options = Options(environment={}, working_folder=Path.cwd(), surroundings=surroundings)
     outcome = compile_source(SourceFile.of("<text>", text), options)
     report_text(outcome.diagnostics, colour=True)
     return outcome.diagnostics
@@ -66,6 +77,21 @@ def test_any_bytes(data: bytes) -> None:
 
 
 @ENOUGH
+@given(st.binary() | NEARLY_YAML.map(str.encode))
+def test_any_file_is_compiled_or_refused(data: bytes) -> None:
+    with tempfile.NamedTemporaryFile(suffix=".yaml") as file:
+        file.write(data)
+        file.flush()
+        outcome = compile_config(
+            file.name, Options(environment={}, working_folder=Path(file.name).parent)
+        )
+    assert outcome.plan is None or not outcome.has_errors
+    for voice in (report_github, report_sarif):
+        voice(outcome.diagnostics)
+    report_json([outcome.path], outcome.diagnostics)
+
+
+@ENOUGH
 @given(NEARLY_YAML)
 def test_any_text_is_compiled_or_refused(text: str) -> None:
     compiled(text)
@@ -78,7 +104,7 @@ def test_any_shape_of_known_keys_is_compiled_or_refused(text: str) -> None:
 
 
 @ENOUGH
-@given(st.sampled_from(SEEDS), st.integers())
+@given(st.sampled_from([*SEEDS, PLANTED]), st.integers())
 def test_a_mutated_config_is_compiled_or_refused(text: str, seed: int) -> None:
     draw = random.Random(seed)
     for _ in range(draw.randint(1, 8)):
