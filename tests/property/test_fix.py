@@ -1,0 +1,58 @@
+"""Cures on any config: never an exception, never more errors, and a second run finds nothing."""
+
+import random
+from pathlib import Path
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from obk_cli.adapters.packages import PackageIndex
+from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.fixing import Fixed, fix_config
+from obk_cli.pipeline import Options
+
+CORPUS = Path(__file__).resolve().parents[3] / "shared" / "corpus"
+SEEDS = [path.read_text() for path in sorted(CORPUS.rglob("*.yaml"))]
+ENOUGH = settings(max_examples=80, deadline=None)
+
+
+def fixed(text: str, folder: Path) -> Fixed:
+    """The cures of a text that is on no disk."""
+    surroundings = MachineSurroundings(folder, folder, {})
+    surroundings.packages = PackageIndex(workspaces=(), prefixes=())
+    options = Options(
+        environment={},
+        working_folder=folder,
+        surroundings=surroundings,
+        read=lambda path: text.encode() if path == "c.yaml" else "there is no such file",
+    )
+    return fix_config("c.yaml", options, lambda path: path.name == "c.yaml")
+
+
+def errors(result: Fixed) -> tuple[int, int]:
+    return (
+        sum(finding.severity == "error" for finding in result.before.diagnostics),
+        sum(finding.severity == "error" for finding in result.after.diagnostics),
+    )
+
+
+def with_slips(text: str, seed: int) -> str:
+    """A few letters left out, doubled or swapped, as a hand at a keyboard does."""
+    draw = random.Random(seed)
+    for _ in range(draw.randint(1, 6)):
+        at = draw.randrange(len(text) - 1)
+        one, two = text[at], text[at + 1]
+        text = text[:at] + draw.choice(["", one + one, two + one]) + text[at + 1 :]
+    return text
+
+
+@ENOUGH
+@given(st.sampled_from(SEEDS), st.integers())
+def test_slips_in_any_config_are_mended_or_left(text: str, seed: int) -> None:
+    first = fixed(with_slips(text, seed), CORPUS / "nowhere")
+    before, after = errors(first)
+    assert after <= before
+    for _, new in first.files:
+        second = fixed(new, CORPUS / "nowhere")
+        assert second.done == ()
+        assert second.before.diagnostics == first.after.diagnostics
