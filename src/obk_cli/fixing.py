@@ -1,11 +1,11 @@
 """The certain cures of a config's findings, made on its texts and proved by checking again.
 
 A config's path and the compiler's options in; new texts of its files out, and what was done.
-Writes no file. A cure stays only if the config has no more errors with it and, where it could be
-read, comes to the same plan.
+Writes no file. A cure stays only if the config has no more errors with it and, where it is one of
+style, comes to the same plan.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
@@ -127,7 +127,7 @@ class _Fixer:
     def _real(self, path: str) -> Path:
         return (self._options.working_folder / path).resolve()
 
-    def _attempt(self, state: _State, chosen: Iterable[Diagnostic]) -> _State | None:
+    def _attempt(self, state: _State, chosen: Sequence[Diagnostic]) -> _State | None:
         """The texts with these cures, None if they are worse than before."""
         edits = dict.fromkeys(edit for finding in chosen for edit in finding.fix)
         texts = dict(state.texts)
@@ -138,8 +138,8 @@ class _Fixer:
             self.originals.setdefault(real, source)
             texts[real] = apply_edits(source, of_file)
         outcome = compile_config(self._path, replace(self._options, read=self._reader(texts)))
-        meant = _meaning(state.outcome)
-        is_other = meant is not None and meant != _meaning(outcome)
+        is_style = all(finding.severity == "info" for finding in chosen)
+        is_other = is_style and _meaning(state.outcome) != _meaning(outcome)
         if _errors(outcome) > _errors(state.outcome) or is_other:
             return None
         return _State(outcome=outcome, texts=texts)

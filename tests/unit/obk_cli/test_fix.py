@@ -77,6 +77,15 @@ def test_slips_of_the_pen_are_mended(tmp_path: Path) -> None:
     assert fixed.after.diagnostics == ()
 
 
+@pytest.mark.parametrize(("right", "wrong"), FAULTS)
+def test_each_slip_alone_is_mended(tmp_path: Path, right: str, wrong: str) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text(SOUND.replace(right, wrong))
+    fixed = fix(path)
+    ((_, text),) = fixed.files
+    assert (text, fixed.refused, fixed.after.diagnostics) == (SOUND, (), ())
+
+
 def test_a_sound_config_stays(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
     path.write_text(SOUND)
