@@ -14,7 +14,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
 INSTALL := $(PIP) install --no-deps --no-build-isolation
 PYTHONS := 3.12 3.13
 
-.PHONY: setup demo test test-unit check golden docs lock wheel clean
+.PHONY: setup demo test test-unit check golden docs bench-tool lock wheel clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.interfaces
@@ -41,6 +41,12 @@ golden: setup
 # Writes the pages of the rules, and the examples of `obk explain`, from the table and the cases.
 docs: setup
 	$(BIN)/python tools/rule_pages.py
+
+# How long the command line takes, next to check-jsonschema; writes benchmarks/results/tool.json.
+bench-tool: setup
+	$(PYTHON) -m venv build/peer
+	build/peer/bin/python -m pip -qq install check-jsonschema==0.39.0
+	$(BIN)/python benchmarks/tool.py build/peer/bin/check-jsonschema
 
 # --- the environment, in four steps; each is done again only when what it is made from changes ---
 
