@@ -117,6 +117,24 @@ def test_a_cure_that_leads_to_more_errors_is_taken_back(tmp_path: Path) -> None:
     assert fixed.after.diagnostics == fixed.before.diagnostics
 
 
+@pytest.mark.mujoco
+def test_a_sensor_is_renamed_unless_the_name_is_taken(tmp_path: Path) -> None:
+    (tmp_path / "m.xml").write_text(
+        '<mujoco><worldbody><body><joint name="j" type="hinge"/><geom size="1"/></body></worldbody>'
+        '<sensor><jointpos name="angle" joint="j"/></sensor></mujoco>'
+    )
+    path = tmp_path / "c.yaml"
+    sim = "  sim: {model_xml_path: m.xml, sensor_settings: [{topic: /s, dt: 1, "
+    for names, after in (
+        ("angel: jointpos", "angle: jointpos"),
+        ("angle: jointpos, angel: jointpos", None),
+    ):
+        text = f"{SOUND}{sim}msg_type: JointEncoders, sensor_names: {{{names}}}}}]}}\n"
+        path.write_text(text)
+        files = [new for _, new in fix(path).files]
+        assert files == ([text.replace(names, after)] if after else [])
+
+
 def test_files_that_may_not_be_edited_are_told(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
     path.write_text(with_faults())

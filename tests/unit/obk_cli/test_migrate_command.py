@@ -8,7 +8,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from obk_cli.cli.edit_files import EditedFile, open_for_edit, write_edited
 from obk_cli.cli.main import main
+from obk_cli.errors import CommandFailedError
 
 SEED = b"onboard:\n  robot:\n    publishers:\n    - ros_parameter: a_setting  # \xc3\xa4\n"
 KEY = b"robot:\n  publishers:\n  - key: a  # \xc3\xa4\n"
@@ -81,6 +83,15 @@ def test_check(config: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
     result = Result(capfdbinary, "c.yaml", "--check", "--to", "seed")
     assert (result.code, result.out) == (0, b"c.yaml: nothing to change\n")
     assert config.read_bytes() == SEED
+
+
+def test_a_file_that_somebody_else_changes_meanwhile_is_not_written(config: Path) -> None:
+    file = open_for_edit("c.yaml")
+    assert isinstance(file, EditedFile)
+    config.write_bytes(KEY)
+    with pytest.raises(CommandFailedError, match="has changed meanwhile, nothing is written"):
+        write_edited(file, "mine")
+    assert config.read_bytes() == KEY
 
 
 def test_standard_input(

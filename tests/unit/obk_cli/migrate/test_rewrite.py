@@ -114,6 +114,16 @@ def test_a_device_in_braces_becomes_a_line_for_each_section() -> None:
     assert migrate(text).text == "control: [{pkg: a}]\nrobot: {\n  pkg: b } # end\nconfig: d\n"
 
 
+def test_comments_between_sections_in_braces_stay() -> None:
+    block = "onboard: { # 1\n  control: [], # 2\n  # 3\n  robot: {pkg: b} # 4\n}"
+    assert migrate(f"{block}\nconfig: d\n").text == (
+        "# 1\ncontrol: [] # 2\n# 3\nrobot: {pkg: b} # 4\nconfig: d\n"
+    )
+    assert migrate(f"{{{block}, config: d}}\n").text == (
+        "{ # 1\n  control: [], # 2\n  # 3\n  robot: {pkg: b} # 4\n, config: d}\n"
+    )
+
+
 def test_a_key_that_names_the_same_component_is_enough() -> None:
     text = (
         "robot:\n  publishers:\n"
