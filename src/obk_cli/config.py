@@ -96,6 +96,8 @@ class Component:
     key: Spanned[str] | None = None
     topic: Spanned[str] | None = None
     msg_type: Spanned[str] | None = None
+    code_type: str | None = None
+    """The full message type that the node's code gives it, where that is known."""
     history_depth: Spanned[int] | None = None
     qos: Qos = field(default_factory=Qos)
     callback_group: Spanned[str] | None = None

@@ -6,7 +6,7 @@ Made by reading source, never by running it; what cannot be known that way is sa
 from dataclasses import dataclass
 
 from obelisk_spec.components import component_spellings
-from obk_cli.config import ComponentKind
+from obk_cli.config import Component, ComponentKind
 from obk_cli.source import Span
 
 __all__ = ["CodeComponent", "CodeFault", "ControlLength", "MissingMethod", "NodeCode"]
@@ -82,6 +82,12 @@ class NodeCode:
     """Whether `parameters` is all there can be."""
     missing_methods: tuple[MissingMethod, ...] = ()
     control_lengths: tuple[ControlLength, ...] = ()
+
+    def component_of(self, component: Component) -> CodeComponent | None:
+        """What the code registers for a component of the config."""
+        written = {name.value for name in (component.ros_parameter, component.key) if name}
+        same_kind = (c for c in self.components if c.kind == component.kind)
+        return next((c for c in same_kind if not written.isdisjoint(c.names)), None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,6 +21,7 @@ from obk_cli.resolve.include import Loaded, resolve_includes
 from obk_cli.resolve.overrides import resolve_overrides
 from obk_cli.resolve.paths import resolve_paths
 from obk_cli.resolve.ray_casters import resolve_ray_casters
+from obk_cli.resolve.types import resolve_types
 from obk_cli.resolve.variables import resolve_variables
 from obk_cli.silence import silence
 from obk_cli.source import SourceFile, Span
@@ -98,7 +99,7 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
     )
     stack, faults = _front(source, options)
     if stack is not None:
-        stack = resolve_paths(stack, folder, surroundings)
+        stack = resolve_types(resolve_paths(stack, folder, surroundings), surroundings)
         stack, scan_faults = resolve_ray_casters(stack, lambda path: _load_shown(path, options))
         faults += scan_faults
         is_whole = not any(fault.code in _LOSES_TEXT for fault in faults)

@@ -93,7 +93,7 @@ def node_ends(node: Node) -> Iterator[TopicEnd]:
 def _component_type(component: Component) -> str | None:
     if component.msg_type is not None:
         return resolve_msg_type(component.msg_type.value)
-    return _TYPE_OF_STANDARD.get(component.identity or "")
+    return component.code_type or _TYPE_OF_STANDARD.get(component.identity or "")
 
 
 def _sensor_end(group: SensorGroup, node: Node) -> TopicEnd:

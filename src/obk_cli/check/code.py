@@ -87,14 +87,10 @@ def _matched(
 ) -> tuple[list[tuple[Component, CodeComponent]], list[Component], list[CodeComponent]]:
     """The components that both sides know, those that one side knows only."""
     by_parameter = {parameter.name for parameter in node.params}
-    by_name = {(r.kind, name): r for r in code.components for name in r.names}
     pairs: list[tuple[Component, CodeComponent]] = []
     only_config: list[Component] = []
     for component in node.components:
-        names = [n.value for n in (component.ros_parameter, component.key) if n]
-        registered = next(
-            (by_name[component.kind, n] for n in names if (component.kind, n) in by_name), None
-        )
+        registered = code.component_of(component)
         if registered is not None:
             pairs.append((component, registered))
         elif component.name is not None:
