@@ -1,5 +1,7 @@
 import json
 
+from sarif_pydantic import Sarif
+
 from obk_cli.diagnostics import Related, found
 from obk_cli.report.github import report_github
 from obk_cli.report.json import report_json
@@ -86,6 +88,14 @@ def test_github_gets_one_line_for_each_finding() -> None:
     line = report_github([found("OBK204", "100%", Span.at(source, 1, 1))])
     assert line.startswith("::notice file=a%2Cb%3Ac,")
     assert line.endswith("::100%25")
+
+
+def test_an_independent_reader_takes_the_sarif_log() -> None:
+    log = Sarif.model_validate_json(report_sarif([FINDING]))
+    (run,) = log.runs
+    (result,) = run.results or []
+    assert (log.version, result.rule_id, result.level) == ("2.1.0", "OBK101", "error")
+    assert result.message.text == "no such key"
 
 
 def test_sarif_has_the_rules_and_every_place() -> None:
