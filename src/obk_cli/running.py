@@ -1,37 +1,54 @@
 """Runs a plan on this machine: the one module that joins supervisor, processes and ROS.
 
-The library entry behind `obk launch`. Takes a plan, gives how the run ended; prints nothing.
+The library entry behind `obk launch`. Takes a plan, gives how the run ended. Runs on without log
+files where they cannot be written, and never waits for whoever reads the screen.
 """
 
 import signal
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from queue import SimpleQueue
+from tempfile import TemporaryDirectory
 from types import FrameType
-
-import psutil
+from typing import Final, Protocol
 
 from obk_cli.adapters.clock import local_time, monotonic_s, wall_s
+from obk_cli.adapters.live_runs import claim_run, this_process
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
 from obk_cli.adapters.ros_environment import RosEnvironment
-from obk_cli.adapters.ros_lifecycle import open_ros
+from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
+from obk_cli.adapters.screen import Screen
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.emit.write import write_text
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.events import Ended, Heard, StopAsked, Told
 from obk_cli.launch.journal import Journal
 from obk_cli.launch.order import Until
-from obk_cli.launch.runs import Run, make_run_folder, runs_folder, write_run
+from obk_cli.launch.runs import Run, runs_folder, write_run
 from obk_cli.launch.supervisor import Limits, Supervisor
 from obk_cli.plan import Plan, Process
-from obk_cli.surroundings import ExecutableMissing
+from obk_cli.report.escapes import plain
+from obk_cli.surroundings import Command, ExecutableMissing
 
-__all__ = ["LaunchOptions", "run_plan"]
+__all__ = ["LaunchOptions", "Voice", "run_plan"]
 
-END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+END_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+DISCOVERY_S: Final = 0.4
+"""How long nodes that run already have to be found [s]."""
+NO_LOGS: Final = "no log files from here on"
+
+
+class Voice(Protocol):
+    """Turns what happens into lines for the user."""
+
+    def event(self, event: Told) -> Iterable[str]:
+        """The lines for an event."""
+
+    def line(self, node: str, text: str) -> Iterable[str]:
+        """The lines for one of a node's output; called from several threads."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,9 +71,8 @@ def run_plan(
     environment: RosEnvironment,
     options: LaunchOptions,
     *,
-    on_start: Callable[[Path], None],
-    on_event: Callable[[Told], None],
-    on_line: Callable[[str, str], None],
+    screen: Screen,
+    voice: Voice,
 ) -> Ended:
     """Run a plan until it ends by itself, by a signal or by a failure.
 
@@ -65,67 +81,119 @@ def run_plan(
         packages: where the executables are.
         environment: of the ROS processes.
         options: how far, how long.
-        on_start: takes the run's folder.
-        on_event: takes what happens, from the calling thread.
-        on_line: takes a node's full name and a line of its output, from other threads.
+        screen: shows what happens; when nobody reads it any more the stack is brought down.
+        voice: turns what happens into lines.
 
     Raises:
-        CommandFailedError: an executable is missing, or ROS does not start.
-        OSError: the run's folder cannot be written.
+        CommandFailedError: an executable is missing, the stack or one of its nodes runs already,
+            or ROS does not start.
+        OSError: there is no folder to write the parameters to, not even a temporary one.
     """
     inbox: SimpleQueue[Heard] = SimpleQueue()
-    run_folder = make_run_folder(runs_folder(environment.variables), plan, local_time())
-    on_start(run_folder)
-    journal = Journal(run_folder)
-    commands = {
-        p.full_name: _node_command(p, packages, environment, run_folder) for p in plan.processes
-    }
-
-    def tell(event: Told) -> None:
-        journal.event(event, wall_s())
-        on_event(event)
-
-    def line(node: str, text: str) -> None:
-        journal.line(node, text)
-        on_line(node, text)
-
+    executables = {p.full_name: _executable(p, packages) for p in plan.processes}
     with ExitStack() as stack:
-        stack.callback(journal.close)
         stack.enter_context(_signals_to(inbox))
+        screen.when_closed(lambda: inbox.put(StopAsked(reason="the output was closed")))
+        run_folder = _claim(plan, environment, options, screen, stack)
+        output = _Output(run_folder, screen, voice)
+        stack.callback(output.journal.close)
+        params_folder = run_folder or Path(stack.enter_context(TemporaryDirectory(prefix="obk-")))
+        commands = {
+            p.full_name: _node_command(p, executables[p.full_name], environment, params_folder)
+            for p in plan.processes
+        }
         # Before ROS is there: its threads have no business in the warden's fork.
         processes = stack.enter_context(
-            WardenProcesses(commands=commands, folder=options.folder, hear=inbox.put, on_line=line)
+            WardenProcesses(
+                commands=commands, folder=options.folder, hear=inbox.put, on_line=output.line
+            )
         )
         lifecycle = stack.enter_context(open_ros("obk_launch", environment))
+        _refuse_taken_names(plan, lifecycle, environment)
         lifecycle.listen(inbox.put)
-        write_run(run_folder, _run(plan, environment, options))
         supervisor = Supervisor(
             plan,
             processes=processes,
             lifecycle=lifecycle,
             inbox=inbox,
             clock=monotonic_s,
-            tell=tell,
+            tell=output.event,
             limits=options.limits,
         )
         return supervisor.run(options.until, options.duration_s)
 
 
-def _run(plan: Plan, environment: RosEnvironment, options: LaunchOptions) -> Run:
-    this = psutil.Process()
-    return Run(
+class _Output:
+    """Where events and output go: the run's files and the screen."""
+
+    def __init__(self, run_folder: Path | None, screen: Screen, voice: Voice) -> None:
+        self._screen = screen
+        self._voice = voice
+        self.journal = Journal(run_folder, self._on_unwritable)
+
+    def event(self, event: Told) -> None:
+        self.journal.event(event, wall_s())
+        for text in self._voice.event(event):
+            self.journal.shown(plain(text))
+            self._screen.put(text)
+
+    def line(self, node: str, line: str) -> None:
+        self.journal.line(node, line)
+        for text in self._voice.line(node, line):
+            self.journal.shown(plain(text))
+            self._screen.put(text, may_drop=True)
+
+    def _on_unwritable(self, error: OSError) -> None:
+        self._screen.put(f"warning: {NO_LOGS}: {error}")
+
+
+def _claim(
+    plan: Plan,
+    environment: RosEnvironment,
+    options: LaunchOptions,
+    screen: Screen,
+    stack: ExitStack,
+) -> Path | None:
+    """The run's folder, once it is sure that the stack does not run yet; None: not writable."""
+    parent = runs_folder(environment.variables)
+    pid, started = this_process()
+    run = Run(
         name=plan.name,
-        pid=this.pid,
-        started=this.create_time(),
+        pid=pid,
+        started=started,
         domain=environment.domain,
         config=options.config,
-        nodes=tuple(p.full_name for tier in plan.tiers for p in tier),
+        nodes=tuple(p.full_name for tier in plan.tiers for p in tier if p.has_lifecycle),
+        other_nodes=tuple(p.full_name for p in plan.processes if not p.has_lifecycle),
     )
+    try:
+        folder = claim_run(parent, run, local_time())
+    except OSError as error:
+        screen.put(f"warning: {NO_LOGS}: {error}")
+        return None
+    stack.callback(_note_end, folder, run)
+    screen.put(f"{plan.name}: logs in {folder}")
+    return folder
 
 
-def _node_command(
-    process: Process, packages: PackageIndex, environment: RosEnvironment, run_folder: Path
-) -> NodeCommand:
+def _note_end(folder: Path, run: Run) -> None:
+    # Where it cannot be noted, the launcher's end will tell.
+    with suppress(OSError):
+        write_run(folder, replace(run, ended=wall_s()))
+
+
+def _refuse_taken_names(plan: Plan, lifecycle: RosLifecycle, environment: RosEnvironment) -> None:
+    """Look for the stack's nodes among those that run: started on another host, or without obk."""
+    taken = lifecycle.taken((p.full_name for p in plan.processes), DISCOVERY_S)
+    if taken:
+        raise CommandFailedError(
+            f"in the ROS domain {environment.domain} there is already {', '.join(taken)}",
+            help="stop what runs there or use another ROS_DOMAIN_ID; "
+            "`obk lifecycle get` shows the nodes",
+        )
+
+
+def _executable(process: Process, packages: PackageIndex) -> Command:
     found = packages.find_executable(process.package, process.executable)
     if isinstance(found, ExecutableMissing):
         raise CommandFailedError(
@@ -134,7 +202,13 @@ def _node_command(
             help=f"the package has: {', '.join(found.available) or 'none'}; "
             f"looked in {', '.join(found.searched)}",
         )
-    params = run_folder / "params" / params_file_name(process)
+    return found
+
+
+def _node_command(
+    process: Process, found: Command, environment: RosEnvironment, folder: Path
+) -> NodeCommand:
+    params = folder / "params" / params_file_name(process)
     write_text(params, emit_params((process,)))
     return NodeCommand(
         arguments=(*found.arguments, *_ros_arguments(process, params)),
@@ -169,7 +243,9 @@ def _signals_to(inbox: "SimpleQueue[Heard]") -> Iterator[None]:
     """While entered, SIGINT, SIGTERM and SIGHUP ask for the stack to stop."""
 
     def ask(number: int, _frame: FrameType | None) -> None:
-        inbox.put(StopAsked(reason=signal.Signals(number).name))
+        # A closing terminal sends SIGHUP more than once, and nobody's impatience.
+        is_urgent = number != signal.SIGHUP
+        inbox.put(StopAsked(reason=signal.Signals(number).name, is_urgent=is_urgent))
 
     before = {number: signal.signal(number, ask) for number in END_SIGNALS}
     try:

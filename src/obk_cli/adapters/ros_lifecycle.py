@@ -7,20 +7,30 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from types import TracebackType
 from typing import Any, Final, Self
 
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.events import Answered, Failed, Heard, Ready, StateSeen
+from obk_cli.launch.events import Answered, Failed, Heard, Ready, StateAnswered, StateSeen
+from obk_cli.launch.transitions import RESTING
 
 __all__ = ["RosLifecycle", "open_ros"]
 
 GET_STATE: Final = "lifecycle_msgs/srv/GetState"
-RESTING: Final = ("unconfigured", "inactive", "active", "finalized")
+IN_TRANSITION: Final = {
+    "configuring": "configure",
+    "activating": "activate",
+    "deactivating": "deactivate",
+    "cleaningup": "cleanup",
+    "shuttingdown": "shutdown",
+}
+"""State that a transition passes through -> transition."""
 POLL_S: Final = 0.01
+END_S: Final = 2.0
+"""How long a callback may still take at the end [s]."""
 
 
 @contextmanager
@@ -44,24 +54,23 @@ def open_ros(name: str, environment: RosEnvironment) -> "Iterator[RosLifecycle]"
             f"ROS 2 is not here: {error}",
             help="install obk with its `ros` extra, or source a ROS 2 setup file",
         ) from error
-    context = rclpy.Context()
-    try:
-        context.init(domain_id=environment.domain)
-        rclpy.signals.install_signal_handlers(SignalHandlerOptions.NO)
-        node: Any = rclpy.create_node(
-            f"{name}_{os.getpid()}",
-            context=context,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
-    except Exception as error:
-        raise CommandFailedError(f"ROS 2 does not start: {error}") from error
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    with RosLifecycle(node, executor) as lifecycle:
-        yield lifecycle
-    node.destroy_node()
-    context.try_shutdown()
+    with ExitStack() as stack:
+        context = rclpy.Context()
+        try:
+            context.init(domain_id=environment.domain)
+            stack.callback(context.try_shutdown)
+            rclpy.signals.install_signal_handlers(SignalHandlerOptions.NO)
+            node: Any = rclpy.create_node(
+                f"{name}_{os.getpid()}",
+                context=context,
+                start_parameter_services=False,
+                enable_rosout=False,
+            )
+        except Exception as error:
+            raise CommandFailedError(f"ROS 2 does not start: {error}") from error
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        yield stack.enter_context(RosLifecycle(node, executor))
 
 
 class RosLifecycle:
@@ -78,6 +87,7 @@ class RosLifecycle:
         self._lock = threading.Lock()
         self._hear: Callable[[Heard], None] = lambda _: None
         self._thread = threading.Thread(target=executor.spin, name="ros", daemon=True)
+        self._begin = time.monotonic()
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -89,11 +99,13 @@ class RosLifecycle:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._executor.shutdown()
-        self._thread.join()
+        self._executor.shutdown(timeout_sec=END_S)
+        self._thread.join(END_S)
+        if not self._thread.is_alive():
+            self._node.destroy_node()
 
     def listen(self, hear: Callable[[Heard], None]) -> None:
-        """Send `Ready`, `Answered`, `StateSeen` and `Failed` to `hear`, from a thread."""
+        """Send `Ready`, answers, `StateSeen` and `Failed` to `hear`, from a thread."""
         self._hear = hear
 
     def watch(self, nodes: Iterable[str]) -> None:
@@ -101,6 +113,8 @@ class RosLifecycle:
         from lifecycle_msgs.msg import TransitionEvent
 
         waiting = set(nodes)
+        if not waiting:
+            return
         for name in sorted(waiting):
             self._node.create_subscription(
                 TransitionEvent,
@@ -124,6 +138,14 @@ class RosLifecycle:
         """Ask a node for a transition by its name; `Answered` follows."""
         future = self._change_state(node, transition)
         future.add_done_callback(partial(self._on_answer, node, transition))
+
+    def ask_state(self, node: str) -> None:
+        """Ask a node for its state; `StateAnswered` follows."""
+
+        def tell(future: Any) -> None:
+            self._hear(StateAnswered(node=node, state=str(future.result().current_state.label)))
+
+        self._call(node, "get_state").add_done_callback(tell)
 
     def change(self, node: str, transition: str, timeout_s: float) -> Answered | None:
         """Ask a node for a transition and wait; None when no answer came in time."""
@@ -152,8 +174,8 @@ class RosLifecycle:
     def find(self, expected: Iterable[str], timeout_s: float, quiet_s: float) -> tuple[str, ...]:
         """Full names of the life-cycle nodes in the graph.
 
-        Returns as soon as all expected ones are there; without any expected, when the graph has
-        not changed for `quiet_s`; at the latest after `timeout_s`.
+        Returns as soon as all expected ones are there; without any expected, when there are some
+        and the graph has not changed for `quiet_s`; at the latest after `timeout_s`.
         """
         wanted = frozenset(expected)
         end = time.monotonic() + timeout_s
@@ -168,6 +190,21 @@ class RosLifecycle:
                 break
             time.sleep(POLL_S)
         return tuple(sorted(seen))
+
+    def taken(self, names: Iterable[str], discovery_s: float) -> tuple[str, ...]:
+        """Those of the full names that other nodes in the graph have already.
+
+        Returns once this node has had `discovery_s` since its start to find the others.
+        """
+        wanted = frozenset(names)
+
+        def found() -> tuple[str, ...]:
+            there = self._node.get_node_names_and_namespaces()
+            return tuple(sorted(wanted & {f"{space.rstrip('/')}/{name}" for name, space in there}))
+
+        left = self._begin + discovery_s - time.monotonic()
+        self._wait_until(lambda: bool(found()), left)
+        return found()
 
     def _life_cycle_nodes(self) -> Iterator[str]:
         for service, types in self._node.get_service_names_and_types():
@@ -216,10 +253,18 @@ class RosLifecycle:
 
     def _on_transition_event(self, node: str, event: Any) -> None:
         goal = str(event.goal_state.label)
+        transition = IN_TRANSITION.get(str(event.start_state.label), "")
         if goal in RESTING:
-            self._hear(StateSeen(node=node, state=goal))
+            self._hear(StateSeen(node=node, state=goal, transition=transition))
         elif goal == "errorprocessing":
-            self._ask_fault(node, lambda fault: self._hear(Failed(node=node, fault=fault)))
+            self._ask_fault(node, partial(self._tell_fault, node, transition))
+
+    def _tell_fault(self, node: str, transition: str, fault: str) -> None:
+        # A node that fails by itself goes to error processing through one of these two; then its
+        # fault names another callback.
+        passes = transition in ("deactivate", "cleanup")
+        is_own = passes and fault != "" and not fault.startswith(f"on_{transition}:")
+        self._hear(Failed(node=node, fault=fault, transition="" if is_own else transition))
 
     def _wait(self, future: Any, timeout_s: float) -> Any:
         done = threading.Event()

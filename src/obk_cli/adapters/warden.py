@@ -1,10 +1,11 @@
 """The process between the launcher and the nodes: nothing that it started outlives the launcher.
 
 Run as a program of its own (`python -I -S warden.py`), with its standard input one end of a Unix
-socket of packets. Takes JSON requests (`start` with a descriptor for the output, `signal`), gives
-JSON news (`started`, `ended`). It is the parent of the nodes and adopts their orphans (child
-subreaper). When the launcher's end of the socket closes, whatever the reason, all of them get
-SIGTERM, then SIGKILL. Imports the standard library only, so that it is up at once.
+socket of packets. Takes JSON requests, gives JSON news (`started`, `ended`). Each request is a file
+of its own, handed over by descriptor, for an environment may be larger than a packet: `start`, with
+a second descriptor for the output, and `signal`. It is the parent of the nodes and adopts their
+orphans (child subreaper). When the launcher's end of the socket closes, whatever the reason, all of
+them get SIGTERM, then SIGKILL. Imports the standard library only, so that it is up at once.
 Source: prctl(2), PR_SET_CHILD_SUBREAPER and PR_SET_PDEATHSIG.
 """
 
@@ -21,13 +22,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-__all__ = ["LARGEST_PACKET", "Warden", "main"]
+__all__ = ["GRACE_S", "KILL_S", "LARGEST_PACKET", "PR_SET_CHILD_SUBREAPER", "Warden", "main"]
 
 PR_SET_PDEATHSIG = 1
 PR_SET_CHILD_SUBREAPER = 36
 GRACE_S = 1.0
 """Between SIGTERM and SIGKILL once the launcher is gone [s]."""
-LARGEST_PACKET = 1 << 20
+KILL_S = 5.0
+"""For the ends after SIGKILL; what the kernel holds on to is left [s]."""
+LARGEST_PACKET = 1 << 16
 
 
 class Warden:
@@ -60,18 +63,23 @@ class Warden:
         while _children() and time.monotonic() < deadline:
             self._reap()
             time.sleep(0.01)
-        while _children():
+        deadline = time.monotonic() + KILL_S
+        while _children() and time.monotonic() < deadline:
             self._signal_all(signal.SIGKILL)
             self._reap()
             time.sleep(0.01)
 
     def _answer(self) -> bool:
-        data, fds, _, _ = socket.recv_fds(self._link, LARGEST_PACKET, 1)
+        try:
+            data, fds, _, _ = socket.recv_fds(self._link, LARGEST_PACKET, 2)
+        except ConnectionResetError:
+            return False
         if not data:
             return False
-        request = json.loads(data)
+        with os.fdopen(fds[0], encoding="utf-8") as file:
+            request = json.load(file)
         if request["do"] == "start":
-            self._start(request, fds[0])
+            self._start(request, fds[1])
         else:
             self._signal(request["node"], request["number"])
         return True
@@ -90,7 +98,7 @@ class Warden:
                 start_new_session=True,
                 preexec_fn=self._in_child,
             )
-        except OSError as error:
+        except (OSError, ValueError, subprocess.SubprocessError) as error:
             self._send(news="ended", node=node, code=127, text=f"it cannot start: {error}")
         else:
             self._pids[child.pid] = node
@@ -167,7 +175,7 @@ def _kill_group(pid: int, number: int) -> None:
 def _kill(pid: int, number: int) -> None:
     try:
         os.kill(pid, number)
-    except ProcessLookupError:
+    except (ProcessLookupError, PermissionError):
         return
 
 

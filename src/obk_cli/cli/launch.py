@@ -1,6 +1,7 @@
 """`obk launch CONFIG`: validates, starts, configures, activates, watches, ends in order."""
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, cast, get_args
 
@@ -14,6 +15,7 @@ from obk_cli.cli.config_options import (
     make_options,
     wants_colour,
 )
+from obk_cli.config import Stack
 from obk_cli.errors import EXIT_FAILED, MisuseError
 from obk_cli.launch.order import UNTIL
 from obk_cli.pipeline import Outcome, compile_config
@@ -58,6 +60,7 @@ def command(
 
     from obk_cli.adapters.packages import PackageIndex
     from obk_cli.adapters.ros_environment import Network, ros_environment
+    from obk_cli.adapters.screen import Screen
     from obk_cli.launch.supervisor import Limits
     from obk_cli.report.launch import LaunchReport
     from obk_cli.running import LaunchOptions, run_plan
@@ -65,33 +68,46 @@ def command(
     if network is not None and network not in get_args(Network):
         raise MisuseError(f"`--network {network}`: expected one of {', '.join(get_args(Network))}")
     environment = ros_environment(cast(Network | None, network))
-    for note in environment.notes:
+    for note in (*environment.notes, *(_unsupported(outcome.config) if outcome.config else ())):
         print(f"warning: {note}", file=sys.stderr)
     working_folder = Path.cwd()
     folder = (working_folder / config).resolve().parent
     plan = outcome.plan
-    report = LaunchReport(
-        (p.full_name for p in plan.processes),
-        lambda text: print(text, flush=True),
-        colour=wants_colour(color),
-        quiet=quiet,
-    )
-    ended = run_plan(
-        plan,
-        PackageIndex.around(folder, working_folder, environment.variables),
-        environment,
-        LaunchOptions(
-            config=config,
-            folder=working_folder,
-            until=until,
-            duration_s=duration,
-            limits=Limits(transition_s=timeout),
-        ),
-        on_start=lambda folder: print(f"{plan.name}: logs in {folder}", flush=True),
-        on_event=report.event,
-        on_line=report.line,
-    )
+    names = (p.full_name for p in plan.processes)
+    with Screen(sys.stdout.fileno()) as screen:
+        ended = run_plan(
+            plan,
+            PackageIndex.around(folder, working_folder, environment.variables),
+            environment,
+            LaunchOptions(
+                config=config,
+                folder=working_folder,
+                until=until,
+                duration_s=duration,
+                limits=Limits(transition_s=timeout),
+            ),
+            screen=screen,
+            voice=LaunchReport(names, colour=wants_colour(color), quiet=quiet),
+        )
     raise typer.Exit(ended.exit_code)
+
+
+def _unsupported(stack: Stack) -> Iterator[str]:
+    """What the config asks for and the launcher does not do yet, in sentences."""
+    for node in stack.nodes:
+        if node.on_crash is not None and node.on_crash.value != "stop":
+            yield (
+                f"{node.on_crash.span}: not supported yet: `on_crash: {node.on_crash.value}`; "
+                f"the whole stack is stopped when {node.node_name} crashes"
+            )
+        if node.respawn is not None and node.respawn.value:
+            yield (
+                f"{node.respawn.span}: not supported yet: `respawn: true`; "
+                f"the whole stack is stopped when {node.node_name} ends"
+            )
+    devices = list(dict.fromkeys(node.device for node in stack.nodes))
+    if len(devices) > 1:
+        yield f"not supported yet: several devices; the nodes of {', '.join(devices)} all run here"
 
 
 def _show_findings(outcome: Outcome, *, colour: bool) -> None:

@@ -5,15 +5,15 @@ import sys
 from collections.abc import Mapping
 from typing import Annotated
 
-import psutil
 import typer
 
 from obelisk_spec.near import did_you_mean
+from obk_cli.adapters.live_runs import live_runs
 from obk_cli.adapters.ros_environment import RosEnvironment, ros_environment
 from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseError
 from obk_cli.launch.order import in_tier_order, section_of
-from obk_cli.launch.runs import Run, read_runs, runs_folder
+from obk_cli.launch.runs import Run, runs_folder
 from obk_cli.launch.transitions import TRANSITIONS
 
 __all__ = ["EXAMPLE", "command"]
@@ -21,7 +21,13 @@ __all__ = ["EXAMPLE", "command"]
 EXAMPLE = "Example: obk lifecycle deactivate obelisk_control_0"
 VERBS = ("get", *TRANSITIONS)
 DISCOVERY_S = 3.0
+"""For nodes that are known to run [s]."""
+NOTHING_S = 1.0
+"""After which there is nothing [s]."""
 QUIET_S = 0.5
+ANSWER_S = 2.0
+"""For a node's state [s]."""
+NO_ANSWER = "no answer"
 
 
 def command(
@@ -47,8 +53,8 @@ def command(
     with open_ros("obk_lifecycle", environment) as ros:
         chosen = _choose(ros, environment, nodes or ())
         if verb == "get":
-            states = {node: ros.state(node, timeout) or "no answer" for node in chosen}
-            done = all(state != "no answer" for state in states.values())
+            states = {node: _state(ros, node, timeout) for node in chosen}
+            done = NO_ANSWER not in states.values()
         else:
             states, done = _change(ros, verb, chosen, timeout)
     _report(states, format)
@@ -59,16 +65,19 @@ def _choose(
     ros: RosLifecycle, environment: RosEnvironment, asked: list[str] | tuple[str, ...]
 ) -> tuple[str, ...]:
     """The nodes meant, in tier order, once they are in the graph."""
-    expected = [node for run in _live_runs(environment) for node in run.nodes]
-    found = ros.find(expected or _full(asked), DISCOVERY_S, QUIET_S)
+    runs = live_runs(runs_folder(environment.variables))
+    expected = [node for run in runs if run.domain == environment.domain for node in run.nodes]
+    wanted = expected or _full(asked)
+    # A node of a live run that is not found is there nevertheless: it does not answer.
+    seen = ros.find(wanted, DISCOVERY_S if wanted else NOTHING_S, QUIET_S)
+    found = tuple(dict.fromkeys((*seen, *expected)))
     if not found:
         raise CommandFailedError(
             f"there is no life-cycle node in the ROS domain {environment.domain}",
-            help="start a stack with `obk launch`; a stack on another host needs "
-            "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET here and there",
+            help=_where_else(runs),
         )
     if not asked:
-        return in_tier_order(node for node in found if not expected or node in expected)
+        return in_tier_order(expected or found)
     for name in asked:
         if not _matches(name, found):
             raise CommandFailedError(
@@ -76,6 +85,22 @@ def _choose(
                 help=did_you_mean(name, found),
             )
     return in_tier_order({node for name in asked for node in _matches(name, found)})
+
+
+def _where_else(runs: tuple[Run, ...]) -> str:
+    """What to do when there is nothing in this ROS domain."""
+    domains = sorted({run.domain for run in runs})
+    if domains:
+        where = " and ".join(map(str, domains))
+        return f"a stack runs in the ROS domain {where}; set ROS_DOMAIN_ID"
+    return (
+        "start a stack with `obk launch`; a stack on another host needs "
+        "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET here and there"
+    )
+
+
+def _state(ros: RosLifecycle, node: str, timeout: float) -> str:
+    return ros.state(node, min(timeout, ANSWER_S)) or NO_ANSWER
 
 
 def _full(asked: list[str] | tuple[str, ...]) -> list[str]:
@@ -89,18 +114,6 @@ def _matches(name: str, found: tuple[str, ...]) -> tuple[str, ...]:
     return by_name or tuple(node for node in found if section_of(node) == name)
 
 
-def _live_runs(environment: RosEnvironment) -> tuple[Run, ...]:
-    runs = read_runs(runs_folder(environment.variables))
-    return tuple(r for r in runs if r.domain == environment.domain and _is_alive(r))
-
-
-def _is_alive(run: Run) -> bool:
-    try:
-        return abs(psutil.Process(run.pid).create_time() - run.started) < 1.0
-    except psutil.NoSuchProcess:
-        return False
-
-
 def _change(
     ros: RosLifecycle, verb: str, nodes: tuple[str, ...], timeout: float
 ) -> tuple[dict[str, str], bool]:
@@ -108,11 +121,11 @@ def _change(
     goal = TRANSITIONS[verb].goal
     states: dict[str, str] = {}
     for node in nodes if verb in ("configure", "activate") else reversed(nodes):
-        if ros.state(node, timeout) != goal:
+        if _state(ros, node, timeout) != goal:
             refusal = _refusal(ros, verb, node, timeout)
             if refusal is not None:
                 print(f"{node}: {refusal}", file=sys.stderr)
-                states[node] = ros.state(node, timeout) or "no answer"
+                states[node] = _state(ros, node, timeout)
                 return states, False
         states[node] = goal
     return states, True
@@ -120,7 +133,7 @@ def _change(
 
 def _refusal(ros: RosLifecycle, verb: str, node: str, timeout: float) -> str | None:
     """Ask for a transition; why it was not made, or None when it was."""
-    before = ros.state(node, timeout)
+    before = _state(ros, node, timeout)
     answer = ros.change(node, verb, timeout)
     if answer is None:
         return f"no answer to '{verb}' within {timeout:g} s"

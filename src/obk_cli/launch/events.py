@@ -14,6 +14,7 @@ __all__ = [
     "ProcessStarted",
     "Ready",
     "Result",
+    "StateAnswered",
     "StateSeen",
     "StopAsked",
     "Told",
@@ -45,7 +46,7 @@ class ProcessEnded:
     def how(self) -> str:
         """The end in words."""
         if self.code < 0:
-            end = f"the process was ended by {signal.Signals(-self.code).name}"
+            end = f"the process was ended by {_signal_name(-self.code)}"
         else:
             end = f"the process exited with code {self.code}"
         return f"{end}: {self.text}" if self.text else end
@@ -70,19 +71,31 @@ class Answered:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StateSeen:
-    """A node said that it reached a resting state."""
+class StateAnswered:
+    """A node answered the question for its state."""
 
     node: str
     state: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StateSeen:
+    """A node said that it reached a resting state; comes later than the answer, if at all."""
+
+    node: str
+    state: str
+    transition: str = ""
+    """What led there, whoever asked for it; empty for the way out of error processing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Failed:
-    """A node went to error processing without being asked for anything."""
+    """A node went to error processing."""
 
     node: str
     fault: str
+    transition: str = ""
+    """The one that failed, whoever asked for it; empty when the node failed by itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,9 +103,20 @@ class StopAsked:
     """The user, or whoever runs us, wants the stack down."""
 
     reason: str
+    is_urgent: bool = False
+    """Whether asking once more means that it does not go fast enough."""
 
 
-Heard = ProcessStarted | ProcessEnded | Ready | Answered | StateSeen | Failed | StopAsked
+Heard = (
+    ProcessStarted
+    | ProcessEnded
+    | Ready
+    | Answered
+    | StateAnswered
+    | StateSeen
+    | Failed
+    | StopAsked
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,3 +152,11 @@ class Ended:
 
 
 Told = ProcessStarted | ProcessEnded | StateSeen | Failed | TransitionEnded | Phase | Ended
+
+
+def _signal_name(number: int) -> str:
+    """`SIGINT`; those for real-time use have no name of their own."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"

@@ -1,7 +1,9 @@
-"""What happened in a run, as JSON lines with time stamps."""
+"""What happened in a run, as files: JSON lines with time stamps, and everybody's output."""
 
 import json
 import threading
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import IO
@@ -12,13 +14,17 @@ __all__ = ["Journal"]
 
 
 class Journal:
-    """The files of a run folder: `events.jsonl`, and a log for each node."""
+    """The files of a run folder: `events.jsonl`, `launch.log`, and a log for each node.
 
-    def __init__(self, folder: Path | None) -> None:
-        """Write below a folder; None writes nothing."""
+    A file that cannot be written is told once, and ends all writing: a run goes on without.
+    """
+
+    def __init__(self, folder: Path | None, complain: Callable[[OSError], None]) -> None:
+        """Write below a folder; None writes nothing. `complain` takes the first fault."""
         self._folder = folder
+        self._complain = complain
         self._files: dict[str, IO[str]] = {}
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
 
     def event(self, event: Told, time_s: float) -> None:
         """Note an event.
@@ -30,21 +36,34 @@ class Journal:
         record = {"time": time_s, "event": type(event).__name__, **asdict(event)}
         self._write("events.jsonl", json.dumps(record))
 
+    def shown(self, text: str) -> None:
+        """Note a line that the user sees."""
+        self._write("launch.log", text)
+
     def line(self, node: str, text: str) -> None:
         """Note a line of a node's output."""
         self._write(f"{node.strip('/').replace('/', '.')}.log", text)
 
     def close(self) -> None:
-        """Close the files."""
+        """Close the files; nothing is written after that."""
         with self._lock:
+            self._folder = None
             for file in self._files.values():
-                file.close()
+                with suppress(OSError):
+                    file.close()
             self._files.clear()
 
     def _write(self, name: str, text: str) -> None:
-        if self._folder is None:
-            return
         with self._lock:
-            if name not in self._files:
-                self._files[name] = (self._folder / name).open("a", buffering=1, encoding="utf-8")
-            self._files[name].write(text + "\n")
+            if self._folder is None:
+                return
+            try:
+                self._file(self._folder / name).write(text + "\n")
+            except OSError as error:
+                self.close()
+                self._complain(error)
+
+    def _file(self, path: Path) -> IO[str]:
+        if path.name not in self._files:
+            self._files[path.name] = path.open("a", buffering=1, encoding="utf-8", errors="replace")
+        return self._files[path.name]

@@ -30,15 +30,21 @@ class Step:
 def steps_up(plan: Plan, until: Until) -> tuple[Step, ...]:
     """All tiers configure, robot first, before the first one activates."""
     return tuple(
-        Step(transition=TRANSITIONS[name], nodes=tuple(p.full_name for p in tier))
+        Step(transition=TRANSITIONS[name], nodes=tier)
         for name in UNTIL[until]
-        for tier in plan.tiers
+        for tier in _life_cycle_tiers(plan)
     )
 
 
 def tiers_down(plan: Plan) -> tuple[tuple[str, ...], ...]:
     """Full names by tier in the order in which they come down: controllers before the robot."""
-    return tuple(tuple(p.full_name for p in tier) for tier in reversed(plan.tiers))
+    return tuple(reversed(_life_cycle_tiers(plan)))
+
+
+def _life_cycle_tiers(plan: Plan) -> tuple[tuple[str, ...], ...]:
+    """Full names; nodes without a life cycle make no transitions and are left out."""
+    tiers = (tuple(p.full_name for p in tier if p.has_lifecycle) for tier in plan.tiers)
+    return tuple(tier for tier in tiers if tier)
 
 
 def section_of(node: str) -> str | None:

@@ -1,22 +1,31 @@
 """Run folders: where a run keeps its logs and tells other terminals what it is.
 
 `<state folder>/obk/runs/<config>_<date>_<time>/` with `run.json` (what runs, under which pid),
-`events.jsonl`, and one log a node.
+`events.jsonl`, `launch.log` (what the terminal showed), and one log a node.
 """
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Final
 
 from platformdirs import user_state_path
 
-from obk_cli.plan import Plan
+__all__ = [
+    "Run",
+    "make_run_folder",
+    "read_run",
+    "read_runs",
+    "run_folders",
+    "runs_folder",
+    "write_run",
+]
 
-__all__ = ["Run", "make_run_folder", "read_runs", "runs_folder", "write_run"]
-
-RUN_FILE = "run.json"
+RUN_FILE: Final = "run.json"
+_FOLDER_NAME: Final = re.compile(r".+_(?P<stamp>\d{8}_\d{6})(?:_(?P<suffix>\d+))?")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +40,16 @@ class Run:
     domain: int
     config: str
     nodes: tuple[str, ...]
-    """Full names in bring-up order."""
+    """Full names of the nodes with a life cycle, in bring-up order."""
+    other_nodes: tuple[str, ...] = ()
+    """Full names of those without one."""
+    ended: float | None = None
+    """When the run came to its end [s since 1970]; None: not yet, or its launcher was killed."""
+
+    @property
+    def all_nodes(self) -> tuple[str, ...]:
+        """Every node's full name."""
+        return (*self.nodes, *self.other_nodes)
 
 
 def runs_folder(environment: Mapping[str, str]) -> Path:
@@ -40,14 +58,14 @@ def runs_folder(environment: Mapping[str, str]) -> Path:
     return (Path(home) if home else user_state_path("obk")) / "runs"
 
 
-def make_run_folder(parent: Path, plan: Plan, now: datetime) -> Path:
+def make_run_folder(parent: Path, name: str, now: datetime) -> Path:
     """Make the folder of a new run, for its owner only.
 
     Raises:
         OSError: it cannot be made.
     """
     parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    stem = f"{plan.name}_{now:%Y%m%d_%H%M%S}"
+    stem = f"{name.replace('/', '_')}_{now:%Y%m%d_%H%M%S}"
     for suffix in ("", *(f"_{n}" for n in range(2, 100))):
         try:
             (parent / f"{stem}{suffix}").mkdir(mode=0o700)
@@ -66,13 +84,21 @@ def write_run(folder: Path, run: Run) -> None:
 
 def read_runs(parent: Path) -> tuple[Run, ...]:
     """Every run that is told of in the folder, newest first; unreadable ones are left out."""
-    files = sorted(parent.glob(f"*/{RUN_FILE}"), reverse=True)
-    return tuple(run for file in files if (run := _read_run(file)) is not None)
+    return tuple(run for folder in run_folders(parent) if (run := read_run(folder)) is not None)
 
 
-def _read_run(file: Path) -> Run | None:
+def run_folders(parent: Path) -> tuple[Path, ...]:
+    """The folders of all runs, newest first; what is not named like one is left out."""
+    named = ((path, _FOLDER_NAME.fullmatch(path.name)) for path in parent.glob("*/"))
+    dated = [(m["stamp"], int(m["suffix"] or 0), path) for path, m in named if m]
+    return tuple(path for _, _, path in sorted(dated, reverse=True))
+
+
+def read_run(folder: Path) -> Run | None:
+    """What a run folder's `run.json` tells; None where it cannot be read."""
     try:
-        data = json.loads(file.read_text())
-        return Run(**{**data, "nodes": tuple(data["nodes"])})
-    except (OSError, ValueError, TypeError, KeyError):
+        data = json.loads((folder / RUN_FILE).read_text())
+        lists = {key: tuple(data.get(key, ())) for key in ("nodes", "other_nodes")}
+        return Run(**{**data, **lists})
+    except (OSError, ValueError, TypeError, AttributeError):
         return None

@@ -5,6 +5,7 @@ events. Knows no ROS, no operating system and no terminal; the clock is handed i
 """
 
 import signal
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from queue import Empty
@@ -20,19 +21,29 @@ from obk_cli.launch.events import (
     ProcessStarted,
     Ready,
     Result,
+    StateAnswered,
     StateSeen,
     StopAsked,
     Told,
     TransitionEnded,
 )
 from obk_cli.launch.order import Step, Until, steps_up, tiers_down
-from obk_cli.launch.transitions import FINALIZED, TRANSITIONS, UNCONFIGURED, Transition, way_down
+from obk_cli.launch.transitions import (
+    ACTIVE,
+    FINALIZED,
+    RESTING,
+    TRANSITIONS,
+    Transition,
+    way_down,
+)
 from obk_cli.plan import Plan, Process
 
 __all__ = ["Inbox", "Lifecycle", "Limits", "Processes", "Supervisor"]
 
 EXIT_DONE: Final = 0
 EXIT_FAILED: Final = 1
+ONE_REQUEST_S: Final = 0.3
+"""Signals this close to the first one belong to it: `timeout` sends two, a closing terminal too."""
 
 
 class Inbox(Protocol):
@@ -61,6 +72,9 @@ class Lifecycle(Protocol):
     def request(self, node: str, transition: str) -> None:
         """Ask a node for a transition; `Answered` follows."""
 
+    def ask_state(self, node: str) -> None:
+        """Ask a node for its state; `StateAnswered` follows."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
@@ -72,6 +86,10 @@ class Limits:
     """Between two signals, each harder than the one before."""
     down_s: float = 3.0
     """For one transition on the way down."""
+    answer_s: float = 2.0
+    """For the answer to a question."""
+    hurry_s: float = 0.5
+    """Instead of `grace_s` once the stop was asked for a second time."""
 
 
 class Supervisor:
@@ -107,16 +125,21 @@ class Supervisor:
         self._tell = tell
         self._limits = limits or Limits()
         self._begin = clock()
+        self._with_lifecycle = {p.full_name for p in plan.processes if p.has_lifecycle}
         self._running: set[str] = set()
         self._ready: set[str] = set()
         self._states: dict[str, str] = {}
-        self._asked: set[str] = set()
-        """Nodes that are in the middle of a transition that was asked of them here."""
+        self._echoes: Counter[tuple[str, str]] = Counter()
+        """Transitions asked for here (node, name) of which the node has not told by itself yet."""
+        self._left: set[str] = set()
+        """Nodes that were left in the middle of a transition when the stop was asked for."""
         self._silent: set[str] = set()
-        """Nodes that left a request without an answer; nothing more is asked of them."""
+        """Nodes that gave no answer on the way down; nothing more is asked of them."""
         self._stop: str | None = None
         self._failures: list[str] = []
+        self._stopping_since: float | None = None
         self._is_going_down = False
+        self._is_in_a_hurry = False
 
     def run(self, until: Until = "active", duration_s: float | None = None) -> Ended:
         """Bring the stack up, watch it, bring it down.
@@ -148,9 +171,8 @@ class Supervisor:
         self._tell(Phase(name=name, seconds=self._clock() - self._begin, detail=detail))
 
     def _bring_up(self, until: Until) -> bool:
-        names = {p.full_name for p in self._plan.processes}
-        self._phase("starting", f"{len(names)} nodes")
-        self._lifecycle.watch(sorted(names))
+        names = self._with_lifecycle
+        self._phase("starting", f"{len(self._plan.processes)} nodes")
         for process in self._plan.processes:
             self._processes.start(process)
             self._running.add(process.full_name)
@@ -174,7 +196,7 @@ class Supervisor:
         if all(result == "reached" for result in results.values()) and self._may_go_on:
             return True
         reached = tuple(node for node, result in results.items() if result == "reached")
-        if reached and step.transition.undo:
+        if reached and self._failures and step.transition.undo:
             undo = TRANSITIONS[step.transition.undo]
             self._phase("rolling back", ", ".join(reached))
             self._transition(undo, reached, self._limits.transition_s)
@@ -186,22 +208,30 @@ class Supervisor:
         """Ask all nodes at once and wait for every answer, at most `limit_s`."""
         asked = self._clock()
         waiting = set(nodes) & self._running
-        self._asked = set(waiting)
         results: dict[str, Result] = dict.fromkeys(nodes, "gone")
         for node in sorted(waiting):
+            self._echoes[node, transition.name] += 1
             self._lifecycle.request(node, transition.name)
-        while waiting and (heard := self._hear(asked + limit_s)):
+        while waiting and not self._must_leave and (heard := self._hear(asked + limit_s)):
             if isinstance(heard, Answered) and heard.transition == transition.name:
                 waiting.discard(heard.node)
                 results[heard.node] = "reached" if heard.success else "refused"
                 self._concluded(heard.node, transition, results[heard.node], asked, heard.fault)
             waiting &= self._running
+        if self._must_leave:
+            self._left |= waiting
+            return results
         for node in sorted(waiting):
             results[node] = "timed out"
-            self._silent.add(node)
+            if self._is_going_down:
+                self._silent.add(node)
             self._concluded(node, transition, "timed out", asked, "")
-        self._asked = set()
         return results
+
+    @property
+    def _must_leave(self) -> bool:
+        """Whether nothing is to be waited for any more: the stop was asked for, down: twice."""
+        return self._is_in_a_hurry if self._is_going_down else self._stop is not None
 
     def _concluded(
         self, node: str, transition: Transition, result: Result, asked: float, fault: str
@@ -214,35 +244,73 @@ class Supervisor:
         )
         if result == "reached":
             self._states[node] = transition.goal
-        else:
+        elif not (result == "refused" and self._is_lost(node)):
             how = f"was not done within {seconds:.1f} s" if result == "timed out" else "failed"
             first = f": {fault.splitlines()[0]}" if fault else ""
             self._fail(f"{node}: the transition '{transition.name}' {how}{first}")
 
     def _bring_down(self) -> None:
         self._is_going_down = True
+        if self._stopping_since is None:
+            self._stopping_since = self._clock()
         self._phase("stopping", self._failures[0] if self._failures else self._stop or "")
         for tier in tiers_down(self._plan):
-            for transition in way_down("active"):
-                at = [
-                    node
-                    for node in tier
-                    if node in self._ready - self._silent
-                    and self._states.get(node, UNCONFIGURED) in transition.starts
-                ]
-                self._transition(transition, at, self._limits.down_s)
+            self._take_down(tier)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-            for node in sorted(self._running):
-                # Before it is ready a node does not handle SIGINT yet, Python does: with a
-                # traceback that says nothing.
-                early = number == signal.SIGINT and node not in self._ready
-                self._processes.signal(node, signal.SIGTERM if early else number)
-            deadline = self._clock() + self._limits.grace_s
-            while self._running and self._hear(deadline):
-                pass
+            self._signal_all(number)
         for node in sorted(self._running):
             self._fail(f"{node}: the process is still there after SIGKILL")
         self._phase("stopped")
+
+    def _take_down(self, nodes: Iterable[str]) -> None:
+        self._ask_states(nodes)
+        for transition in way_down(ACTIVE):
+            if self._is_in_a_hurry:
+                return
+            at = [
+                node
+                for node in nodes
+                if node in self._ready - self._silent
+                and (self._is_lost(node) or self._states[node] in transition.starts)
+            ]
+            self._transition(transition, at, self._limits.down_s)
+
+    def _ask_states(self, nodes: Iterable[str]) -> None:
+        """Learn where nodes are, from themselves: the way up may have been left anywhere."""
+        waiting = set(nodes) & self._ready & self._running
+        for node in sorted(waiting):
+            self._lifecycle.ask_state(node)
+        deadline = self._clock() + self._limits.answer_s
+        while waiting and not self._is_in_a_hurry and (heard := self._hear(deadline)):
+            if isinstance(heard, StateAnswered):
+                waiting.discard(heard.node)
+                self._states[heard.node] = heard.state
+            waiting &= self._running
+        self._silent |= waiting
+        for node in sorted(waiting - self._left):
+            if not self._is_in_a_hurry:
+                self._fail(f"{node}: does not tell its state within {self._limits.answer_s:g} s")
+
+    def _is_lost(self, node: str) -> bool:
+        """Whether a node that is to come down was in the middle of something when last asked.
+
+        It is asked for everything in turn, and what it refuses is no failure.
+        """
+        return self._is_going_down and self._states.get(node) not in RESTING
+
+    def _signal_all(self, number: int) -> None:
+        """Send a signal to what still runs, and wait for the ends."""
+        for node in sorted(self._running):
+            # Before it is ready a node does not handle SIGINT yet, Python does: with a traceback
+            # that says nothing.
+            early = number == signal.SIGINT and self._is_early(node)
+            self._processes.signal(node, signal.SIGTERM if early else number)
+        begin = self._clock()
+        while self._running:
+            is_short = self._is_in_a_hurry and number != signal.SIGKILL
+            grace_s = self._limits.hurry_s if is_short else self._limits.grace_s
+            if self._hear(begin + grace_s) is None:
+                return
 
     def _hear(self, deadline: float | None) -> Heard | None:
         """The next message, after taking note of it; None at the deadline."""
@@ -252,19 +320,18 @@ class Supervisor:
         except Empty:
             return None
         match heard:
-            case ProcessStarted():
+            case ProcessStarted(node=node):
                 self._tell(heard)
+                # Not before: a node of the same name might be there that is not ours.
+                self._lifecycle.watch({node} & self._with_lifecycle)
             case Ready(node=node):
                 self._ready.add(node)
             case StateSeen():
                 self._seen(heard)
-            case Failed(node=node, fault=fault) if not (self._is_going_down or node in self._asked):
-                self._tell(heard)
-                self._fail(
-                    f"{node} failed: {fault.splitlines()[0] if fault else 'no reason given'}"
-                )
-            case StopAsked(reason=reason):
-                self._stop = self._stop or reason
+            case Failed():
+                self._failed(heard)
+            case StopAsked():
+                self._stop_asked(heard)
             case ProcessEnded():
                 self._ended(heard)
             case _:
@@ -273,21 +340,55 @@ class Supervisor:
 
     def _seen(self, heard: StateSeen) -> None:
         """A node's state changed: by what was asked here, or from elsewhere."""
-        is_news = self._states.get(heard.node) != heard.state
+        if self._is_echo(heard) or self._is_going_down:
+            return
         self._states[heard.node] = heard.state
-        if is_news and heard.node not in self._asked and not self._is_going_down:
-            self._tell(heard)
-            if all(self._states.get(node) == FINALIZED for node in self._running):
-                self._stop = self._stop or "every node was shut down from elsewhere"
+        self._tell(heard)
+        nodes = self._running & self._with_lifecycle
+        if all(self._states.get(node) == FINALIZED for node in nodes):
+            self._stop = self._stop or "every node was shut down from elsewhere"
+
+    def _failed(self, heard: Failed) -> None:
+        """A fault of the node's own takes the stack down; a transition's is whose who asked."""
+        if self._is_echo(heard) or self._is_going_down:
+            return
+        self._tell(heard)
+        if not heard.transition:
+            first = heard.fault.splitlines()[0] if heard.fault else "no reason given"
+            self._fail(f"{heard.node} failed: {first}")
+
+    def _is_echo(self, heard: StateSeen | Failed) -> bool:
+        """Whether a node tells of what was asked here; the answer, on another way, is what counts.
+
+        Both may come in either order, so an old message must not stand for the newest state.
+        """
+        transition = (heard.node, heard.transition)
+        if self._echoes[transition] == 0:
+            return False
+        self._echoes[transition] -= 1
+        return True
+
+    def _stop_asked(self, heard: StopAsked) -> None:
+        """Stop; asked again, and not just by one who sends two signals at once, hurry."""
+        if self._stopping_since is None:
+            self._stopping_since = self._clock()
+        elif heard.is_urgent and self._clock() - self._stopping_since > ONE_REQUEST_S:
+            self._is_in_a_hurry = True
+        self._stop = self._stop or heard.reason
 
     def _ended(self, heard: ProcessEnded) -> None:
         self._running.discard(heard.node)
         self._states[heard.node] = FINALIZED
-        is_early = heard.node not in self._ready
-        in_order = heard.code == 0 or (is_early and heard.code == -signal.SIGTERM)
+        ends = {-signal.SIGTERM} if self._is_early(heard.node) else set()
+        if heard.node not in self._with_lifecycle:
+            ends = {-signal.SIGINT, -signal.SIGTERM}
+        in_order = heard.code == 0 or heard.code in ends
         if not (self._is_going_down and in_order):
             self._tell(heard)
             self._fail(f"{heard.node}: {heard.how}")
+
+    def _is_early(self, node: str) -> bool:
+        return node in self._with_lifecycle - self._ready
 
     def _fail(self, text: str) -> None:
         self._failures.append(text)

@@ -10,6 +10,7 @@ __all__ = [
     "ACTIVE",
     "FINALIZED",
     "INACTIVE",
+    "RESTING",
     "TRANSITIONS",
     "UNCONFIGURED",
     "Transition",
@@ -20,6 +21,8 @@ UNCONFIGURED: Final = "unconfigured"
 INACTIVE: Final = "inactive"
 ACTIVE: Final = "active"
 FINALIZED: Final = "finalized"
+RESTING: Final = frozenset({UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED})
+"""States in which a node stays until it is asked for something."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

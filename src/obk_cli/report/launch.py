@@ -1,7 +1,6 @@
 """A run for a person: what happens, one line an event, and the nodes' output behind their names."""
 
-import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 from obk_cli.launch.events import (
     Ended,
@@ -13,6 +12,7 @@ from obk_cli.launch.events import (
     Told,
     TransitionEnded,
 )
+from obk_cli.report.escapes import only_colour, plain
 
 __all__ = ["LaunchReport"]
 
@@ -23,37 +23,28 @@ _MARKS = {"reached": ("ok", "32"), "refused": ("FAILED", "31"), "timed out": ("T
 class LaunchReport:
     """Turns events and output into lines; may be called from several threads."""
 
-    def __init__(
-        self, nodes: Iterable[str], write: Callable[[str], None], *, colour: bool, quiet: bool
-    ) -> None:
+    def __init__(self, nodes: Iterable[str], *, colour: bool, quiet: bool) -> None:
         """Make a report.
 
         Args:
             nodes: full names, for colours and column width.
-            write: takes a line.
             colour: whether to use escape codes.
             quiet: leave the nodes' output out.
         """
         self._short = {node: node.strip("/").removeprefix("obelisk_") for node in nodes}
         self._width = max(map(len, self._short.values()), default=0)
         self._colours = dict(zip(self._short, _NODE_COLOURS * len(self._short), strict=False))
-        self._write = write
         self._colour = colour
         self._quiet = quiet
-        self._lock = threading.Lock()
 
-    def line(self, node: str, text: str) -> None:
-        """Show a line of a node's output."""
+    def line(self, node: str, text: str) -> Iterable[str]:
+        """A line of a node's output."""
         if not self._quiet:
             name = self._paint(self._colours[node], f"{self._short[node]:<{self._width}} |")
-            self._put(f"{name} {text}")
+            yield f"{name} {only_colour(text) if self._colour else plain(text)}"
 
-    def event(self, event: Told) -> None:
-        """Show what happened."""
-        for text in self._lines(event):
-            self._put(text)
-
-    def _lines(self, event: Told) -> Iterable[str]:
+    def event(self, event: Told) -> Iterable[str]:
+        """What happened."""
         match event:
             case Phase():
                 detail = f" ({event.detail})" if event.detail else ""
@@ -74,10 +65,10 @@ class LaunchReport:
                 yield self._paint("31", f"  {self._short[event.node]}: FAILED")
                 yield from self._fault(event.fault)
             case ProcessEnded():
-                yield self._paint("31", f"  {self._short[event.node]}: {event.how}")
+                yield self._paint("31", f"  {self._short[event.node]}: {plain(event.how)}")
             case Ended() if event.cause:
                 more = f" (and {event.consequences} more after it)" if event.consequences else ""
-                yield self._paint("31", f"failed: {event.cause}{more}")
+                yield self._paint("31", f"failed: {plain(event.cause)}{more}")
             case Ended():
                 yield self._paint("32", "ended in order")
 
@@ -85,14 +76,10 @@ class LaunchReport:
         """A node's own words; the traceback only where the node's output does not show it."""
         lines = fault.splitlines()
         shown = lines if self._quiet else _without_traceback(lines)
-        return (f"    {line}" for line in shown)
+        return (f"    {plain(line)}" for line in shown)
 
     def _paint(self, code: str, text: str) -> str:
         return f"\x1b[{code}m{text}\x1b[0m" if self._colour else text
-
-    def _put(self, text: str) -> None:
-        with self._lock:
-            self._write(text)
 
 
 def _without_traceback(lines: list[str]) -> list[str]:

@@ -3,6 +3,7 @@
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -155,6 +156,56 @@ def test_the_loss_of_the_warden_is_told_as_the_end_of_its_nodes(bench: MakeBench
     run.processes.signal("/a", signal.SIGINT)
     run.processes.start(process("a"))
     assert isinstance(run.ended(), ProcessEnded)
+
+
+def test_what_hides_in_a_session_of_its_own_does_not_outlive_a_killed_warden(
+    bench: MakeBench,
+) -> None:
+    code = (
+        "import subprocess, sys, time\n"
+        "sleep = [sys.executable, '-c', 'import time; time.sleep(60)']\n"
+        "child = subprocess.Popen(sleep, start_new_session=True)\n"
+        "print(child.pid, flush=True)\n"
+        "time.sleep(60)"
+    )
+    run = bench({"a": code})
+    run.start("a")
+    hidden = psutil.Process(int(run.line()))
+    run.processes._warden.kill()
+    run.ended()
+    run.close()
+    assert not _is_alive(hidden)
+
+
+def test_an_environment_larger_than_a_packet_comes_through(bench: MakeBench) -> None:
+    run = bench({"a": "import os; print(sum(map(len, os.environ.values())))"})
+    (command,) = run.processes._commands.values()
+    large = {f"LARGE_{n}": "x" * 100_000 for n in range(4)}
+    run.processes._commands = {"/a": replace(command, environment=large)}
+    run.start("a")
+    assert int(run.line()) >= 400_000
+
+
+@pytest.mark.parametrize("environment", [{"A": "b\0c"}, {"A=B": "c"}])
+def test_what_cannot_be_started_leaves_the_other_nodes_alone(
+    bench: MakeBench, environment: dict[str, str]
+) -> None:
+    run = bench({"a": "", "b": "import time; time.sleep(60)"})
+    commands = dict(run.processes._commands)
+    run.processes._commands = {**commands, "/a": replace(commands["/a"], environment=environment)}
+    second = run.start("b")
+    run.processes.start(process("a"))
+    ended = run.ended()
+    assert isinstance(ended, ProcessEnded)
+    assert ended.code == 127
+    assert "it cannot start" in ended.text
+    assert psutil.pid_exists(second)
+
+
+def test_output_without_line_ends_comes_in_pieces(bench: MakeBench) -> None:
+    run = bench({"a": "print('x' * 200_000, end='')"})
+    run.start("a")
+    assert run.line() == "x" * 65536
 
 
 def _is_alive(one: psutil.Process) -> bool:

@@ -3,37 +3,55 @@
 from datetime import datetime
 from pathlib import Path
 
-from obk_cli.launch.runs import Run, make_run_folder, read_runs, runs_folder, write_run
-from obk_cli.plan import Plan
+from obk_cli.launch.runs import (
+    Run,
+    make_run_folder,
+    read_runs,
+    run_folders,
+    runs_folder,
+    write_run,
+)
 
 NOW = datetime(2031, 2, 3, 4, 5, 6)
 RUN = Run(name="dummy", pid=1, started=2.5, domain=3, config="c.yaml", nodes=("/a", "/b"))
 
 
 def test_the_folder_carries_the_configs_name_and_the_time(tmp_path: Path) -> None:
-    folder = make_run_folder(tmp_path / "runs", Plan(name="dummy", processes=()), NOW)
+    folder = make_run_folder(tmp_path / "runs", "dummy", NOW)
     assert folder.name == "dummy_20310203_040506"
     assert folder.stat().st_mode & 0o777 == 0o700
 
 
 def test_two_runs_of_one_second_have_two_folders(tmp_path: Path) -> None:
-    plan = Plan(name="dummy", processes=())
-    assert make_run_folder(tmp_path, plan, NOW) != make_run_folder(tmp_path, plan, NOW)
+    first, second = (make_run_folder(tmp_path, "dummy", NOW) for _ in range(2))
+    assert first != second
 
 
 def test_a_run_is_read_back(tmp_path: Path) -> None:
-    folder = make_run_folder(tmp_path, Plan(name="dummy", processes=()), NOW)
+    folder = make_run_folder(tmp_path, "dummy", NOW)
     write_run(folder, RUN)
     assert read_runs(tmp_path) == (RUN,)
     assert [path.name for path in folder.iterdir()] == ["run.json"]
 
 
 def test_runs_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
-    for name, text in {"a": "{", "b": "[]", "c": '{"pid": 1}'}.items():
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "run.json").write_text(text)
+    for second, text in enumerate(("{", "[]", '{"pid": 1}')):
+        folder = make_run_folder(tmp_path, "dummy", NOW.replace(second=second))
+        (folder / "run.json").write_text(text)
     assert read_runs(tmp_path) == ()
 
 
 def test_obk_home_moves_the_runs(tmp_path: Path) -> None:
     assert runs_folder({"OBK_HOME": str(tmp_path)}) == tmp_path / "runs"
+
+
+def test_runs_come_newest_first_whatever_their_names(tmp_path: Path) -> None:
+    old = make_run_folder(tmp_path, "zebra", NOW)
+    same_second = make_run_folder(tmp_path, "zebra", NOW)
+    new = make_run_folder(tmp_path, "ant", NOW.replace(year=2032))
+    (tmp_path / "notes").mkdir()
+    assert run_folders(tmp_path) == (new, same_second, old)
+
+
+def test_a_name_with_a_slash_makes_one_folder(tmp_path: Path) -> None:
+    assert make_run_folder(tmp_path, "a/b", NOW).parent == tmp_path

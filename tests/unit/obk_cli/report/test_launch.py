@@ -15,12 +15,12 @@ CONTROL, ROBOT = "/obelisk_control_0", "/obelisk_robot_0"
 
 def lines_of(*events: object, quiet: bool = False) -> list[str]:
     lines: list[str] = []
-    report = LaunchReport((CONTROL, ROBOT), lines.append, colour=False, quiet=quiet)
+    report = LaunchReport((CONTROL, ROBOT), colour=False, quiet=quiet)
     for event in events:
         if isinstance(event, str):
-            report.line(ROBOT, event)
+            lines.extend(report.line(ROBOT, event))
         else:
-            report.event(event)
+            lines.extend(report.event(event))
     return lines
 
 
@@ -77,3 +77,14 @@ def test_failures_are_told_with_their_cause() -> None:
 def test_output_stands_behind_the_nodes_name_unless_it_is_quiet() -> None:
     assert lines_of("hello") == ["robot_0   | hello"]
     assert lines_of("hello", quiet=True) == []
+
+
+def test_colours_of_a_nodes_output_pass_and_end_with_their_line() -> None:
+    report = LaunchReport((ROBOT,), colour=True, quiet=False)
+    (line,) = report.line(ROBOT, "\x1b[31mred\x1b[2J")
+    assert line == "\x1b[36mrobot_0 |\x1b[0m \x1b[31mred\x1b[0m"
+
+
+def test_what_a_node_says_of_its_fault_does_not_reach_the_terminal_raw() -> None:
+    assert lines_of(Failed(node=ROBOT, fault="\x1b[2Jboom"))[1] == "    boom"
+    assert lines_of(ProcessEnded(node=ROBOT, code=1, text="\x1b]0;x\x07y"))[0].endswith("1: y")

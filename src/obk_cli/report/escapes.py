@@ -1,0 +1,32 @@
+"""Escape sequences in other programs' output: colours may pass, nothing else may reach a terminal.
+
+Takes a line, gives a line. Source: ECMA-48, 5.4 (control sequences) and 5.6 (control strings).
+"""
+
+import re
+from typing import Final
+
+__all__ = ["only_colour", "plain"]
+
+_SEQUENCE: Final = re.compile(
+    r"(?P<colour>\x1b\[[0-9;:]*m)"
+    r"|(?:\x1b\[|\x9b)[0-?]*[ -/]*[@-~]?"  # control sequences
+    r"|(?:\x1b[\]PX^_]|[\x9d\x90\x98\x9e\x9f])[^\x07\x1b\x9c]*(?:\x07|\x1b\\|\x9c)?"  # strings
+    r"|\x1b[ -/]*[0-~]?"  # what is left of two characters
+    r"|[\x00-\x08\x0a-\x1f\x7f-\x9f]"
+)
+_RESET: Final = "\x1b[0m"
+
+
+def only_colour(text: str) -> str:
+    """The text without all that would move, clear, rename or ask the terminal.
+
+    Colours stay, and end with the text.
+    """
+    kept = _SEQUENCE.sub(lambda match: match["colour"] or "", text)
+    return kept + _RESET if "\x1b" in kept and not kept.endswith(_RESET) else kept
+
+
+def plain(text: str) -> str:
+    """The text without any escape sequence and control character."""
+    return _SEQUENCE.sub("", text)
