@@ -58,7 +58,9 @@ class NodeSources:
         if function is None and self._is_package(module, path, installed):
             module = f"{module}.{_PROGRAM}"
         if path and self._find(module, path, installed) is None:
-            return _no_module(module, path)
+            # A package that is laid out in a way of its own is not looked for further.
+            top = self._folders[module.partition(".")[0], path]
+            return _no_module(module, top[0]) if top else None
         return read_node_code(module, function, lambda name: self._load(name, path, installed))
 
     def _is_package(self, module: str, path: tuple[Path, ...], installed: Iterable[str]) -> bool:
@@ -116,11 +118,10 @@ class NodeSources:
                 yield Path(spec.origin).with_suffix("")
 
 
-def _no_module(module: str, path: tuple[Path, ...]) -> CodeFault:
-    file = path[0].joinpath(*module.split(".")).with_suffix(".py")
+def _no_module(module: str, top: Path) -> CodeFault:
     return CodeFault(
         message=f"is not there, although the entry point names the module `{module}`",
-        place=str(file),
+        place=str(top.joinpath(*module.split(".")[1:]).with_suffix(".py")),
     )
 
 
