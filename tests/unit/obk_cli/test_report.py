@@ -95,7 +95,7 @@ def test_an_independent_reader_takes_the_sarif_log() -> None:
     (run,) = log.runs
     (result,) = run.results or []
     assert (log.version, result.rule_id, result.level) == ("2.1.0", "OBK101", "error")
-    assert result.message.text == "no such key"
+    assert result.message.text == "no such key\nremove it"
 
 
 def test_sarif_has_the_rules_and_every_place() -> None:
