@@ -138,6 +138,11 @@ def test_a_base_or_constructor_that_cannot_be_followed_leaves_everything_open(bo
     assert not found.missing_methods
 
 
+def test_a_mixin_that_cannot_be_followed_may_implement_the_abstract_methods() -> None:
+    assert not code("class Mine(Unknown, ObeliskController):\n    pass\n").missing_methods
+    assert code("class Mine(ObeliskController):\n    pass\n").missing_methods
+
+
 @pytest.mark.parametrize(
     "around", ["if x:", "for x in y:", "while x:", "with_x = lambda: (", "try:"]
 )
