@@ -1,10 +1,11 @@
 """What the tests of running stacks share: a driver of one node in this process, and obk's runs."""
 
+import os
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from obelisk_py.core.lifecycle import GuardedLifecycleNode
 OBK = Path(sys.executable).with_name("obk")
 DUMMY = Path(__file__).resolve().parents[2] / "examples" / "dummy" / "dummy.yaml"
 DEADLINE_S = 20.0
+MARK = "OBELISK_TEST_RUN"
+"""The variable by which the fixture `ros_domain` knows a test's processes."""
 
 
 def parameters(**values: str) -> dict[str, Any]:
@@ -61,16 +64,31 @@ def eventually(condition: Callable[[], object], what: str) -> None:
         time.sleep(0.02)
 
 
-def obk(*arguments: object, timeout_s: float = 60.0) -> subprocess.CompletedProcess[str]:
-    """Run obk to its end."""
+def obk(
+    *arguments: object, timeout_s: float = 60.0, env: Mapping[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run obk to its end, with these variables too."""
     return subprocess.run(
-        [OBK, *map(str, arguments)], capture_output=True, text=True, timeout=timeout_s, check=False
+        [OBK, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
+        check=False,
+        env={**os.environ, **(env or {})},
     )
 
 
 @contextmanager
-def launched(config: Path, *options: object) -> Iterator["Launched"]:
-    """A stack that is active; ended by SIGINT at the latest."""
+def launched(config: Path, *options: object, phase: str = "active") -> Iterator["Launched"]:
+    """A stack that has got to a phase; ended by SIGINT at the latest."""
+    with started(config, *options) as run:
+        run.wait_for(phase)
+        yield run
+
+
+@contextmanager
+def started(config: Path, *options: object) -> Iterator["Launched"]:
+    """A stack that comes up; ended by SIGINT at the latest."""
     process = subprocess.Popen(
         [OBK, "launch", config, *map(str, options)],
         stdout=subprocess.PIPE,
@@ -80,7 +98,6 @@ def launched(config: Path, *options: object) -> Iterator["Launched"]:
     )
     run = Launched(process)
     try:
-        run.wait_for("active")
         yield run
     finally:
         if process.poll() is None:
@@ -113,6 +130,10 @@ class Launched:
         assert not self._has_ended(), self.text
         self.descendants |= set(psutil.Process(self.process.pid).children(recursive=True))
 
+    def wait_for_line(self, part: str) -> None:
+        """Wait for a line with these words."""
+        eventually(lambda: any(part in line for line in self.lines), f"'{part}': {self.text}")
+
     def node(self, name: str) -> psutil.Process:
         """The process of a node."""
         argument = f"__node:={name}"
@@ -130,6 +151,18 @@ class Launched:
         with self.process.stdout as output:
             for line in output:
                 self.lines.append(line.rstrip("\n"))
+
+
+def marked() -> list[psutil.Process]:
+    """The processes, this one aside, that carry this test's mark in their environment."""
+    return [p for p in psutil.process_iter() if p.pid != os.getpid() and _is_marked(p)]
+
+
+def _is_marked(process: psutil.Process) -> bool:
+    try:
+        return process.environ().get(MARK) == os.environ[MARK]
+    except psutil.Error:  # ended meanwhile, or another user's
+        return False
 
 
 def _is_there(process: psutil.Process) -> bool:

@@ -4,13 +4,11 @@ import json
 import os
 import signal
 import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
 
-from .stack import DUMMY, eventually, launched, obk
+from .stack import DUMMY, OBK, Launched, eventually, launched, marked, obk, started
 
 pytestmark = pytest.mark.ros
 
@@ -46,7 +44,7 @@ def test_both_spellings_come_up_and_end_in_order(config: str) -> None:
 
 def test_a_run_leaves_its_logs_and_events(tmp_path: Path) -> None:
     assert obk("launch", DUMMY, "--duration", "0.5").returncode == 0
-    (run,) = (tmp_path / "home" / "runs").iterdir()
+    (run,) = (tmp_path / "home" / "runs").glob("dummy_*")
     events = [json.loads(line) for line in (run / "events.jsonl").read_text().splitlines()]
     assert events[0]["event"] == "Phase"
     assert events[-1] == {**events[-1], "event": "Ended", "exit_code": 0, "cause": ""}
@@ -94,33 +92,20 @@ def test_a_killed_launcher_leaves_no_process() -> None:
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
 
 
-def test_a_launcher_killed_during_the_bring_up_leaves_no_process() -> None:
-    for delay_s in (0.2, 0.5, 0.8, 1.1):
-        environment = {**os.environ, "OBK_TEST_MARK": f"mark-{os.getpid()}-{delay_s}"}
-        obk_program = Path(sys.executable).with_name("obk")
-        process = subprocess.Popen(
-            [obk_program, "launch", DUMMY], stdout=subprocess.DEVNULL, env=environment
-        )
-        time.sleep(delay_s)
-        process.kill()
-        process.wait()
-        eventually(lambda e=environment: not _marked(e["OBK_TEST_MARK"]), f"after {delay_s} s")
-
-
-def _marked(mark: str) -> list[str]:
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            if mark.encode() in (folder / "environ").read_bytes():
-                found.append(folder.name)
-        except OSError:
-            continue
-    return found
+@pytest.mark.parametrize("moment", ["logs in", ": process ", "s] ready", ": configure ok"])
+def test_a_launcher_killed_during_the_bring_up_leaves_no_process(moment: str) -> None:
+    with started(DUMMY, "--quiet") as run:
+        run.wait_for_line(moment)
+        run.process.kill()
+        run.process.wait(20)
+        eventually(lambda: not marked(), f"the end of all processes after '{moment}'")
 
 
 def test_a_killed_warden_takes_the_nodes_along_and_the_launcher_says_so() -> None:
     with launched(DUMMY, "--quiet") as run:
-        warden = next(p for p in run.descendants if any(a.endswith("warden.py") for a in p.cmdline()))
+        warden = next(
+            p for p in run.descendants if any(a.endswith("warden.py") for a in p.cmdline())
+        )
         warden.kill()
         run.process.wait(20)
     assert run.process.returncode == 1
@@ -139,14 +124,19 @@ def test_a_node_that_is_killed_takes_the_stack_down_and_is_named() -> None:
 
 
 def test_a_node_that_fails_to_configure_is_shown_with_its_own_words(tmp_path: Path) -> None:
-    config = tmp_path / "broken.yaml"
-    text = DUMMY.read_text().replace("dummy.xml", str(DUMMY.with_name("dummy.xml")))
-    config.write_text(text.replace("msg_type: EstimatedState", "msg_type: VelocityCommand", 1))
-    result = obk("launch", config, "--ignore", "OBK2", "--set", _wrong_type())
+    result = obk("launch", broken(tmp_path), "--ignore", "OBK2,OBK407", "--set", _wrong_type())
     assert result.returncode == 1, result.stdout
     assert "estimation_0: configure FAILED" in result.stdout
     assert "in the code and a ObkImu in the config" in result.stdout
     assert "ended in order" not in result.stdout
+
+
+def broken(folder: Path) -> Path:
+    """A config with a message type that the estimator's code contradicts, to be overridden."""
+    config = folder / "broken.yaml"
+    text = DUMMY.read_text().replace("dummy.xml", str(DUMMY.with_name("dummy.xml")))
+    config.write_text(text.replace("msg_type: EstimatedState", "msg_type: VelocityCommand", 1))
+    return config
 
 
 def _wrong_type() -> str:
@@ -166,16 +156,21 @@ def test_a_scaffolded_controller_runs_in_place_of_the_example(tmp_path: Path) ->
     (tmp_path / "ws" / "src").mkdir(parents=True)
     made = obk("new", "controller", "foo", "--dest", tmp_path / "ws" / "src")
     assert made.returncode == 0, made.stderr
-    config = tmp_path / "ws" / "foo.yaml"
-    text = DUMMY.read_text().replace("dummy.xml", str(DUMMY.with_name("dummy.xml")))
-    text = text.replace("params_path: dummy_params.txt", "")
-    text = text.replace("pkg: obelisk_control_py", "pkg: foo")
-    text = text.replace("executable: example_position_setpoint_controller", "executable: foo")
-    config.write_text(text)
+    config = with_controller(tmp_path / "ws" / "foo.yaml", "foo")
     with launched(config, "--quiet") as run:
         assert states("get", "control") == {NODES[2]: "active"}
         assert any("foo" in argument for argument in run.node("obelisk_control_0").cmdline())
     assert run.process.returncode == 0, run.text
+
+
+def with_controller(config: Path, package: str) -> Path:
+    """The dummy's config with another controller."""
+    text = DUMMY.read_text().replace("dummy.xml", str(DUMMY.with_name("dummy.xml")))
+    text = text.replace("params_path: dummy_params.txt", "")
+    text = text.replace("pkg: obelisk_control_py", f"pkg: {package}")
+    name = "executable: example_position_setpoint_controller"
+    config.write_text(text.replace(name, f"executable: {package}"))
+    return config
 
 
 def test_an_rmw_that_is_not_installed_is_told_and_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -183,3 +178,140 @@ def test_an_rmw_that_is_not_installed_is_told_and_not_used(monkeypatch: pytest.M
     result = obk("launch", DUMMY, "--duration", "0", "--quiet")
     assert result.returncode == 0, result.stdout
     assert "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp is not installed here" in result.stderr
+
+
+def test_a_second_launch_in_the_domain_is_refused_and_the_first_runs_on(tmp_path: Path) -> None:
+    with launched(DUMMY, "--quiet") as run:
+        second = obk("launch", DUMMY, "--quiet")
+        assert second.returncode == 1
+        domain = os.environ["ROS_DOMAIN_ID"]
+        assert second.stderr.startswith(
+            f"error: the stack 'dummy' already runs in the ROS domain {domain} "
+            f"(process {run.process.pid}, /obelisk_control_0, "
+        )
+        assert "help: stop it or use another ROS_DOMAIN_ID" in second.stderr
+        assert states("get") == dict.fromkeys(NODES, "active")
+        elsewhere = obk("lifecycle", "get", env={"ROS_DOMAIN_ID": "0"})
+        assert f"a stack runs in the ROS domain {domain}" in elsewhere.stderr
+    assert run.process.returncode == 0, run.text
+    assert obk("launch", DUMMY, "--duration", "0", "--quiet").returncode == 0
+
+
+def test_a_stack_that_no_run_file_tells_of_is_found_in_the_graph(tmp_path: Path) -> None:
+    with launched(DUMMY, "--quiet"):
+        second = obk("launch", DUMMY, "--quiet", env={"OBK_HOME": str(tmp_path / "other")})
+        assert second.returncode == 1
+        assert "there is already /obelisk_" in second.stderr
+        assert "process " not in second.stdout
+        assert states("get") == dict.fromkeys(NODES, "active")
+
+
+def test_output_that_nobody_reads_holds_up_neither_the_stack_nor_its_end(tmp_path: Path) -> None:
+    read_fd, write_fd = os.pipe()
+    events = tmp_path / "home" / "runs"
+    with subprocess.Popen([OBK, "launch", chatty(tmp_path)], stdout=write_fd) as process:
+        os.close(write_fd)
+        # More than a pipe and the queue hold: the screen has stalled by then.
+        eventually(
+            lambda: any(log.stat().st_size > 3 << 20 for log in events.glob("*/obelisk_con*.log")),
+            "much output",
+        )
+        assert states("get") == dict.fromkeys(NODES, "active")
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+    os.close(read_fd)
+    (log,) = events.glob("*/launch.log")
+    assert log.read_text().splitlines()[-1] == "ended in order"
+
+
+def test_a_reader_that_leaves_brings_the_stack_down_in_order(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [OBK, "launch", chatty(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr.read() == ""
+        assert process.wait(20) == 0
+    (log,) = (tmp_path / "home" / "runs").glob("*/launch.log")
+    assert "stopping (the output was closed)" in log.read_text()
+
+
+def chatty(folder: Path) -> Path:
+    """A config whose controller writes without end."""
+    package = folder / "ws" / "src" / "chatty"
+    made = obk("new", "controller", "chatty", "--dest", package.parent)
+    assert made.returncode == 0, made.stderr
+    (node,) = package.glob("chatty/chatty.py")
+    text = node.read_text()
+    talk = (
+        "import threading\n\n\ndef talk() -> None:\n    while True:\n        print('x' * 200)\n\n\n"
+    )
+    start = "def main("
+    begin = "    threading.Thread(target=talk, daemon=True).start()\n"
+    head, _, tail = text.partition(start)
+    signature, _, body = tail.partition(":\n")
+    doc, _, rest = body.partition('"""\n')
+    node.write_text(f'{head}{talk}{start}{signature}:\n{doc}"""\n{begin}{rest}')
+    return with_controller(folder / "ws" / "chatty.yaml", "chatty")
+
+
+def test_without_a_log_folder_the_stack_runs_and_says_so(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    result = obk("launch", DUMMY, "--duration", "0", env={"OBK_HOME": str(tmp_path / "file")})
+    assert result.returncode == 0, result.stdout + result.stderr
+    warnings = [line for line in result.stdout.splitlines() if line.startswith("warning: no log")]
+    assert len(warnings) == 1
+    assert "ended in order" in result.stdout
+
+
+def test_a_fault_in_a_transition_asked_for_elsewhere_leaves_the_stack_up(tmp_path: Path) -> None:
+    config = broken(tmp_path)
+    override = ("--ignore", "OBK2,OBK407", "--set", _wrong_type())
+    with launched(config, "--quiet", "--until", "none", *override, phase="started") as run:
+        refused = obk("lifecycle", "configure", "estimation_0")
+        assert refused.returncode == 1
+        run.wait_for_line("estimation_0: FAILED")
+        assert set(states("get")) == set(NODES)
+    assert run.process.returncode == 0, run.text
+
+
+def test_a_node_that_is_stopped_is_listed_without_an_answer() -> None:
+    with launched(DUMMY, "--quiet") as run:
+        run.node("obelisk_estimation_0").suspend()
+        result = obk("lifecycle", "get", "--format", "json")
+        run.node("obelisk_estimation_0").resume()
+        assert result.returncode == 1
+        assert json.loads(result.stdout) == {
+            NODES[0]: "active",
+            NODES[1]: "no answer",
+            NODES[2]: "active",
+        }
+
+
+def test_a_second_sigint_ends_a_stack_that_hangs_on_its_way_down() -> None:
+    with launched(DUMMY, "--quiet") as run:
+        for name in NODES:
+            run.node(name.strip("/")).suspend()
+        run.process.send_signal(signal.SIGINT)
+        run.wait_for_line("stopping")
+        # Signals at the same moment are one request; these come until it is no more.
+        eventually(lambda: is_killing(run) or run.process.send_signal(signal.SIGINT), "the end")
+        run.process.wait(20)
+    assert run.process.returncode == 1
+    assert not run.left_over()
+
+
+def is_killing(run: Launched) -> bool:
+    return any("was ended by SIGKILL" in line for line in run.lines)
+
+
+def test_what_is_not_supported_yet_is_told(tmp_path: Path) -> None:
+    override = ("--set", "onboard.control[0].on_crash=restart")
+    result = obk("launch", DUMMY, "--duration", "0", "--quiet", *override)
+    assert result.returncode == 0, result.stderr
+    assert "not supported yet: `on_crash: restart`; the whole stack is stopped" in result.stderr
