@@ -86,21 +86,23 @@ def run_plan(
 
     Raises:
         CommandFailedError: an executable is missing, the stack or one of its nodes runs already,
-            or ROS does not start.
-        OSError: there is no folder to write the parameters to, not even a temporary one.
+            ROS does not start, or there is not even a temporary folder for the parameters.
     """
     inbox: SimpleQueue[Heard] = SimpleQueue()
-    executables = {p.full_name: _executable(p, packages) for p in plan.processes}
+    executables = {p.full_name: (p, _executable(p, packages)) for p in plan.processes}
     with ExitStack() as stack:
         stack.enter_context(_signals_to(inbox))
         screen.when_closed(lambda: inbox.put(StopAsked(reason="the output was closed")))
         run_folder = _claim(plan, environment, options, screen, stack)
         output = _Output(run_folder, screen, voice)
         stack.callback(output.journal.close)
-        params_folder = run_folder or Path(stack.enter_context(TemporaryDirectory(prefix="obk-")))
+        params = _write_params(plan, run_folder, output, stack)
         commands = {
-            p.full_name: _node_command(p, executables[p.full_name], environment, params_folder)
-            for p in plan.processes
+            name: NodeCommand(
+                arguments=(*found.arguments, *_ros_arguments(process, params[name])),
+                environment=_node_environment(process, found.python_path, environment.variables),
+            )
+            for name, (process, found) in executables.items()
         }
         # Before ROS is there: its threads have no business in the warden's fork.
         processes = stack.enter_context(
@@ -129,7 +131,7 @@ class _Output:
     def __init__(self, run_folder: Path | None, screen: Screen, voice: Voice) -> None:
         self._screen = screen
         self._voice = voice
-        self.journal = Journal(run_folder, self._on_unwritable)
+        self.journal = Journal(run_folder, self.unwritable)
 
     def event(self, event: Told) -> None:
         self.journal.event(event, wall_s())
@@ -143,7 +145,7 @@ class _Output:
             self.journal.shown(plain(text))
             self._screen.put(text, may_drop=True)
 
-    def _on_unwritable(self, error: OSError) -> None:
+    def unwritable(self, error: OSError) -> None:
         self._screen.put(f"warning: {NO_LOGS}: {error}")
 
 
@@ -205,15 +207,27 @@ def _executable(process: Process, packages: PackageIndex) -> Command:
     return found
 
 
-def _node_command(
-    process: Process, found: Command, environment: RosEnvironment, folder: Path
-) -> NodeCommand:
-    params = folder / "params" / params_file_name(process)
-    write_text(params, emit_params((process,)))
-    return NodeCommand(
-        arguments=(*found.arguments, *_ros_arguments(process, params)),
-        environment=_node_environment(process, found.python_path, environment.variables),
-    )
+def _write_params(
+    plan: Plan, run_folder: Path | None, output: _Output, stack: ExitStack
+) -> Mapping[str, Path]:
+    """Parameter files by node; where the run's folder takes none, in one that goes at the end."""
+    if run_folder is not None:
+        try:
+            return _params_in(run_folder, plan)
+        except OSError as error:
+            output.unwritable(error)
+    try:
+        temporary = stack.enter_context(TemporaryDirectory(prefix="obk-"))
+        return _params_in(Path(temporary), plan)
+    except OSError as error:
+        raise CommandFailedError(f"the parameters cannot be written: {error}") from error
+
+
+def _params_in(folder: Path, plan: Plan) -> Mapping[str, Path]:
+    files = {p.full_name: folder / "params" / params_file_name(p) for p in plan.processes}
+    for process in plan.processes:
+        write_text(files[process.full_name], emit_params((process,)))
+    return files
 
 
 def _ros_arguments(process: Process, params: Path) -> Iterator[str]:

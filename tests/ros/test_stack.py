@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.adapters.ros_environment import ros_environment
+from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
+
 from .stack import DUMMY, OBK, Launched, eventually, launched, marked, obk, started
 
 pytestmark = pytest.mark.ros
@@ -315,3 +318,21 @@ def test_what_is_not_supported_yet_is_told(tmp_path: Path) -> None:
     result = obk("launch", DUMMY, "--duration", "0", "--quiet", *override)
     assert result.returncode == 0, result.stderr
     assert "not supported yet: `on_crash: restart`; the whole stack is stopped" in result.stderr
+
+
+def test_a_raise_beside_our_ros_node_leaves_none_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    environment = ros_environment()
+    for name, value in environment.variables.items():
+        monkeypatch.setenv(name, value)  # taken back at the end
+    opened: list[RosLifecycle] = []
+
+    def fail() -> None:
+        with open_ros("probe", environment) as ros:
+            opened.append(ros)
+            raise RuntimeError("boom")
+
+    with pytest.raises(RuntimeError, match="boom"):
+        fail()
+    (ros,) = opened
+    assert not ros._thread.is_alive()
+    assert not ros._node.context.ok()

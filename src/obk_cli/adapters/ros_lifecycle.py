@@ -17,7 +17,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.launch.events import Answered, Failed, Heard, Ready, StateAnswered, StateSeen
 from obk_cli.launch.transitions import RESTING
 
-__all__ = ["RosLifecycle", "open_ros"]
+__all__ = ["RosLifecycle", "failed_transition", "open_ros"]
 
 GET_STATE: Final = "lifecycle_msgs/srv/GetState"
 IN_TRANSITION: Final = {
@@ -71,6 +71,20 @@ def open_ros(name: str, environment: RosEnvironment) -> "Iterator[RosLifecycle]"
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
         yield stack.enter_context(RosLifecycle(node, executor))
+
+
+def failed_transition(passed: str, fault: str) -> str:
+    """The transition that a fault belongs to; empty when the node failed by itself.
+
+    A node that fails by itself goes to error processing through `deactivate` or `cleanup`; then its
+    fault names a callback of another name.
+
+    Args:
+        passed: the transition through which the node came to error processing.
+        fault: the node's own words, empty where it has none.
+    """
+    may_be_own = passed in ("deactivate", "cleanup") and fault != ""
+    return "" if may_be_own and not fault.startswith(f"on_{passed}:") else passed
 
 
 class RosLifecycle:
@@ -260,11 +274,7 @@ class RosLifecycle:
             self._ask_fault(node, partial(self._tell_fault, node, transition))
 
     def _tell_fault(self, node: str, transition: str, fault: str) -> None:
-        # A node that fails by itself goes to error processing through one of these two; then its
-        # fault names another callback.
-        passes = transition in ("deactivate", "cleanup")
-        is_own = passes and fault != "" and not fault.startswith(f"on_{transition}:")
-        self._hear(Failed(node=node, fault=fault, transition="" if is_own else transition))
+        self._hear(Failed(node=node, fault=fault, transition=failed_transition(transition, fault)))
 
     def _wait(self, future: Any, timeout_s: float) -> Any:
         done = threading.Event()
