@@ -336,3 +336,19 @@ def test_a_raise_beside_our_ros_node_leaves_none_behind(monkeypatch: pytest.Monk
     (ros,) = opened
     assert not ros._thread.is_alive()
     assert not ros._node.context.ok()
+
+
+def test_a_node_that_fails_by_itself_while_active_takes_the_stack_down(tmp_path: Path) -> None:
+    package = tmp_path / "ws" / "src" / "faulty"
+    assert obk("new", "controller", "faulty", "--dest", package.parent).returncode == 0
+    node = package / "faulty" / "faulty.py"
+    text = node.read_text()
+    assert "        return msg" in text
+    node.write_text(text.replace("        return msg", "        raise ValueError('no gain')"))
+    config = with_controller(tmp_path / "ws" / "faulty.yaml", "faulty")
+    result = obk("launch", config, "--quiet", "--ignore", "OBK")
+    assert result.returncode == 1, result.stdout
+    cause = "failed: /obelisk_control_0 failed: "
+    last = result.stdout.splitlines()[-1]
+    assert last.startswith(cause), result.stdout
+    assert last.endswith("ValueError: no gain"), result.stdout
