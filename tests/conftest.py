@@ -10,6 +10,8 @@ from pathlib import Path
 import psutil
 import pytest
 
+from obk_cli.adapters.shared_memory import remove_dead_segments
+
 # Above these the ports of DDS run into those the kernel hands out to others.
 _DOMAIN_IDS = range(1, 101)
 _MARK = "OBELISK_TEST_RUN"
@@ -58,6 +60,7 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
             monkeypatch.delenv(name, raising=False)
         yield domain
         left_over = _end_processes_marked(mark)
+        remove_dead_segments()  # of the processes that the test killed
         assert not left_over, f"the test left processes behind: {left_over}"
 
 

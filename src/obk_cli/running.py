@@ -21,6 +21,7 @@ from obk_cli.adapters.processes import NodeCommand, WardenProcesses
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
 from obk_cli.adapters.screen import Screen
+from obk_cli.adapters.shared_memory import remove_dead_segments
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.emit.write import write_text
 from obk_cli.errors import CommandFailedError
@@ -92,6 +93,7 @@ def run_plan(
     executables = {p.full_name: (p, _executable(p, packages)) for p in plan.processes}
     with ExitStack() as stack:
         stack.enter_context(_signals_to(inbox))
+        stack.callback(remove_dead_segments)
         screen.when_closed(lambda: inbox.put(StopAsked(reason="the output was closed")))
         run_folder = _claim(plan, environment, options, screen, stack)
         output = _Output(run_folder, screen, voice)
