@@ -4,17 +4,43 @@ import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-__all__ = ["did_you_mean", "list_names", "near_names", "sure_name"]
+__all__ = ["comparable", "did_you_mean", "list_names", "near_names", "sure_name"]
 
 _PART = re.compile(r"[_/.\s-]+")
 _DIGITS = re.compile(r"[0-9]+")
 
+_MOST_COMPARED = 200
+_MOST_SIFTED = 2_000
+_LONGEST = 100
+
 
 def near_names(name: str, known: Iterable[str], *, most: int = 3) -> tuple[str, ...]:
     """The known names closest to `name`, best first; letter case does not count."""
-    by_folded = {candidate.casefold(): candidate for candidate in known}
+    by_folded = {candidate.casefold(): candidate for candidate in comparable(name, known)}
     close = get_close_matches(name.casefold(), by_folded, n=most, cutoff=0.6)
     return tuple(by_folded[folded] for folded in close)
+
+
+def comparable(name: str, known: Iterable[str]) -> tuple[str, ...]:
+    """The known names worth the time to compare `name` with; none where that would be too many.
+
+    Among many, those of about the same length that begin and end alike.
+    """
+    every = tuple(known)
+    if len(name) > _LONGEST or len(every) > _MOST_SIFTED:
+        return ()
+    if len(every) > _MOST_COMPARED:
+        begin, end = name[:1].casefold(), name[-1:].casefold()
+        every = tuple(
+            other
+            for other in every
+            if abs(len(other) - len(name)) <= 2
+            and other[:1].casefold() == begin
+            and other[-1:].casefold() == end
+        )
+    if len(every) > _MOST_COMPARED:
+        return ()
+    return tuple(other for other in every if len(other) <= _LONGEST)
 
 
 def list_names(names: Iterable[str], *, most: int = 8) -> str:
@@ -38,7 +64,8 @@ def sure_name(name: str, known: Iterable[str]) -> str | None:
 
     One or two letters may be wrong, never a number or a whole part: `l_knee` is not `r_knee`.
     """
-    slips = {candidate for candidate in known if _is_slip(name.casefold(), candidate.casefold())}
+    folded = name.casefold()
+    slips = {other for other in comparable(name, known) if _is_slip(folded, other.casefold())}
     return slips.pop() if len(slips) == 1 else None
 
 
@@ -72,4 +99,6 @@ def _distance(one: str, other: str) -> int:
             if i > 1 and j > 1 and letter == other[j - 2] and one[i - 2] == wanted:
                 cost = min(cost, last[j - 2] + 1)
             row.append(cost)
+        if min(*row, *before) > 2:
+            return 3
     return row[-1]

@@ -20,6 +20,7 @@ __all__ = ["LONGEST_FILE_BYTES", "Parsed", "decode_source", "parse_source"]
 
 LONGEST_FILE_BYTES = 10 * 1024 * 1024
 _MOST_ALIASED_VALUES = 100_000
+_MOST_VALUES = 250_000
 _DEEPEST = 100
 
 _CORE_TAGS = {
@@ -97,6 +98,7 @@ class _Composer:
         self._anchors: dict[str, _Anchored | None] = {}
         self._open: list[_Collection] = []
         self._aliased_values = 0
+        self._values = 0
 
     def document(self, events: Iterator[yaml.Event]) -> Tree | None:
         """The tree of the first document; a second one is a finding."""
@@ -146,6 +148,10 @@ class _Composer:
             parent.keys.append((self._key(tree), tree.span))
         else:
             parent.items.append(tree)
+            self._values += 1
+            if self._values > _MOST_VALUES:
+                message = f"the values expand to more than {_MOST_VALUES:,}"
+                self._give_up("OBK006", message, event)
         return None
 
     def _scalar(self, event: yaml.ScalarEvent) -> TreeScalar:

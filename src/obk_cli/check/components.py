@@ -1,6 +1,6 @@
 """OBK107, OBK108, OBK207, OBK208: the components of one node against each other."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from obelisk_spec.components import component_identity, standard_component
 from obelisk_spec.near import did_you_mean, near_names, sure_name
@@ -10,6 +10,9 @@ from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.surroundings import Surroundings
 
 __all__ = ["check_callback_groups", "check_components"]
+
+_MOST_SUGGESTIONS = 200
+"""Findings that are compared with what exists."""
 
 
 def check_components(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
@@ -61,6 +64,7 @@ def _check_contradiction(component: Component, node: Node) -> Iterator[Diagnosti
 
 def check_callback_groups(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
     """Groups that are used and not defined, or defined and not used."""
+    undefined = 0
     for node in stack.nodes:
         defined = {group.name.value: group for group in node.callback_groups}
         used: set[str] = set()
@@ -69,17 +73,19 @@ def check_callback_groups(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]
             if group is None:
                 continue
             # A misspelt group counts as a use of the one that it is near to.
-            used.update((group.value, *near_names(group.value, defined)))
+            used.add(group.value)
             if group.value not in defined:
-                yield _undefined_group(group, node)
+                undefined += 1
+                names = defined if undefined <= _MOST_SUGGESTIONS else ()
+                used.update(near_names(group.value, names))
+                yield _undefined_group(group, node, names)
         for name, unused in defined.items():
             if name not in used:
                 message = f"callback group `{name}` of `{node.node_name}` is not used"
                 yield found("OBK208", message, unused.name.span)
 
 
-def _undefined_group(group: Spanned[str], node: Node) -> Diagnostic:
-    names = [defined.name.value for defined in node.callback_groups]
+def _undefined_group(group: Spanned[str], node: Node, names: Collection[str]) -> Diagnostic:
     meant = sure_name(group.value, names)
     return found(
         "OBK207",

@@ -1,12 +1,13 @@
 """OBK203 to OBK206: what is published, what is subscribed to, and whether the two ends fit."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from difflib import SequenceMatcher
 
 from obelisk_spec.messages import bare_name, resolve_msg_type
-from obelisk_spec.near import sure_name
-from obk_cli.config import Spanned, Stack
+from obelisk_spec.near import comparable, sure_name
+from obk_cli.config import Qos, Spanned, Stack
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.surroundings import Surroundings
@@ -15,6 +16,8 @@ from obk_cli.wiring import TopicEnd, stack_ends
 __all__ = ["check_dangling", "check_qos", "check_types"]
 
 _MOST_SHOWN = 3
+_MOST_COMPARED = 20_000
+"""Pairs of names; once as many are compared, what dangles is told without a suggestion."""
 _ONE_SEED_NAME = {
     "obelisk_sensor_msgs/msg/JointEncoders",
     "obelisk_sensor_msgs/msg/ObkJointEncoders",
@@ -34,7 +37,8 @@ def check_dangling(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
     """Topics that are subscribed to and not published, and those published and not read."""
     ends = tuple(stack_ends(stack))
     published, subscribed = _by_topic(ends, "publishes"), _by_topic(ends, "subscribes")
-    publishers = [end for ends_of_topic in published.values() for end in ends_of_topic]
+    publishers = _publishers_by_type(published)
+    compared = 0
     lost = _types_of_lost_publishers(stack)
     suggested: set[str] = set()
     for end in ends:
@@ -42,9 +46,11 @@ def check_dangling(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
             continue
         if not lost.isdisjoint((end.msg_type, None)):
             continue
-        near = _nearest(end, publishers)
+        candidates = _candidates(end, publishers) if compared < _MOST_COMPARED else []
+        compared += len(candidates)
+        near = _nearest(end, candidates)
         suggested.update(other.topic for other in near)
-        alone = len(subscribed[end.topic]) == 1
+        alone = bool(near) and len(subscribed[end.topic]) == 1
         yield _dangling(end, near, sure_name(end.topic, published) if alone else None)
     for topic, (first, *_others) in published.items():
         is_for_outside = first.section == "viz" or first.is_optional
@@ -77,14 +83,46 @@ def _dangling(end: TopicEnd, near: list[TopicEnd], meant: str | None) -> Diagnos
     )
 
 
-def _nearest(end: TopicEnd, publishers: list[TopicEnd]) -> list[TopicEnd]:
-    """Publishers of other nodes that may be meant: those of the same type if there are any."""
-    others = [p for p in publishers if p.owner != end.owner]
-    same_type = [p for p in others if end.msg_type and _may_be_one(p.msg_type, end.msg_type)]
-    unknown = [p for p in others if p.msg_type is None or end.msg_type is None]
-    candidates = same_type or [p for p in unknown if _likeness(p, end) > 0.8]
-    ranked = sorted(candidates, key=lambda p: -_likeness(p, end))
-    return list({p.topic: p for p in reversed(ranked)}.values())[::-1][:_MOST_SHOWN]
+_ByType = Mapping[str | None, Mapping[str, list[TopicEnd]]]
+
+
+def _publishers_by_type(published: Mapping[str, list[TopicEnd]]) -> _ByType:
+    """Type -> topic -> its first publishers: two of them, as one may be the subscriber itself."""
+    by_type: dict[str | None, dict[str, list[TopicEnd]]] = defaultdict(dict)
+    for topic, ends in published.items():
+        for end in ends:
+            kept = by_type[end.msg_type].setdefault(topic, [])
+            if not kept or (len(kept) == 1 and kept[0].owner != end.owner):
+                kept.append(end)
+    return by_type
+
+
+def _candidates(end: TopicEnd, publishers: _ByType) -> list[TopicEnd]:
+    """Publishers of other nodes to compare with: those of the same type if there are any."""
+    alike = [kind for kind in publishers if end.msg_type and _may_be_one(kind, end.msg_type)]
+    unknown = [kind for kind in publishers if kind is None or end.msg_type is None]
+    return _of_types(end, publishers, alike) or _of_types(end, publishers, unknown)
+
+
+def _of_types(end: TopicEnd, publishers: _ByType, kinds: Iterable[str | None]) -> list[TopicEnd]:
+    return [
+        other
+        for kind in kinds
+        for topic in comparable(end.topic, publishers[kind])
+        for other in publishers[kind][topic]
+        if other.owner != end.owner
+    ]
+
+
+def _nearest(end: TopicEnd, candidates: Iterable[TopicEnd]) -> list[TopicEnd]:
+    """Those that may be meant: of the same type, or of an unknown one and much the same name."""
+    likeness = {other.topic: (_likeness(other, end), other) for other in candidates}
+    close = [
+        (ratio, other)
+        for ratio, other in likeness.values()
+        if ratio > 0.8 or (end.msg_type and other.msg_type)
+    ]
+    return [other for _, other in sorted(close, key=lambda pair: -pair[0])][:_MOST_SHOWN]
 
 
 def _likeness(one: TopicEnd, other: TopicEnd) -> float:
@@ -107,11 +145,14 @@ def _may_be_one(one: str | None, other: str | None) -> bool:
 def check_types(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
     """Both ends of a topic have one type, where both are known."""
     ends = tuple(stack_ends(stack))
-    published = _by_topic(ends, "publishes")
+    published: dict[str, dict[str, TopicEnd]] = defaultdict(dict)
+    for end in ends:
+        if end.direction == "publishes" and end.msg_type is not None:
+            published[end.topic].setdefault(end.msg_type, end)
     for end in ends:
         if end.direction == "publishes" or end.msg_type is None:
             continue
-        known = [p for p in published.get(end.topic, ()) if p.msg_type is not None]
+        known = published.get(end.topic, {}).values()
         other = next((p for p in known if p.msg_type != end.msg_type), None)
         if other is not None and other.msg_type is not None:
             yield _types_differ(end, other, end.msg_type, other.msg_type)
@@ -142,39 +183,66 @@ def check_qos(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
     Source: ROS 2 documentation, "Quality of Service settings", QoS compatibilities.
     """
     ends = tuple(stack_ends(stack))
-    published = _by_topic(ends, "publishes")
-    for end in ends:
-        if end.direction == "subscribes":
-            for other in published.get(end.topic, ()):
-                yield from _check_offer(end, other)
+    for policy in _POLICIES:
+        weak: dict[str, list[TopicEnd]] = defaultdict(list)
+        for end in ends:
+            if end.direction == "publishes" and policy.of(end, policy.offered) == policy.weak:
+                weak[end.topic].append(end)
+        for end in ends:
+            wants = policy.of(end, policy.wanted)
+            if end.direction == "subscribes" and end.topic in weak and wants == policy.strong:
+                yield _qos_differs(end, weak[end.topic], policy)
 
 
-def _check_offer(end: TopicEnd, other: TopicEnd) -> Iterator[Diagnostic]:
-    pairs = (
-        (end.qos.reliability, "reliable", other.qos.reliability, "reliable", "best_effort"),
-        (end.qos.durability, "volatile", other.qos.durability, "transient_local", "volatile"),
-    )
-    for wanted, default_wanted, offered, strong, weak in pairs:
-        default_offered = "volatile" if weak == "volatile" else "reliable"
-        wants = wanted.value if wanted else default_wanted
-        offers = offered.value if offered else default_offered
-        if wants == strong and offers == weak:
-            yield _qos_differs(end, other, wanted, offered, (wants, offers))
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Policy:
+    """One setting: the words for much and for little, and what an end says that says nothing."""
+
+    written: Callable[[Qos], Spanned[str] | None]
+    strong: str
+    weak: str
+    wanted: str
+    offered: str
+
+    def of(self, end: TopicEnd, default: str) -> str:
+        said = self.written(end.qos)
+        return said.value if said else default
 
 
-def _qos_differs(
-    end: TopicEnd,
-    other: TopicEnd,
-    wanted: Spanned[str] | None,
-    offered: Spanned[str] | None,
-    words: tuple[str, str],
-) -> Diagnostic:
-    wants, offers = words
+_POLICIES = (
+    _Policy(
+        written=lambda qos: qos.reliability,
+        strong="reliable",
+        weak="best_effort",
+        wanted="reliable",
+        offered="reliable",
+    ),
+    _Policy(
+        written=lambda qos: qos.durability,
+        strong="transient_local",
+        weak="volatile",
+        wanted="volatile",
+        offered="volatile",
+    ),
+)
+
+
+def _qos_differs(end: TopicEnd, others: list[TopicEnd], policy: _Policy) -> Diagnostic:
+    wanted, first = policy.written(end.qos), others[0]
+    rest = len(others) - 1
+    who = f"`{first.owner}` and {rest} more offer" if rest else f"`{first.owner}` offers"
     return found(
         "OBK206",
-        f"`{end.owner}` asks for `{wants}` on `{end.topic}`, `{other.owner}` offers only "
-        f"`{offers}`, so nothing would arrive",
+        f"`{end.owner}` asks for `{policy.strong}` on `{end.topic}`, {who} only "
+        f"`{policy.weak}`, so nothing would arrive{' from them' if rest else ''}",
         wanted.span if wanted else end.span,
-        help=f"let the publisher offer `{wants}`, or the subscriber ask for `{offers}`",
-        related=(Related(message="the publisher", span=offered.span if offered else other.span),),
+        help=f"let the publisher offer `{policy.strong}`, or the subscriber ask for "
+        f"`{policy.weak}`",
+        related=(
+            Related(
+                message="the publisher" if other is first else "another one",
+                span=offered.span if (offered := policy.written(other.qos)) else other.span,
+            )
+            for other in others[:_MOST_SHOWN]
+        ),
     )

@@ -45,7 +45,7 @@ def make_options(overrides: list[str] | None, ignore: list[str] | None) -> Optio
         if not any(rule.startswith(code) for rule in RULES) or not code:
             raise MisuseError(f"`--ignore {code}` names no rule", help="see `obk explain`")
     return Options(
-        environment=os.environ,
+        environment=dict(os.environ),
         working_folder=Path.cwd(),
         overrides=tuple(overrides or ()),
         ignore=tuple(codes),

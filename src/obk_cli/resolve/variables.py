@@ -13,6 +13,8 @@ from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar
 __all__ = ["resolve_variables"]
 
 _REFERENCE = re.compile(r"\$\$\{|\$\{([A-Za-z_][A-Za-z0-9_]*)(?::-([^}]*))?\}|\$\{")
+_MOST_SUGGESTIONS = 50
+"""Findings with a near name; whoever has more is told the names only."""
 
 
 def resolve_variables(
@@ -44,16 +46,21 @@ def _replaced(tree: Tree, environment: Mapping[str, str], faults: list[Diagnosti
 def _replaced_text(
     text: str, span: Span, environment: Mapping[str, str], faults: list[Diagnostic]
 ) -> TreeScalar:
+    told: set[str] = set()
+
     def value_of(reference: re.Match[str]) -> str:
         name, default = reference.groups()
         if reference[0] == "$${":
             return "${"
-        if name in environment:
+        if name is not None and name in environment:
             return environment[name]
-        if default is None:
-            faults.append(_undefined(reference[0], name, span, environment))
-            return reference[0]
-        return str(default)
+        if default is not None:
+            return str(default)
+        if reference[0] not in told:
+            told.add(reference[0])
+            known = environment if len(faults) < _MOST_SUGGESTIONS else {}
+            faults.append(_undefined(reference[0], name, span, known))
+        return reference[0]
 
     new = _REFERENCE.sub(value_of, text)
     is_plain = span.text[:1] not in ("'", '"', "|", ">")

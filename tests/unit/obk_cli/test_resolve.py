@@ -1,3 +1,4 @@
+import os
 from collections.abc import Mapping
 
 import pytest
@@ -163,3 +164,14 @@ def test_what_was_set_has_the_command_line_for_its_place() -> None:
     parsed = parse_source(SourceFile.of("<command line>", "5"))
     result, _ = resolve_overrides(text, ["a=5"], lambda _: (parsed.tree, ()))
     assert result.entries[0].value.span.path == "<command line>"
+
+
+@pytest.mark.parametrize("value", ["a ${ b", "'${1X}'", "'${'", "'x ${A'"])
+def test_a_reference_that_is_none_is_a_finding_in_the_process_environment(value: str) -> None:
+    _, faults = resolve_variables(tree(f"config: {value}"), os.environ)
+    assert [fault.message for fault in faults] == ["`${` does not begin a `${NAME}`"]
+
+
+def test_an_undefined_variable_is_told_once_for_a_value() -> None:
+    _, faults = resolve_variables(tree("a: ${X} ${X} ${Y}\nb: ${X}"), {})
+    assert [(fault.span.line, fault.span.column) for fault in faults] == [(1, 4), (1, 14), (2, 4)]
