@@ -1,6 +1,7 @@
 """The JSON schema and the checker accept the same shapes."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -54,12 +55,33 @@ def test_has_the_keys_of_the_language(schema: dict[str, Any]) -> None:
         assert set(schema["$defs"][name]["properties"]) == set(table), name
 
 
+def mappings(value: Any) -> Iterator[dict[str, Any]]:
+    """Every mapping of the schema, at any depth."""
+    if isinstance(value, dict):
+        yield value
+    for inner in value.values() if isinstance(value, dict) else value:
+        if isinstance(inner, dict | list):
+            yield from mappings(inner)
+
+
 def test_every_key_has_a_title_and_a_description(schema: dict[str, Any]) -> None:
-    places = [schema, *schema["$defs"].values()]
+    places = [schema, *schema["$defs"].values(), schema["$defs"]["sim"]["properties"]["viz_geoms"]]
     for place in places:
         for key, value in place.get("properties", {}).items():
             assert value.get("title"), key
             assert value.get("description"), key
+
+
+def test_every_name_of_the_users_own_has_a_title_and_a_description(schema: dict[str, Any]) -> None:
+    of_any_name = [
+        value
+        for mapping in mappings(schema)
+        if isinstance(value := mapping.get("additionalProperties"), dict)
+    ]
+    assert len(of_any_name) > 10
+    for value in of_any_name:
+        assert value.get("title"), value
+        assert value.get("description"), value
 
 
 @pytest.mark.parametrize("path", sorted(CASES.glob("accept/*/*.yaml")), ids=lambda p: p.stem)

@@ -1,0 +1,148 @@
+"""The JSON schema accepts a config exactly where the checker finds no fault of its shape."""
+
+import json
+from collections.abc import Iterator
+from copy import deepcopy
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from obelisk_spec.yaml_core import load_yaml_core
+from obk_cli.adapters.packages import PackageIndex
+from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.pipeline import Options, compile_source
+from obk_cli.source import SourceFile
+
+ROOT = Path(__file__).parents[2]
+CORPUS = ROOT.parent / "shared/corpus"
+FILES = (
+    ROOT / "examples/dummy/dummy.yaml",
+    ROOT / "examples/dummy/dummy_new.yaml",
+    *sorted((CORPUS / "seed").glob("*.yaml")),
+    *sorted((CORPUS / "field/config").glob("*.yaml")),
+)
+# Neither ray casters nor what is only a config together with other files.
+CONFIGS = [
+    config
+    for path in FILES
+    if isinstance(config := load_yaml_core(path.read_text(encoding="utf-8")), dict)
+    and "config" in config
+    and "include" not in config
+]
+# Key twice, two spellings mixed, types of messages: across places, which a schema cannot compare.
+SHAPE_CODES = frozenset(f"OBK{n}" for n in (*range(101, 107), 109, 110, 111, 113, 114))
+KEYS = st.sampled_from(
+    "name namespace qos env respawn on_crash log_level remappings device params callback_groups "
+    "key msg_type topic foo sim is_simulated deadzone device_id time_step n_u viz_geoms obk dt "
+    "publishers timer_period_sec history_depth callback_key impl sensor_type sensor_names".split()
+)
+WORDS = st.sampled_from(
+    ["x", "", "a b", "None", "/a/b", "1", "a/b/c", "~/x", "/", "a/", "é", "on", "pkg/msg/Foo"]
+)
+NUMBERS = st.sampled_from(
+    [1, 0, -1, 1.5, 0.0, -0.5, 2.0, 2**63 - 1, 2**63, -(2**63) - 1, 10**30, 1e30, inf, -inf]
+)
+LEAVES = st.none() | st.booleans() | NUMBERS | WORDS
+VALUES = (
+    LEAVES
+    | st.lists(LEAVES | st.lists(LEAVES, max_size=1), max_size=3)
+    | st.dictionaries(KEYS, LEAVES, max_size=2)
+)
+VARIABLE = st.just("${OF_THE_USER}")
+
+
+def _is_whole(checker: jsonschema.TypeChecker, value: object) -> bool:
+    """YAML tells `0.0` from `0`, and so does the checker; JSON does not."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+SCHEMA = json.loads((ROOT / "schema/obelisk.schema.json").read_text(encoding="utf-8"))
+DRAFT = jsonschema.Draft202012Validator
+VALIDATOR = jsonschema.validators.extend(  # type: ignore[no-untyped-call]
+    DRAFT, type_checker=DRAFT.TYPE_CHECKER.redefine("integer", _is_whole)
+)(SCHEMA)
+
+
+def shape_faults(config: dict[str, Any], environment: dict[str, str]) -> list[str]:
+    """What the checker has to say about the shape alone."""
+    text = yaml.safe_dump(config, sort_keys=False, allow_unicode=True)
+    assert load_yaml_core(text) == config
+    surroundings = MachineSurroundings(ROOT, ROOT, environment)
+    surroundings.packages = PackageIndex(workspaces=(), prefixes=())
+    options = Options(environment=environment, working_folder=ROOT, surroundings=surroundings)
+    diagnostics = compile_source(SourceFile.of("<text>", text), options).diagnostics
+    return [f"{fault.code} {fault.message}" for fault in diagnostics if fault.code in SHAPE_CODES]
+
+
+def holders(value: Any) -> Iterator[Any]:
+    """Every mapping and list that holds something."""
+    if isinstance(value, dict | list) and value:
+        yield value
+        for inner in value.values() if isinstance(value, dict) else value:
+            yield from holders(inner)
+
+
+def places_of_numbers(value: Any) -> Iterator[tuple[Any, Any]]:
+    """Every number that the config holds: its mapping or list, and its key there."""
+    for holder in holders(value):
+        for key, inner in holder.items() if isinstance(holder, dict) else enumerate(holder):
+            if isinstance(inner, int | float) and not isinstance(inner, bool):
+                yield holder, key
+
+
+@st.composite
+def edited(
+    draw: st.DrawFn, values: st.SearchStrategy[Any], numbers: st.SearchStrategy[Any]
+) -> dict[str, Any]:
+    """A config after one edit; every second one is of a number, whose bounds are the finest."""
+    config: dict[str, Any] = deepcopy(draw(st.sampled_from(CONFIGS)))
+    if draw(st.booleans()):
+        holder, place = draw(st.sampled_from(list(places_of_numbers(config))))
+        holder[place] = draw(numbers)
+        return config
+    holder = draw(st.sampled_from(list(holders(config))))
+    place = draw(st.sampled_from(list(holder if isinstance(holder, dict) else range(len(holder)))))
+    match draw(st.sampled_from(["replace", "replace", "drop", "misspell", "add"])):
+        case "drop":
+            del holder[place]
+        case "misspell" if isinstance(holder, dict):
+            holder[f"{place}_"] = holder.pop(place)
+        case "add" if isinstance(holder, dict):
+            holder[draw(KEYS)] = draw(values)
+        case _:
+            holder[place] = draw(values)
+    return config
+
+
+@pytest.mark.parametrize("config", CONFIGS)
+def test_the_schema_accepts_a_config_that_the_checker_accepts(config: dict[str, Any]) -> None:
+    faults = shape_faults(config, {})
+    refusals = [error.message for error in VALIDATOR.iter_errors(config)]
+    assert bool(faults) == bool(refusals), (faults, refusals)
+
+
+@settings(max_examples=200, deadline=None)
+@given(edited(VALUES, NUMBERS))
+def test_the_schema_accepts_an_edited_config_exactly_where_the_checker_does(
+    config: dict[str, Any],
+) -> None:
+    faults = shape_faults(config, {})
+    refusals = [error.message for error in VALIDATOR.iter_errors(config)]
+    assert bool(faults) == bool(refusals), (faults, refusals)
+
+
+@settings(max_examples=50, deadline=None)
+@given(edited(VARIABLE, VARIABLE), st.sampled_from(["1", "x", "true", "a/b", "reliable"]))
+def test_the_schema_refuses_no_variable_that_the_checker_accepts(
+    config: dict[str, Any], value: str
+) -> None:
+    """What a variable holds is known at the launch, so the schema cannot be the stricter one."""
+    refusals = [error.message for error in VALIDATOR.iter_errors(config)]
+    if not shape_faults(config, {"OF_THE_USER": value}):
+        assert not refusals
