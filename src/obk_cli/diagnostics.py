@@ -7,9 +7,10 @@ from obk_cli.codes import Severity, rule_of
 from obk_cli.edits import Edit
 from obk_cli.source import Span
 
-__all__ = ["Diagnostic", "Related", "Severity", "found", "in_order", "worst"]
+__all__ = ["Diagnostic", "Related", "Severity", "counted", "found", "in_order", "worst"]
 
 _WORST_FIRST: tuple[Severity, ...] = ("error", "warning", "info")
+_MOST_OF_ONE_RULE = 1_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,6 +66,26 @@ def in_order(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     return tuple(
         sorted(unique, key=lambda d: (d.span.path, d.span.line, d.span.column, d.code, d.message))
     )
+
+
+def counted(
+    diagnostics: Iterable[Diagnostic], *, most: int = _MOST_OF_ONE_RULE
+) -> tuple[Diagnostic, ...]:
+    """The first findings of every rule; the rest of each is one line that says how many."""
+    by_code: dict[str, list[Diagnostic]] = {}
+    kept: list[Diagnostic] = []
+    for diagnostic in diagnostics:
+        same = by_code.setdefault(diagnostic.code, [])
+        same.append(diagnostic)
+        if len(same) <= most:
+            kept.append(diagnostic)
+    for code, same in by_code.items():
+        rest = same[most:]
+        severity = worst(rest)
+        if severity:
+            message = f"and {len(rest):,} more of this rule, the first of them here"
+            kept.append(found(code, message, rest[0].span, severity=severity))
+    return tuple(kept)
 
 
 def worst(diagnostics: Iterable[Diagnostic]) -> Severity | None:

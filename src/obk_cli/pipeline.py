@@ -3,8 +3,9 @@
 The library entry for everything that needs a config: the command line, the launcher, editors.
 """
 
+from bisect import bisect_left, insort
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from obk_cli.adapters.files import STANDARD_INPUT, read_bytes
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.check import check_stack
 from obk_cli.config import Stack
-from obk_cli.diagnostics import Diagnostic, found, in_order, worst
+from obk_cli.diagnostics import Diagnostic, counted, found, in_order, worst
 from obk_cli.lower import lower_stack
 from obk_cli.parse import decode_source, parse_source
 from obk_cli.plan import Plan
@@ -105,26 +106,31 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
         is_whole = not any(fault.code in _LOSES_TEXT for fault in faults)
         faults += check_stack(stack, surroundings, is_whole=is_whole)
     ignore = (*options.ignore, *(stack.ignored_codes if stack else ()))
-    heard = in_order(silence(_causes(faults), ignore))
+    heard = in_order(silence(tuple(_causes(faults)), ignore))
     plan = lower_stack(stack) if stack is not None and worst(heard) != "error" else None
-    return Outcome(path=source.path, plan=plan, config=stack, diagnostics=heard)
+    return Outcome(path=source.path, plan=plan, config=stack, diagnostics=counted(heard))
 
 
 def _causes(faults: tuple[Diagnostic, ...]) -> Iterator[Diagnostic]:
     """The findings without those that only follow from another one about the same text."""
-    causes: dict[tuple[str, int], list[Diagnostic]] = defaultdict(list)
+    columns: dict[tuple[str, str, int], list[int]] = defaultdict(list)
     for fault in faults:
         if fault.code in _FOLLOWS:
-            causes[fault.span.path, fault.span.line].append(fault)
+            insort(columns[fault.code, fault.span.path, fault.span.line], fault.span.column)
     for fault in faults:
-        span = fault.span
         if not any(
-            fault.code.startswith(_FOLLOWS[cause.code])
-            and fault.code != cause.code
-            and span.column <= cause.span.column < span.first_line_end
-            for cause in causes.get((span.path, span.line), ())
+            fault.code.startswith(follows)
+            and fault.code != code
+            and _covers(fault.span, columns.get((code, fault.span.path, fault.span.line), ()))
+            for code, follows in _FOLLOWS.items()
         ):
             yield fault
+
+
+def _covers(span: Span, columns: Sequence[int]) -> bool:
+    """Whether any of the columns, which ascend, is within the stretch on its first line."""
+    first = bisect_left(columns, span.column)
+    return first < len(columns) and columns[first] < span.first_line_end
 
 
 def _front(source: SourceFile, options: Options) -> tuple[Stack | None, tuple[Diagnostic, ...]]:

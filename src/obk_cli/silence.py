@@ -4,7 +4,7 @@ An error despite which no plan could be made is always heard.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from obk_cli.diagnostics import Diagnostic
 
@@ -14,13 +14,20 @@ _COMMENT = re.compile(r"#\s*obk:\s*ignore\[([^\]]*)\]")
 _MAY_BE_SILENCED = ("OBK101", "OBK107", "OBK108", "OBK115", "OBK2", "OBK3", "OBK4", "OBK5")
 
 
-def silence(diagnostics: Iterable[Diagnostic], codes: Iterable[str]) -> tuple[Diagnostic, ...]:
+def silence(diagnostics: Collection[Diagnostic], codes: Iterable[str]) -> tuple[Diagnostic, ...]:
     """The findings that remain; a code silences every code that begins with it (`OBK4`)."""
     prefixes = tuple(codes)
+    on_line: dict[tuple[str, int], tuple[str, ...]] = {}
+    for diagnostic in diagnostics:
+        place = (diagnostic.span.path, diagnostic.span.line)
+        if place not in on_line:  # a line may be long, and have many findings
+            on_line[place] = _on_line(diagnostic)
     return tuple(
         diagnostic
         for diagnostic in diagnostics
-        if not diagnostic.code.startswith((*prefixes, *_on_line(diagnostic)))
+        if not diagnostic.code.startswith(
+            (*prefixes, *on_line[diagnostic.span.path, diagnostic.span.line])
+        )
         or (diagnostic.severity == "error" and not diagnostic.code.startswith(_MAY_BE_SILENCED))
     )
 

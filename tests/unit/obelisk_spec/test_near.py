@@ -1,6 +1,6 @@
 import pytest
 
-from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
+from obelisk_spec.near import comparable, did_you_mean, list_names, near_names, sure_name
 
 
 def test_letter_case_does_not_count() -> None:
@@ -53,3 +53,10 @@ def test_a_slip_of_the_pen_is_sure(name: str, known: tuple[str, ...], meant: str
 )
 def test_what_may_be_another_thing_is_not_sure(name: str, known: tuple[str, ...]) -> None:
     assert sure_name(name, known) is None
+
+
+def test_too_many_or_too_long_names_are_not_compared() -> None:
+    many = [f"joint_{i:04}_x" for i in range(1_000)]
+    assert comparable("joint_000_x", many) == ()
+    assert comparable("knee_pitc_h", [*many, "knee_pitch"]) == ("knee_pitch",)
+    assert comparable("a" * 101, ["a" * 100]) == ()

@@ -1,0 +1,98 @@
+"""Configs with thousands of faults, and files far too long: told in bounded time and memory."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from obk_cli.diagnostics import counted, found
+from obk_cli.source import SourceFile, Span
+
+COMPILE = """
+import resource, sys
+from collections import Counter
+from pathlib import Path
+from obk_cli.pipeline import Options, compile_config
+resource.setrlimit(resource.RLIMIT_AS, (700_000_000, 700_000_000))
+outcome = compile_config(sys.argv[1], Options(environment={}, working_folder=Path.cwd()))
+for code, times in Counter(fault.code for fault in outcome.diagnostics).items():
+    print(code, times)
+"""
+A_HANG_SECONDS = 20
+IMU = "msg_type: sensor_msgs/msg/Imu"
+
+
+def nodes(count: int, keys: Callable[[int], str]) -> str:
+    lines = (f"  - {{pkg: demo, executable: run, name: n{i}, {keys(i)}}}\n" for i in range(count))
+    return f"config: many\ncontrol:\n{''.join(lines)}"
+
+
+def groups(defined: int) -> str:
+    known = ", ".join(f"group_{i}x: MutuallyExclusiveCallbackGroup" for i in range(defined))
+    used = ", ".join(f"{{key: p{i}, topic: /t, callback_group: gruop_{i}y}}" for i in range(1_000))
+    return nodes(1, lambda _: f"callback_groups: {{{known}}}, publishers: [{used}]")
+
+
+def dangling(count: int) -> str:
+    return nodes(
+        count,
+        lambda i: (
+            f"publishers: [{{key: p, topic: /robot/part_{i}/out, {IMU}}}], "
+            f"subscribers: [{{key: s, topic: /robot/part_{i}/in, {IMU}}}]"
+        ),
+    )
+
+
+def clash() -> str:
+    qos = "qos: {reliability: best_effort}"
+    return nodes(
+        1_000,
+        lambda _: (
+            f"publishers: [{{key: p, topic: /t, {IMU}, {qos}}}], "
+            "subscribers: [{key: s, topic: /t, msg_type: sensor_msgs/msg/JointState}]"
+        ),
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        pytest.param(groups(1_000), "OBK207 1000", id="groups-that-are-not-defined"),
+        pytest.param(groups(200), "OBK207 1000", id="groups-with-few-defined"),
+        pytest.param(dangling(3_000), "OBK203 1001", id="topics-nobody-publishes"),
+        pytest.param(dangling(200), "OBK203 200", id="topics-near-to-two-hundred"),
+        pytest.param(clash(), "OBK205 1000", id="types-that-differ"),
+        pytest.param(clash(), "OBK206 1000", id="qualities-that-differ"),
+        pytest.param(
+            f"config: {' '.join(f'${{X{i}}}' for i in range(5_000))}",
+            "OBK011 1001",
+            id="variables-that-are-not-set",
+        ),
+        pytest.param("- a\n" * 2_600_000, "OBK006 1", id="ten-mebibytes-of-items"),
+    ],
+)
+def test_many_faults_are_told_in_bounded_time_and_memory(
+    text: str, expected: str, tmp_path: Path
+) -> None:
+    (tmp_path / "many.yaml").write_text(text)
+    done = subprocess.run(
+        [sys.executable, "-c", COMPILE, "many.yaml"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=A_HANG_SECONDS,
+        check=False,
+    )
+    assert expected in done.stdout.splitlines(), done.stderr
+
+
+def test_the_rest_of_a_rule_is_counted_in_a_last_finding() -> None:
+    source = SourceFile.of("f.yaml", "a\n" * 5)
+    faults = [found("OBK204", f"fault {i}", Span.at(source, i, 1)) for i in range(1, 6)]
+    assert [str(fault) for fault in counted(faults, most=3)[2:]] == [
+        "f.yaml:3:1: info[OBK204]: fault 3",
+        "f.yaml:4:1: info[OBK204]: and 2 more of this rule, the first of them here",
+    ]
+    assert counted(faults, most=5) == tuple(faults)
