@@ -48,7 +48,9 @@ def migrated(text: str, to: str) -> str:
 
 
 def comments(text: str) -> list[str]:
-    return re.findall(r"#[^\r\n]*", text)
+    """The comments; a `#` within double quotes begins none."""
+    found = re.findall(r'"(?:\\.|[^"\\])*"|(#[^\r\n]*)', text, re.DOTALL)
+    return [comment for comment in found if comment]
 
 
 @pytest.mark.mujoco
