@@ -51,7 +51,7 @@ def suggest_name(name: str, *, kind: str) -> str:
     humps = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", last)
     words = re.findall(r"[a-z0-9]+", humps.lower())
     snake = "_".join(words).lstrip("0123456789_")
-    if snake == name or len(snake) < 2:
+    if snake == name or len(snake) < 2 or keyword.iskeyword(snake):
         snake = f"{snake}_{kind}" if snake else f"my_{kind}"
     return snake[:LONGEST_NAME].rstrip("_")
 
