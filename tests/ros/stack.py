@@ -1,5 +1,6 @@
 """What the tests of running stacks share: a driver of one node in this process, and obk's runs."""
 
+import gc
 import os
 import subprocess
 import sys
@@ -46,6 +47,9 @@ def spinning(make: Callable[[], GuardedLifecycleNode]) -> Iterator[GuardedLifecy
         thread.join()
         node.destroy_node()
         rclpy.try_shutdown()
+        # A life-cycle node is part of reference cycles, and in the ROS graph until they are gone.
+        del node
+        gc.collect()
 
 
 def request(node: GuardedLifecycleNode, label: str = "", number: int = 0) -> bool:

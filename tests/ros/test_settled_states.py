@@ -1,5 +1,6 @@
 """What runs agrees with the state, whatever an override forgot, and whichever executor spins."""
 
+import gc
 import signal
 import subprocess
 import sys
@@ -56,6 +57,9 @@ def spun(
         thread.join(10)
         node.destroy_node()
         rclpy.try_shutdown()
+        # A life-cycle node is part of reference cycles, and in the ROS graph until they are gone.
+        del node
+        gc.collect()
 
 
 def eventually(condition: Callable[[], object]) -> None:

@@ -72,7 +72,8 @@ def test_all_nodes_go_round_the_life_cycle_from_another_terminal() -> None:
         assert "'configure' starts from unconfigured, and the node is active" in refused.stderr
         unknown = obk("lifecycle", "get", "contrl_0")
         assert unknown.returncode == 1
-        assert "help: did you mean `/obelisk_control_0`?" in unknown.stderr
+        assert "did you mean" in unknown.stderr
+        assert "`/obelisk_control_0`" in unknown.stderr
         assert states("shutdown") == dict.fromkeys(NODES, "finalized")
     assert run.process.returncode == 0, run.text
     assert not run.left_over()
@@ -198,15 +199,6 @@ def test_a_second_launch_in_the_domain_is_refused_and_the_first_runs_on(tmp_path
         assert f"a stack runs in the ROS domain {domain}" in elsewhere.stderr
     assert run.process.returncode == 0, run.text
     assert obk("launch", DUMMY, "--duration", "0", "--quiet").returncode == 0
-
-
-def test_a_stack_that_no_run_file_tells_of_is_found_in_the_graph(tmp_path: Path) -> None:
-    with launched(DUMMY, "--quiet"):
-        second = obk("launch", DUMMY, "--quiet", env={"OBK_HOME": str(tmp_path / "other")})
-        assert second.returncode == 1
-        assert "there is already /obelisk_" in second.stderr
-        assert "process " not in second.stdout
-        assert states("get") == dict.fromkeys(NODES, "active")
 
 
 def test_output_that_nobody_reads_holds_up_neither_the_stack_nor_its_end(tmp_path: Path) -> None:
