@@ -7,18 +7,9 @@ Holds no YAML and no ROS types.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-__all__ = ["TIERS", "Endpoint", "Origin", "ParameterValue", "Plan", "Process", "SensorGroup"]
+from obk_cli.config import ParameterValue
 
-ParameterValue = (
-    bool
-    | int
-    | float
-    | str
-    | tuple[bool, ...]
-    | tuple[int, ...]
-    | tuple[float, ...]
-    | tuple[str, ...]
-)
+__all__ = ["TIERS", "Endpoint", "Origin", "ParameterValue", "Plan", "Process", "SensorGroup"]
 
 TIERS = ("robot", "sensing", "estimation", "control", "viz", "joystick")
 """Sections in bring-up order: data flows downstream, so nobody activates into a void."""
