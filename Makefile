@@ -99,7 +99,7 @@ wheel: setup
 # that the newer ones need nothing else.
 lock: setup
 	$(BIN)/uv pip compile pyproject.toml --quiet --upgrade --python-version 3.11 \
-		--extra sim --extra ros-wheels --extra dev --no-annotate --no-header \
+		--extra sim --extra ros-wheels --extra plot --extra dev --no-annotate --no-header \
 		--no-emit-index-url --no-emit-find-links --output-file requirements.lock
 	for version in $(PYTHONS); do \
 		$(BIN)/uv pip compile requirements.lock --quiet --python-version $$version --no-annotate \

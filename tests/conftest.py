@@ -52,7 +52,9 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.fixture
-def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+def ros_domain(
+    monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[int]:
     """A domain id that no other test uses; processes started by the test see only one another.
 
     Fails the test if a process that it started, or one that those started, is still there.
@@ -63,6 +65,8 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
         monkeypatch.setenv(_MARK, mark)
+        # The runs of a test are not the user's.
+        monkeypatch.setenv("OBK_HOME", str(tmp_path_factory.mktemp("obk")))
         for name in _FOREIGN_ROS_VARIABLES:
             monkeypatch.delenv(name, raising=False)
         yield domain

@@ -109,8 +109,45 @@ def test_stages_import_the_spine_and_never_each_other() -> None:
         assert areas_imported(path) <= SPINE_MODULES, path
     for path in in_area("migrate"):
         assert areas_imported(path) <= SPINE_MODULES | {"cures", "parse", "read"}, path
+    beside_the_pipeline = {"adapters", "cures", "migrate", "parse", "pipeline", "wiring"}
+    for path in in_area("joining"):
+        assert areas_imported(path) <= SPINE_MODULES | beside_the_pipeline, path
     for path in in_area("report"):
+        voiced = {"launch", "rehearsal", "doctor", "recording"}
+        assert areas_imported(path) <= SPINE_MODULES | voiced, path
+
+
+def test_who_asks_running_stacks_knows_the_launchers_words_and_the_adapters() -> None:
+    for path in in_area("asking"):
+        assert areas_imported(path) <= SPINE_MODULES | {"launch", "adapters"}, path
+
+
+def test_a_rehearsal_knows_the_launchers_words_and_the_adapters() -> None:
+    for path in in_area("rehearsal"):
+        assert areas_imported(path) <= SPINE_MODULES | {"launch", "adapters"}, path
+    for path in in_area("rehearsal"):
+        if path.stem in ("promise", "cases", "scene", "judge"):
+            assert "adapters" not in areas_imported(path), path
+
+
+def test_what_is_recorded_is_decided_without_ros_and_without_the_file_format() -> None:
+    for path in in_area("recording"):
         assert areas_imported(path) <= SPINE_MODULES | {"launch"}, path
+    for path in of("obk_cli"):
+        if area(dotted(path)) != "adapters":
+            assert not tops(path) & {"mcap", "mcap_ros2", "matplotlib"}, path
+
+
+def test_the_build_of_messages_knows_the_adapters_only() -> None:
+    for path in in_area("building"):
+        assert areas_imported(path) <= SPINE_MODULES | {"adapters"}, path
+
+
+def test_the_doctor_judges_facts_that_others_look_up() -> None:
+    looking = {"checks", "examination", "workspace_look"}
+    for path in in_area("doctor"):
+        others = {"adapters", "building"} if path.stem in looking else set()
+        assert areas_imported(path) <= SPINE_MODULES | others, path
 
 
 def test_nothing_imports_the_command_line() -> None:

@@ -175,4 +175,6 @@ def test_the_seeds_example_is_told_which_topic_was_meant() -> None:
     assert dangling.message == (
         "nothing publishes `/obelisk/dummy/sensor`, to which `/obelisk_estimation_0` subscribes"
     )
-    assert dangling.help == "did you mean `/obelisk/dummy/joint_encoders` (ObkJointEncoders)?"
+    assert dangling.help == (
+        "did you mean `/obelisk/dummy/joint_encoders` (ObkJointEncoders, here it is JointEncoders)?"
+    )

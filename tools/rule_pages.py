@@ -10,7 +10,12 @@ from collections.abc import Iterator, Mapping
 from difflib import SequenceMatcher
 from pathlib import Path
 
+from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.codes import RULES, Rule
+from obk_cli.pipeline import Options, compile_config
+from obk_cli.report.text import report_text
+from obk_cli.silence import may_be_silenced
+from obk_cli.source import LONGEST_FILE_BYTES
 
 __all__ = ["generated_files", "main"]
 
@@ -26,6 +31,7 @@ FAMILIES = {
     "OBK4": "Packages, executables, code",
     "OBK5": "Style",
 }
+DUMMY = ROOT / "examples" / "dummy" / "dummy.yaml"
 CONTEXT = 2
 """Lines that are shown around what differs."""
 
@@ -34,19 +40,65 @@ Example = Mapping[str, str]
 
 def generated_files() -> dict[Path, str]:
     """Path -> content of everything that is generated."""
-    examples = {code: example for code in RULES if (example := _example(code))}
-    pages = {PAGES / f"{code}.md": _page(rule, examples.get(code)) for code, rule in RULES.items()}
+    apart = _examples_without_case()
+    examples = {code: apart.get(code) or _example(code) for code in RULES}
+    pages = {PAGES / f"{code}.md": _page(rule, examples[code]) for code, rule in RULES.items()}
     text = json.dumps(examples, indent=1, ensure_ascii=False) + "\n"
     return {EXAMPLES: text, PAGES / "README.md": _index(), **pages}
 
 
-def _example(code: str) -> Example | None:
+def _examples_without_case() -> dict[str, Example]:
+    """Of faults that are not in the text of a config: commands in place of files."""
+    too_long = b"#" * (LONGEST_FILE_BYTES + 1)
+    is_there = "obk validate stack.yaml"
+    return {
+        "OBK001": {
+            "file": "a terminal",
+            "wrong": "obk validate stakc.yaml",
+            "right": is_there,
+            "report": _report("OBK001", "stakc.yaml", "there is no such file"),
+        },
+        "OBK007": {
+            "file": "a terminal",
+            "wrong": "obk validate recording.yaml  # 48 MiB of measurements",
+            "right": is_there,
+            "report": _report("OBK007", "recording.yaml", too_long),
+        },
+        "OBK300": {
+            "file": "a terminal",
+            "wrong": "pip install obelisk-cli\nobk validate dummy.yaml",
+            "right": "pip install 'obelisk-cli[sim]'\nobk validate dummy.yaml",
+            "report": _report("OBK300", "dummy.yaml", DUMMY.read_bytes()),
+        },
+    }
+
+
+class _WithoutMujoco(MachineSurroundings):
+    """This machine, were MuJoCo not installed."""
+
+    def read_model(self, path: Path) -> None:
+        """Nothing."""
+
+
+def _report(code: str, path: str, data: bytes | str) -> str:
+    """What is said under one code of a file that holds `data`, or why it cannot be read."""
+    folder = DUMMY.parent
+    options = Options(
+        environment={},
+        working_folder=folder,
+        surroundings=_WithoutMujoco(folder, folder, {}),
+        read=lambda _: data,
+    )
+    findings = compile_config(path, options).diagnostics
+    own = (found for found in findings if found.code == code)
+    return report_text(own, colour=False, verbose=True)
+
+
+def _example(code: str) -> Example:
     """The first case of a rule: what differs between the wrong file and the right one."""
-    wrong_paths = sorted((CASES / "reject" / code).glob("*.yaml"))
-    if not wrong_paths:
-        return None
-    wrong = wrong_paths[0]
-    right = CASES / "accept" / code / wrong.name
+    accepted = CASES / "accept" / code
+    wrong = min(p for p in (CASES / "reject" / code).glob("*.yaml") if (accepted / p.name).exists())
+    right = accepted / wrong.name
     report = wrong.with_suffix(".txt").read_text(encoding="utf-8").strip()
     if wrong.read_bytes() == right.read_bytes():
         parts = sorted((CASES / "reject" / code).glob("*.part"))
@@ -77,25 +129,26 @@ def _differing(lines: list[str], other: list[str]) -> Iterator[str]:
         yield from lines[start:end]
 
 
-def _page(rule: Rule, example: Example | None) -> str:
+def _page(rule: Rule, example: Example) -> str:
+    language = "yaml" if "." in example["file"] else "sh"
+    command = "obk validate --verbose" if rule.severity == "info" else "obk validate"
     parts = [
         f"# {rule.code}: {rule.title}",
         f"Severity: {rule.severity}.",
         f"**Why.** {rule.cause}",
         f"**Cure.** {rule.cure}",
+        "Wrong:",
+        f"```{language}\n{example['wrong']}\n```",
+        "Right:",
+        f"```{language}\n{example['right']}\n```",
+        f"What `{command}` says of the wrong one:",
+        f"```text\n{example['report']}\n```",
     ]
-    if example:
-        parts += [
-            "Wrong:",
-            f"```yaml\n{example['wrong']}\n```",
-            "Right:",
-            f"```yaml\n{example['right']}\n```",
-            "What `obk validate` says of the wrong one:",
-            f"```text\n{example['report']}\n```",
-        ]
     parts.append(
         f"To silence it on one line write `# obk: ignore[{rule.code}]` there, in one run "
         f"`--ignore {rule.code}`, in a config `obk: {{ignore: [{rule.code}]}}`."
+        if may_be_silenced(rule)
+        else "It cannot be silenced: no plan can be made despite it."
     )
     return "\n\n".join(parts) + "\n"
 

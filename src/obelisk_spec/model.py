@@ -39,6 +39,7 @@ class ModelFacts:
     """Name -> type."""
     geoms: Mapping[str, str] = field(default_factory=dict)
     """Name -> type, `box`, `sphere`."""
+    bodies: tuple[str, ...] = ()
     sites: tuple[str, ...] = ()
     cameras: tuple[str, ...] = ()
     keyframes: tuple[str, ...] = ()
@@ -55,6 +56,7 @@ def read_model_facts(spec: Any) -> ModelFacts:
         sensors={sensor.name: sensor for sensor in sensors},
         joints=joints,
         geoms={geom.name: _enum_word(geom.type) for geom in spec.geoms if geom.name},
+        bodies=_names(spec.bodies),
         sites=_names(spec.sites),
         cameras=_names(spec.cameras),
         keyframes=_names(spec.keys),

@@ -1,20 +1,39 @@
-"""Checks of a ray caster, inline as `scan_config` or from the file of `config_path`.
+"""Checks of a ray caster, inline as `scan_config` or from the file of `config_path`, and how many
+rays its pattern has.
 
 Pure; takes the mapping as plain values, gives findings with the path into the sim block.
 """
 
+import math
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any, Final
 
+from obelisk_spec.limits import LARGEST_COUNT
 from obelisk_spec.near import did_you_mean, list_names
 from obelisk_spec.sensors import RAY_PATTERNS, GroupRule
 from obelisk_spec.sim_faults import SimFault, SimPath
 
-__all__ = ["OFFSET_KEYS", "PATTERN_KEYS", "SCAN_KEYS", "ScanKey", "check_scan"]
+__all__ = [
+    "MOST_RAYS",
+    "OFFSET_KEYS",
+    "PATTERN_KEYS",
+    "SCAN_KEYS",
+    "ScanKey",
+    "check_scan",
+    "grid_count",
+    "turn_count",
+]
+
+MOST_RAYS: Final = 1_000_000
+"""Of one pattern; a picture of more pixels takes seconds to cast."""
 
 _GEOM_GROUPS = range(6)
+_LARGEST_FLOAT = sys.float_info.max
+_TURN_DEG = 360.0
+_HAIR = 1e-6
+"""Of a step: 1.6 / 0.1 may come out a hair below 16."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +46,11 @@ class ScanKey:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+    return (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and -_LARGEST_FLOAT <= value <= _LARGEST_FLOAT
+    )
 
 
 def _is_positive(value: Any) -> bool:
@@ -35,7 +58,7 @@ def _is_positive(value: Any) -> bool:
 
 
 def _is_count(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value >= 1
+    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= LARGEST_COUNT
 
 
 def _is_text(value: object) -> bool:
@@ -55,6 +78,25 @@ def _numbers(count: int) -> Callable[[Any], bool]:
     return is_right
 
 
+def _is_grid(value: Any) -> bool:
+    return _numbers(2)(value) and min(value) >= 0
+
+
+def _is_quaternion(value: Any) -> bool:
+    return _numbers(4)(value) and any(value)
+
+
+def _is_pinhole(value: Any) -> bool:
+    return (
+        _numbers(9)(value)
+        and value[0] > 0
+        and value[4] > 0
+        and value[3] == 0
+        and list(value[6:]) == [0, 0, 1]
+    )
+
+
+_COUNT: Final = f"a whole number from 1 to {LARGEST_COUNT}"
 _LENGTH: Final = "a length in metres greater than 0"
 _OFFSET: Final = ScanKey("a mapping", _is_mapping)
 SCAN_KEYS: Final[Mapping[str, ScanKey]] = {
@@ -63,16 +105,16 @@ SCAN_KEYS: Final[Mapping[str, ScanKey]] = {
     "geom_groups": ScanKey("a list of geom groups", lambda value: isinstance(value, list | tuple)),
     "frame": ScanKey("the name of a frame", _is_text),
     "max_distance": ScanKey(_LENGTH, _is_positive),
-    "viz_decimation": ScanKey("a whole number of at least 1", _is_count),
+    "viz_decimation": ScanKey(_COUNT, _is_count),
 }
 PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
     "height_scan": {
         "resolution": ScanKey(_LENGTH, _is_positive, required=True),
-        "size": ScanKey("two lengths in metres", _numbers(2), required=True),
+        "size": ScanKey("two lengths in metres", _is_grid, required=True),
         "ordering": ScanKey("`xy` or `yx`", lambda value: value in ("xy", "yx")),
     },
     "lidar_scan": {
-        "channels": ScanKey("a whole number of at least 1", _is_count, required=True),
+        "channels": ScanKey(_COUNT, _is_count, required=True),
         "vertical_fov_range": ScanKey("two angles in degrees", _numbers(2), required=True),
         "horizontal_fov_range": ScanKey("two angles in degrees", _numbers(2), required=True),
         "horizontal_res": ScanKey(
@@ -80,14 +122,18 @@ PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
         ),
     },
     "depth_camera": {
-        "width": ScanKey("a whole number of at least 1", _is_count, required=True),
-        "height": ScanKey("a whole number of at least 1", _is_count, required=True),
-        "intrinsic_matrix": ScanKey("nine numbers, row by row", _numbers(9), required=True),
+        "width": ScanKey(_COUNT, _is_count, required=True),
+        "height": ScanKey(_COUNT, _is_count, required=True),
+        "intrinsic_matrix": ScanKey(
+            "nine numbers, row by row: fx, skew, cx, 0, fy, cy, 0, 0, 1 with fx and fy above 0",
+            _is_pinhole,
+            required=True,
+        ),
     },
 }
 OFFSET_KEYS: Final[Mapping[str, ScanKey]] = {
     "pos": ScanKey("three lengths in metres", _numbers(3)),
-    "rot": ScanKey("a quaternion of four numbers, w first", _numbers(4)),
+    "rot": ScanKey("a quaternion of four numbers, w first, not all 0", _is_quaternion),
 }
 
 
@@ -130,10 +176,44 @@ def _check_pattern(
             help=f"it takes {list_names(rule.patterns)}",
         )
     keys = {"type": ScanKey("text", _is_text), "offset": _OFFSET, **PATTERN_KEYS[kind]}
-    yield from _check_keys(pattern, f"a `{kind}`", keys, path)
+    wrong = list(_check_keys(pattern, f"a `{kind}`", keys, path))
+    yield from wrong
+    if not wrong:
+        yield from _check_ray_count(pattern, path)
     offset = pattern.get("offset")
     if isinstance(offset, Mapping):
         yield from _check_keys(offset, "an `offset`", OFFSET_KEYS, (*path, "offset"))
+
+
+def grid_count(length_m: float, resolution_m: float) -> int:
+    """How many rays stand along a side of a height scan: one at each end where it divides."""
+    return math.floor(length_m / resolution_m + _HAIR) + 1
+
+
+def turn_count(span_deg: float, step_deg: float) -> int:
+    """How many rays a range of angles has: both ends, but a full turn's end is its beginning."""
+    steps = math.floor(abs(span_deg) / step_deg + _HAIR)
+    is_whole = abs(abs(span_deg) - _TURN_DEG) < _HAIR and abs(steps * step_deg - _TURN_DEG) < _HAIR
+    return steps if is_whole else steps + 1
+
+
+def _check_ray_count(pattern: Mapping[str, Any], path: SimPath) -> Iterator[SimFault]:
+    match pattern["type"]:
+        case "height_scan":
+            sides = [length / pattern["resolution"] + 1 for length in pattern["size"]]
+        case "lidar_scan":
+            first, last = pattern["horizontal_fov_range"]
+            sides = [pattern["channels"], abs(last - first) / pattern["horizontal_res"] + 1]
+        case _:
+            sides = [pattern["width"], pattern["height"]]
+    count = float(sides[0]) * float(sides[1])
+    if count > MOST_RAYS:
+        yield SimFault(
+            code="OBK103",
+            severity="error",
+            path=path,
+            message=f"`pattern` has {count:.3g} rays, expected at most {MOST_RAYS}",
+        )
 
 
 def _no_pattern(kind: object, path: SimPath) -> SimFault:
@@ -190,4 +270,5 @@ def _shown(value: object) -> str:
             return f"a list of {len(value)}"
         case str():
             return f"the text `{value}`"
-    return str(value)
+    text = str(value)
+    return text if len(text) <= 60 else text[:57] + "..."

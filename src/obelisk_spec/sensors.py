@@ -42,7 +42,7 @@ class GroupRule:
     published: str
     """Full message type."""
     takes: Mapping[str, SensorUse]
-    """MuJoCo sensor type -> how it is used; empty where the group does not read sensors."""
+    """MuJoCo sensor type, or `camera` -> how it is used; empty for groups that read none."""
     objects: ObjectRule | None = None
     patterns: tuple[str, ...] = ()
     """Ray caster patterns that it can carry; empty for groups that cast no rays."""
@@ -107,7 +107,9 @@ SENSOR_GROUPS: Mapping[str, GroupRule] = MappingProxyType(
         "DepthImage": GroupRule(
             published="sensor_msgs/msg/Image", takes={}, patterns=("depth_camera", "lidar_scan")
         ),
-        "ObkImage": GroupRule(published="obelisk_sensor_msgs/msg/ObkImage", takes={}),
+        "ObkImage": GroupRule(
+            published="obelisk_sensor_msgs/msg/ObkImage", takes={"camera": _ONE_REQUIRED}
+        ),
         "GridCells": GroupRule(published="nav_msgs/msg/GridCells", takes={}),
     }
 )

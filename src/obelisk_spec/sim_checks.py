@@ -32,7 +32,7 @@ def check_sim(
     faults: list[SimFault] = []
     for index, group in enumerate(block.get("sensor_settings") or ()):
         path = ("sensor_settings", index)
-        faults += check_group_rule(group, path)
+        faults += check_group_rule(group, path, facts)
         if facts is not None:
             faults += check_group_against_model(group, path, facts)
             faults += _check_period(group, path, _time_step(block, facts))

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from obelisk_spec.disturbances import check_disturbances
 from obelisk_spec.model import ModelFacts, SensorFact
 from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
 from obelisk_spec.scans import check_scan
@@ -15,12 +16,19 @@ from obelisk_spec.sim_faults import SimFault, SimPath
 
 __all__ = ["check_group_against_model", "check_group_rule"]
 
+_CAMERA = "camera"
+"""What stands for a sensor type where a camera of the model is named."""
 _ONE_PLACE = 2
 """From this many sensors on they can disagree about where they sit."""
 
 
-def check_group_rule(group: Mapping[str, Any], path: SimPath) -> Iterator[SimFault]:
-    """Findings that need no model: the message, the sensor types, the ray pattern."""
+def check_group_rule(
+    group: Mapping[str, Any], path: SimPath, facts: ModelFacts | None
+) -> Iterator[SimFault]:
+    """Findings that need no model: the message, the sensor types, the ray pattern.
+
+    The model only helps to say which type was meant.
+    """
     written = str(group["msg_type"])
     rule = sensor_group(written)
     if rule is None:
@@ -34,31 +42,48 @@ def check_group_rule(group: Mapping[str, Any], path: SimPath) -> Iterator[SimFau
         )
         return
     if rule.reads_sensors:
-        yield from _check_types(group.get("sensor_names") or {}, written, rule, path)
+        names = group.get("sensor_names") or {}
+        refused = [name for name, sensor_type in names.items() if sensor_type not in rule.takes]
+        for name in refused:
+            yield _not_carried(name, names[name], written, rule, path, facts)
+        yield from _check_counts(names, written, rule, path, has_lost=bool(refused))
     yield from _check_scan_given(group, written, rule, path)
+    yield from check_disturbances(group, path)
 
 
-def _check_types(
-    names: Mapping[str, str], written: str, rule: GroupRule, path: SimPath
-) -> Iterator[SimFault]:
-    for name, sensor_type in names.items():
-        if sensor_type not in rule.takes:
-            yield SimFault(
-                code="OBK305",
-                severity="error",
-                path=(*path, "sensor_names", name),
-                message=f"`{written}` cannot carry the `{sensor_type}` sensor `{name}`",
-                help=f"it takes {list_names(rule.takes)}",
-                meant=sure_name(sensor_type, rule.takes),
-            )
-    yield from _check_counts(names, written, rule, path)
+def _not_carried(
+    name: str,
+    sensor_type: str,
+    written: str,
+    rule: GroupRule,
+    path: SimPath,
+    facts: ModelFacts | None,
+) -> SimFault:
+    sensor = facts.sensors.get(name) if facts is not None else None
+    if _CAMERA in rule.takes and facts is not None and name in facts.cameras:
+        help = f"write `{name}: {_CAMERA}`"
+    elif sensor is not None and sensor.type in rule.takes:
+        help = f"in the model it is a `{sensor.type}`: write `{name}: {sensor.type}`"
+    elif near_names(sensor_type, rule.takes):
+        help = did_you_mean(sensor_type, rule.takes) or ""
+    else:
+        help = f"it takes {list_names(rule.takes)}"
+    return SimFault(
+        code="OBK305",
+        severity="error",
+        path=(*path, "sensor_names", name),
+        message=f"`{written}` cannot carry the `{sensor_type}` sensor `{name}`",
+        help=help,
+        meant=sure_name(sensor_type, rule.takes),
+    )
 
 
 def _check_counts(
-    names: Mapping[str, str], written: str, rule: GroupRule, path: SimPath
+    names: Mapping[str, str], written: str, rule: GroupRule, path: SimPath, *, has_lost: bool
 ) -> Iterator[SimFault]:
+    """How many there are of each type; `has_lost`: one that is missing may be written wrong."""
     counts = Counter(names.values())
-    if not any(sensor_type in counts for sensor_type in rule.takes):
+    if not has_lost and not any(sensor_type in counts for sensor_type in rule.takes):
         yield SimFault(
             code="OBK306",
             severity="error",
@@ -80,7 +105,7 @@ def _check_counts(
                 f"{counts[sensor_type]} are given",
                 help="put the others into a sensor group of their own",
             )
-        if counts[sensor_type] or use.presence == "optional":
+        if counts[sensor_type] or has_lost or use.presence == "optional":
             continue
         yield SimFault(
             code="OBK306" if use.presence == "required" else "OBK307",
@@ -126,16 +151,21 @@ def check_group_against_model(
         ]
         yield from _check_one_place(found, rule, path, str(group["msg_type"]))
         if rule.patterns:
-            yield from _check_site(group.get("scan_config") or {}, path, facts)
+            scan, scan_path = group.get("scan_config") or {}, (*path, "scan_config")
+            yield from _check_site(scan, scan_path, facts)
+            yield from _check_frame(scan, scan_path, facts)
 
 
 def _check_sensor(
     name: str, written: str, path: SimPath, facts: ModelFacts, rule: GroupRule | None
 ) -> Iterator[SimFault]:
+    if written == _CAMERA:
+        yield from _check_camera(name, path, facts)
+        return
     sensor = facts.sensors.get(name)
     if sensor is None:
-        if name in facts.cameras and written == "camera":
-            return
+        if rule is not None and _CAMERA in rule.takes and name in facts.cameras:
+            return  # told as a type that the message does not carry
         yield SimFault(
             code="OBK303",
             severity="error",
@@ -146,6 +176,8 @@ def _check_sensor(
             meant=sure_name(name, (s.name for s in facts.sensors.values() if s.type == written)),
         )
     elif sensor.type != written:
+        if rule is not None and rule.reads_sensors and written not in rule.takes:
+            return  # told as a type that the message does not carry
         yield SimFault(
             code="OBK304",
             severity="error",
@@ -164,6 +196,19 @@ def _check_sensor(
             message=f"sensor `{name}` is on the {sensor.joint_type} joint `{sensor.object_name}`, "
             "expected a hinge or slide joint",
             element=("joint", sensor.object_name),
+        )
+
+
+def _check_camera(name: str, path: SimPath, facts: ModelFacts) -> Iterator[SimFault]:
+    if name not in facts.cameras:
+        yield SimFault(
+            code="OBK303",
+            severity="error",
+            path=path,
+            points_at="key",
+            message=f"camera `{name}` is not in the model",
+            help=did_you_mean(name, facts.cameras),
+            meant=sure_name(name, facts.cameras),
         )
 
 
@@ -203,8 +248,23 @@ def _check_site(scan: Mapping[str, Any], path: SimPath, facts: ModelFacts) -> It
         yield SimFault(
             code="OBK313",
             severity="error",
-            path=(*path, "scan_config", "site_name"),
+            path=(*path, "site_name"),
             message=f"site `{site}` is not in the model",
             help=did_you_mean(site, facts.sites),
             meant=sure_name(site, facts.sites),
+        )
+
+
+def _check_frame(scan: Mapping[str, Any], path: SimPath, facts: ModelFacts) -> Iterator[SimFault]:
+    frame = scan.get("frame")
+    frames = ("world", *facts.sites, *facts.bodies, *facts.geoms, *facts.cameras)
+    if isinstance(frame, str) and frame not in frames:
+        yield SimFault(
+            code="OBK313",
+            severity="error",
+            path=(*path, "frame"),
+            message=f"frame `{frame}` is neither `world` nor a site, body, geom or camera of the "
+            "model",
+            help=did_you_mean(frame, frames),
+            meant=sure_name(frame, frames),
         )

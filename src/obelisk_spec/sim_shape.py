@@ -4,8 +4,9 @@ The tool knows this from its typed config; a simulator that is started by hand d
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
+from obelisk_spec.limits import LARGEST_COUNT, LONGEST_PERIOD_S
 from obelisk_spec.sim_faults import SimFault, SimPath
 
 __all__ = ["check_sim_shape"]
@@ -16,11 +17,27 @@ def _is_text(value: object) -> bool:
 
 
 def _is_period(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and value > 0
+    return (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and 0 < value <= LONGEST_PERIOD_S
+    )
 
 
 def _is_count(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value >= 1
+    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= LARGEST_COUNT
+
+
+def _is_probability(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= 1
+
+
+def _is_delay(value: object) -> bool:
+    return value == 0 or _is_period(value)
+
+
+def _is_seed(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= LARGEST_COUNT
 
 
 def _is_mapping(value: object) -> bool:
@@ -35,22 +52,30 @@ def _is_list_of_mappings(value: object) -> bool:
     )
 
 
+_PERIOD: Final = f"a number of seconds greater than 0 and at most {LONGEST_PERIOD_S:g}"
+_DELAY: Final = f"a number of seconds from 0 to {LONGEST_PERIOD_S:g}"
+_COUNT: Final = f"a whole number from 1 to {LARGEST_COUNT}"
 _Rule = tuple[str, bool, Callable[[object], bool], str]
 
 _BLOCK: tuple[_Rule, ...] = (
     ("model_xml_path", True, _is_text, "a path"),
-    ("num_steps_per_viz", False, _is_count, "a whole number of at least 1"),
-    ("time_step", False, _is_period, "a number of seconds greater than 0"),
+    ("num_steps_per_viz", False, _is_count, _COUNT),
+    ("time_step", False, _is_period, _PERIOD),
     ("sensor_settings", False, _is_list_of_mappings, "a list of sensor groups"),
     ("viz_geoms", False, _is_mapping, "a mapping of geom names to geom types"),
 )
 _GROUP: tuple[_Rule, ...] = (
     ("topic", True, _is_text, "a topic"),
-    ("dt", True, _is_period, "a number of seconds greater than 0"),
+    ("dt", True, _is_period, _PERIOD),
     ("msg_type", True, _is_text, "a message type"),
-    ("history_depth", False, _is_count, "a whole number of at least 1"),
+    ("history_depth", False, _is_count, _COUNT),
     ("sensor_names", False, _is_mapping, "a mapping of sensor names to sensor types"),
     ("scan_config", False, _is_mapping, "a mapping"),
+    ("config_path", False, _is_text, "a path"),
+    ("noise", False, _is_mapping, "a mapping of fields to their noise"),
+    ("dropout", False, _is_probability, "a number from 0 to 1"),
+    ("delay", False, _is_delay, _DELAY),
+    ("seed", False, _is_seed, f"a whole number from 0 to {LARGEST_COUNT}"),
 )
 
 

@@ -27,6 +27,7 @@ _BASED: Final = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
 _FLOAT: Final = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _MAY_BE_NUMBER: Final = frozenset("+-.0123456789")
 _LONGEST_INT: Final = 4000
+_LONGEST_BASED: Final = 3000
 """Digits; Python refuses to convert longer ones, and no robot needs them."""
 
 
@@ -39,7 +40,7 @@ def core_scalar(text: str) -> Scalar:
     if _INT.fullmatch(text):
         return int(text) if len(text) < _LONGEST_INT else text
     if _BASED.fullmatch(text):
-        return int(text[2:], 8 if text[1] == "o" else 16)
+        return int(text[2:], 8 if text[1] == "o" else 16) if len(text) < _LONGEST_BASED else text
     return float(text) if _FLOAT.fullmatch(text) else text
 
 

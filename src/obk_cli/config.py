@@ -74,6 +74,8 @@ class FileSearch:
     tried: tuple[Path, ...] = ()
     missing_package: str | None = None
     """A `robot_pkg` that is nowhere."""
+    near: tuple[str, ...] = ()
+    """Files that are there and may be meant, as they would be written."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -249,7 +251,7 @@ class Stack:
     nodes: tuple[Node, ...]
     span: Span
     joysticks: tuple[Joystick, ...] = ()
-    ignored_codes: tuple[str, ...] = ()
+    ignored_codes: tuple[Spanned[str], ...] = ()
 
     def section(self, section: str) -> Iterator[Node]:
         """The nodes of one section."""

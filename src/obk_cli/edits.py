@@ -22,6 +22,14 @@ class Edit:
     span: Span
     text: str
 
+    @property
+    def place(self) -> Span:
+        """The stretch, its end not past that of the text: a last line may have no end."""
+        span, lines = self.span, self.span.source.lines
+        if span.end_line <= len(lines):
+            return span
+        return Span(span.source, span.line, span.column, len(lines), len(lines[-1]) + 1)
+
 
 @dataclass(frozen=True, slots=True)
 class Offsets:

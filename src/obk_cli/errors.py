@@ -6,9 +6,9 @@ They are raised, and the command line turns each into one message and an exit co
 from typing import Final
 
 __all__ = [
-    "EXIT_BUG",
     "EXIT_DONE",
     "EXIT_FAILED",
+    "EXIT_INTERRUPTED",
     "EXIT_MISUSE",
     "CommandFailedError",
     "MisuseError",
@@ -18,7 +18,7 @@ __all__ = [
 EXIT_DONE: Final = 0
 EXIT_FAILED: Final = 1
 EXIT_MISUSE: Final = 2
-EXIT_BUG: Final = 70
+EXIT_INTERRUPTED: Final = 130
 
 
 class ObkError(Exception):

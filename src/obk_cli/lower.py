@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from typing import cast
 
 from obelisk_spec.components import DEFAULT_HISTORY_DEPTH, SETTING_SUFFIX
 from obelisk_spec.settings import format_setting
@@ -16,7 +17,7 @@ from obk_cli.config import (
     Sim,
     Stack,
 )
-from obk_cli.plan import Endpoint, Origin, Plan, Process, SensorGroup
+from obk_cli.plan import Endpoint, OnCrash, Origin, Plan, Process, SensorGroup
 from obk_cli.source import Span
 from obk_cli.tree import plain_value
 from obk_cli.wiring import TopicEnd, absolute_topic, node_ends, stack_ends
@@ -61,7 +62,14 @@ def _lower_node(node: Node) -> Process:
         subscribes=_endpoints(ends, "subscribes"),
         model=next(models, None) if node.runs_simulation else None,
         sensor_groups=tuple(_sensor_groups(node)) if node.runs_simulation else (),
+        on_crash=_on_crash(node),
     )
+
+
+def _on_crash(node: Node) -> OnCrash | None:
+    if node.on_crash is not None:
+        return cast(OnCrash, node.on_crash.value)
+    return "restart" if node.respawn is not None and node.respawn.value else None
 
 
 def _sensor_groups(node: Node) -> Iterator[SensorGroup]:

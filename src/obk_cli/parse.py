@@ -4,6 +4,7 @@ Built on PyYAML's event stream: scalars are read by YAML 1.2 core, only the safe
 aliases may expand only so far. Opens no file.
 """
 
+import codecs
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NoReturn
@@ -12,22 +13,26 @@ import yaml
 
 from obelisk_spec.yaml_core import core_scalar
 from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.source import SourceFile, Span
-from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar
-from obk_cli.yaml_faults import explain_yaml_error, forbidden_character
+from obk_cli.source import LONGEST_FILE_BYTES, SourceFile, Span
+from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, plain_value
+from obk_cli.yaml_faults import YAML_LOADER, YamlText, forbidden_character
 
-__all__ = ["LONGEST_FILE_BYTES", "Parsed", "decode_source", "parse_source"]
+__all__ = [
+    "MOST_VALUES",
+    "Parsed",
+    "decode_source",
+    "parse_source",
+    "too_many_values",
+]
 
-LONGEST_FILE_BYTES = 10 * 1024 * 1024
-_MOST_ALIASED_VALUES = 100_000
-_MOST_VALUES = 250_000
+MOST_VALUES = 150_000
+"""What a config may hold, an alias counted as all that it stands for."""
 _DEEPEST = 100
 
 _CORE_TAGS = {
     f"tag:yaml.org,2002:{name}" for name in ("str", "int", "float", "bool", "null", "map", "seq")
 }
 _QUOTED_STYLES = ("'", '"', "|", ">")
-_Loader = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,37 +41,61 @@ class Parsed:
 
     tree: Tree | None
     diagnostics: tuple[Diagnostic, ...] = ()
+    values: int = 0
+    """How many they are, aliases expanded."""
+    is_whole: bool = True
+    """Whether every value is in the tree; of a key that stands twice only the first is."""
 
 
 def decode_source(path: str, data: bytes) -> SourceFile | Diagnostic:
     """The bytes of a file as a source, or why they cannot be one."""
     if len(data) > LONGEST_FILE_BYTES:
         start = Span.at(SourceFile.of(path, ""), 1, 1)
-        size = len(data) / 1024 / 1024
-        return found("OBK007", f"the file is {size:.1f} MiB, at most 10 MiB are read", start)
+        return found("OBK007", "the file is longer than 10 MiB, so it is not read", start)
     try:
         return SourceFile.of(path, data.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         before = data[: error.start].decode("utf-8", errors="replace").splitlines() or [""]
         line = SourceFile.of(path, "\n".join(before))
         place = Span.at(line, len(before), len(before[-1]) + 1)
-        return found("OBK002", f"byte 0x{data[error.start]:02x} is not UTF-8", place)
+        is_utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        help = "the file looks like UTF-16; save it as UTF-8" if is_utf16 else None
+        return found("OBK002", f"byte 0x{data[error.start]:02x} is not UTF-8", place, help=help)
 
 
-def parse_source(source: SourceFile) -> Parsed:
-    """The tree of a text that holds one YAML document."""
+def too_many_values(place: Span, *, values_before: int = 0) -> Diagnostic:
+    """The finding about a text that goes on past what a config may hold."""
+    together = ", together with those of the files before" if values_before else ""
+    return found("OBK006", f"the values are more than {MOST_VALUES:,}{together}", place)
+
+
+def parse_source(source: SourceFile, *, values_before: int = 0) -> Parsed:
+    """The tree of a text that holds one YAML document.
+
+    `values_before` are those of the same config's other files; all together are bounded.
+    """
     unreadable = forbidden_character(source)
     if unreadable is not None:
         return Parsed(tree=None, diagnostics=(unreadable,))
-    composer = _Composer(source)
+    seen = YamlText(source.text)
+    composer = _Composer(source, seen, values_before)
     try:
-        tree = composer.document(iter(yaml.parse(source.text, Loader=_Loader)))
+        tree = composer.document(iter(yaml.parse(seen.text, Loader=YAML_LOADER)))
     except yaml.MarkedYAMLError as error:
-        composer.faults.append(explain_yaml_error(error, source))
+        from obk_cli.yaml_faults.explain import explain_yaml_error  # most texts need none
+
+        fault = explain_yaml_error(error, source)
+        if not any(earlier.span.line == fault.span.line for earlier in composer.faults):
+            composer.faults.append(fault)
         tree = None
     except _GivenUpError:
         tree = None
-    return Parsed(tree=tree, diagnostics=tuple(composer.faults))
+    return Parsed(
+        tree=tree,
+        diagnostics=tuple(composer.faults),
+        values=composer.values,
+        is_whole=composer.is_whole,
+    )
 
 
 class _GivenUpError(Exception):
@@ -92,13 +121,15 @@ class _Anchored:
 class _Composer:
     """Turns one event stream into one tree; keeps its own stack, so depth is not Python's."""
 
-    def __init__(self, source: SourceFile) -> None:
+    def __init__(self, source: SourceFile, seen: YamlText, values_before: int) -> None:
         self.faults: list[Diagnostic] = []
+        self.values = 0
+        self.is_whole = True
         self._source = source
+        self._seen = seen
         self._anchors: dict[str, _Anchored | None] = {}
         self._open: list[_Collection] = []
-        self._aliased_values = 0
-        self._values = 0
+        self._values_before = values_before
 
     def document(self, events: Iterator[yaml.Event]) -> Tree | None:
         """The tree of the first document; a second one is a finding."""
@@ -148,17 +179,26 @@ class _Composer:
             parent.keys.append((self._key(tree), tree.span))
         else:
             parent.items.append(tree)
-            self._values += 1
-            if self._values > _MOST_VALUES:
-                message = f"the values expand to more than {_MOST_VALUES:,}"
-                self._give_up("OBK006", message, event)
+            self._count(1, event)
         return None
+
+    def _count(self, values: int, event: yaml.NodeEvent) -> None:
+        self.values += values
+        if self._values_before + self.values > MOST_VALUES:
+            place = self._span(event, event)
+            self.faults.append(too_many_values(place, values_before=self._values_before))
+            raise _GivenUpError
 
     def _scalar(self, event: yaml.ScalarEvent) -> TreeScalar:
         self._check_tag(event)
         span = self._span(event, event)
         is_text = event.tag == "tag:yaml.org,2002:str" or event.style in _QUOTED_STYLES
-        return TreeScalar(event.value if is_text else core_scalar(event.value), span)
+        value = self._seen.restored(event.value)
+        if "\0" in value:
+            message = "a text with the character U+0000 in it fits neither ROS nor a path"
+            self.faults.append(found("OBK003", message, span))
+            value = value.replace("\0", "")
+        return TreeScalar(value if is_text else core_scalar(value), span)
 
     def _key(self, tree: Tree) -> str:
         """A key is text; a number or `true` is one as it is written."""
@@ -167,7 +207,12 @@ class _Composer:
             if not key:
                 self.faults.append(found("OBK003", "a key is empty", tree.span))
             return key
-        self.faults.append(found("OBK003", "a list or mapping cannot be a key", tree.span))
+        from obk_cli.yaml_faults.explain import template_braces
+
+        braces = template_braces(tree.span) if isinstance(tree, TreeMap) else None
+        self.faults.append(
+            braces or found("OBK003", "a list or mapping cannot be a key", tree.span)
+        )
         return ""
 
     def _closed(self, collection: _Collection, end: yaml.Event) -> Tree:
@@ -179,8 +224,10 @@ class _Composer:
         for (key, key_span), value in zip(collection.keys, collection.items, strict=True):
             if key == "<<" and key_span.text == "<<":
                 merged += self._merged(value)
+            elif not key:
+                self.is_whole = False
             elif key in entries:
-                self._duplicate(entries[key], key_span)
+                self._duplicate(entries[key], key_span, value)
             else:
                 entries[key] = Entry(key, key_span, value)
         for entry in merged:
@@ -199,12 +246,17 @@ class _Composer:
                 self.faults.append(found("OBK003", message, source.span))
         return entries
 
-    def _duplicate(self, first: Entry, second: Span) -> None:
+    def _duplicate(self, first: Entry, second: Span, value: Tree) -> None:
+        if not isinstance(value, TreeScalar) or plain_value(value) != plain_value(first.value):
+            self.is_whole = False
+        are_lists = isinstance(first.value, TreeList) and isinstance(value, TreeList)
+        help = f"put the items of both under one `{first.key}`" if are_lists else None
         self.faults.append(
             found(
                 "OBK004",
                 f"key `{first.key}` stands twice in this mapping",
                 second,
+                help=help,
                 related=(Related(message="it stands here first", span=first.key_span),),
             )
         )
@@ -214,23 +266,23 @@ class _Composer:
         if anchored is None:
             inside = event.anchor in self._anchors
             why = "stands inside its own value" if inside else "has no anchor before it"
-            self._give_up("OBK003", f"alias `*{event.anchor}` {why}", event)
-        self._aliased_values += anchored.weight
-        if self._aliased_values > _MOST_ALIASED_VALUES:
-            message = f"aliases expand to more than {_MOST_ALIASED_VALUES:,} values"
-            self._give_up("OBK006", message, event)
+            help = f'text that starts with `*` goes in quotes: `"*{event.anchor}"`'
+            self._give_up("OBK003", f"alias `*{event.anchor}` {why}", event, help)
+        self._count(anchored.weight, event)
         return anchored
 
     def _check_tag(self, event: yaml.ScalarEvent | yaml.CollectionStartEvent) -> None:
         if event.tag and event.tag not in _CORE_TAGS and event.tag != "!":
             tag = event.tag.replace("tag:yaml.org,2002:", "!!")
             span = self._span(event, event)
-            self.faults.append(
-                found("OBK005", f"tag `{tag}` is not taken, a config holds plain values", span)
-            )
+            message = f"tag `{tag}` is not taken, a config holds plain values"
+            help = None if tag.startswith("!!") else "text that starts with `!` goes in quotes"
+            self.faults.append(found("OBK005", message, span, help=help))
 
-    def _give_up(self, code: str, message: str, event: yaml.Event) -> NoReturn:
-        self.faults.append(found(code, message, self._span(event, event)))
+    def _give_up(
+        self, code: str, message: str, event: yaml.Event, help: str | None = None
+    ) -> NoReturn:
+        self.faults.append(found(code, message, self._span(event, event), help=help))
         raise _GivenUpError
 
     def _span(self, first: yaml.Event, last: yaml.Event) -> Span:

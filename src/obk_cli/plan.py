@@ -6,13 +6,23 @@ Holds no YAML and no ROS types.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
+from obelisk_spec.sections import TIERS
 from obk_cli.config import ParameterValue
 
-__all__ = ["TIERS", "Endpoint", "Origin", "ParameterValue", "Plan", "Process", "SensorGroup"]
+__all__ = [
+    "TIERS",
+    "Endpoint",
+    "OnCrash",
+    "Origin",
+    "ParameterValue",
+    "Plan",
+    "Process",
+    "SensorGroup",
+]
 
-TIERS = ("robot", "sensing", "estimation", "control", "viz", "joystick")
-"""Sections in bring-up order: data flows downstream, so nobody activates into a void."""
+OnCrash = Literal["stop", "restart", "ignore"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,6 +85,8 @@ class Process:
     model: str | None = None
     """Path of the MuJoCo model that stands in for the robot."""
     sensor_groups: tuple[SensorGroup, ...] = ()
+    on_crash: OnCrash | None = None
+    """What the launcher does when it crashes; None: what the launch says."""
     has_lifecycle: bool = True
     """Whether the node has a life cycle; ROS's joystick node does not."""
 

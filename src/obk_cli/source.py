@@ -5,7 +5,10 @@ Lines and columns count from 1, columns in characters. Imports nothing of ours, 
 
 from dataclasses import dataclass, field
 
-__all__ = ["COMMAND_LINE", "SourceFile", "Span"]
+__all__ = ["COMMAND_LINE", "LONGEST_FILE_BYTES", "SourceFile", "Span"]
+
+LONGEST_FILE_BYTES = 10 * 1024 * 1024
+"""More text than any config has."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

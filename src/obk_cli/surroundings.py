@@ -8,10 +8,21 @@ from pathlib import Path
 from typing import Protocol
 
 from obelisk_spec.model import ModelFacts
+from obelisk_spec.near import list_names
 from obk_cli.node_code import CodeFault, NodeCode
 from obk_cli.source import Span
 
-__all__ = ["Command", "ExecutableMissing", "ModelFault", "ModelRead", "Surroundings"]
+__all__ = [
+    "UNSEARCHED",
+    "Command",
+    "ExecutableMissing",
+    "ModelFault",
+    "ModelRead",
+    "Surroundings",
+]
+
+UNSEARCHED = ("build", "install", "log")
+"""Folders of a workspace into which building writes: what is in them is a copy."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +50,19 @@ class ExecutableMissing:
     searched: tuple[str, ...]
     available: tuple[str, ...] = ()
     """Executables that the package does have."""
+    left_out: Path | None = None
+    """A folder with a package of that name, within one that is not searched."""
+
+    @property
+    def looked(self) -> str:
+        """What a person is told of a package that is not found: where it was looked for."""
+        searched = f"searched {', '.join(self.searched)}"
+        if self.left_out is None:
+            return searched
+        return (
+            f"it is in {self.left_out}, but folders named {list_names(UNSEARCHED)} are not "
+            f"searched: move it, or source the workspace if it is installed there; {searched}"
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +74,8 @@ class ModelRead:
     """Meshes and textures, each by its path under its folder and by its path as written."""
     missing_files: tuple[str, ...] = ()
     """Those that are not where the model says."""
+    fault: "ModelFault | None" = None
+    """Why MuJoCo cannot compile it; not tried where files are missing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,6 +94,12 @@ class Surroundings(Protocol):
 
     def package_names(self) -> tuple[str, ...]:
         """Every package that is there."""
+
+    def message_packages(self) -> tuple[str, ...]:
+        """The packages of the workspace that define messages."""
+
+    def message_names(self, package: str) -> tuple[str, ...] | None:
+        """The messages that a package defines, None if there is no such package."""
 
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         """How an executable is started."""

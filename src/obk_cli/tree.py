@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from obelisk_spec.yaml_core import Scalar
 from obk_cli.source import Span
 
-__all__ = ["Entry", "Tree", "TreeList", "TreeMap", "TreeScalar", "kind_of", "plain_value"]
+__all__ = ["Entry", "Tree", "TreeList", "TreeMap", "TreeScalar", "kind_of", "plain_value", "shown"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,15 +74,17 @@ def kind_of(tree: Tree) -> str:
             return "a mapping"
         case TreeList():
             return "a list"
-        case TreeScalar(value=None):
+        case TreeScalar(value=None | ""):
             return "empty"
         case TreeScalar(value=bool() as truth):
             return "true" if truth else "false"
         case TreeScalar(value=int() | float() as number):
-            return f"the number {number}"
+            return f"the number {shown(number)}"
         case TreeScalar(value=text):
-            return f"the text `{_shortened(str(text))}`"
+            return f"the text `{shown(text)}`"
 
 
-def _shortened(text: str) -> str:
+def shown(value: object) -> str:
+    """A value as a message has room for it."""
+    text = str(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -12,9 +12,16 @@ from obelisk_spec.sensors import sensor_group
 from obk_cli.config import Component, Node, Qos, SensorGroup, Stack
 from obk_cli.source import Span
 
-__all__ = ["TopicEnd", "absolute_topic", "node_ends", "stack_ends"]
+__all__ = ["TopicEnd", "absolute_topic", "may_be_one", "node_ends", "stack_ends"]
 
 _TYPE_OF_STANDARD = {"pub_true_sim_state": "obelisk_sensor_msgs/msg/TrueSimState"}
+
+
+_ONE_SEED_NAME = {
+    "obelisk_sensor_msgs/msg/JointEncoders",
+    "obelisk_sensor_msgs/msg/ObkJointEncoders",
+}
+"""The seeds write one name for the other, and what their C++ nodes take is in their code."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,11 +39,18 @@ class TopicEnd:
     span: Span
     """The topic as written."""
     type_span: Span | None = None
+    code_type: str | None = None
+    """The type that the node's source says, where that can be read; it is what runs."""
     qos: Qos = Qos()  # noqa: RUF009  (frozen)
     rate_hz: float | None = None
     component: str | None = None
     is_optional: bool = False
     """Whether the end has its use although nobody is at the other."""
+
+
+def may_be_one(one: str | None, other: str | None) -> bool:
+    """Whether two types are one, or may be meant as one."""
+    return one == other or {one, other} == _ONE_SEED_NAME
 
 
 def stack_ends(stack: Stack) -> Iterator[TopicEnd]:
@@ -79,6 +93,7 @@ def node_ends(node: Node) -> Iterator[TopicEnd]:
             section=node.section,
             span=component.topic.span,
             type_span=component.msg_type.span if component.msg_type else None,
+            code_type=component.code_type,
             qos=component.qos,
             rate_hz=1 / timer.value if timer and publishes else None,
             component=component.identity,
@@ -91,9 +106,8 @@ def node_ends(node: Node) -> Iterator[TopicEnd]:
 
 
 def _component_type(component: Component) -> str | None:
-    if component.msg_type is not None:
-        return resolve_msg_type(component.msg_type.value)
-    return component.code_type or _TYPE_OF_STANDARD.get(component.identity or "")
+    written = resolve_msg_type(component.msg_type.value) if component.msg_type else None
+    return written or component.code_type or _TYPE_OF_STANDARD.get(component.identity or "")
 
 
 def _sensor_end(group: SensorGroup, node: Node) -> TopicEnd:

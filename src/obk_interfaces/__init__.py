@@ -16,7 +16,11 @@ from obk_interfaces.errors import (
     PackageError,
     Problem,
 )
-from obk_interfaces.package import Interface, InterfacePackage, discover
+from obk_interfaces.fingerprint import digest_of
+from obk_interfaces.install import remove_package
+from obk_interfaces.order import order_by_dependency
+from obk_interfaces.package import Interface, InterfacePackage, discover, load_package
+from obk_interfaces.prefix import Prefixes, find_ros_prefix
 from obk_interfaces.progress import Progress, ProgressCallback
 
 __all__ = [
@@ -29,9 +33,15 @@ __all__ = [
     "InterfaceError",
     "InterfacePackage",
     "PackageError",
+    "Prefixes",
     "Problem",
     "Progress",
     "ProgressCallback",
     "build",
+    "digest_of",
     "discover",
+    "find_ros_prefix",
+    "load_package",
+    "order_by_dependency",
+    "remove_package",
 ]

@@ -133,7 +133,10 @@ def _make(
                 step = "generate"
                 job = _prepare(tree, prefixes, toolchain, fingerprint)
                 jobs.append(job)
-                compiles += [pool.submit(_run, command) for command in job.compiles]
+                compiles += [
+                    pool.submit(_run, command, f"{tree.package.name}: the compiler failed")
+                    for command in job.compiles
+                ]
             prefixes = prefixes.above(tree.install)
             on_progress(_progress(step, tree.package.name, done, len(trees)))
         for done, future in enumerate(as_completed(compiles), start=1):
@@ -184,16 +187,17 @@ def _link(job: _Job, toolchain: Toolchain) -> None:
         command = link_command(
             library, objects, tree=job.tree, prefixes=job.prefixes, toolchain=toolchain
         )
-        _run(command)
+        _run(command, f"{job.tree.package.name}: linking {library.file} failed")
     job.tree.fingerprint.write_text(job.fingerprint)
 
 
-def _run(command: Sequence[str]) -> None:
+def _run(command: Sequence[str], failure: str) -> None:
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     if result.returncode:
         raise CommandError(
-            f"command failed with exit code {result.returncode}: {' '.join(command)}",
-            output=result.stderr[-4000:],
+            f"{failure}, exit code {result.returncode}",
+            output=result.stderr[:4000],
+            command=tuple(command),
         )
 
 

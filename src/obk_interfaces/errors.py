@@ -60,8 +60,11 @@ class BuildToolError(InterfaceError):
 
 
 class CommandError(InterfaceError):
-    """A compiler or a generator failed; `output` is what it said."""
+    """A compiler or a generator failed; `output` is what it said, `command` how it was called."""
 
-    def __init__(self, sentence: str, *, output: str) -> None:
-        super().__init__(f"{sentence}\n{output}" if output else sentence)
+    def __init__(self, sentence: str, *, output: str, command: Sequence[str] = ()) -> None:
+        words = (sentence, output.rstrip(), f"the command was: {' '.join(command)}")
+        super().__init__("\n".join(word for word in words[: 3 if command else 2] if word))
+        self.sentence = sentence
         self.output = output
+        self.command = tuple(command)

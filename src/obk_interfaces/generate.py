@@ -13,7 +13,8 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
-from obk_interfaces.errors import BuildToolError, CommandError
+from obk_interfaces.blame import find_refused_line
+from obk_interfaces.errors import BuildToolError, CommandError, DefinitionError
 from obk_interfaces.idl_cache import parsing_each_idl_once
 from obk_interfaces.package import Interface
 from obk_interfaces.prefix import Prefixes
@@ -30,7 +31,8 @@ def generate(tree: PackageTree, prefixes: Prefixes) -> None:
 
     Raises:
         BuildToolError: a generator is not installed.
-        CommandError: a generator refused a definition.
+        DefinitionError: a generator refused a line of a definition.
+        CommandError: a generator failed otherwise.
     """
     _make_folders(tree)
     with warnings.catch_warnings(action="ignore"):  # of the generators: not for our users
@@ -59,10 +61,16 @@ def _translate(tree: PackageTree, interface: Interface) -> None:
     source = tree.package.root / interface.file
     shutil.copyfile(source, tree.share / interface.file)
     convert = _function("rosidl_adapter", "convert_to_idl")
-    _quietly(
-        f"{source}: cannot be translated",
-        lambda: convert(tree.package.root, tree.package.name, Path(interface.file), tree.share),
-    )
+    try:
+        _quietly(
+            f"{source}: cannot be translated",
+            lambda: convert(tree.package.root, tree.package.name, Path(interface.file), tree.share),
+        )
+    except CommandError as error:
+        problem = find_refused_line(source, tree.package.name)
+        if problem is None:
+            raise
+        raise DefinitionError([problem]) from error
 
 
 def _describe_types(tree: PackageTree, prefixes: Prefixes) -> None:

@@ -7,11 +7,10 @@ import filecmp
 import shutil
 from pathlib import Path
 
-from obk_interfaces.package import InterfacePackage
 from obk_interfaces.prefix import site_packages_in
 from obk_interfaces.tree import C_GENERATORS, PackageTree
 
-__all__ = ["assemble", "install_into", "is_installed"]
+__all__ = ["assemble", "install_into", "is_installed", "remove_package"]
 
 
 def assemble(tree: PackageTree) -> None:
@@ -59,12 +58,12 @@ def is_installed(tree: PackageTree, prefix: Path) -> bool:
 
 def install_into(tree: PackageTree, prefix: Path) -> None:
     """Replace what a prefix has of this package by the finished build."""
-    _remove(tree.package, prefix)
+    remove_package(tree.package.name, prefix)
     shutil.copytree(tree.install, prefix, dirs_exist_ok=True)
 
 
-def _remove(package: InterfacePackage, prefix: Path) -> None:
-    name = package.name
+def remove_package(name: str, prefix: Path) -> None:
+    """Remove what a prefix has of a package."""
     owned = (prefix / "share" / name, prefix / "include" / name, site_packages_in(prefix) / name)
     for folder in owned:
         shutil.rmtree(folder, ignore_errors=True)

@@ -4,18 +4,23 @@ A reject case is reported word for word as the `.txt` beside it says; an accept 
 not at all. `# set: path=value` on the first line is a `--set`. A `.part` is not a case of its own.
 """
 
+import json
 from pathlib import Path
+from typing import Any
 
+import jsonschema
 import pytest
 
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.codes import RULES
 from obk_cli.pipeline import Options, Outcome, compile_config
+from obk_cli.report.sarif import report_sarif
 from obk_cli.report.text import report_text
 
 HERE = Path(__file__).parent
 WORKSPACE = HERE / "workspace"
+SARIF = jsonschema.Draft202012Validator(json.loads((HERE / "sarif.schema.json").read_text()))
 ENVIRONMENT = {"OBK_CASE_PKG": "demo", "HOME": "/home/ada"}
 WITHOUT_CASE = {
     "OBK001": "tests/unit/obk_cli/test_pipeline.py",
@@ -59,7 +64,7 @@ def test_a_fault_is_reported_word_for_word(
     path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     outcome = compile_case(path, monkeypatch)
-    report = report_text(outcome.diagnostics, colour=False) + "\n"
+    report = report_text(outcome.diagnostics, colour=False, verbose=True) + "\n"
     for folder, shown in ((HERE, "<cases>"), (HERE.parents[1], "<repository>")):
         report = report.replace(str(folder), shown)
     expected = path.with_suffix(".txt")
@@ -74,6 +79,26 @@ def test_the_right_twin_is_not_reported(path: Path, monkeypatch: pytest.MonkeyPa
     outcome = compile_case(path, monkeypatch)
     assert report_text(outcome.diagnostics, colour=False) == ""
     assert outcome.plan is not None
+
+
+@pytest.mark.parametrize("path", cases("reject"))
+def test_the_sarif_log_of_a_fault_is_what_the_standard_asks_for(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = json.loads(report_sarif(compile_case(path, monkeypatch).diagnostics))
+    SARIF.validate(log)
+    (run,) = log["runs"]
+    rules = [rule["id"] for rule in run["tool"]["driver"]["rules"]]
+    assert run["results"]
+    for result in run["results"]:
+        assert rules[result["ruleIndex"]] == result["ruleId"]
+        for place in (*result["locations"], *result["relatedLocations"]):
+            assert_is_a_stretch(place["physicalLocation"]["region"])
+
+
+def assert_is_a_stretch(region: dict[str, Any]) -> None:
+    start = (region["startLine"], region["startColumn"])
+    assert start <= (region["endLine"], region["endColumn"])
 
 
 def test_every_rule_has_a_reject_case_and_an_accept_twin() -> None:

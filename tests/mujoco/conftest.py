@@ -19,6 +19,8 @@ EVERYTHING = """
     <body name="base" pos="0 0 0.6" euler="0.1 0.2 0.3">
       <freejoint name="root"/>
       <geom name="trunk" type="ellipsoid" size="0.2 0.1 0.05"/>
+      <camera name="ahead" pos="0.2 0 0" euler="1.5707963267948966 -1.5707963267948966 0"
+              resolution="64 48"/>
       <site name="imu" pos="0.03 0.01 0.02" euler="0.4 -0.2 1.1"/>
       <site name="centre"/>
       <body name="left" pos="0 0.2 0">
@@ -28,6 +30,7 @@ EVERYTHING = """
           <joint name="left_slide" type="slide" axis="0 0 1"/>
           <geom name="foot" type="sphere" size="0.04"/>
           <site name="toe"/>
+          <site name="sole" size="0.06"/>
         </body>
       </body>
       <body name="right" pos="0 -0.2 0">
@@ -58,6 +61,9 @@ EVERYTHING = """
     <velocimeter name="toe_velocity" site="toe"/>
     <framepos name="toe_in_base" objtype="site" objname="toe" reftype="body" refname="base"/>
     <framequat name="toe_quat_in_base" objtype="site" objname="toe" reftype="body" refname="base"/>
+    <force name="toe_force" site="toe"/>
+    <force name="hip_force" site="imu"/>
+    <touch name="sole_touch" site="sole"/>
     <framequat name="toe_quat" objtype="site" objname="toe"/>
   </sensor>
 </mujoco>

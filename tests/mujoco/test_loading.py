@@ -59,6 +59,8 @@ def test_all_findings_are_told_at_once(load):
             _group(sensor_names={"joint_pso": "jointpos", "joint_vel": "jointpos"}),
             _group(msg_type="ObkImu", sensor_names={"tip_acc_sensor": "acelerometer"}),
             _group(msg_type="ObkScan", scan_config={}),
+            _group(msg_type="GridCells"),
+            _group(msg_type="ObkScan", config_path="rays.yaml"),
         ],
         viz_geoms={"dt": 1.0, "dummy_bx": "box", "dummy_sphere": "box"},
     )
@@ -66,13 +68,46 @@ def test_all_findings_are_told_at_once(load):
         "sensor `joint_pso` is not in the model (did you mean `joint_pos`",
         "sensor `joint_vel` is written as `jointpos`, in the model it is a `jointvel`",
         "`ObkImu` cannot carry the `acelerometer` sensor",
-        "this simulator does not publish `ObkScan` yet; it publishes ObkJointEncoders, ",
+        "a ray caster has no `site_name`",
+        "this simulator does not publish `GridCells`; it publishes ObkJointEncoders, ",
+        "sensor_settings[4].config_path: `rays.yaml` is not there; looked for ",
         "geom `dummy_bx` is not in the model",
         "geom `dummy_sphere` is written as `box`, in the model it is a `sphere`",
         "keyframe `stand` is not in the model",
     ):
         assert part in refusal, refusal
     assert refusal.startswith("the sim block cannot be simulated:\n")
+
+
+def test_a_ray_caster_is_read_from_its_file(load, tmp_path):
+    scan = (
+        "{site_name: tip, frame: world, pattern: {type: height_scan, resolution: 1, size: [2, 2]}}"
+    )
+    (tmp_path / "bare.yaml").write_text(scan)
+    (tmp_path / "wrapped.yaml").write_text(f"scan_config: {scan}")
+    loaded = load(
+        sensor_settings=[
+            _group(msg_type="ObkScan", config_path="bare.yaml"),
+            _group(msg_type="ObkScan", config_path="wrapped.yaml"),
+        ]
+    )
+    bare, wrapped = (group.rays for group in loaded.block.groups)
+    assert bare == wrapped
+    assert (bare.site, bare.frame) == ("tip", "world")
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("[1, 2]", "rays.yaml holds no ray caster: a mapping with `site_name` and `pattern`"),
+        ("{a: {", "rays.yaml cannot be read: "),
+        ("site_name: tpi", "site `tpi` is not in the model"),
+    ],
+)
+def test_what_is_wrong_with_the_file_of_a_ray_caster_is_told(load, tmp_path, text, part):
+    (tmp_path / "rays.yaml").write_text(text)
+    group = _group(msg_type="ObkScan", config_path="rays.yaml")
+    assert part in _refusal(load, sensor_settings=[group])
 
 
 def test_a_model_that_is_not_there_is_told_with_the_other_findings(load, tmp_path):

@@ -4,7 +4,7 @@ import pytest
 
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.loading import load_model
-from obelisk_py.core.sim.mujoco.outputs import outputs_of
+from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Stepper
 from obelisk_py.core.sim.mujoco.stepping import MonotonicClock
@@ -50,7 +50,16 @@ def example(repository):
             simulation,
             pace=None,
             clock=MonotonicClock(),
-            outputs=outputs_of(simulation, loaded.block, make_publisher, pytest.fail),
+            outputs=outputs_of(
+                simulation,
+                loaded.block,
+                Surroundings(
+                    make_publisher=make_publisher,
+                    warn=pytest.fail,
+                    on_close=pytest.fail,
+                    is_paced=False,
+                ),
+            ),
             stamp=lambda: _time(simulation),
             warn=pytest.fail,
             report=lambda _: None,

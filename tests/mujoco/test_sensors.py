@@ -12,11 +12,17 @@ from obelisk_spec.sensors import SENSOR_GROUPS
 pytestmark = pytest.mark.mujoco
 
 STAMP = Time(sec=12, nanosec=34)
+AT_ONCE = {"deliver": pytest.fail, "on_close": pytest.fail, "is_paced": False}
 
 
 def _sample(model, data, kind, names, warnings=None):
     source = SensorSource(
-        model=model, data=data, names=names, warn=(warnings if warnings is not None else []).append
+        model=model,
+        data=data,
+        names=names,
+        rays=None,
+        warn=(warnings if warnings is not None else []).append,
+        **AT_ONCE,
     )
     message = SENSOR_KINDS[kind].build(source)(STAMP)
     assert type(message) is SENSOR_KINDS[kind].message_type
@@ -133,6 +139,22 @@ def test_a_pose_in_two_frames_is_warned_about(everything, moving):
     ]
 
 
+def test_forces_stand_in_the_order_of_the_config_with_their_sites(everything, moving):
+    moving.sensordata[:] = np.arange(1, len(moving.sensordata) + 1)
+    names = {"hip_force": "force", "sole_touch": "touch", "toe_force": "force"}
+    message = _sample(everything, moving, "ObkForceSensor", names)
+    assert message.header.frame_id == ""
+    assert message.frames == ["imu", "sole", "toe"]
+    _same(message.forces, moving, "hip_force", "sole_touch", "toe_force")
+
+
+def test_forces_at_one_site_are_given_in_its_frame(everything, moving):
+    moving.sensordata[:] = np.arange(1, len(moving.sensordata) + 1)
+    message = _sample(everything, moving, "ObkForceSensor", {"toe_force": "force"})
+    assert message.header.frame_id == "toe"
+    _same(message.forces, moving, "toe_force")
+
+
 def test_odometry_passes_on_what_sits_at_its_object(everything, moving):
     names = {
         "centre_pos": "framepos",
@@ -192,7 +214,9 @@ def test_a_message_keeps_its_numbers_while_the_simulation_goes_on(everything, mo
             model=everything,
             data=moving,
             names={"left_hip_pos": "jointpos", "left_hip_vel": "jointvel"},
+            rays=None,
             warn=print,
+            **AT_ONCE,
         )
     )
     before = sample(STAMP)

@@ -35,6 +35,11 @@ CONFIGS = [
     and "config" in config
     and "include" not in config
 ]
+CASES = [
+    config
+    for path in sorted((ROOT / "tests/cases/accept").glob("*/*.yaml"))
+    if isinstance(config := load_yaml_core(path.read_text(encoding="utf-8")), dict)
+]
 # Key twice, two spellings mixed, types of messages: across places, which a schema cannot compare.
 SHAPE_CODES = frozenset(f"OBK{n}" for n in (*range(101, 107), 109, 110, 111, 113, 114))
 KEYS = st.sampled_from(
@@ -45,16 +50,15 @@ KEYS = st.sampled_from(
 WORDS = st.sampled_from(
     ["x", "", "a b", "None", "/a/b", "1", "a/b/c", "~/x", "/", "a/", "é", "on", "pkg/msg/Foo"]
 )
-NUMBERS = st.sampled_from(
-    [1, 0, -1, 1.5, 0.0, -0.5, 2.0, 2**63 - 1, 2**63, -(2**63) - 1, 10**30, 1e30, inf, -inf]
-)
+SMALL = [1, 0, -1, 1.5, 0.0, -0.5, 2.0]
+LARGE = [2**31 - 1, 2**31, 2**63 - 1, 2**63, -(2**63) - 1, 10**30, 10**400, 1e30, inf, -inf]
+NUMBERS = st.sampled_from([*SMALL, *LARGE])
 LEAVES = st.none() | st.booleans() | NUMBERS | WORDS
 VALUES = (
     LEAVES
     | st.lists(LEAVES | st.lists(LEAVES, max_size=1), max_size=3)
     | st.dictionaries(KEYS, LEAVES, max_size=2)
 )
-VARIABLE = st.just("${OF_THE_USER}")
 
 
 def _is_whole(checker: jsonschema.TypeChecker, value: object) -> bool:
@@ -96,12 +100,42 @@ def places_of_numbers(value: Any) -> Iterator[tuple[Any, Any]]:
                 yield holder, key
 
 
+def places_of_scalars(value: Any) -> Iterator[tuple[Any, Any]]:
+    """Every scalar that the config holds, null too: its mapping or list, and its key there."""
+    for holder in holders(value):
+        for key, inner in holder.items() if isinstance(holder, dict) else enumerate(holder):
+            if not isinstance(inner, dict | list):
+                yield holder, key
+
+
+def as_text(scalar: object) -> str:
+    """A scalar as a person writes it without quotes."""
+    if scalar is None or isinstance(scalar, str):
+        return scalar or ""
+    return str(scalar).lower()
+
+
+@st.composite
+def with_variables(draw: st.DrawFn) -> tuple[dict[str, Any], dict[str, str]]:
+    """A config with variables in place of one scalar or of some, and an environment that has
+    those scalars."""
+    config: dict[str, Any] = deepcopy(draw(st.sampled_from([*CONFIGS, *CASES])))
+    places = list(places_of_scalars(config))
+    chosen = draw(st.lists(st.sampled_from(range(len(places))), min_size=1, unique=True))
+    environment: dict[str, str] = {}
+    for holder, place in (places[index] for index in chosen):
+        name = f"OF_THE_USER_{len(environment)}"
+        environment[name] = as_text(holder[place])
+        holder[place] = f"${{{name}}}"
+    return config, environment
+
+
 @st.composite
 def edited(
     draw: st.DrawFn, values: st.SearchStrategy[Any], numbers: st.SearchStrategy[Any]
 ) -> dict[str, Any]:
     """A config after one edit; every second one is of a number, whose bounds are the finest."""
-    config: dict[str, Any] = deepcopy(draw(st.sampled_from(CONFIGS)))
+    config: dict[str, Any] = deepcopy(draw(st.sampled_from([*CONFIGS, *CASES])))
     if draw(st.booleans()):
         holder, place = draw(st.sampled_from(list(places_of_numbers(config))))
         holder[place] = draw(numbers)
@@ -135,3 +169,13 @@ def test_the_schema_accepts_an_edited_config_exactly_where_the_checker_does(
     faults = shape_faults(config, {})
     refusals = [error.message for error in VALIDATOR.iter_errors(config)]
     assert bool(faults) == bool(refusals), (faults, refusals)
+
+
+@settings(max_examples=300, deadline=None)
+@given(with_variables())
+def test_the_schema_refuses_no_variable_that_the_checker_accepts(
+    drawn: tuple[dict[str, Any], dict[str, str]],
+) -> None:
+    config, environment = drawn
+    refusals = [error.message for error in VALIDATOR.iter_errors(config)]
+    assert not refusals or shape_faults(config, environment), refusals

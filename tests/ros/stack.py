@@ -125,6 +125,11 @@ class Launched:
         """All that was said."""
         return "\n".join(self.lines)
 
+    @property
+    def cause(self) -> str:
+        """The line that tells why the run failed; empty when it did not."""
+        return next((line for line in self.lines if line.startswith("failed: ")), "")
+
     def wait_for(self, phase: str) -> None:
         """Wait for a phase line, and note every process below the launcher."""
         eventually(

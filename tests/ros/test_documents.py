@@ -16,13 +16,18 @@ DOCUMENTS = (
     ROOT / "README.md",
     ROOT / "examples" / "dummy" / "README.md",
     ROOT / "docs" / "compile.md",
+    ROOT / "docs" / "doctor.md",
+    ROOT / "docs" / "messages.md",
+    ROOT / "docs" / "running.md",
 )
+WHILE_RUNNING = ("lifecycle", "ps", "logs", "stop")
 SHELL_BLOCK = re.compile(r"```sh\n(.*?)```", re.DOTALL)
 
 
 def commands(document: Path) -> list[list[str]]:
     """Every `obk` and `cp` command in a document, as words, in its order."""
-    lines = "".join(SHELL_BLOCK.findall(document.read_text())).splitlines()
+    text = "".join(SHELL_BLOCK.findall(document.read_text()))
+    lines = text.replace("\\\n", " ").splitlines()
     split = [shlex.split(line, comments=True) for line in lines]
     return [words for words in split if words and Path(words[0]).name in ("obk", "cp")]
 
@@ -40,7 +45,9 @@ def test_the_commands_of_a_document_work_in_their_order(
     monkeypatch.chdir(tmp_path)
     found = commands(document)
     launches = [words for words in found if words[1] == "launch"]
-    for words in (w for w in found if w[1] not in ("launch", "lifecycle")):
+    if not launches and any(words[1] in WHILE_RUNNING for words in found):
+        launches = [["obk", "launch", "examples/dummy/dummy.yaml"]]
+    for words in (w for w in found if w[1] not in ("launch", *WHILE_RUNNING)):
         if words[0] == "cp":
             shutil.copytree(words[2], words[3])
         else:
@@ -48,7 +55,7 @@ def test_the_commands_of_a_document_work_in_their_order(
             assert result.returncode == 0, (words, result.stdout, result.stderr)
     for launch in launches:
         with launched(Path(launch[2]), *launch[3:]) as run:
-            for words in (w for w in found if w[1] == "lifecycle"):
+            for words in (w for w in found if w[1] in WHILE_RUNNING):
                 result = obk(*words[1:])
                 assert result.returncode == 0, (words, result.stderr)
         assert run.process.returncode == 0, run.text

@@ -2,16 +2,18 @@
 
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import pytest
 from obelisk_control_msgs.msg import PositionSetpoint
-from obelisk_sensor_msgs.msg import JointEncoders, ObkImu, TrueSimState
+from obelisk_sensor_msgs.msg import JointEncoders, ObkImage, ObkImu, ObkScan, TrueSimState
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
+from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
 
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
@@ -33,6 +35,32 @@ IMU = {
     "msg_type": "ObkImu",
     "sensor_names": {"tip_acc_sensor": "accelerometer"},
 }
+HEIGHTS = {
+    "topic": "/heights",
+    "dt": 0.02,
+    "msg_type": "ObkScan",
+    "scan_config": {
+        "site_name": "post",
+        "pattern": {"type": "height_scan", "resolution": 0.5, "size": [1.0, 1.0]},
+    },
+}
+PICTURES = {
+    "topic": "/pictures",
+    "dt": 0.05,
+    "msg_type": "ObkImage",
+    "sensor_names": {"above": "camera"},
+}
+SEEING = """
+<mujoco>
+  <worldbody>
+    <geom type="plane" size="5 5 1"/>
+    <site name="post" pos="0 0 1"/>
+    <camera name="above" pos="0 0 2" resolution="8 6"/>
+    <body pos="3 0 1"><joint name="elbow"/><geom size="0.1"/></body>
+  </worldbody>
+  <actuator><motor joint="elbow"/></actuator>
+</mujoco>
+"""
 BLOCK = {
     "model_xml_path": str(DUMMY.with_name("dummy.xml")),
     "sensor_settings": [ENCODERS, IMU],
@@ -116,6 +144,33 @@ def test_every_finding_about_the_block_is_told_and_a_mended_one_is_taken() -> No
         assert request(node, "configure")
 
 
+def test_rays_and_pictures_are_published_or_it_is_told_why_there_are_none(
+    tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "seeing.xml").write_text(SEEING)
+    block = {"model_xml_path": str(tmp_path / "seeing.xml"), "sensor_settings": [HEIGHTS, PICTURES]}
+    monkeypatch.setenv("MUJOCO_GL", "glfw")
+    with simulator(block) as (node, collect):
+        heights, pictures = collect(ObkScan, "/heights"), collect(ObkImage, "/pictures")
+        assert not request(node, "configure")
+        assert node.last_fault is not None
+        assert (
+            "/pictures: camera `above`: MUJOCO_GL is `glfw`, which does not draw off screen"
+            in node.last_fault.text
+        )
+        monkeypatch.delenv("MUJOCO_GL")
+        if not request(node, "configure"):
+            assert "cameras need OpenGL, and " in node.last_fault.text
+            return
+        assert request(node, "activate")
+        eventually(lambda: len(heights) > 3 and len(pictures) > 3, "scans and pictures")
+        assert list(heights[0].data) == pytest.approx([1.0] * 9)
+        assert len(pictures[0].y.data) == 8 * 6 * 3
+        assert request(node, "deactivate")
+        assert request(node, "cleanup")
+        assert not [thread for thread in threading.enumerate() if "camera" in thread.name]
+
+
 def test_a_run_starts_from_the_keyframe_with_its_control() -> None:
     with simulator(ic_keyframe="other") as (node, collect):
         encoders = collect(JointEncoders, "/joint_encoders")
@@ -139,6 +194,50 @@ def test_a_control_is_followed_and_a_wrong_one_is_not() -> None:
         settled = pytest.approx([0.25, 0.0], abs=0.02)
         eventually(lambda: encoders and list(encoders[-1].y) == settled, "the joint at 0.25")
         assert node.state_label == "active"
+
+
+def _asked(node: Any, kind: type[Any], name: str, **fields: Any) -> Any:
+    client = node.create_client(kind, f"~/{name}")
+    eventually(client.service_is_ready, f"the service {name}")
+    answer = client.call_async(kind.Request(**fields))
+    eventually(answer.done, f"the answer of {name}")
+    node.destroy_client(client)
+    return answer.result()
+
+
+def test_it_pauses_steps_and_goes_back_to_the_start() -> None:
+    with simulator(use_sim_time=True) as (node, collect):
+        clock = collect(Clock, "/clock")
+        assert request(node, "configure")
+        assert _asked(node, Trigger, "reset").message == "the simulator is not active"
+        assert request(node, "activate")
+        eventually(lambda: len(clock) > 20, "the clock")
+        assert not _asked(node, Trigger, "step").success
+        assert _asked(node, SetBool, "pause", data=True).success
+        before = _asked(node, Trigger, "step").message
+        after = _asked(node, Trigger, "step").message
+        seconds = [float(text.removeprefix("at ").removesuffix(" s")) for text in (before, after)]
+        assert seconds[1] - seconds[0] == pytest.approx(0.001, abs=1e-9)
+        eventually(lambda: _seconds(clock[-1]) == pytest.approx(seconds[1]), "the last step")
+        assert _asked(node, Trigger, "reset").message == "at ic"
+        node.set_parameters(parameters(ic_keyframe="stand")["parameter_overrides"])
+        refused = _asked(node, Trigger, "reset")
+        assert (refused.success, refused.message) == (False, "keyframe `stand` is not in the model")
+        node.set_parameters(parameters(ic_keyframe="other")["parameter_overrides"])
+        assert _asked(node, Trigger, "reset").message == "at other"
+        assert _asked(node, Trigger, "step").message == "at 0.001 s"
+        eventually(lambda: _seconds(clock[-1]) == pytest.approx(0.001), "the first step")
+        assert _asked(node, SetBool, "pause", data=False).message == "running"
+        eventually(lambda: _seconds(clock[-1]) > 0.05, "the clock")
+        assert _asked(node, SetBool, "pause", data=True).success
+        assert request(node, "deactivate")
+        heard = len(clock)
+        assert request(node, "activate")
+        eventually(lambda: len(clock) > heard + 20, "the clock of the next run")
+
+
+def _seconds(message: Clock) -> float:
+    return float(message.clock.sec + message.clock.nanosec * 1e-9)
 
 
 def test_with_simulation_time_stamps_are_that_time_and_the_clock_tells_it() -> None:

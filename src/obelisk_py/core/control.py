@@ -47,5 +47,5 @@ class ObeliskController(ABC, ObeliskNode):
         """
 
     @abstractmethod
-    def compute_control(self) -> ObeliskControlMsg:  # type: ignore[type-var]
-        """Compute the control, publish it on `pub_ctrl`, and return it."""
+    def compute_control(self) -> ObeliskControlMsg | None:
+        """Compute the control, publish it on `pub_ctrl`, and return it; None: nothing yet."""

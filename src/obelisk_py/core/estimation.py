@@ -31,5 +31,5 @@ class ObeliskEstimator(ABC, ObeliskNode):
         self.register_obk_publisher("pub_est_setting", key="pub_est", msg_type=est_msg_type)
 
     @abstractmethod
-    def compute_state_estimate(self) -> ObeliskEstimatorMsg:  # type: ignore[type-var]
-        """Compute the estimate, publish it on `pub_est`, and return it."""
+    def compute_state_estimate(self) -> ObeliskEstimatorMsg | None:
+        """Compute the estimate, publish it on `pub_est`, and return it; None: nothing yet."""

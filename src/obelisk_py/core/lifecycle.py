@@ -9,7 +9,9 @@ Source: https://design.ros2.org/articles/node_lifecycle.html (states, transition
 
 import functools
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 from lifecycle_msgs.msg import Transition
@@ -23,13 +25,28 @@ from std_srvs.srv import Trigger
 
 from obelisk_py.core.faults import Fault, fault_of, guard_callback, guard_service
 
-__all__ = ["Fault", "GuardedLifecycleNode"]
+__all__ = ["Fault", "GuardedLifecycleNode", "node_arguments"]
 
 TransitionCallback = Callable[[LifecycleState], TransitionCallbackReturn]
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 ERROR = TransitionCallbackReturn.ERROR
 NO_TRANSITION = -1
+
+_own_arguments: ContextVar[tuple[str, ...] | None] = ContextVar("own_arguments", default=None)
+
+
+@contextmanager
+def node_arguments(arguments: Sequence[str]) -> Iterator[None]:
+    """While entered, a node that is made takes these ROS arguments instead of the process's.
+
+    Many a node class takes no keyword arguments that could hand them to rclpy.
+    """
+    token = _own_arguments.set(tuple(arguments))
+    try:
+        yield
+    finally:
+        _own_arguments.reset(token)
 
 
 class GuardedLifecycleNode(LifecycleNode):
@@ -49,6 +66,9 @@ class GuardedLifecycleNode(LifecycleNode):
         self._transition_lock = threading.RLock()
         self._is_failing = False
         self._is_unrecoverable = False
+        own = _own_arguments.get()
+        if own is not None:
+            kwargs = {"cli_args": list(own), "use_global_arguments": False, **kwargs}
         super().__init__(node_name, **kwargs)
         # rclpy has no door for this: the callbacks that it calls by state stand in this table.
         self._callbacks = {
@@ -172,7 +192,8 @@ class GuardedLifecycleNode(LifecycleNode):
 
     def _keep(self, cause: BaseException | str, where: str) -> None:
         self.last_fault = fault_of(cause, where)
-        self.get_logger().error(str(self.last_fault))
+        # Indented, so that whoever reads the output of several nodes knows whose the lines are.
+        self.get_logger().error(str(self.last_fault).replace("\n", "\n  "))
 
     def _guarded_transition(self, callback: TransitionCallback) -> TransitionCallback:
         where = callback.__name__

@@ -42,7 +42,8 @@ def message_class(name: str) -> type[Any]:
         return getattr(importlib.import_module(f"{package}.msg"), bare)  # type: ignore[no-any-return]
     except ModuleNotFoundError as error:
         raise ObeliskMsgError(
-            f"message type '{full}': the package '{package}' is not installed"
+            f"message type '{full}': the package '{package}' is not installed "
+            "(those of a workspace are compiled by `obk build`)"
         ) from error
     except AttributeError as error:
         raise ObeliskMsgError(f"the package '{package}' has no message '{bare}'") from error

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 
-__all__ = ["distribution_version"]
+__all__ = ["distribution_version", "distributions_like"]
 
 _INFO = re.compile(r"([^-]+)-(.+?)(?:-py[\d.]+)?\.(?:dist|egg)-info")
 
@@ -14,6 +14,12 @@ _INFO = re.compile(r"([^-]+)-(.+?)(?:-py[\d.]+)?\.(?:dist|egg)-info")
 def distribution_version(name: str) -> str | None:
     """The version of an installed distribution, None where there is none of that name."""
     return _versions(tuple(sys.path)).get(_normal(name))
+
+
+def distributions_like(pattern: str) -> Mapping[str, str]:
+    """Name -> version of the installed distributions whose whole name, with `_`, has a pattern."""
+    every = _versions(tuple(sys.path))
+    return {name: version for name, version in every.items() if re.fullmatch(pattern, name)}
 
 
 def _normal(name: str) -> str:

@@ -4,9 +4,7 @@ Files are parsed, never run.
 """
 
 import ast
-import configparser
 import re
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,6 +87,10 @@ def _texts(node: ast.AST) -> Iterator[str]:
 
 
 def _setup_cfg_lines(path: Path) -> Iterator[str]:
+    if not path.is_file():
+        return
+    import configparser  # seldom needed, as is `tomllib`
+
     parser = configparser.ConfigParser(interpolation=None)
     try:
         parser.read(path, encoding="utf-8")
@@ -98,6 +100,10 @@ def _setup_cfg_lines(path: Path) -> Iterator[str]:
 
 
 def _pyproject_lines(path: Path) -> Iterator[str]:
+    if not path.is_file():
+        return
+    import tomllib
+
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError):

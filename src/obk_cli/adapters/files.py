@@ -3,17 +3,24 @@
 import sys
 from pathlib import Path
 
+from obk_cli.source import LONGEST_FILE_BYTES
+
 __all__ = ["STANDARD_INPUT", "explain_os_error", "read_bytes"]
 
 STANDARD_INPUT = "-"
+_MOST_BYTES = LONGEST_FILE_BYTES + 1
 
 
 def read_bytes(path: str) -> bytes | str:
-    """What a file holds, or why it cannot be read; `-` is the standard input."""
+    """What a file holds, or why it cannot be read; `-` is the standard input.
+
+    Of one that is longer than any config no more than shows that.
+    """
     if path == STANDARD_INPUT:
-        return sys.stdin.buffer.read()
+        return sys.stdin.buffer.read(_MOST_BYTES)
     try:
-        return Path(path).read_bytes()
+        with Path(path).open("rb") as file:
+            return file.read(_MOST_BYTES)
     except (OSError, ValueError) as error:
         return explain_os_error(error)
 

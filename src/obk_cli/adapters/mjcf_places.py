@@ -36,7 +36,7 @@ def mjcf_elements(path: Path) -> Iterator[MjcfElement]:
 
 
 def mjcf_files(path: Path) -> Iterator[Path]:
-    """The files of a model: its own and those that it includes, missing ones too."""
+    """The files of a model: its own, those that it includes or attaches; missing ones too."""
     yield from dict.fromkeys(_files(path, path.parent, frozenset()))
 
 
@@ -45,8 +45,9 @@ def _files(path: Path, folder: Path, opened: frozenset[Path]) -> Iterator[Path]:
         return
     yield path
     includes: list[Path] = []
-    _Scan(path, folder, includes).elements()
-    for included in includes:
+    scan = _Scan(path, folder, includes)
+    scan.elements()
+    for included in (*includes, *scan.attached):
         yield from _files(included, folder, opened | {path})
 
 
@@ -66,6 +67,8 @@ class _Scan:
         self._path = path
         self._folder = folder
         self._includes = includes
+        self.attached: list[Path] = []
+        """Whole models that this one takes parts of."""
         self._open: list[str] = []
         self._found: list[MjcfElement] = []
         self._parser = expat.ParserCreate()
@@ -83,6 +86,8 @@ class _Scan:
         self._open.append(tag)
         if tag == "include" and "file" in attributes:
             self._includes.append(self._folder / attributes["file"])
+        elif tag == "model" and "file" in attributes:
+            self.attached.append(self._folder / attributes["file"])
         if "name" not in attributes and tag != "option":
             return
         element = MjcfElement(

@@ -21,7 +21,7 @@ from obk_cli.surroundings import ModelFault, ModelRead
 
 __all__ = ["cache_folder", "read_model_once"]
 
-_FORMAT = 1
+_FORMAT = 3
 _MOST_ENTRIES = 256
 _OTHER_FILES = (b"<attach", b"<model", b"<robot")
 """What may bring further files along; such models are always read."""
@@ -48,12 +48,12 @@ def read_model_once(path: Path, folder: Path | None) -> ModelRead | ModelFault:
     entry = folder / f"{key}.json"
     known = _read_entry(entry)
     if known is not None:
-        facts, wanted = known
-        return ModelRead(
-            facts=facts, wanted_files=wanted, missing_files=missing_files(wanted, path)
-        )
+        facts, wanted, was_compiled = known
+        missing = missing_files(wanted, path)
+        if missing or was_compiled:
+            return ModelRead(facts=facts, wanted_files=wanted, missing_files=missing)
     read = read_model(path)
-    if isinstance(read, ModelRead):
+    if isinstance(read, ModelRead) and read.fault is None:
         _write_entry(entry, read)
     return read
 
@@ -75,20 +75,28 @@ def _key(path: Path) -> str | None:
     return sha256(json.dumps([_FORMAT, version, str(path), digests]).encode()).hexdigest()
 
 
-def _read_entry(entry: Path) -> tuple[ModelFacts, tuple[tuple[str, str], ...]] | None:
+def _read_entry(entry: Path) -> tuple[ModelFacts, tuple[tuple[str, str], ...], bool] | None:
+    """Facts, wanted files, and whether all of those were there and the model compiled."""
     try:
         held = json.loads(entry.read_text(encoding="utf-8"))
         facts = held["facts"]
         sensors = {name: SensorFact(**sensor) for name, sensor in facts["sensors"].items()}
-        names = {key: tuple(facts[key]) for key in ("sites", "cameras", "keyframes")}
+        names = {key: tuple(facts[key]) for key in ("bodies", "sites", "cameras", "keyframes")}
         wanted = tuple((str(relative), str(written)) for relative, written in held["wanted_files"])
-        return ModelFacts(**{**facts, **names, "sensors": sensors}), wanted
+        whole = ModelFacts(**{**facts, **names, "sensors": sensors})
+        return whole, wanted, bool(held["was_compiled"])
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
         return None
 
 
 def _write_entry(entry: Path, read: ModelRead) -> None:
-    text = json.dumps({"facts": asdict(read.facts), "wanted_files": read.wanted_files})
+    text = json.dumps(
+        {
+            "facts": asdict(read.facts),
+            "wanted_files": read.wanted_files,
+            "was_compiled": not read.missing_files,
+        }
+    )
     temporary = entry.with_suffix(f".{os.getpid()}")
     try:
         entry.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""The facts of a MuJoCo model, read by MjSpec without compiling: meshes may be missing.
+"""The facts of a MuJoCo model, read by MjSpec: meshes may be missing, and if none is, it compiles.
 
 A path in; facts, or why there are none. MuJoCo is imported when the first model is read, and its
 errors end here.
@@ -39,11 +39,23 @@ def read_model(path: Path) -> ModelRead | ModelFault:
     except ValueError as error:
         return _fault(str(error))
     wanted = _wanted_files(spec, path)
+    facts = read_model_facts(spec)
+    missing = missing_files(wanted, path)
     return ModelRead(
-        facts=read_model_facts(spec),
+        facts=facts,
         wanted_files=wanted,
-        missing_files=missing_files(wanted, path),
+        missing_files=missing,
+        fault=None if missing else _compile_fault(spec),
     )
+
+
+def _compile_fault(spec: Any) -> ModelFault | None:
+    """What is wrong with a model that could be read: only now the names in it are looked up."""
+    try:
+        spec.compile()
+    except ValueError as error:
+        return _fault(str(error))
+    return None
 
 
 def _import_mujoco() -> Any:

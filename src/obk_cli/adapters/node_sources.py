@@ -24,11 +24,21 @@ _LONGEST_SCRIPT_BYTES = 1_000_000
 
 
 class NodeSources:
-    """Finds and reads the source of nodes; `shown` gives the path that a person is told."""
+    """Finds and reads the source of nodes.
 
-    def __init__(self, packages: PackageIndex, shown: Callable[[Path], str]) -> None:
+    `shown` gives the path that a person is told; `note` hears of every file that is looked for,
+    before it is read.
+    """
+
+    def __init__(
+        self,
+        packages: PackageIndex,
+        shown: Callable[[Path], str],
+        note: Callable[[Path], object] = lambda _: None,
+    ) -> None:
         self._packages = packages
         self._shown = shown
+        self._note = note
         self._modules: dict[tuple[str, Path], Module | None] = {}
         self._folders: dict[tuple[str, tuple[Path, ...]], tuple[Path, ...]] = {}
 
@@ -37,6 +47,7 @@ class NodeSources:
         if command.module is not None:
             return self._read_module(command.module, command.function, command.python_path)
         program = Path(command.arguments[0])
+        self._note(program)
         text = _script_text(program)
         first = text.partition("\n")[0]
         if "python" in first:
@@ -96,11 +107,11 @@ class NodeSources:
             may_be_installed = top == _LIBRARY or top in installed
             self._folders[key] = tuple(self._tops(top, path, may_be_installed))
         for place in self._folders[key]:
-            file = place.joinpath(*rest)
-            if (file / "__init__.py").is_file():
-                return file / "__init__.py"
-            if file.with_suffix(".py").is_file():
-                return file.with_suffix(".py")
+            stem = place.joinpath(*rest)
+            for file in (stem / "__init__.py", stem.with_suffix(".py")):
+                self._note(file)
+                if file.is_file():
+                    return file
         return None
 
     def _tops(self, top: str, path: tuple[Path, ...], may_be_installed: bool) -> Iterable[Path]:

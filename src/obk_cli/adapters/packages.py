@@ -3,6 +3,7 @@
 Reads folders and files; runs nothing and imports nothing of the user's.
 """
 
+import os
 import re
 import sys
 from collections.abc import Iterator, Mapping
@@ -15,12 +16,23 @@ from obk_cli.adapters.entry_points import (
     installed_console_scripts,
     source_console_scripts,
 )
-from obk_cli.surroundings import Command, ExecutableMissing
+from obk_cli.adapters.overlay import overlay_prefixes
+from obk_cli.adapters.shell_scripts import module_run_by
+from obk_cli.surroundings import UNSEARCHED, Command, ExecutableMissing
 
-__all__ = ["Command", "ExecutableMissing", "PackageIndex", "find_workspace"]
+__all__ = [
+    "Command",
+    "ExecutableMissing",
+    "PackageIndex",
+    "find_workspace",
+    "is_workspace",
+    "package_folders",
+    "package_names_in",
+]
 
-_SKIPPED = {"build", "install", "log", "node_modules", "site-packages", "__pycache__"}
+_SKIPPED = {*UNSEARCHED, "node_modules", "site-packages", "__pycache__"}
 _NAME = re.compile(r"<name>\s*([^<\s]+)\s*</name>")
+_PACKAGE_FILES = ("package.xml", "setup.py", "setup.cfg", "pyproject.toml")
 _DEEPEST = 6
 """Folders below a workspace in which a package may lie."""
 
@@ -34,7 +46,7 @@ def find_workspace(start: Path) -> Path:
     folder = start.resolve()
     chain = (folder, *folder.parents)
     for ancestor in chain:
-        if ancestor.parent != ancestor and _is_workspace(ancestor):
+        if ancestor.parent != ancestor and is_workspace(ancestor):
             return ancestor
     for ancestor in chain[:3]:
         if _has_package_inside(ancestor):
@@ -42,8 +54,11 @@ def find_workspace(start: Path) -> Path:
     return folder
 
 
-def _is_workspace(folder: Path) -> bool:
-    return (folder / ".git").exists() or (folder / "src").is_dir()
+def is_workspace(folder: Path) -> bool:
+    """Whether a folder is one by itself: with packages in `src`, or a checkout."""
+    # The `src` of a package holds its C++.
+    has_packages = (folder / "src").is_dir() and not (folder / "package.xml").is_file()
+    return (folder / ".git").exists() or has_packages
 
 
 def _has_package_inside(folder: Path) -> bool:
@@ -59,7 +74,7 @@ class PackageIndex:
 
     workspaces: tuple[Path, ...]
     prefixes: tuple[Path, ...]
-    """Install prefixes, AMENT_PREFIX_PATH first, then this Python's."""
+    """Install prefixes: the workspaces' overlays, AMENT_PREFIX_PATH, then this Python's."""
 
     @classmethod
     def around(
@@ -67,9 +82,10 @@ class PackageIndex:
     ) -> "PackageIndex":
         """The packages for a config in `folder` when `obk` runs in `working_folder`."""
         own, current = find_workspace(folder), find_workspace(working_folder)
-        workspaces = (own, current) if _is_workspace(current) and current != own else (own,)
+        workspaces = (own, current) if is_workspace(current) and current != own else (own,)
         listed = environment.get("AMENT_PREFIX_PATH", "").split(":")
-        prefixes = dict.fromkeys(Path(prefix) for prefix in (*listed, sys.prefix) if prefix)
+        below = (Path(prefix) for prefix in (*listed, sys.prefix) if prefix)
+        prefixes = dict.fromkeys((*overlay_prefixes(workspaces), *below))
         return cls(workspaces=workspaces, prefixes=tuple(prefixes))
 
     @cached_property
@@ -81,19 +97,49 @@ class PackageIndex:
                 packages.setdefault(_package_name(folder), folder)
         return packages
 
+    @cached_property
+    def left_out_packages(self) -> Mapping[str, Path]:
+        """Name -> folder of the packages in folders of the workspaces that are not searched."""
+        packages: dict[str, Path] = {}
+        for workspace in self.workspaces:
+            for unsearched in _unsearched_folders(workspace, 0):
+                for folder in _package_folders(unsearched, 0):
+                    packages.setdefault(_package_name(folder), folder)
+        return packages
+
+    def message_names(self, package: str) -> tuple[str, ...] | None:
+        """The messages that a package defines, None if there is no such package."""
+        share = self.find_package_share(package)
+        return None if share is None else tuple(f.stem for f in _listed(share / "msg", ".msg"))
+
+    def message_definition(self, package: str, name: str) -> str | None:
+        """The text that defines a message, None if there is none that can be read."""
+        share = self.find_package_share(package)
+        if share is None:
+            return None
+        try:
+            return (share / "msg" / f"{name}.msg").read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError):
+            return None
+
+    def message_packages(self) -> tuple[str, ...]:
+        """The packages of the workspaces that define messages."""
+        sources = self.source_packages.items()
+        return tuple(name for name, folder in sources if _listed(folder / "msg", ".msg"))
+
     def find_package_share(self, name: str) -> Path | None:
         """The folder that holds a package's data: its source folder or `share/<name>`."""
         source = self.source_packages.get(name)
         if source is not None:
             return source
         shares = (prefix / "share" / name for prefix in self.prefixes)
-        return next((share for share in shares if share.is_dir()), None)
+        return next((share for share in shares if _is_folder(share)), None)
 
     def has_package(self, name: str) -> bool:
         """Whether a package of that name is anywhere."""
         if self.find_package_share(name) is not None:
             return True
-        return any((prefix / "lib" / name).is_dir() for prefix in self.prefixes)
+        return any(_is_folder(prefix / "lib" / name) for prefix in self.prefixes)
 
     def package_names(self) -> tuple[str, ...]:
         """Every package that is there, for did-you-mean."""
@@ -102,6 +148,11 @@ class PackageIndex:
             shares = prefix / "share" / "ament_index" / "resource_index" / "packages"
             names.update(entry.name for entry in _listed(shares))
         return tuple(sorted(names))
+
+    def files_of(self, package: str) -> tuple[Path, ...]:
+        """The files that say what executables a source package has, those it lacks too."""
+        folder = self.source_packages.get(package)
+        return tuple(folder / name for name in _PACKAGE_FILES) if folder else ()
 
     def searched(self) -> tuple[str, ...]:
         """The places that are looked through, for a message."""
@@ -115,20 +166,20 @@ class PackageIndex:
             return _python_command(in_source[executable], source, f"the sources in {source}")
         scripts = self._source_scripts(package)
         if executable in scripts:
-            return Command(
-                arguments=(str(scripts[executable]),), found_in=f"the sources in {source}"
-            )
+            return _program_command(scripts[executable], f"the sources in {source}")
         installed = installed_console_scripts(package)
         if executable in installed:
             return _python_command(installed[executable], None, "an installed Python distribution")
         programs = self._lib_programs(package)
         if executable in programs:
             program = programs[executable]
-            return Command(arguments=(str(program),), found_in=str(program.parent))
+            return _program_command(program, str(program.parent))
+        is_found = self.has_package(package) or bool(installed)
         return ExecutableMissing(
             package=package,
             executable=executable,
-            package_found=self.has_package(package) or bool(installed),
+            package_found=is_found,
+            left_out=None if is_found else self.left_out_packages.get(package),
             searched=self.searched(),
             available=tuple(sorted({*in_source, *scripts, *installed, *programs})),
         )
@@ -161,15 +212,34 @@ def _python_command(entry: EntryPoint, root: Path | None, found_in: str) -> Comm
     )
 
 
+def _is_folder(path: Path) -> bool:
+    """Whether there is such a folder; a name that none can have, one too long, is no error."""
+    return os.path.isdir(path)  # noqa: PTH112  (`Path.is_dir` raises)
+
+
+def _program_command(program: Path, found_in: str) -> Command:
+    return Command(arguments=(str(program),), found_in=found_in, module=module_run_by(program))
+
+
 def _is_program(path: Path) -> bool:
     return path.is_file() and path.stat().st_mode & 0o111 != 0
 
 
-def _listed(folder: Path) -> tuple[Path, ...]:
+def _listed(folder: Path, suffix: str = "") -> tuple[Path, ...]:
     try:
-        return tuple(sorted(folder.iterdir()))
+        return tuple(sorted(file for file in folder.iterdir() if file.name.endswith(suffix)))
     except OSError:
         return ()
+
+
+def package_folders(workspace: Path) -> Iterator[Path]:
+    """The folders with a package.xml below a workspace, as far as they are searched."""
+    yield from _package_folders(workspace, 0)
+
+
+def package_names_in(workspace: Path) -> tuple[str, ...]:
+    """The names of the packages whose sources are in a workspace."""
+    return tuple(sorted({_package_name(folder) for folder in package_folders(workspace)}))
 
 
 def _package_folders(folder: Path, depth: int) -> Iterator[Path]:
@@ -179,12 +249,25 @@ def _package_folders(folder: Path, depth: int) -> Iterator[Path]:
     if (folder / "package.xml").is_file():
         yield folder
         return
+    for child in _searched_children(folder, depth):
+        yield from _package_folders(child, depth + 1)
+
+
+def _searched_children(folder: Path, depth: int) -> Iterator[Path]:
     if depth == _DEEPEST:
         return
     for child in _listed(folder):
         is_skipped = child.name.startswith(".") or child.name in _SKIPPED
-        if not is_skipped and child.is_dir() and not (child / "pyvenv.cfg").exists():
-            yield from _package_folders(child, depth + 1)
+        is_open = _is_folder(child) and os.access(child, os.X_OK)
+        if not is_skipped and is_open and not (child / "pyvenv.cfg").exists():
+            yield child
+
+
+def _unsearched_folders(folder: Path, depth: int) -> Iterator[Path]:
+    """The folders below one that are passed by because building writes into them."""
+    yield from (folder / name for name in UNSEARCHED if (folder / name).is_dir())
+    for child in _searched_children(folder, depth):
+        yield from _unsearched_folders(child, depth + 1)
 
 
 def _package_name(folder: Path) -> str:

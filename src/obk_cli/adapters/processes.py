@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -24,7 +25,7 @@ import psutil
 
 from obk_cli.adapters import warden
 from obk_cli.launch.events import Heard, ProcessEnded, ProcessStarted
-from obk_cli.plan import Process
+from obk_cli.launch.units import Unit
 
 __all__ = ["NodeCommand", "WardenProcesses"]
 
@@ -35,8 +36,12 @@ SEND_S = 2
 END_S = 2.0
 """How long what is left may take at the end, each part of it [s]."""
 POLL_S = 0.01
+KEPT_LINES = 60
+"""Of each process's output, for whoever wants to know what it wrote last."""
 LONGEST_LINE = 1 << 16
 """Output without line ends is cut into pieces of this size [characters]."""
+STACK_SIGNAL = signal.SIGUSR1
+"""On which the run-time library's processes write their stacks."""
 NO_WARDEN = "the process that watched over the nodes is gone"
 
 
@@ -56,24 +61,27 @@ class WardenProcesses:
         *,
         commands: Mapping[str, NodeCommand],
         folder: Path,
+        marks: Mapping[str, str],
         hear: Callable[[Heard], None],
         on_line: Callable[[str, str], None],
     ) -> None:
         """Start the warden.
 
         Args:
-            commands: by the nodes' full names.
+            commands: by the names of the units.
             folder: the processes' working folder.
+            marks: variables by which the warden is known as one of this launch.
             hear: takes `ProcessStarted` and `ProcessEnded`, from a thread.
-            on_line: takes a node's full name and a line of its output, from a thread.
+            on_line: takes a unit's name and a line of its output, from a thread.
         """
         self._commands = commands
         self._folder = folder
         self._hear = hear
         self._on_line = on_line
         self._pumps: dict[str, threading.Thread] = {}
-        self._last_lines: dict[str, str] = {}
-        self._running: set[str] = set()
+        self._last_lines: dict[str, deque[str]] = {}
+        self._running: dict[str, int] = {}
+        """Unit -> process id."""
         self._before = {child.pid for child in psutil.Process().children()}
         _adopt_orphans(is_wanted=True)
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -83,6 +91,7 @@ class WardenProcesses:
             self._warden = subprocess.Popen(
                 [sys.executable, "-I", "-S", str(Path(warden.__file__))],
                 stdin=theirs.fileno(),
+                env={**os.environ, **marks},
                 start_new_session=True,
             )
         self._listener = threading.Thread(target=self._listen, name="warden", daemon=True)
@@ -98,6 +107,7 @@ class WardenProcesses:
         trace: TracebackType | None,
     ) -> None:
         """End whatever still runs, and the warden."""
+        self._send({"do": "end"})
         self._link.shutdown(socket.SHUT_RDWR)
         try:
             self._warden.wait(warden.GRACE_S + warden.KILL_S + END_S)
@@ -111,13 +121,13 @@ class WardenProcesses:
         for pump in self._pumps.values():
             pump.join(max(0.0, deadline - time.monotonic()))
 
-    def start(self, process: Process) -> None:
-        """Start a node's process; `ProcessStarted` or `ProcessEnded` follows."""
-        command = self._commands[process.full_name]
+    def start(self, unit: Unit) -> None:
+        """Start a process; `ProcessStarted` or `ProcessEnded` follows."""
+        command = self._commands[unit.name]
         read_fd, write_fd = os.pipe2(os.O_CLOEXEC)
         request = {
             "do": "start",
-            "node": process.full_name,
+            "node": unit.name,
             "arguments": command.arguments,
             "environment": dict(command.environment),
             "folder": str(self._folder),
@@ -125,17 +135,28 @@ class WardenProcesses:
         is_sent = self._send(request, write_fd)
         os.close(write_fd)
         if not is_sent:
-            self._hear(ProcessEnded(node=process.full_name, code=127, text=NO_WARDEN))
+            self._hear(ProcessEnded(process=unit.name, code=127, text=NO_WARDEN))
         pump = threading.Thread(
-            target=self._pump, args=(process.full_name, read_fd), name="output", daemon=True
+            target=self._pump, args=(unit.name, read_fd), name="output", daemon=True
         )
         pump.start()
-        self._pumps[process.full_name] = pump
+        self._pumps[unit.name] = pump
 
-    def signal(self, node: str, number: int) -> None:
-        """Send a signal to a node's process and its children that share its group."""
+    def signal(self, process: str, number: int) -> None:
+        """Send a signal to a process and its children that share its group."""
         # Without a warden there are no nodes: `_listen` has told their ends.
-        self._send({"do": "signal", "node": node, "number": number})
+        self._send({"do": "signal", "node": process, "number": number})
+
+    def dump_stack(self, process: str) -> None:
+        """Have a process write the stacks of its threads, where it takes the signal for it."""
+        pid = self._running.get(process)
+        if pid is not None and _catches(pid, STACK_SIGNAL):
+            with suppress(ProcessLookupError):
+                os.kill(pid, STACK_SIGNAL)
+
+    def last_lines(self, process: str) -> tuple[str, ...]:
+        """The last lines of a process's output."""
+        return tuple(self._last_lines.get(process, ()))
 
     def _send(self, request: Mapping[str, object], *fds: int) -> bool:
         """Hand a request to the warden; False when there is none, or none that listens."""
@@ -166,22 +187,23 @@ class WardenProcesses:
             news = json.loads(data)
             node = news["node"]
             if news["news"] == "started":
-                self._running.add(node)
-                self._hear(ProcessStarted(node=node, pid=news["pid"]))
+                self._running[node] = news["pid"]
+                self._hear(ProcessStarted(process=node, pid=news["pid"]))
             else:
-                self._running.discard(node)
+                self._running.pop(node, None)
                 text = news["text"] or (self._last_words(node) if news["code"] > 0 else "")
-                self._hear(ProcessEnded(node=node, code=news["code"], text=text))
+                self._hear(ProcessEnded(process=node, code=news["code"], text=text))
         # The nodes die with the warden, and nobody else would tell.
         for node in sorted(self._running):
-            self._hear(ProcessEnded(node=node, code=-signal.SIGKILL, text=NO_WARDEN))
+            self._hear(ProcessEnded(process=node, code=-signal.SIGKILL, text=NO_WARDEN))
 
     def _last_words(self, node: str) -> str:
         """The last line that a process wrote: of a Python program that died, its exception."""
         pump = self._pumps.get(node)
         if pump is not None:
             pump.join(LAST_WORDS_S)
-        return self._last_lines.get(node, "")
+        said = [line for line in self._last_lines.get(node, ()) if line.strip()]
+        return said[-1] if said else ""
 
     def _received(self) -> bytes:
         try:
@@ -190,12 +212,25 @@ class WardenProcesses:
             return b""
 
     def _pump(self, node: str, read_fd: int) -> None:
+        lines = self._last_lines.setdefault(node, deque(maxlen=KEPT_LINES))
         with open(read_fd, encoding="utf-8", errors="replace") as output:
             while line := output.readline(LONGEST_LINE):
                 text = line.rstrip("\n")
-                if text.strip():
-                    self._last_lines[node] = text
+                lines.append(text)
                 self._on_line(node, text)
+
+
+def _catches(pid: int, number: int) -> bool:
+    """Whether a process has a handler for a signal; without one it would die of it.
+
+    Source: proc_pid_status(5), SigCgt.
+    """
+    try:
+        status = Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return False
+    caught = next((line for line in status.splitlines() if line.startswith("SigCgt:")), "SigCgt: 0")
+    return bool(int(caught.split()[1], 16) >> (number - 1) & 1)
 
 
 def _adopt_orphans(*, is_wanted: bool) -> None:

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
@@ -15,6 +15,12 @@ Network = Literal["localhost", "lan"]
 
 OUR_RMW: Final = "rmw_fastrtps_cpp"
 HIGHEST_DOMAIN: Final = 232
+RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PEERS: Final = "ROS_STATIC_PEERS"
+OLD_SWITCH: Final = "ROS_LOCALHOST_ONLY"
+"""What came before `RANGE`; ROS warns of it in every process, and when it is 1 heeds only it."""
+PROFILES_FILES: Final = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+"""Where Fast DDS is told of settings; the second by newer versions."""
 DDS_PROFILE: Final = Path(__file__).with_name("dds_profile.xml")
 
 
@@ -23,6 +29,7 @@ class RosEnvironment:
     """Variables for ROS processes, and sentences about what was changed for the user."""
 
     variables: Mapping[str, str]
+    """All of a process's; what is not among them is not to be set."""
     notes: tuple[str, ...]
 
     @property
@@ -30,23 +37,30 @@ class RosEnvironment:
         """The ROS domain."""
         return int(self.variables.get("ROS_DOMAIN_ID", "0"))
 
+    def put_into_effect(self) -> None:
+        """Set the variables for this process."""
+        os.environ.update(self.variables)
+        if OLD_SWITCH not in self.variables:
+            os.environ.pop(OLD_SWITCH, None)
 
-def ros_environment(network: Network | None = None) -> RosEnvironment:
+
+def ros_environment(
+    network: Network | None = None, *, devices_are_split: bool = False
+) -> RosEnvironment:
     """What this process's environment becomes for ROS.
 
     Args:
         network: who can discover the stack; None keeps what the user has set, else this host only.
+        devices_are_split: whether other hosts run other devices of the stack; then, where neither
+            `network` nor the user says anything, they can be discovered.
 
     Raises:
         CommandFailedError: ROS_DOMAIN_ID is no domain; to guess another could move a real robot.
     """
     variables = dict(os.environ)
-    notes = []
-    ranges = {"localhost": "LOCALHOST", "lan": "SUBNET"}
-    if network is not None:
-        variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] = ranges[network]
-    variables.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", ranges["localhost"])
-    variables.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(DDS_PROFILE))
+    notes = [*_set_range(variables, network, devices_are_split)]
+    if not any(variables.get(name) for name in PROFILES_FILES):
+        variables[PROFILES_FILES[0]] = str(DDS_PROFILE)
     variables["PYTHONUNBUFFERED"] = "1"
     rmw = variables.get("RMW_IMPLEMENTATION")
     if rmw and not _is_installed(rmw, variables):
@@ -58,6 +72,31 @@ def ros_environment(network: Network | None = None) -> RosEnvironment:
             f"ROS_DOMAIN_ID={domain} is not a number from 0 to {HIGHEST_DOMAIN}"
         )
     return RosEnvironment(variables=variables, notes=tuple(notes))
+
+
+def _set_range(
+    variables: dict[str, str], network: Network | None, devices_are_split: bool
+) -> Iterator[str]:
+    """Set who can discover the stack; gives sentences about what does not go together."""
+    # With the old switch on, ROS looks at nothing else.
+    is_switched = variables.pop(OLD_SWITCH, "") == "1"
+    peers = variables.get(PEERS)
+    if network is None and is_switched:
+        variables[RANGE] = "LOCALHOST"
+    if network is not None:
+        variables[RANGE] = {"localhost": "LOCALHOST", "lan": "SUBNET"}[network]
+    if network == "lan" and is_switched:
+        yield f"{OLD_SWITCH}=1 is left out for `--network lan`"
+    if network == "localhost" and peers:
+        del variables[PEERS]
+        yield f"{PEERS}={peers} is left out for `--network localhost`"
+    is_set = bool(variables.get(RANGE))
+    if not is_set:
+        variables[RANGE] = "SUBNET" if devices_are_split else "LOCALHOST"
+    elif devices_are_split and variables[RANGE] in ("LOCALHOST", "OFF") and not peers:
+        what = f"{OLD_SWITCH}=1" if is_switched else f"{RANGE}={variables[RANGE]}"
+        what = "`--network localhost`" if network == "localhost" else what
+        yield f"{what} keeps devices on other hosts from being found; use `--network lan`"
 
 
 def _is_installed(rmw: str, variables: Mapping[str, str]) -> bool:

@@ -2,6 +2,7 @@
 
 Takes lines from any thread, never waits, and writes them in a thread of its own. While nobody
 reads, a bounded number of lines is kept; what comes beyond that is counted and left out.
+On a terminal a status area may stand below the lines; it is drawn in that thread too.
 """
 
 import os
@@ -10,24 +11,44 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Final, Self
 
+from obk_cli.adapters.footer import Draw, Footer
+
 __all__ = ["Screen"]
 
 ROOM: Final = 2000
 """Lines that may wait."""
 END_S: Final = 1.0
 """How long the last lines may take at the end [s]."""
+REFRESH_S: Final = 0.5
+"""How long a footer stays as it is while there are no lines [s]."""
+PAUSE_S: Final = 0.05
+"""Between two writes above a footer, which each draw it again [s]."""
+
+
+def _told_left_out(count: int) -> str:
+    return f"... {count} lines left out"
 
 
 class Screen:
     """A descriptor that lines are written to."""
 
-    def __init__(self, fd: int, room: int = ROOM) -> None:
-        """Write to a descriptor, which stays open; `room` is how many lines may wait."""
+    def __init__(
+        self, fd: int, room: int = ROOM, left_out: Callable[[int], str] = _told_left_out
+    ) -> None:
+        """Make a screen.
+
+        Args:
+            fd: where to write; stays open.
+            room: how many lines may wait.
+            left_out: words a line that tells how many were left out.
+        """
         self._fd = fd
         self._room = room
+        self._told_left_out = left_out
         self._waiting: list[str] = []
         self._left_out = 0
-        self._is_ending = False
+        self._footer: Footer | None = None
+        self._ending = threading.Event()
         self._is_closed = False
         self._on_closed: Callable[[], None] = lambda: None
         self._changed = threading.Condition()
@@ -44,9 +65,9 @@ class Screen:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Write what waits, as far as it is read soon."""
+        """Write what waits, as far as it is read soon, and take the footer away."""
         with self._changed:
-            self._is_ending = True
+            self._ending.set()
             self._changed.notify()
         self._writer.join(END_S)
 
@@ -57,6 +78,16 @@ class Screen:
             if not self._is_closed:
                 return
         call()
+
+    def set_footer(self, draw: Draw) -> None:
+        """Keep a status area below the lines from now on; only for one that `takes_footer`.
+
+        Args:
+            draw: gives its lines for a terminal's size; called in the writing thread, often.
+        """
+        with self._changed:
+            self._footer = Footer(self._fd, draw)
+            self._changed.notify()
 
     def put(self, line: str, *, may_drop: bool = False) -> None:
         """Write a line, some time; one that may be dropped is, while too many wait."""
@@ -72,15 +103,18 @@ class Screen:
 
     def _note_left_out(self) -> None:
         if self._left_out:
-            self._waiting.append(f"... {self._left_out} lines left out")
+            self._waiting.append(self._told_left_out(self._left_out))
             self._left_out = 0
 
     def _write_all(self) -> None:
         try:
-            while lines := self._taken():
-                data = memoryview("".join(f"{line}\n" for line in lines).encode(errors="replace"))
-                while data:
-                    data = data[os.write(self._fd, data) :]
+            while (lines := self._taken()) is not None:
+                log = "".join(f"{line}\n" for line in lines)
+                self._write(self._footer.below(log) if self._footer else log)
+                if self._footer:
+                    self._ending.wait(PAUSE_S)
+            if self._footer:
+                self._write(self._footer.removed())
         except OSError:
             with self._changed:
                 self._is_closed = True
@@ -88,10 +122,21 @@ class Screen:
                 call = self._on_closed
             call()
 
-    def _taken(self) -> list[str]:
-        """All that waits, once there is any; nothing at the end."""
+    def _write(self, text: str) -> None:
+        data = memoryview(text.encode(errors="replace"))
+        while data:
+            data = data[os.write(self._fd, data) :]
+
+    def _taken(self) -> list[str] | None:
+        """All that waits, once there is any or the footer is due; None at the end."""
         with self._changed:
-            self._changed.wait_for(lambda: self._waiting or self._is_ending)
+            footer = self._footer
+            self._changed.wait_for(
+                lambda: self._waiting or self._ending.is_set() or self._footer is not footer,
+                REFRESH_S if footer else None,
+            )
+            if self._ending.is_set() and not self._waiting:
+                return None
             self._note_left_out()
             taken, self._waiting = self._waiting, []
             return taken

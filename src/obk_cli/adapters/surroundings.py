@@ -1,10 +1,10 @@
 """The answers to what the stages ask: this machine's packages and models."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from obk_cli.adapters.mjcf_places import MjcfElement, mjcf_elements
+from obk_cli.adapters.mjcf_places import MjcfElement, mjcf_elements, mjcf_files
 from obk_cli.adapters.model_cache import cache_folder, read_model_once
 from obk_cli.adapters.mujoco_model import has_mujoco
 from obk_cli.adapters.node_sources import NodeSources
@@ -17,9 +17,19 @@ __all__ = ["MachineSurroundings"]
 
 
 class MachineSurroundings:
-    """One run's view of the machine; every file is read at most once."""
+    """One run's view of the machine; every file is read at most once.
 
-    def __init__(self, folder: Path, working_folder: Path, environment: Mapping[str, str]) -> None:
+    `note` hears of the files that the answers depend on, each before it is read.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        working_folder: Path,
+        environment: Mapping[str, str],
+        note: Callable[[Path], object] | None = None,
+    ) -> None:
+        self._note = note
         self.packages = PackageIndex.around(folder, working_folder, environment)
         self._working_folder = working_folder
         self._cache = cache_folder(environment)
@@ -38,10 +48,21 @@ class MachineSurroundings:
         """Every package that is there."""
         return self.packages.package_names()
 
+    def message_packages(self) -> tuple[str, ...]:
+        """The packages of the workspace that define messages."""
+        return self.packages.message_packages()
+
+    def message_names(self, package: str) -> tuple[str, ...] | None:
+        """The messages that a package defines."""
+        share = self.packages.find_package_share(package)
+        self._note_all([share / "msg"] if share else ())
+        return self.packages.message_names(package)
+
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         """How an executable is started."""
         key = (package, executable)
         if key not in self._commands:
+            self._note_all(self.packages.files_of(package) if self._note else ())
             self._commands[key] = self.packages.find_executable(package, executable)
         return self._commands[key]
 
@@ -51,7 +72,8 @@ class MachineSurroundings:
         if key not in self._codes:
             command = self.find_executable(package, executable)
             if self._node_sources is None:
-                self._node_sources = NodeSources(self.packages, self._shown)
+                note = self._note or (lambda _: None)
+                self._node_sources = NodeSources(self.packages, self._shown, note)
             self._codes[key] = (
                 self._node_sources.read(command) if isinstance(command, Command) else None
             )
@@ -60,7 +82,11 @@ class MachineSurroundings:
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         """The facts of a model, None without MuJoCo."""
         if path not in self._models:
-            self._models[path] = read_model_once(path, self._cache) if has_mujoco() else None
+            self._note_all(mjcf_files(path) if self._note else ())
+            read = read_model_once(path, self._cache) if has_mujoco() else None
+            wanted = read.wanted_files if isinstance(read, ModelRead) else ()
+            self._note_all(path.parent / file for pair in wanted for file in pair)
+            self._models[path] = read
         return self._models[path]
 
     def model_line(self, path: Path, line: int) -> Span:
@@ -81,6 +107,11 @@ class MachineSurroundings:
                 length = rest.find(">") + 1 or len(rest.rstrip()) or 1
                 return Span.at(source, element.line, element.column, length)
         return None
+
+    def _note_all(self, paths: Iterable[Path]) -> None:
+        if self._note is not None:
+            for path in paths:
+                self._note(path)
 
     def _source(self, path: Path) -> SourceFile:
         if path not in self._sources:

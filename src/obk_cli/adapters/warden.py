@@ -3,9 +3,10 @@
 Run as a program of its own (`python -I -S warden.py`), with its standard input one end of a Unix
 socket of packets. Takes JSON requests, gives JSON news (`started`, `ended`). Each request is a file
 of its own, handed over by descriptor, for an environment may be larger than a packet: `start`, with
-a second descriptor for the output, and `signal`. It is the parent of the nodes and adopts their
-orphans (child subreaper). When the launcher's end of the socket closes, whatever the reason, all of
-them get SIGTERM, then SIGKILL. Imports the standard library only, so that it is up at once.
+a second descriptor for the output, `signal`, and `end` before the last. It is the parent of the
+nodes and adopts their orphans (child subreaper). When the launcher's end of the socket closes,
+whatever the reason, all of them get SIGTERM, then SIGKILL; after a launcher that did not say `end`
+this process clears shared memory too. Imports the standard library only, so that it is up at once.
 Source: prctl(2), PR_SET_CHILD_SUBREAPER and PR_SET_PDEATHSIG.
 """
 
@@ -31,6 +32,7 @@ GRACE_S = 1.0
 KILL_S = 5.0
 """For the ends after SIGKILL; what the kernel holds on to is left [s]."""
 LARGEST_PACKET = 1 << 16
+SWEEPER = Path(__file__).with_name("shared_memory.py")
 
 
 class Warden:
@@ -40,6 +42,8 @@ class Warden:
         self._link = link
         self._libc = libc
         self._pids: dict[int, str] = {}
+        self.ends_in_order = False
+        """Whether the launcher said that it is through."""
 
     def serve(self) -> None:
         """Answer requests until the launcher's end of the socket closes."""
@@ -80,6 +84,8 @@ class Warden:
             request = json.load(file)
         if request["do"] == "start":
             self._start(request, fds[1])
+        elif request["do"] == "end":
+            self.ends_in_order = True
         else:
             self._signal(request["node"], request["number"])
         return True
@@ -189,6 +195,8 @@ def main() -> None:
             warden.serve()
         finally:
             warden.end_all()
+    if not warden.ends_in_order:
+        os.execv(sys.executable, [sys.executable, "-I", "-S", str(SWEEPER)])
 
 
 if __name__ == "__main__":

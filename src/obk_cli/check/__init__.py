@@ -7,10 +7,12 @@ from obk_cli.check.components import check_callback_groups, check_components
 from obk_cli.check.control import check_controls
 from obk_cli.check.graph import check_node_names, check_required_sections
 from obk_cli.check.loop import check_control_topics, check_loop, check_timers
+from obk_cli.check.messages import check_message_types
 from obk_cli.check.model import check_models
 from obk_cli.check.packages import check_executables, check_files
 from obk_cli.check.style import check_defaults, check_homes
-from obk_cli.check.topics import check_dangling, check_qos, check_types
+from obk_cli.check.topics import check_dangling, check_qos
+from obk_cli.check.types import check_types
 from obk_cli.config import Stack
 from obk_cli.diagnostics import Diagnostic
 from obk_cli.surroundings import Surroundings
@@ -23,6 +25,7 @@ CHECKS: tuple[Check, ...] = (
     check_components,
     check_callback_groups,
     check_node_names,
+    check_message_types,
     check_types,
     check_qos,
     check_control_topics,

@@ -1,12 +1,14 @@
 """OBK107, OBK108, OBK207, OBK208: the components of one node against each other."""
 
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 
 from obelisk_spec.components import component_identity, standard_component
 from obelisk_spec.near import did_you_mean, near_names, sure_name
 from obk_cli.config import Component, Node, Spanned, Stack
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.node_code import NodeCode
 from obk_cli.surroundings import Surroundings
 
 __all__ = ["check_callback_groups", "check_components"]
@@ -15,12 +17,19 @@ _MOST_SUGGESTIONS = 200
 """Findings that are compared with what exists."""
 
 
-def check_components(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_components(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
     """Two entries for one component, and names that contradict each other."""
     for node in stack.nodes:
         yield from _check_twice(node)
-        for component in node.components:
-            yield from _check_contradiction(component, node)
+        if any(component.ros_parameter and component.key for component in node.components):
+            yield from _check_contradictions(node, _code_of(node, surroundings))
+
+
+def _code_of(node: Node, surroundings: Surroundings) -> NodeCode | None:
+    if node.pkg is None or node.executable is None:
+        return None
+    code = surroundings.read_node_code(node.pkg.value, node.executable.value)
+    return code if isinstance(code, NodeCode) else None
 
 
 def _check_twice(node: Node) -> Iterator[Diagnostic]:
@@ -40,25 +49,74 @@ def _check_twice(node: Node) -> Iterator[Diagnostic]:
         )
 
 
-def _check_contradiction(component: Component, node: Node) -> Iterator[Diagnostic]:
-    parameter, key = component.ros_parameter, component.key
-    if parameter is None or key is None:
-        return
-    meant = standard_component(key.value) or component_identity(key.value)
-    own = standard_component(parameter.value) or component_identity(parameter.value)
-    others = {
-        other.identity
-        for other in node.components
-        if other is not component and other.kind == component.kind
+def _check_contradictions(node: Node, code: NodeCode | None) -> Iterator[Diagnostic]:
+    """A `key` beside a `ros_parameter` may be a name of the user's own, but no other component's.
+
+    The node finds a component by either name.
+    """
+    owners = {
+        (component.kind, _meant(component.name.value)): component
+        for component in reversed(node.components)
+        if component.name is not None
     }
-    if meant == own or not (standard_component(key.value) or meant in others):
-        return
-    yield found(
+    for component in node.components:
+        parameter, key = component.ros_parameter, component.key
+        if key is None:
+            continue
+        meant = _meant(key.value)
+        owner = owners.setdefault((component.kind, meant), component)
+        if parameter is None or meant == (own := _meant(parameter.value)):
+            continue
+        is_other = owner is not component or standard_component(key.value) is not None
+        if is_other or _are_two(code, component, parameter, key):
+            place = owner.name if owner is not component else None
+            yield _contradiction(parameter, key, meant, own, place)
+        elif sure_name(meant, (own,)):
+            yield _misspelt_key(parameter, key, own)
+
+
+def _meant(name: str) -> str:
+    return standard_component(name) or component_identity(name)
+
+
+def _are_two(
+    code: NodeCode | None, component: Component, parameter: Spanned[str], key: Spanned[str]
+) -> bool:
+    """Whether the code registers one component of either name."""
+    if code is None:
+        return False
+    named, keyed = (
+        code.component_of(replace(component, ros_parameter=name, key=None))
+        for name in (parameter, key)
+    )
+    return named is not None and keyed is not None and named is not keyed
+
+
+def _contradiction(
+    parameter: Spanned[str],
+    key: Spanned[str],
+    meant: str,
+    own: str,
+    owner: Spanned[str] | None,
+) -> Diagnostic:
+    there = (Related(message=f"the component `{meant}`", span=owner.span),) if owner else ()
+    return found(
         "OBK107",
         f"key `{key.value}` names the component `{meant}`, `ros_parameter` names `{own}`",
         key.span,
         help="remove one of the two",
+        related=(Related(message="the `ros_parameter`", span=parameter.span), *there),
+    )
+
+
+def _misspelt_key(parameter: Spanned[str], key: Spanned[str], own: str) -> Diagnostic:
+    return found(
+        "OBK107",
+        f"key `{key.value}` is not quite `{own}`, which `ros_parameter` names",
+        key.span,
+        help=f"write `key: {own}`, or leave `key` out",
         related=(Related(message="the `ros_parameter`", span=parameter.span),),
+        fix=respell(key.span, key.value, own),
     )
 
 

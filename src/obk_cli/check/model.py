@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from obelisk_spec.near import did_you_mean, list_names, near_names
 from obelisk_spec.sim_checks import SimFault, check_sim
+from obk_cli.check.files import where_it_is_not
 from obk_cli.config import FileSearch, Node, Sim, Stack
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
@@ -29,7 +30,12 @@ def check_models(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnosti
                 skipped = skipped or (sim.model.written.span if read is None else None)
             if isinstance(read, ModelFault):
                 yield _unreadable(read, sim.model, surroundings)
-            yield from _check_block(node, sim, read, surroundings)
+            in_block = tuple(_check_block(node, sim, read, surroundings))
+            # What MuJoCo stops at may be what the block was told of already.
+            is_told = any(finding.severity == "error" for finding in in_block)
+            if isinstance(read, ModelRead) and read.fault is not None and not is_told:
+                yield _unreadable(read.fault, sim.model, surroundings)
+            yield from in_block
     if skipped is not None:
         message = "MuJoCo is not installed, so names are not checked against the model"
         help = "install the `mujoco` package to have them checked"
@@ -37,7 +43,7 @@ def check_models(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnosti
 
 
 def _not_found(model: FileSearch, sim: Sim, surroundings: Surroundings) -> Diagnostic:
-    tried = f"tried {', '.join(str(path) for path in model.tried)}"
+    tried = where_it_is_not(model)
     if model.missing_package is not None and sim.robot_pkg is not None:
         return found(
             "OBK403",
@@ -45,7 +51,7 @@ def _not_found(model: FileSearch, sim: Sim, surroundings: Surroundings) -> Diagn
             sim.robot_pkg.span,
             help=_near_packages(model.missing_package, surroundings) or tried,
         )
-    hint = "" if sim.robot_pkg else "; name the package that holds it as `robot_pkg`"
+    hint = "" if sim.robot_pkg or model.near else "; name the package that holds it as `robot_pkg`"
     message = f"model `{model.written.value}` is not found"
     return found("OBK301", message, model.written.span, help=tried + hint)
 
@@ -57,7 +63,7 @@ def _near_packages(name: str, surroundings: Surroundings) -> str | None:
 
 def _unreadable(fault: ModelFault, model: FileSearch, surroundings: Surroundings) -> Diagnostic:
     related: tuple[Related, ...] = ()
-    if fault.line is not None and model.found is not None:
+    if fault.line and model.found is not None:
         place = surroundings.model_line(model.found, fault.line)
         related = (Related(message="MuJoCo stopped here", span=place),)
     message = f"MuJoCo cannot read `{model.written.value}`: {fault.message}"

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 from obelisk_spec.names import package_name_fault
 from obelisk_spec.near import did_you_mean, near_names
+from obk_cli.check.files import where_it_is_not
 from obk_cli.config import (
     JOYSTICK_EXECUTABLE,
     JOYSTICK_PACKAGE,
@@ -22,7 +23,7 @@ __all__ = ["check_executables", "check_files"]
 def check_executables(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
     """Every node's package and executable are there; a missing package is told once."""
     missing: dict[str, list[Span]] = defaultdict(list)
-    searched: tuple[str, ...] = ()
+    looked: dict[str, str] = {}
     for package, executable in _wanted(stack):
         answer = surroundings.find_executable(package.value, executable.value)
         if not isinstance(answer, ExecutableMissing):
@@ -31,9 +32,9 @@ def check_executables(stack: Stack, surroundings: Surroundings) -> Iterator[Diag
             yield _no_executable(answer, executable.span)
         else:
             missing[package.value].append(package.span)
-            searched = answer.searched
+            looked[package.value] = answer.looked
     for name, places in missing.items():
-        yield _no_package(name, places, searched, surroundings)
+        yield _no_package(name, places, looked[name], surroundings)
 
 
 def _wanted(stack: Stack) -> Iterator[tuple[Spanned[str], Spanned[str]]]:
@@ -52,20 +53,20 @@ def _no_executable(answer: ExecutableMissing, place: Span) -> Diagnostic:
         "OBK402",
         f"package `{answer.package}` has no executable `{answer.executable}`",
         place,
-        help=did_you_mean(answer.executable, answer.available) or "it has none at all",
+        help=did_you_mean(answer.executable, answer.available)
+        or "it has none; those in Python are the `console_scripts` of its setup.py",
     )
 
 
 def _no_package(
     package: str,
     places: list[Span],
-    searched: tuple[str, ...],
+    looked: str,
     surroundings: Surroundings,
 ) -> Diagnostic:
     # Message packages have no executables, and their names are near those of everything.
     names = [name for name in surroundings.package_names() if not name.endswith("_msgs")]
     near = did_you_mean(package, names) if near_names(package, names) else None
-    looked = f"searched {', '.join(searched)}"
     return found(
         "OBK401",
         f"package `{package}` is not found",
@@ -90,5 +91,5 @@ def _no_file(key: str, search: FileSearch) -> Diagnostic:
         "OBK404",
         f"file `{search.written.value}` of `{key}` is not there",
         search.written.span,
-        help=f"tried {', '.join(str(path) for path in search.tried)}",
+        help=where_it_is_not(search),
     )

@@ -1,4 +1,4 @@
-"""OBK203 to OBK206: what is published, what is subscribed to, and whether the two ends fit."""
+"""OBK203, OBK204, OBK206: what is published and subscribed to, and whether the two ends fit."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -11,18 +11,13 @@ from obk_cli.config import Qos, Spanned, Stack
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.surroundings import Surroundings
-from obk_cli.wiring import TopicEnd, stack_ends
+from obk_cli.wiring import TopicEnd, may_be_one, stack_ends
 
-__all__ = ["check_dangling", "check_qos", "check_types"]
+__all__ = ["check_dangling", "check_qos"]
 
 _MOST_SHOWN = 3
 _MOST_COMPARED = 20_000
 """Pairs of names; once as many are compared, what dangles is told without a suggestion."""
-_ONE_SEED_NAME = {
-    "obelisk_sensor_msgs/msg/JointEncoders",
-    "obelisk_sensor_msgs/msg/ObkJointEncoders",
-}
-"""The seeds write one name for the other, and what their C++ nodes take is in their code."""
 
 
 def _by_topic(ends: Iterable[TopicEnd], direction: str) -> Mapping[str, list[TopicEnd]]:
@@ -59,22 +54,23 @@ def check_dangling(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
 
 
 def _types_of_lost_publishers(stack: Stack) -> set[str | None]:
-    """Types of publishers whose topic could not be read, which was reported: theirs may be it."""
+    """Types of publishers whose topic is not known, which was reported: theirs may be it."""
     components = (component for node in stack.nodes for component in node.components)
     return {
         resolve_msg_type(component.msg_type.value) if component.msg_type else None
         for component in components
-        if component.kind == "publisher" and component.topic is None
+        if component.kind == "publisher"
+        and (component.topic is None or "${" in component.topic.value)
     }
 
 
 def _dangling(end: TopicEnd, near: list[TopicEnd], meant: str | None) -> Diagnostic:
-    is_sure = meant in {other.topic for other in near}
+    is_sure = meant in {other.topic for other in near if not _clash(end, other)}
     return found(
         "OBK203",
         f"nothing publishes `{end.topic}`, to which `{end.owner}` subscribes",
         end.span,
-        help=_suggestion(near),
+        help=_suggestion(end, near),
         related=(
             Related(message=f"`{other.topic}` is published here", span=other.span)
             for other in near[:1]
@@ -98,10 +94,14 @@ def _publishers_by_type(published: Mapping[str, list[TopicEnd]]) -> _ByType:
 
 
 def _candidates(end: TopicEnd, publishers: _ByType) -> list[TopicEnd]:
-    """Publishers of other nodes to compare with: those of the same type if there are any."""
-    alike = [kind for kind in publishers if end.msg_type and _may_be_one(kind, end.msg_type)]
+    """Publishers of other nodes to compare with.
+
+    Those of the same type if there are any, else those of an unknown one, else all.
+    """
+    alike = [kind for kind in publishers if end.msg_type and may_be_one(kind, end.msg_type)]
     unknown = [kind for kind in publishers if kind is None or end.msg_type is None]
-    return _of_types(end, publishers, alike) or _of_types(end, publishers, unknown)
+    groups = (_of_types(end, publishers, kinds) for kinds in (alike, unknown, publishers))
+    return next((group for group in groups if group), [])
 
 
 def _of_types(end: TopicEnd, publishers: _ByType, kinds: Iterable[str | None]) -> list[TopicEnd]:
@@ -115,12 +115,12 @@ def _of_types(end: TopicEnd, publishers: _ByType, kinds: Iterable[str | None]) -
 
 
 def _nearest(end: TopicEnd, candidates: Iterable[TopicEnd]) -> list[TopicEnd]:
-    """Those that may be meant: of the same type, or of an unknown one and much the same name."""
+    """Those that may be meant: of the same type, or much the same name."""
     likeness = {other.topic: (_likeness(other, end), other) for other in candidates}
     close = [
         (ratio, other)
         for ratio, other in likeness.values()
-        if ratio > 0.8 or (end.msg_type and other.msg_type)
+        if ratio > 0.8 or (end.msg_type and may_be_one(end.msg_type, other.msg_type))
     ]
     return [other for _, other in sorted(close, key=lambda pair: -pair[0])][:_MOST_SHOWN]
 
@@ -129,52 +129,29 @@ def _likeness(one: TopicEnd, other: TopicEnd) -> float:
     return SequenceMatcher(None, one.topic, other.topic).ratio()
 
 
-def _suggestion(near: list[TopicEnd]) -> str | None:
+def _suggestion(end: TopicEnd, near: list[TopicEnd]) -> str | None:
     if not near:
         return None
-    names = " or ".join(
-        f"`{end.topic}`" + (f" ({bare_name(end.msg_type)})" if end.msg_type else "") for end in near
-    )
+    names = " or ".join(f"`{other.topic}`{_type_of(other, end)}" for other in near)
     return f"did you mean {names}?"
 
 
-def _may_be_one(one: str | None, other: str | None) -> bool:
-    return one == other or {one, other} == _ONE_SEED_NAME
+def _type_of(other: TopicEnd, end: TopicEnd) -> str:
+    """The type in brackets, and beside it the one that is subscribed to if it is another."""
+    if other.msg_type is None:
+        return ""
+    if end.msg_type is None or end.msg_type == other.msg_type:
+        return f" ({bare_name(other.msg_type)})"
+    names = (bare_name(other.msg_type), bare_name(end.msg_type))
+    if names[0] == names[1]:
+        names = (other.msg_type.replace("/msg/", "/"), end.msg_type.replace("/msg/", "/"))
+    return f" ({names[0]}, here it is {names[1]})"
 
 
-def check_types(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
-    """Both ends of a topic have one type, where both are known."""
-    ends = tuple(stack_ends(stack))
-    published: dict[str, dict[str, TopicEnd]] = defaultdict(dict)
-    for end in ends:
-        if end.direction == "publishes" and end.msg_type is not None:
-            published[end.topic].setdefault(end.msg_type, end)
-    for end in ends:
-        if end.direction == "publishes" or end.msg_type is None:
-            continue
-        known = published.get(end.topic, {}).values()
-        other = next((p for p in known if p.msg_type != end.msg_type), None)
-        if other is not None and other.msg_type is not None:
-            yield _types_differ(end, other, end.msg_type, other.msg_type)
-
-
-def _types_differ(end: TopicEnd, other: TopicEnd, wanted: str, given: str) -> Diagnostic:
-    is_alias = _may_be_one(wanted, given)
-    return found(
-        "OBK205",
-        f"`{end.owner}` subscribes to `{end.topic}` as {_short(wanted)}, `{other.owner}` "
-        f"publishes it as {_short(given)}",
-        end.type_span or end.span,
-        severity="warning" if is_alias else None,
-        help=f"write {_short(wanted)} at both ends, unless the node's code takes {_short(given)}"
-        if is_alias
-        else None,
-        related=(Related(message="the publisher", span=other.type_span or other.span),),
-    )
-
-
-def _short(msg_type: str) -> str:
-    return f"`{msg_type.replace('/msg/', '/')}`"
+def _clash(one: TopicEnd, other: TopicEnd) -> bool:
+    """Whether the types are known and cannot be one."""
+    is_known = one.msg_type is not None and other.msg_type is not None
+    return is_known and not may_be_one(one.msg_type, other.msg_type)
 
 
 def check_qos(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:

@@ -10,6 +10,7 @@ import typer
 from obk_cli.codes import RULES
 from obk_cli.errors import MisuseError
 from obk_cli.pipeline import Options
+from obk_cli.silence import near_codes
 
 __all__ = [
     "ColourOption",
@@ -23,7 +24,11 @@ __all__ = [
 ConfigArgument = Annotated[str, typer.Argument(metavar="CONFIG", help="The config; `-` is stdin.")]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="PATH=VALUE", help="Override a value; may be repeated."),
+    typer.Option(
+        "--set",
+        metavar="PATH=VALUE",
+        help="Override a value, such as robot[0].pkg=mine; may be repeated.",
+    ),
 ]
 IgnoreOption = Annotated[
     list[str] | None,
@@ -43,7 +48,7 @@ def make_options(overrides: list[str] | None, ignore: list[str] | None) -> Optio
     codes = [code.strip().upper() for given in ignore or () for code in given.split(",")]
     for code in codes:
         if not any(rule.startswith(code) for rule in RULES) or not code:
-            raise MisuseError(f"`--ignore {code}` names no rule", help="see `obk explain`")
+            raise MisuseError(f"`--ignore {code}` names no rule", help=near_codes(code))
     return Options(
         environment=dict(os.environ),
         working_folder=Path.cwd(),
@@ -53,7 +58,7 @@ def make_options(overrides: list[str] | None, ignore: list[str] | None) -> Optio
 
 
 def wants_colour(choice: str, *, to_stderr: bool = False) -> bool:
-    """Whether to colour: as asked, else on a terminal unless NO_COLOR is set.
+    """Whether to colour: as asked, else on a terminal that can, unless NO_COLOR is set.
 
     Raises:
         MisuseError: the choice is none of the three.
@@ -63,4 +68,5 @@ def wants_colour(choice: str, *, to_stderr: bool = False) -> bool:
     if choice != "auto":
         return choice == "always"
     stream = sys.stderr if to_stderr else sys.stdout
-    return stream.isatty() and not os.environ.get("NO_COLOR")
+    is_dumb = os.environ.get("TERM") == "dumb"
+    return stream.isatty() and not is_dumb and not os.environ.get("NO_COLOR")

@@ -9,10 +9,12 @@ import typer
 from obelisk_spec.near import did_you_mean
 from obk_cli.codes import RULES, Rule
 from obk_cli.errors import MisuseError
+from obk_cli.silence import may_be_silenced
 
 __all__ = ["EXAMPLE", "command"]
 
 EXAMPLE = "Example: obk explain OBK203"
+_ALWAYS_HEARD = "It cannot be silenced: no plan can be made despite it."
 
 
 def command(
@@ -36,18 +38,18 @@ def _page(rule: Rule) -> str:
         f"Why:  {rule.cause}\nCure: {rule.cure}",
     ]
     text = resources.files("obk_cli.codes").joinpath("examples.json").read_text(encoding="utf-8")
-    example: dict[str, str] | None = json.loads(text).get(rule.code)
-    if example:
-        parts += [
-            f"Wrong:\n{_indented(example['wrong'])}",
-            f"Right:\n{_indented(example['right'])}",
-            f"What is said of the wrong one:\n{_indented(example['report'])}",
-        ]
-    parts.append(
-        f"Silence it on a line with `# obk: ignore[{rule.code}]`, in a run with "
-        f"`--ignore {rule.code}`."
-    )
+    example: dict[str, str] = json.loads(text)[rule.code]
+    parts += [
+        f"Wrong:\n{_indented(example['wrong'])}",
+        f"Right:\n{_indented(example['right'])}",
+        f"What is said of the wrong one:\n{_indented(example['report'])}",
+    ]
+    parts.append(_how_to_silence(rule.code) if may_be_silenced(rule) else _ALWAYS_HEARD)
     return "\n\n".join(parts)
+
+
+def _how_to_silence(code: str) -> str:
+    return f"Silence it on a line with `# obk: ignore[{code}]`, in a run with `--ignore {code}`."
 
 
 def _indented(text: str) -> str:

@@ -1,12 +1,16 @@
 """`obk launch CONFIG`: validates, starts, configures, activates, watches, ends in order."""
 
+import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, cast, get_args
 
 import typer
 
+from obelisk_spec.near import did_you_mean
+from obk_cli.adapters.extras import require_extra
 from obk_cli.cli.config_options import (
     ColourOption,
     ConfigArgument,
@@ -15,15 +19,22 @@ from obk_cli.cli.config_options import (
     make_options,
     wants_colour,
 )
-from obk_cli.config import Stack
 from obk_cli.errors import EXIT_FAILED, MisuseError
-from obk_cli.launch.order import UNTIL
+from obk_cli.launch.order import UNTIL, Until
 from obk_cli.pipeline import Outcome, compile_config
+from obk_cli.plan import OnCrash, Plan
+from obk_cli.read.nodes import LOG_LEVELS
+from obk_cli.recording.choice import Wish
 from obk_cli.report.text import report_text, summary
 
 __all__ = ["EXAMPLE", "command"]
 
-EXAMPLE = "Example: obk launch examples/dummy/dummy.yaml --duration 20"
+EXAMPLE = """\b
+Example: obk launch examples/dummy/dummy.yaml --duration 20
+         obk launch config.yaml --set 'robot[0].sim[0].time_step=0.001'
+         obk launch config.yaml --record --duration 60
+"""
+FORMATS = ("text", "json")
 
 
 def command(
@@ -35,79 +46,156 @@ def command(
         float | None, typer.Option(help="Seconds after which the stack is brought down.")
     ] = None,
     timeout: Annotated[float, typer.Option(help="Seconds that a transition may take.")] = 10.0,
+    on_crash: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(get_args(OnCrash)),
+            help="When a node crashes or hangs whose config does not say.",
+        ),
+    ] = "stop",
+    hang_after: Annotated[
+        float, typer.Option(help="Seconds without an answer after which a node hangs; 0: never.")
+    ] = 1.3,
+    composed: Annotated[
+        bool, typer.Option("--composed", help="Run the Python nodes in one process.")
+    ] = False,
+    device: Annotated[str | None, typer.Option(help="Run the nodes of this device only.")] = None,
+    lead: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DEVICE",
+            help="With --device: the one that leads; else the one with `control`.",
+        ),
+    ] = None,
+    replace_: Annotated[
+        bool, typer.Option("--replace", help="End a launch of this stack that runs already.")
+    ] = False,
+    allow_foreign: Annotated[
+        bool,
+        typer.Option(
+            "--allow-foreign", help="Let other nodes publish on the topics that move the robot."
+        ),
+    ] = False,
+    record: Annotated[
+        bool, typer.Option("--record", help="Record the topics of the config, as MCAP.")
+    ] = False,
+    record_topic: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATTERN", help="Record these topics instead; may be repeated."),
+    ] = None,
     network: Annotated[
         str | None,
         typer.Option(metavar="localhost|lan", help="Who can discover the stack."),
     ] = None,
+    log_level: Annotated[
+        str | None, typer.Option(help="Of the nodes whose config does not say.")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Leave the nodes' output out.")] = False,
+    format: Annotated[str, typer.Option(metavar="|".join(FORMATS), help="How to report.")] = "text",
+    keep: Annotated[int, typer.Option(help="How many runs keep their logs.")] = 50,
+    build: Annotated[
+        bool,
+        typer.Option("--build/--no-build", help="Compile message packages that have changed."),
+    ] = True,
     set_: SetOption = None,
     ignore: IgnoreOption = None,
     color: ColourOption = "auto",
 ) -> None:
     """Start a stack, bring it up in order, watch it, and bring it down in order.
 
+    Message packages of the workspace that are not compiled, or were changed since, are first.
     Ends on Ctrl-C, on SIGTERM, after --duration, or when a node fails. No process of the stack
     outlives this one. Exit code 0: ended in order; 1: the config has errors, or a node failed.
     """
-    if until not in UNTIL:
-        raise MisuseError(f"`--until {until}`: expected one of {', '.join(UNTIL)}")
-    if timeout <= 0 or (duration is not None and duration < 0):
-        raise MisuseError("`--timeout` is seconds above 0, `--duration` seconds of at least 0")
+    _check_word("--until", until, tuple(UNTIL))
+    _check_word("--on-crash", on_crash, get_args(OnCrash))
+    _check_word("--format", format, FORMATS)
+    if timeout <= 0 or hang_after < 0 or keep < 1 or (duration is not None and duration < 0):
+        raise MisuseError(
+            "`--timeout` is seconds above 0, `--duration` and `--hang-after` of at least 0, "
+            "`--keep` a number of at least 1"
+        )
     outcome = compile_config(config, make_options(set_, ignore))
     _show_findings(outcome, colour=wants_colour(color, to_stderr=True))
     if outcome.plan is None:
         raise typer.Exit(EXIT_FAILED)
+    plan = _with_log_level(outcome.plan, log_level)
+    _check_devices(plan, device, lead)
 
-    from obk_cli.adapters.packages import PackageIndex
     from obk_cli.adapters.ros_environment import Network, ros_environment
-    from obk_cli.adapters.screen import Screen
-    from obk_cli.launch.supervisor import Limits
-    from obk_cli.report.launch import LaunchReport
-    from obk_cli.running import LaunchOptions, run_plan
+    from obk_cli.cli.build_first import on_overlays
+    from obk_cli.launch.devices import share_of
+    from obk_cli.launch.doors import Limits
+    from obk_cli.running.options import LaunchOptions
+    from obk_cli.running.run import run_plan
+    from obk_cli.running.surface import open_surface
 
-    if network is not None and network not in get_args(Network):
-        raise MisuseError(f"`--network {network}`: expected one of {', '.join(get_args(Network))}")
-    environment = ros_environment(cast(Network | None, network))
-    for note in (*environment.notes, *(_unsupported(outcome.config) if outcome.config else ())):
-        print(f"warning: {note}", file=sys.stderr)
+    if network is not None:
+        _check_word("--network", network, get_args(Network))
+    share = share_of(plan, device, lead)
+    environment = ros_environment(cast(Network | None, network), devices_are_split=share.is_part)
+    _warn(environment.notes)
     working_folder = Path.cwd()
     folder = (working_folder / config).resolve().parent
-    plan = outcome.plan
-    names = (p.full_name for p in plan.processes)
-    with Screen(sys.stdout.fileno()) as screen:
-        ended = run_plan(
-            plan,
-            PackageIndex.around(folder, working_folder, environment.variables),
-            environment,
-            LaunchOptions(
-                config=config,
-                folder=working_folder,
-                until=until,
-                duration_s=duration,
-                limits=Limits(transition_s=timeout),
-            ),
-            screen=screen,
-            voice=LaunchReport(names, colour=wants_colour(color), quiet=quiet),
-        )
+    packages, environment = on_overlays(folder, environment, may_build=build, color=color)
+    options = LaunchOptions(
+        config=config,
+        folder=working_folder,
+        share=share,
+        until=cast(Until, until),
+        duration_s=duration,
+        limits=Limits(transition_s=timeout, hang_s=hang_after or float("inf")),
+        on_crash=cast(OnCrash, on_crash),
+        is_composed=composed,
+        replaces=replace_,
+        allows_foreign=allow_foreign,
+        recording=_recording(record_topic) if record or record_topic else None,
+        kept_runs=keep,
+    )
+    with open_surface(
+        sys.stdout.fileno(),
+        as_json=format == "json",
+        colour=wants_colour(color),
+        quiet=quiet,
+        terminal=os.environ.get("TERM", ""),
+    ) as surface:
+        ended = run_plan(plan, packages, environment, options, surface)
     raise typer.Exit(ended.exit_code)
 
 
-def _unsupported(stack: Stack) -> Iterator[str]:
-    """What the config asks for and the launcher does not do yet, in sentences."""
-    for node in stack.nodes:
-        if node.on_crash is not None and node.on_crash.value != "stop":
-            yield (
-                f"{node.on_crash.span}: not supported yet: `on_crash: {node.on_crash.value}`; "
-                f"the whole stack is stopped when {node.node_name} crashes"
-            )
-        if node.respawn is not None and node.respawn.value:
-            yield (
-                f"{node.respawn.span}: not supported yet: `respawn: true`; "
-                f"the whole stack is stopped when {node.node_name} ends"
-            )
-    devices = list(dict.fromkeys(node.device for node in stack.nodes))
-    if len(devices) > 1:
-        yield f"not supported yet: several devices; the nodes of {', '.join(devices)} all run here"
+def _check_word(option: str, word: str, words: Sequence[str]) -> None:
+    if word not in words:
+        raise MisuseError(
+            f"`{option} {word}`: expected one of {', '.join(words)}",
+            help=did_you_mean(word, words),
+        )
+
+
+def _check_devices(plan: Plan, device: str | None, lead: str | None) -> None:
+    devices = tuple(dict.fromkeys(node.device for node in plan.processes))
+    for option, word in (("--device", device), ("--lead", lead)):
+        if word is not None:
+            _check_word(option, word, devices)
+    if lead is not None and device is None:
+        raise MisuseError("`--lead` says who leads where several launches have a `--device` each")
+
+
+def _warn(notes: Sequence[str]) -> None:
+    for note in notes:
+        print(f"warning: {note}", file=sys.stderr)
+
+
+def _recording(patterns: Sequence[str] | None) -> Wish:
+    require_extra("mcap", "record")
+    return Wish(patterns=tuple(patterns or ()))
+
+
+def _with_log_level(plan: Plan, level: str | None) -> Plan:
+    if level is None:
+        return plan
+    _check_word("--log-level", level, LOG_LEVELS)
+    nodes = (replace(node, log_level=node.log_level or level) for node in plan.processes)
+    return replace(plan, processes=tuple(nodes))
 
 
 def _show_findings(outcome: Outcome, *, colour: bool) -> None:

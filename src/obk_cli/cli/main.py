@@ -5,18 +5,17 @@ A command's module is imported only when that command runs, so that `obk --help`
 
 import importlib
 import sys
-import tempfile
-import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
+import click
 import typer
 from typer.core import TyperGroup
 
 from obelisk_spec.near import did_you_mean
-from obk_cli.errors import EXIT_FAILED, MisuseError, ObkError
+from obk_cli.errors import EXIT_FAILED, EXIT_INTERRUPTED, MisuseError, ObkError
 
 __all__ = ["VERBS", "main"]
 
@@ -30,12 +29,23 @@ class Verb:
 
 
 VERBS = {
-    "new": Verb("obk_cli.cli.new", "Make a package from a template."),
+    "init": Verb("obk_cli.cli.init", "Make a workspace that can be launched at once."),
+    "new": Verb("obk_cli.cli.new", "Make a package, a node or a config from templates."),
     "validate": Verb("obk_cli.cli.validate", "Check configs without running anything."),
     "compile": Verb("obk_cli.cli.compile", "Turn a config into parameters, a launch file or JSON."),
     "graph": Verb("obk_cli.cli.graph", "Draw a stack in the terminal or as a picture."),
+    "build": Verb("obk_cli.cli.build", "Compile the message packages of the workspace."),
     "launch": Verb("obk_cli.cli.launch", "Start, bring up and supervise a stack."),
     "lifecycle": Verb("obk_cli.cli.lifecycle", "Ask for or change the states of nodes."),
+    "ps": Verb("obk_cli.cli.ps", "Show the stacks that run on this host."),
+    "stop": Verb("obk_cli.cli.stop", "Bring a stack down in order."),
+    "logs": Verb("obk_cli.cli.logs", "Show what a run or one of its nodes said."),
+    "record": Verb("obk_cli.cli.record", "Record topics of a running stack into an MCAP file."),
+    "bag": Verb("obk_cli.cli.bag", "Show what a recording holds."),
+    "plot": Verb("obk_cli.cli.plot", "Draw fields of a recording."),
+    "doctor": Verb("obk_cli.cli.doctor", "Look at this machine: what is missing, what to do."),
+    "reap": Verb("obk_cli.cli.reap", "End processes that outlived their launcher."),
+    "rehearse": Verb("obk_cli.cli.rehearse", "Try out what a stack does when its nodes fail."),
     "explain": Verb("obk_cli.cli.explain", "Tell what a rule means and how to mend it."),
     "migrate": Verb("obk_cli.cli.migrate", "Rewrite a config into the newer spelling, or back."),
     "schema": Verb("obk_cli.cli.schema", "Print the JSON schema of configs."),
@@ -69,7 +79,26 @@ def _load(name: str, verb: Verb) -> Any:
         app.command(name, epilog=getattr(module, "EXAMPLE", None))(module.command)
     command = typer.main.get_command(app)
     command.name = name
+    _show_plain_help(command)
     return command
+
+
+class _PlainHelp(click.HelpFormatter):
+    """Typer writes `[default: 1]` with a backslash, for a renderer that is not used here."""
+
+    def write_dl(self, rows: Any, *arguments: Any, **options: Any) -> None:
+        plain = [(name, text.replace("\\[", "[")) for name, text in rows]
+        super().write_dl(plain, *arguments, **options)
+
+
+class _PlainContext(typer.Context):
+    formatter_class = _PlainHelp
+
+
+def _show_plain_help(command: Any) -> None:
+    command.context_class = _PlainContext
+    for inner in getattr(command, "commands", {}).values():
+        _show_plain_help(inner)
 
 
 def _show_version(is_wanted: bool) -> None:
@@ -105,15 +134,26 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         _root_command().main(args=[a for a in given if a != "--debug"], prog_name="obk")
     except ObkError as error:
         if debug:
+            import traceback
+
             traceback.print_exc()
         _complain(error.message, error.help)
         sys.exit(error.exit_code)
     except Exception as error:  # our own fault, whatever it is
+        if _is_interruption(error):
+            sys.exit(EXIT_INTERRUPTED)
         if debug:
             raise
         _complain(_bug_report(error), None)
         sys.exit(EXIT_FAILED)
     sys.exit(0)
+
+
+def _is_interruption(error: BaseException | None) -> bool:
+    """Whether it is Ctrl-C: an extension that is being imported makes an ImportError of that."""
+    while isinstance(error, ImportError):
+        error = error.__cause__
+    return isinstance(error, KeyboardInterrupt)
 
 
 def _complain(message: str, help: str | None) -> None:
@@ -124,9 +164,16 @@ def _complain(message: str, help: str | None) -> None:
 
 def _bug_report(error: Exception) -> str:
     """Keep the trace in a file and say so."""
+    import tempfile
+    import traceback
+
     with tempfile.NamedTemporaryFile(
         "w", prefix="obk-", suffix=".trace", delete=False, encoding="utf-8"
     ) as file:
         traceback.print_exception(error, file=file)
     summary = f"{type(error).__name__}: {error}"
     return f"this is a fault of obk itself ({summary}); its trace is in {Path(file.name)}"
+
+
+if __name__ == "__main__":
+    main()

@@ -79,4 +79,4 @@ def _show(file: EditedFile, migrated: Migrated, *, diff: bool, quiet: bool, colo
 def _tell(findings: tuple[Diagnostic, ...], color: str) -> None:
     if findings:
         colour = wants_colour(color, to_stderr=True)
-        print(report_text(findings, colour=colour), end="\n\n", file=sys.stderr)
+        print(report_text(findings, colour=colour, verbose=True), end="\n\n", file=sys.stderr)

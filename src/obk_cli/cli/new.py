@@ -1,39 +1,42 @@
-"""`obk new controller|estimator NAME`: a package that runs, or a node more in the one around."""
+"""`obk new KIND NAME`: a package that runs, a node more in the one around, or a config."""
 
-import os
-import shutil
-import sys
-from collections.abc import Iterable
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
+from typer.core import TyperGroup
 
-from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.taken_names import owner_of_module, owner_of_package
-from obk_cli.cli.new_target import Place, find_place, find_root, read_text
-from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.resources import resource_folder
-from obk_cli.scaffold.compose import (
-    LAYERS,
-    Composition,
-    PackageTexts,
-    compose_addition,
-    compose_package,
+from obelisk_spec.near import did_you_mean
+from obk_cli.cli.join_wish import join_wish
+from obk_cli.cli.new_list import print_kinds
+from obk_cli.cli.new_run import Wishes, run_new
+from obk_cli.errors import MisuseError
+from obk_cli.scaffold.kinds import Language
+from obk_cli.scaffold.questions import (
+    USUAL_CTRL,
+    USUAL_EST,
+    USUAL_OF_SENSOR,
+    USUAL_SENSOR,
+    Question,
 )
-from obk_cli.scaffold.decide import Decision, conflicts, decide
-from obk_cli.scaffold.describe import Outcome, describe_json, describe_text
-from obk_cli.scaffold.names import Problem
-from obk_cli.scaffold.questions import Answers, Question, check_answers
-from obk_cli.scaffold.render import read_templates
-from obk_cli.scaffold.write import read_existing, write_decisions
 
 __all__ = ["app"]
 
+
+class _Kinds(TyperGroup):
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        command = super().get_command(ctx, cmd_name)
+        if command is None and not ctx.resilient_parsing:
+            raise MisuseError(
+                f"there is no kind `{cmd_name}`", help=did_you_mean(cmd_name, self.commands)
+            )
+        return command
+
+
 app = typer.Typer(
+    cls=_Kinds,
     name="new",
-    help="Make a ROS 2 package from a template, or add a node to the package you stand in.",
+    invoke_without_command=True,
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -42,138 +45,242 @@ app = typer.Typer(
 Name = Annotated[
     str, typer.Argument(metavar="NAME", help="Name of the package and its node, lower snake case.")
 ]
-CtrlMsg = Annotated[str, typer.Option("--ctrl-msg", help="Control message type.")]
-EstMsg = Annotated[str, typer.Option("--est-msg", help="State estimate message type.")]
-SensorMsg = Annotated[str, typer.Option("--sensor-msg", help="Sensor message type.")]
+_OR_THE_CONFIGS = "; with --add-to the config's"
+CtrlMsg = Annotated[
+    str | None,
+    typer.Option(
+        "--ctrl-msg", help="Control message type.", show_default=USUAL_CTRL + _OR_THE_CONFIGS
+    ),
+]
+EstMsg = Annotated[
+    str | None,
+    typer.Option(
+        "--est-msg", help="State estimate message type.", show_default=USUAL_EST + _OR_THE_CONFIGS
+    ),
+]
+SensorMsg = Annotated[
+    str | None,
+    typer.Option(
+        "--sensor-msg", help="Sensor message type.", show_default=USUAL_SENSOR + _OR_THE_CONFIGS
+    ),
+]
+Lang = Annotated[Language, typer.Option("--lang", help="Language of the node.")]
 Dest = Annotated[
     Path | None,
     typer.Option("--dest", help="Folder for the package.", show_default="src/ if there, else ."),
 ]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Show what would be made, make nothing.")]
+Templates = Annotated[
+    Path | None,
+    typer.Option(
+        "--templates",
+        help="Folder of templates of your own, on top of the tool's.",
+        show_default="OBK_TEMPLATES, else the user's config folder",
+    ),
+]
+AddTo = Annotated[
+    str | None,
+    typer.Option("--add-to", metavar="CONFIG", help="Wire the node into this config."),
+]
+Device = Annotated[
+    str | None,
+    typer.Option("--device", metavar="NAME", help="With --add-to: the device it runs on."),
+]
+Replace = Annotated[
+    str | None,
+    typer.Option("--replace", metavar="NODE", help="With --add-to: the node that it replaces."),
+]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="Show the tree and the diff, make nothing.")
+]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that are there.")]
 Format = Annotated[Literal["text", "json"], typer.Option("--format", help="Form of the result.")]
 
 
-@app.command("controller", epilog="Example: obk new controller my_controller")
+@app.callback(epilog="\b\nExample: obk new controller my_controller\n         obk new --list")
+def new(
+    context: typer.Context,
+    list_kinds: Annotated[
+        bool, typer.Option("--list", help="Show the kinds, their languages and their templates.")
+    ] = False,
+    templates: Templates = None,
+    format: Format = "text",
+) -> None:
+    """Make a ROS 2 package from templates, add a node to the package you stand in, or a config."""
+    if list_kinds:
+        print_kinds(templates, format)
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        raise typer.Exit(2)
+
+
+@app.command(
+    "controller",
+    epilog="\b\nExample: obk new controller my_controller\n"
+    "         obk new controller my_controller --add-to config.yaml --dry-run",
+)
 def new_controller(
     name: Name,
-    ctrl_msg: CtrlMsg = "PositionSetpoint",
-    est_msg: EstMsg = "EstimatedState",
+    lang: Lang = "py",
+    ctrl_msg: CtrlMsg = None,
+    est_msg: EstMsg = None,
     dest: Dest = None,
+    add_to: AddTo = None,
+    device: Device = None,
+    replace: Replace = None,
+    templates: Templates = None,
     dry_run: DryRun = False,
     force: Force = False,
     format: Format = "text",
 ) -> None:
     """Make a controller: state estimates in, control messages out."""
-    question = Question(kind="controller", name=name, ctrl_msg=ctrl_msg, est_msg=est_msg)
-    _run(question, dest, dry_run=dry_run, force=force, form=format)
+    question = Question(
+        kind="controller", name=name, language=lang, ctrl_msg=ctrl_msg, est_msg=est_msg
+    )
+    run_new(
+        question,
+        Wishes(
+            dest=dest,
+            templates=templates,
+            dry_run=dry_run,
+            force=force,
+            form=format,
+            joining=join_wish(add_to, device, replace),
+        ),
+    )
 
 
-@app.command("estimator", epilog="Example: obk new estimator my_estimator --sensor-msg ObkImu")
+@app.command(
+    "estimator",
+    epilog="\b\nExample: obk new estimator my_estimator --sensor-msg ObkImu\n"
+    "         obk new estimator my_estimator --add-to config.yaml --replace obelisk_estimation_0",
+)
 def new_estimator(
     name: Name,
-    est_msg: EstMsg = "EstimatedState",
-    sensor_msg: SensorMsg = "JointEncoders",
+    lang: Lang = "py",
+    est_msg: EstMsg = None,
+    sensor_msg: SensorMsg = None,
     dest: Dest = None,
+    add_to: AddTo = None,
+    device: Device = None,
+    replace: Replace = None,
+    templates: Templates = None,
     dry_run: DryRun = False,
     force: Force = False,
     format: Format = "text",
 ) -> None:
     """Make an estimator: sensor messages in, state estimates out."""
-    question = Question(kind="estimator", name=name, est_msg=est_msg, sensor_msg=sensor_msg)
-    _run(question, dest, dry_run=dry_run, force=force, form=format)
-
-
-def _run(question: Question, dest: Path | None, *, dry_run: bool, force: bool, form: str) -> None:
-    place = find_place(dest)
-    answers = _answer(question, place)
-    root = find_root(place, answers.node)
-    composition = _compose(answers, root, is_package=place.package is not None)
-    paths = [file.path for file in (*composition.files, *composition.edits)]
-    decisions = decide(
-        composition.files,
-        read_existing(root, paths),
-        edits=composition.edits,
-        force=force,
+    question = Question(
+        kind="estimator", name=name, language=lang, est_msg=est_msg, sensor_msg=sensor_msg
     )
-    _refuse_conflicts(root, decisions)
-    if not dry_run:
-        _write(root, decisions)
-    outcome = Outcome(
-        answers=answers,
-        folder=_short(root),
-        decisions=decisions,
-        dry_run=dry_run,
-        programs=_programs(),
+    run_new(
+        question,
+        Wishes(
+            dest=dest,
+            templates=templates,
+            dry_run=dry_run,
+            force=force,
+            form=format,
+            joining=join_wish(add_to, device, replace),
+        ),
     )
-    typer.echo(describe_json(outcome) if form == "json" else describe_text(outcome))
 
 
-def _answer(question: Question, place: Place) -> Answers:
-    if place.package is not None:
-        answers = check_answers(question, owner_of=owner_of_module)
-        return _accept(answers).in_package(place.package.name)
-    owner_of = partial(
-        owner_of_package,
-        own_folder=place.folder / question.name,
-        index=PackageIndex.around(place.folder, Path.cwd(), os.environ),
+@app.command("robot", epilog="Example: obk new robot my_robot --sensor-msg ObkJointEncoders")
+def new_robot(
+    name: Name,
+    ctrl_msg: CtrlMsg = None,
+    sensor_msg: SensorMsg = None,
+    dest: Dest = None,
+    add_to: AddTo = None,
+    device: Device = None,
+    replace: Replace = None,
+    templates: Templates = None,
+    dry_run: DryRun = False,
+    force: Force = False,
+    format: Format = "text",
+) -> None:
+    """Make a robot in hardware: control messages in, sensor messages out."""
+    question = Question(kind="robot", name=name, ctrl_msg=ctrl_msg, sensor_msg=sensor_msg)
+    run_new(
+        question,
+        Wishes(
+            dest=dest,
+            templates=templates,
+            dry_run=dry_run,
+            force=force,
+            form=format,
+            joining=join_wish(add_to, device, replace),
+        ),
     )
-    return _accept(check_answers(question, owner_of=owner_of))
 
 
-def _accept(answers: Answers | tuple[Problem, ...]) -> Answers:
-    if isinstance(answers, Answers):
-        return answers
-    raise _misuse(answers)
-
-
-def _misuse(problems: Iterable[Problem]) -> MisuseError:
-    """All problems in one error; the last one's help goes where an error's help stands."""
-    *others, last = problems
-    lines = [f"{problem.sentence} ({problem.help})" for problem in others]
-    return MisuseError("\n".join([*lines, last.sentence]), help=last.help)
-
-
-def _compose(answers: Answers, root: Path, *, is_package: bool) -> Composition:
-    folder = resource_folder("templates")
-    templates = read_templates(folder / layer for layer in LAYERS[answers.kind])
-    if not is_package:
-        return compose_package(answers, templates)
-    texts = PackageTexts(
-        package_xml=read_text(root / "package.xml"),
-        setup_py=read_text(root / "setup.py"),
+@app.command("sensor", epilog="Example: obk new sensor my_imu --sensor-msg ObkImu")
+def new_sensor(
+    name: Name,
+    sensor_msg: Annotated[
+        str | None,
+        typer.Option("--sensor-msg", help="Sensor message type.", show_default=USUAL_OF_SENSOR),
+    ] = None,
+    dest: Dest = None,
+    add_to: AddTo = None,
+    device: Device = None,
+    replace: Replace = None,
+    templates: Templates = None,
+    dry_run: DryRun = False,
+    force: Force = False,
+    format: Format = "text",
+) -> None:
+    """Make a sensor beside the robot: sensor messages out."""
+    question = Question(kind="sensor", name=name, sensor_msg=sensor_msg)
+    run_new(
+        question,
+        Wishes(
+            dest=dest,
+            templates=templates,
+            dry_run=dry_run,
+            force=force,
+            form=format,
+            joining=join_wish(add_to, device, replace),
+        ),
     )
-    composition = compose_addition(answers, templates, texts)
-    if isinstance(composition, Problem):
-        raise CommandFailedError(composition.sentence, help=composition.help)
-    return composition
 
 
-def _refuse_conflicts(root: Path, decisions: Iterable[Decision]) -> None:
-    stopped = conflicts(decisions)
-    if stopped:
-        lines = "\n".join(f"  {decision.file.path}: {decision.reason}" for decision in stopped)
-        raise CommandFailedError(
-            f"nothing was made; in {_short(root)} there is in the way:\n{lines}",
-            help="choose another name or --dest; --force replaces ordinary files",
-        )
+@app.command("msgs", epilog="Example: obk new msgs my_msgs --srv")
+def new_msgs(
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="Name of the package, lower snake case.")
+    ],
+    srv: Annotated[bool, typer.Option("--srv", help="Make a service type too.")] = False,
+    dest: Dest = None,
+    templates: Templates = None,
+    dry_run: DryRun = False,
+    force: Force = False,
+    format: Format = "text",
+) -> None:
+    """Make a package of message types, to be compiled by `obk build`."""
+    question = Question(kind="msgs", name=name, with_service=srv)
+    run_new(
+        question,
+        Wishes(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
+    )
 
 
-def _write(root: Path, decisions: Iterable[Decision]) -> None:
-    try:
-        write_decisions(root, decisions)
-    except OSError as fault:
-        raise CommandFailedError(f"{root} cannot be written, nothing was made: {fault}") from fault
-
-
-def _short(path: Path) -> str:
-    """As the user would type it from here."""
-    here, full = Path.cwd(), path.resolve()
-    return str(full.relative_to(here)) if full.is_relative_to(here) else str(full)
-
-
-def _programs() -> str:
-    """What stands in front of `python` and `obk` here: nothing when they are found by name."""
-    folder = Path(sys.executable).parent
-    found = shutil.which("python")
-    return "" if found and Path(found).parent == folder else f"{_short(folder)}/"
+@app.command("config", epilog="Example: obk new config my_stack")
+def new_config(
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="Name of the stack, lower snake case.")
+    ],
+    dest: Annotated[
+        Path | None, typer.Option("--dest", help="Folder for the config.", show_default=".")
+    ] = None,
+    templates: Templates = None,
+    dry_run: DryRun = False,
+    force: Force = False,
+    format: Format = "text",
+) -> None:
+    """Make a config of the workspace's nodes, and of the example's where one is missing."""
+    question = Question(kind="config", name=name)
+    run_new(
+        question,
+        Wishes(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
+    )

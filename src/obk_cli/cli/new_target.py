@@ -7,10 +7,21 @@ Never writes.
 from dataclasses import dataclass
 from pathlib import Path
 
+from obk_cli.adapters.packages import find_workspace, is_workspace
 from obk_cli.errors import CommandFailedError
+from obk_cli.scaffold.entry_points import PackageTexts
+from obk_cli.scaffold.kinds import Kind
 from obk_cli.scaffold.package_xml import PackageIdentity, read_identity
+from obk_cli.scaffold.questions import Question
 
-__all__ = ["Place", "find_place", "find_root", "read_text"]
+__all__ = [
+    "Place",
+    "find_place",
+    "find_root",
+    "read_package_texts",
+    "read_text",
+    "refuse_package",
+]
 
 _ELSEWHERE = "use --dest to make a package of its own somewhere else"
 
@@ -25,19 +36,36 @@ class Place:
     folder: Path
     boundary: Path
     package: PackageIdentity | None = None
+    python_folder: str = "."
+    """Where the package has its modules: `src` in that layout."""
 
 
-def find_place(dest: Path | None) -> Place:
-    """`dest`; without it `src/` of the working folder if there is one, else the working folder.
+def find_place(dest: Path | None, kind: Kind, joined: Path | None = None) -> Place:
+    """`dest`; without it the package around, `src/` of the working folder, or the working folder.
+
+    From outside every workspace a node goes into that of the config that it is `joined` to: no
+    other folder is searched when the config is launched. A config is no package: it goes into
+    `dest` or the working folder.
 
     Raises:
-        CommandFailedError: it is a package, and one that cannot take a Python node.
+        CommandFailedError: it is a file, or a package whose package.xml cannot be read.
     """
-    folder = Path() if dest is None else dest
+    folder = _usual_folder(joined) if dest is None else dest
+    if folder.exists() and not folder.is_dir():
+        raise CommandFailedError(f"--dest: {folder} is a file; a folder was expected")
+    if kind == "config":
+        return Place(folder=folder, boundary=folder)
     if (folder / "package.xml").is_file():
-        return Place(folder=folder, boundary=folder, package=_identify(folder))
-    if dest is None and Path("src").is_dir():
-        return Place(folder=Path("src"), boundary=folder)
+        identity = _identify(folder)
+        in_src = (folder / "src" / identity.name / "__init__.py").is_file()
+        return Place(
+            folder=folder,
+            boundary=folder,
+            package=identity,
+            python_folder="src" if in_src else ".",
+        )
+    if dest is None and (folder / "src").is_dir():
+        return Place(folder=folder / "src", boundary=folder)
     return Place(folder=folder, boundary=folder)
 
 
@@ -64,6 +92,73 @@ def find_root(place: Place, name: str) -> Path:
     return root
 
 
+def _usual_folder(joined: Path | None) -> Path:
+    here = Path.cwd()
+    package = _package_around(here)
+    if package is not None:
+        return package
+    workspace = find_workspace(joined.parent) if joined else here
+    is_outside = not is_workspace(find_workspace(here)) and is_workspace(workspace)
+    return workspace if is_outside else Path()
+
+
+def _package_around(folder: Path) -> Path | None:
+    """The package that a folder is in; a workspace or a checkout ends the search upward."""
+    for place in (folder, *folder.parents):
+        if (place / "package.xml").is_file():
+            return place
+        if (place / "src").is_dir() or (place / ".git").exists():
+            return None
+    return None
+
+
+def refuse_package(place: Place, question: Question) -> None:
+    """See that what is asked for can go into the package at this place.
+
+    Raises:
+        CommandFailedError: it cannot.
+    """
+    identity = place.package
+    assert identity is not None
+    if question.kind == "msgs":
+        raise CommandFailedError(
+            f"`{identity.name}` here is a package already, and messages are in one of their own",
+            help=_ELSEWHERE,
+        )
+    if question.language == "cpp":
+        raise CommandFailedError(
+            f"a C++ node is made as a package of its own, and here is the package "
+            f"`{identity.name}`",
+            help=_ELSEWHERE,
+        )
+    if identity.build_type != "ament_python":
+        raise CommandFailedError(
+            f"the package `{identity.name}` here has the build type `{identity.build_type}`; "
+            "a Python node can be added to a package of build type `ament_python`",
+            help=_ELSEWHERE,
+        )
+    module = Path(place.python_folder, identity.name, "__init__.py")
+    if not (place.folder / module).is_file():
+        raise CommandFailedError(
+            f"the package `{identity.name}` here has no module `{module}`",
+            help=f"make that file, or {_ELSEWHERE}",
+        )
+
+
+def read_package_texts(root: Path) -> PackageTexts:
+    """The files of a package that a node more changes.
+
+    Raises:
+        CommandFailedError: one of them is not UTF-8.
+    """
+    return PackageTexts(
+        package_xml=read_text(root / "package.xml"),
+        setup_py=read_text(root / "setup.py"),
+        setup_cfg=read_text(root / "setup.cfg"),
+        pyproject=read_text(root / "pyproject.toml"),
+    )
+
+
 def read_text(path: Path) -> str:
     """The text with its line ends as they are; empty where there is no such file.
 
@@ -81,16 +176,5 @@ def _identify(folder: Path) -> PackageIdentity:
     if identity is None:
         raise CommandFailedError(
             f"{folder / 'package.xml'} is no package.xml that can be read", help=_ELSEWHERE
-        )
-    if identity.build_type != "ament_python":
-        raise CommandFailedError(
-            f"the package `{identity.name}` here has the build type `{identity.build_type}`; "
-            "a Python node can be added to a package of build type `ament_python`",
-            help=_ELSEWHERE,
-        )
-    if not (folder / identity.name / "__init__.py").is_file():
-        raise CommandFailedError(
-            f"the package `{identity.name}` here has no module `{identity.name}/__init__.py`",
-            help=f"make that file, or {_ELSEWHERE}",
         )
     return identity

@@ -28,7 +28,11 @@ __all__ = ["EXAMPLE", "command"]
 
 _FORMATS = ("text", "json", "sarif", "github")
 
-EXAMPLE = "Example: obk validate config.yaml --ignore OBK4"
+EXAMPLE = """\b
+Example: obk validate config.yaml --ignore OBK4
+         obk validate config.yaml --set 'robot[0].sim[0].time_step=0.001'
+         obk validate configs/*.yaml --format sarif > findings.sarif
+"""
 
 
 def command(
@@ -48,6 +52,9 @@ def command(
     watch: Annotated[
         bool, typer.Option("--watch", help="Check again when a file changes, until Ctrl-C.")
     ] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", help="Show of infos too the line, and what to do.")
+    ] = False,
     ignore: IgnoreOption = None,
     set_: SetOption = None,
     color: ColourOption = "auto",
@@ -61,7 +68,7 @@ def command(
     _check_together(configs, format, fix=fix, diff=diff, watch=watch)
     options, colour = make_options(set_, ignore), wants_colour(color)
     if watch:
-        _watch(configs, options, colour=colour)
+        _watch(configs, options, colour=colour, verbose=verbose)
         raise typer.Exit(EXIT_DONE)
     if fix:
         outcomes = _fix(configs, format, options, diff=diff, colour=colour)
@@ -69,7 +76,8 @@ def command(
         outcomes = [compile_config(config, options) for config in configs]
     findings = _findings(outcomes)
     if not diff:
-        _print_report(format, [outcome.path for outcome in outcomes], findings, colour=colour)
+        paths = [outcome.path for outcome in outcomes]
+        _print_report(format, paths, findings, colour=colour, verbose=verbose)
     failing = ("error", "warning") if strict else ("error",)
     failed = any(finding.severity in failing for finding in findings)
     raise typer.Exit(EXIT_FAILED if failed else EXIT_DONE)
@@ -97,7 +105,7 @@ def _fix(
     return [report.outcome for report in reports]
 
 
-def _watch(configs: list[str], options: Options, *, colour: bool) -> None:
+def _watch(configs: list[str], options: Options, *, colour: bool, verbose: bool) -> None:
     from obk_cli.cli.watch import WatchedRun, pause, watch
 
     def check() -> dict[Path, tuple[int, int] | None]:
@@ -105,16 +113,18 @@ def _watch(configs: list[str], options: Options, *, colour: bool) -> None:
         outcomes = [run.compile(config) for config in configs]
         print(f"[{datetime.now():%H:%M:%S}] ", end="")
         paths = [outcome.path for outcome in outcomes]
-        _print_watched(paths, _findings(outcomes), colour=colour)
+        _print_watched(paths, _findings(outcomes), colour=colour, verbose=verbose)
         return run.marks
 
     watch(check, pause)
 
 
-def _print_watched(paths: list[str], findings: tuple[Diagnostic, ...], *, colour: bool) -> None:
+def _print_watched(
+    paths: list[str], findings: tuple[Diagnostic, ...], *, colour: bool, verbose: bool
+) -> None:
     print(summary(paths, findings, colour=colour))
     if findings:
-        print(f"\n{report_text(findings, colour=colour)}\n")
+        print(f"\n{report_text(findings, colour=colour, verbose=verbose)}\n")
     sys.stdout.flush()
 
 
@@ -123,7 +133,12 @@ def _findings(outcomes: list[Outcome]) -> tuple[Diagnostic, ...]:
 
 
 def _print_report(
-    form: str, paths: list[str], findings: tuple[Diagnostic, ...], *, colour: bool
+    form: str,
+    paths: list[str],
+    findings: tuple[Diagnostic, ...],
+    *,
+    colour: bool,
+    verbose: bool,
 ) -> None:
     match form:
         case "json":
@@ -134,5 +149,5 @@ def _print_report(
             print(report_github(findings), end="\n" if findings else "")
         case _:
             if findings:
-                print(report_text(findings, colour=colour), end="\n\n")
+                print(report_text(findings, colour=colour, verbose=verbose), end="\n\n")
             print(summary(paths, findings, colour=colour))

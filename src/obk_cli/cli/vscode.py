@@ -6,7 +6,7 @@ there stay.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from obk_cli.adapters.files import explain_os_error
@@ -19,7 +19,7 @@ from obk_cli.parse import decode_source, parse_source
 from obk_cli.source import SourceFile
 from obk_cli.tree import TreeMap
 
-__all__ = ["install_vscode"]
+__all__ = ["install_vscode", "vscode_texts"]
 
 _SCHEMA = "./.vscode/obelisk.schema.json"
 """As the editor finds it from the folder."""
@@ -38,17 +38,25 @@ def install_vscode(folder: Path, schema: str) -> Iterator[str]:
     """
     if not folder.is_dir():
         raise CommandFailedError(f"`{folder}` is no folder")
-    globs = [*_configs(folder), _NEW_CONFIGS]
+    configs = _configs(folder)
+    for path, text in vscode_texts(folder, schema, configs).items():
+        yield f"{path}: {'written' if _write(path, text) else 'nothing to change'}"
+    yield f"checked while you write: {', '.join([*configs, _NEW_CONFIGS])}"
+
+
+def vscode_texts(folder: Path, schema: str, configs: Iterable[str]) -> dict[Path, str]:
+    """What the files in `folder/.vscode` are to hold: what is there, and what these configs need.
+
+    Raises:
+        CommandFailedError: settings that are there cannot be merged; the help says what to add.
+    """
     home = folder / ".vscode"
     settings, extensions = home / "settings.json", home / "extensions.json"
-    texts = {
+    return {
         home / "obelisk.schema.json": schema,
-        settings: _with_schema(settings, globs),
+        settings: _with_schema(settings, [*configs, _NEW_CONFIGS]),
         extensions: _with_extension(extensions),
     }
-    for path, text in texts.items():
-        yield f"{path}: {'written' if _write(path, text) else 'nothing to change'}"
-    yield f"checked while you write: {', '.join(globs)}"
 
 
 def _configs(folder: Path) -> list[str]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from obk_cli.adapters.files import read_bytes
-from obk_cli.adapters.mjcf_places import mjcf_files
+from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.config import Stack
 from obk_cli.pipeline import Options, Outcome, compile_config
 
@@ -27,16 +27,28 @@ class WatchedRun:
 
     def compile(self, config: str) -> Outcome:
         """Compile one config."""
-        outcome = compile_config(config, replace(self.options, read=self._read))
+        options = self.options
+        surroundings = MachineSurroundings(
+            (options.working_folder / config).resolve().parent,
+            options.working_folder,
+            options.environment,
+            note=self._note,
+        )
+        options = replace(options, read=self._read, surroundings=surroundings)
+        outcome = compile_config(config, options)
         if outcome.config is not None:
             for path in _files_of(outcome.config):
-                self.marks.setdefault(path, _mark(path))
+                self._note(path)
         return outcome
 
     def _read(self, path: str) -> bytes | str:
-        real = self.options.working_folder / path
-        self.marks.setdefault(real, _mark(real))
+        self._note(self.options.working_folder / path)
         return read_bytes(path)
+
+    def _note(self, path: Path) -> None:
+        """What counts is the state before a file is read: a change meanwhile is one."""
+        if path not in self.marks:
+            self.marks[path] = _mark(path)
 
 
 def watch(check: Callable[[], Mapping[Path, Mark]], wait: Callable[[], None]) -> None:
@@ -75,12 +87,9 @@ def _mark(path: Path) -> Mark:
 
 
 def _files_of(stack: Stack) -> Iterable[Path]:
-    """Files beside the configs: models with what they include, wherever they were looked for."""
+    """Where files beside the configs were looked for, whether they are there or not."""
     for node in stack.nodes:
         models = [sim.model for sim in node.sims if sim.model is not None]
         for search in (*models, node.params_file, node.urdf_file):
             if search is not None:
                 yield from search.tried
-        for model in models:
-            if model.found is not None:
-                yield from mjcf_files(model.found)

@@ -1,8 +1,9 @@
 """A class and its bases, followed through imports; abstract methods that nothing implements."""
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from obelisk_spec.near import near_names
 from obk_cli.code.modules import Library, Module, dotted_name, span_of
@@ -19,7 +20,7 @@ _LIBRARY = "obelisk_py.core."
 _ABSTRACT = ("abc.abstractmethod", "abstractmethod")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ClassSource:
     """A class where it is defined."""
 
@@ -38,11 +39,20 @@ class ClassSource:
 
     def method(self, name: str) -> Function | None:
         """The method of that name that the class itself defines."""
-        return next((m for m in self.methods() if m.name == name), None)
+        return self._by_name.get(name)
 
-    def methods(self) -> Iterator[Function]:
+    def methods(self) -> Iterable[Function]:
         """The methods that the class itself defines."""
-        return (n for n in self.node.body if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef))
+        return self._by_name.values()
+
+    @cached_property
+    def _by_name(self) -> Mapping[str, Function]:
+        """Asked for at every call that a constructor makes."""
+        methods: dict[str, Function] = {}
+        for statement in self.node.body:
+            if isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef)):
+                methods.setdefault(statement.name, statement)
+        return methods
 
     def has(self, name: str) -> bool:
         """Whether the class itself defines an attribute of that name."""

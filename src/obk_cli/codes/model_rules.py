@@ -99,9 +99,10 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK313",
         severity="error",
-        title="a ray caster's site is not in the model",
-        cause="Rays start at a site of the model.",
-        cure="Mend `site_name`, or add the site to the model.",
+        title="a ray caster's site or frame is not in the model",
+        cause="Rays start at a site of the model; what they hit is given in the frame of a site, "
+        "body, geom or camera, or in `world`.",
+        cure="Mend `site_name` or `frame`, or add the site to the model.",
     ),
     Rule(
         code="OBK314",

@@ -78,4 +78,13 @@ RULES: tuple[Rule, ...] = (
         cause="The file is not Python, or what the entry point names is not in it.",
         cure="Mend the source at the place that is shown, or the entry point in `setup.py`.",
     ),
+    Rule(
+        code="OBK411",
+        severity="error",
+        title="the package of a message type is not found",
+        cause="It is not in the workspace, not in the Python environment, not on "
+        "AMENT_PREFIX_PATH.",
+        cure="Mend the name, put the message package into the workspace, or source the one that "
+        "has it.",
+    ),
 )

@@ -30,7 +30,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK104",
         severity="error",
         title="a value out of range",
-        cause="Periods must be above 0, counts at least 1.",
+        cause="Periods must be above 0, counts at least 1, and both no more than what is behind "
+        "them can hold: 32 bits for counts, 64 bits of nanoseconds for periods.",
         cure="Write a value within the range that the message names.",
     ),
     Rule(
@@ -51,7 +52,9 @@ RULES: tuple[Rule, ...] = (
         code="OBK107",
         severity="error",
         title="`ros_parameter` and `key` name different components",
-        cause="The key is that of another component of the node.",
+        cause="The key is that of another component of the node, in the config or in the code, or "
+        "a misspelling of this one's. A name of your own is taken: the node finds the component "
+        "by it too.",
         cure="Remove one of the two, or make them agree.",
     ),
     Rule(

@@ -44,16 +44,19 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK006",
         severity="error",
-        title="aliases expand to too much",
-        cause="Aliases of aliases multiply; a small file can mean billions of values.",
-        cure="Write the values out, or use fewer levels of aliases.",
+        title="more values than a config has",
+        cause="All files of a config together may hold 150,000 values, an alias counted as all "
+        "that it stands for: aliases of aliases multiply, and a small file can mean billions.",
+        cure="Use fewer levels of aliases, or write the values out; name the file that was meant "
+        "if this one holds data and not a config.",
     ),
     Rule(
         code="OBK007",
         severity="error",
-        title="a file is over 10 MiB",
-        cause="No config is that long; it is most likely not the file that was meant.",
-        cure="Name the config, or split it with `include:`.",
+        title="more text than a config has",
+        cause="All files of a config together may be 10 MiB long, and 100 files be included. No "
+        "config is longer; most likely one of the files is not the one that was meant.",
+        cure="Name the file that was meant, or make several configs.",
     ),
     Rule(
         code="OBK008",
@@ -96,5 +99,13 @@ RULES: tuple[Rule, ...] = (
         title="values are nested too deeply",
         cause="A config needs a dozen levels; this text has over a hundred.",
         cure="Remove the needless brackets or indentation.",
+    ),
+    Rule(
+        code="OBK014",
+        severity="warning",
+        title="what cannot be silenced",
+        cause="An `ignore` in a comment, in the config or on the command line names no rule, or "
+        "one whose findings leave no config to go on with, so it has no effect.",
+        cure="Mend the code; the beginning of codes, such as `OBK4`, stands for all of them.",
     ),
 )

@@ -7,8 +7,10 @@ from pathlib import Path
 __all__ = ["write_text"]
 
 
-def write_text(path: Path, text: str) -> bool:
+def write_text(path: Path, text: str, *, mode: int = 0o644) -> bool:
     """Put `text` into the file, making its folder; tells whether anything changed.
+
+    A file that is replaced gets `mode`.
 
     Raises:
         OSError: the folder or the file cannot be written; the old file is as it was.
@@ -22,7 +24,7 @@ def write_text(path: Path, text: str) -> bool:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
-        temporary.chmod(0o644)
+        temporary.chmod(mode)
         temporary.replace(path)
     except OSError:
         temporary.unlink(missing_ok=True)

@@ -2,42 +2,50 @@
 
 import signal
 from dataclasses import dataclass
-from typing import Literal
+
+from obk_cli.launch.asks import ChangeAsked, Result, StatusAsked
 
 __all__ = [
     "Answered",
+    "AnswersAgain",
     "Ended",
+    "Evidence",
     "Failed",
+    "GoesOnWithout",
     "Heard",
+    "Hung",
     "Phase",
     "ProcessEnded",
     "ProcessStarted",
     "Ready",
+    "Restarted",
+    "Restarting",
     "Result",
+    "StackState",
     "StateAnswered",
     "StateSeen",
     "StopAsked",
+    "StrangerSeen",
     "Told",
+    "TransitionBegun",
     "TransitionEnded",
+    "WaitingFor",
 ]
-
-Result = Literal["reached", "refused", "timed out", "gone"]
-"""How a transition ended."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessStarted:
-    """A node's process runs."""
+    """A process runs; `process` is the name of its unit."""
 
-    node: str
+    process: str
     pid: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessEnded:
-    """A node's process is no more; `code` is negative for the signal that ended it."""
+    """A process is no more; `code` is negative for the signal that ended it."""
 
-    node: str
+    process: str
     code: int
     text: str = ""
     """What is known of the reason: why it could not start, or its last words; else empty."""
@@ -89,6 +97,14 @@ class StateSeen:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class TransitionBegun:
+    """A node said that it is in the middle of a transition, whoever asked for it."""
+
+    node: str
+    transition: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Failed:
     """A node went to error processing."""
 
@@ -96,6 +112,14 @@ class Failed:
     fault: str
     transition: str = ""
     """The one that failed, whoever asked for it; empty when the node failed by itself."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StrangerSeen:
+    """A node that is not the stack's publishes on a topic that moves its robot."""
+
+    topic: str
+    node: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,7 +138,11 @@ Heard = (
     | Answered
     | StateAnswered
     | StateSeen
+    | TransitionBegun
     | Failed
+    | ChangeAsked
+    | StatusAsked
+    | StrangerSeen
     | StopAsked
 )
 
@@ -141,6 +169,70 @@ class Phase:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StackState:
+    """The state of the stack as a whole, each time that it changes: `inactive`, `activating`."""
+
+    state: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hung:
+    """A node's process is there, and the node has not answered for `seconds`."""
+
+    node: str
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnswersAgain:
+    """A node that hung answers."""
+
+    node: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Restarting:
+    """Nodes that crashed are started again after a wait [s]."""
+
+    nodes: tuple[str, ...]
+    wait_s: float
+    attempt: int
+    """From 1, within the window in which restarts are counted."""
+    attempts: int
+    """How many there may be."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Restarted:
+    """Nodes that crashed are back where they were."""
+
+    nodes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GoesOnWithout:
+    """Nodes are lost, and the stack runs on as its rules say."""
+
+    nodes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WaitingFor:
+    """The bring-up waits for nodes of other devices, which are started elsewhere."""
+
+    devices: tuple[str, ...]
+    nodes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evidence:
+    """The last lines of a process's output, its stack dump among them, where a node is stuck."""
+
+    node: str
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Ended:
     """The end of the run."""
 
@@ -149,9 +241,27 @@ class Ended:
     """The first cause of a failure; empty when all went well."""
     consequences: int = 0
     """Further failures that came after the first."""
+    origin: str = ""
+    """The place in the config, `file:line:column`, that made the node which failed first."""
 
 
-Told = ProcessStarted | ProcessEnded | StateSeen | Failed | TransitionEnded | Phase | Ended
+Told = (
+    ProcessStarted
+    | ProcessEnded
+    | StateSeen
+    | Failed
+    | TransitionEnded
+    | Phase
+    | StackState
+    | Hung
+    | AnswersAgain
+    | Restarting
+    | Restarted
+    | GoesOnWithout
+    | WaitingFor
+    | Evidence
+    | Ended
+)
 
 
 def _signal_name(number: int) -> str:

@@ -10,7 +10,22 @@ from typing import IO
 
 from obk_cli.launch.events import Told
 
-__all__ = ["Journal"]
+__all__ = ["Journal", "event_record", "output_record"]
+
+
+def event_record(event: Told, time_s: float) -> dict[str, object]:
+    """An event as it stands in `events.jsonl` and in the stream of `--format json`.
+
+    Args:
+        event: what happened.
+        time_s: when [s since 1970].
+    """
+    return {"time": time_s, "event": type(event).__name__, **asdict(event)}
+
+
+def output_record(node: str, text: str, time_s: float) -> dict[str, object]:
+    """A line of a node's output in the same form."""
+    return {"time": time_s, "event": "Output", "node": node, "text": text}
 
 
 class Journal:
@@ -27,21 +42,15 @@ class Journal:
         self._lock = threading.RLock()
 
     def event(self, event: Told, time_s: float) -> None:
-        """Note an event.
-
-        Args:
-            event: what happened.
-            time_s: when [s since 1970].
-        """
-        record = {"time": time_s, "event": type(event).__name__, **asdict(event)}
-        self._write("events.jsonl", json.dumps(record))
+        """Note an event and when it happened [s since 1970]."""
+        self._write("events.jsonl", json.dumps(event_record(event, time_s)))
 
     def shown(self, text: str) -> None:
         """Note a line that the user sees."""
         self._write("launch.log", text)
 
     def line(self, node: str, text: str) -> None:
-        """Note a line of a node's output."""
+        """Note a line of a node's output, or of a process that nodes share."""
         self._write(f"{node.strip('/').replace('/', '.')}.log", text)
 
     def close(self) -> None:

@@ -1,22 +1,29 @@
 """Run folders: where a run keeps its logs and tells other terminals what it is.
 
-`<state folder>/obk/runs/<config>_<date>_<time>/` with `run.json` (what runs, under which pid),
-`events.jsonl`, `launch.log` (what the terminal showed), and one log a node.
+`<state folder>/obk/runs/<config>_<date>_<time>/` with `run.json` (what runs, under which pid, from
+which plan and versions, how it ended), `events.jsonl`, `launch.log` (what the terminal showed), one
+log a node, and while it runs `control.sock`.
 """
 
+import hashlib
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from platformdirs import user_state_path
 
+from obk_cli.launch.events import Ended
+
 __all__ = [
+    "MadeFrom",
     "Run",
+    "config_of",
     "make_run_folder",
+    "note_end",
     "read_run",
     "read_runs",
     "run_folders",
@@ -25,7 +32,7 @@ __all__ = [
 ]
 
 RUN_FILE: Final = "run.json"
-_FOLDER_NAME: Final = re.compile(r".+_(?P<stamp>\d{8}_\d{6})(?:_(?P<suffix>\d+))?")
+_FOLDER_NAME: Final = re.compile(r"(?P<config>.+)_(?P<stamp>\d{8}_\d{6})(?:_(?P<suffix>\d+))?")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,11 +47,21 @@ class Run:
     domain: int
     config: str
     nodes: tuple[str, ...]
-    """Full names of the nodes with a life cycle, in bring-up order."""
+    """Full names of the nodes with a life cycle that run here, in bring-up order."""
     other_nodes: tuple[str, ...] = ()
     """Full names of those without one."""
+    devices: tuple[str, ...] = ()
+    """Those that this launcher runs; empty: all of the config."""
+    leads: bool = True
+    """Whether this launcher drives the stack as a whole, other devices' nodes too."""
+    boot: str = ""
+    """Which start of which machine `started` counts from; filled in by the claim."""
     ended: float | None = None
     """When the run came to its end [s since 1970]; None: not yet, or its launcher was killed."""
+    exit_code: int | None = None
+    """The launcher's, once the run has ended."""
+    cause: str = ""
+    """What went wrong first; empty while all goes well."""
 
     @property
     def all_nodes(self) -> tuple[str, ...]:
@@ -52,10 +69,28 @@ class Run:
         return (*self.nodes, *self.other_nodes)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MadeFrom:
+    """What a run was made from, for whoever looks at it later."""
+
+    plan: str
+    """The compiled config, as `emit_plan` writes it."""
+    versions: Mapping[str, str]
+    """Program or library -> version."""
+
+    @property
+    def plan_sha256(self) -> str:
+        """The hash of the plan's text: the same for the same compiled config."""
+        return hashlib.sha256(self.plan.encode()).hexdigest()
+
+
 def runs_folder(environment: Mapping[str, str]) -> Path:
-    """The folder of all runs; OBK_HOME moves it."""
+    """The folder of all runs: below OBK_HOME, else ROS_LOG_DIR, else the user's state folder."""
     home = environment.get("OBK_HOME")
-    return (Path(home) if home else user_state_path("obk")) / "runs"
+    logs = environment.get("ROS_LOG_DIR")
+    if home:
+        return Path(home) / "runs"
+    return (Path(logs) / "obk" if logs else user_state_path("obk")) / "runs"
 
 
 def make_run_folder(parent: Path, name: str, now: datetime) -> Path:
@@ -75,11 +110,37 @@ def make_run_folder(parent: Path, name: str, now: datetime) -> Path:
     raise FileExistsError(f"{parent / stem}: there are 99 runs of this second")
 
 
-def write_run(folder: Path, run: Run) -> None:
-    """Write a run's `run.json`, whole or not at all."""
+def write_run(folder: Path, run: Run, made_from: MadeFrom | None = None) -> None:
+    """Write a run's `run.json`, whole or not at all; what it was made from stays once it is there.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    told = {**_read(folder), **asdict(run)}
+    if made_from is not None:
+        told["versions"] = dict(made_from.versions)
+        told["plan_sha256"] = made_from.plan_sha256
+        told["plan"] = json.loads(made_from.plan)
     temporary = folder / f".{RUN_FILE}"
-    temporary.write_text(json.dumps(asdict(run), indent=1) + "\n")
+    temporary.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
     temporary.replace(folder / RUN_FILE)
+
+
+def note_end(folder: Path, run: Run, ended: Ended | None, now_s: float) -> None:
+    """Write how a run ended, beside what is known of it.
+
+    Args:
+        folder: the run's.
+        run: as it was claimed.
+        ended: the launcher's own word; None where it had none, for it failed otherwise.
+        now_s: the time [s since 1970].
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    exit_code, cause = (ended.exit_code, ended.cause) if ended else (None, "")
+    claimed = read_run(folder) or run
+    write_run(folder, replace(claimed, ended=now_s, exit_code=exit_code, cause=cause))
 
 
 def read_runs(parent: Path) -> tuple[Run, ...]:
@@ -94,11 +155,26 @@ def run_folders(parent: Path) -> tuple[Path, ...]:
     return tuple(path for _, _, path in sorted(dated, reverse=True))
 
 
+def config_of(folder: Path) -> str:
+    """The config's name in a run folder's; a slash in it is an underscore here."""
+    match = _FOLDER_NAME.fullmatch(folder.name)
+    return match["config"] if match else folder.name
+
+
 def read_run(folder: Path) -> Run | None:
     """What a run folder's `run.json` tells; None where it cannot be read."""
+    data = _read(folder)
     try:
-        data = json.loads((folder / RUN_FILE).read_text())
-        lists = {key: tuple(data.get(key, ())) for key in ("nodes", "other_nodes")}
-        return Run(**{**data, **lists})
-    except (OSError, ValueError, TypeError, AttributeError):
+        known = {field.name: data[field.name] for field in fields(Run) if field.name in data}
+        lists = {key: tuple(data.get(key, ())) for key in ("nodes", "other_nodes", "devices")}
+        return Run(**{**known, **lists})
+    except TypeError:
         return None
+
+
+def _read(folder: Path) -> Mapping[str, Any]:
+    try:
+        data = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return data if isinstance(data, dict) else {}

@@ -15,6 +15,7 @@ __all__ = [
     "UNCONFIGURED",
     "Transition",
     "way_down",
+    "way_up",
 ]
 
 UNCONFIGURED: Final = "unconfigured"
@@ -33,26 +34,62 @@ class Transition:
     starts: frozenset[str]
     """States from which it is allowed."""
     goal: str
+    passes: str
+    """The state in which a node is while it makes it."""
     undo: str | None = None
     """The transition that takes it back."""
+
+    @property
+    def is_up(self) -> bool:
+        """Whether it leads towards `active`; then the robot comes first."""
+        return self.name in ("configure", "activate")
 
 
 TRANSITIONS: Final = {
     t.name: t
     for t in (
         Transition(
-            name="configure", starts=frozenset({UNCONFIGURED}), goal=INACTIVE, undo="cleanup"
+            name="configure",
+            starts=frozenset({UNCONFIGURED}),
+            goal=INACTIVE,
+            passes="configuring",
+            undo="cleanup",
         ),
-        Transition(name="activate", starts=frozenset({INACTIVE}), goal=ACTIVE, undo="deactivate"),
-        Transition(name="deactivate", starts=frozenset({ACTIVE}), goal=INACTIVE, undo="activate"),
         Transition(
-            name="cleanup", starts=frozenset({INACTIVE}), goal=UNCONFIGURED, undo="configure"
+            name="activate",
+            starts=frozenset({INACTIVE}),
+            goal=ACTIVE,
+            passes="activating",
+            undo="deactivate",
         ),
         Transition(
-            name="shutdown", starts=frozenset({UNCONFIGURED, INACTIVE, ACTIVE}), goal=FINALIZED
+            name="deactivate",
+            starts=frozenset({ACTIVE}),
+            goal=INACTIVE,
+            passes="deactivating",
+            undo="activate",
+        ),
+        Transition(
+            name="cleanup",
+            starts=frozenset({INACTIVE}),
+            goal=UNCONFIGURED,
+            passes="cleaningup",
+            undo="configure",
+        ),
+        Transition(
+            name="shutdown",
+            starts=frozenset({UNCONFIGURED, INACTIVE, ACTIVE}),
+            goal=FINALIZED,
+            passes="shuttingdown",
         ),
     )
 }
+
+
+def way_up(state: str) -> tuple[Transition, ...]:
+    """The transitions that lead from `unconfigured` to a state; none to where none lead."""
+    names = {INACTIVE: ("configure",), ACTIVE: ("configure", "activate")}
+    return tuple(TRANSITIONS[name] for name in names.get(state, ()))
 
 
 def way_down(state: str) -> tuple[Transition, ...]:

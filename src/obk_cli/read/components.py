@@ -5,7 +5,7 @@ from obk_cli.config import CallbackGroup, Component, ComponentKind, Qos, Spanned
 from obk_cli.diagnostics import found
 from obk_cli.read.fields import Faults, Fields
 from obk_cli.read.keys import COMPONENT_KEYS, QOS_KEYS, TIMER_KEYS
-from obk_cli.read.names import check_msg_type, check_topic
+from obk_cli.read.names import check_topic
 from obk_cli.tree import TreeMap
 
 __all__ = ["read_callback_groups", "read_components"]
@@ -50,7 +50,7 @@ def _read_component(tree: TreeMap, kind: ComponentKind, faults: Faults) -> Compo
         key=key,
         callback_group=group,
         topic=check_topic(fields.text("topic", required=True), faults),
-        msg_type=check_msg_type(fields.text("msg_type"), faults),
+        msg_type=fields.text("msg_type"),
         history_depth=fields.count("history_depth"),
         qos=_read_qos(fields.mapping("qos"), faults),
     )

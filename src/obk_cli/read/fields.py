@@ -4,8 +4,10 @@ Null is the same as not written, except where a key is required.
 """
 
 from collections.abc import Callable, Iterable
+from math import inf
 from typing import TypeVar
 
+from obelisk_spec.limits import LARGEST_COUNT, LONGEST_PERIOD_S, SHORTEST_PERIOD_S
 from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
 from obk_cli.config import Spanned
 from obk_cli.cures import remove_entry, respell
@@ -13,13 +15,18 @@ from obk_cli.diagnostics import Diagnostic, found
 from obk_cli.edits import Edit
 from obk_cli.read.keys import NO_EFFECT_KEYS
 from obk_cli.source import Span
-from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
+from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of, shown
 
 __all__ = ["Faults", "Fields", "read_items", "read_text"]
 
 T = TypeVar("T")
 
 Faults = list[Diagnostic]
+
+_MOST_COMPARED = 400
+"""Findings up to which an unknown key is compared with the known ones."""
+
+_TOO_LARGE_FOR_FLOAT = 2**1023
 
 
 class Fields:
@@ -40,15 +47,19 @@ class Fields:
 
     def _unknown(self, entry: Entry, keys: tuple[str, ...]) -> None:
         useful = [key for key in keys if key not in NO_EFFECT_KEYS]
-        near = near_names(entry.key, useful)
-        help = (
-            did_you_mean(entry.key, useful) if near else f"it takes {list_names(useful, most=20)}"
-        )
+        compared = useful if len(self._faults) < _MOST_COMPARED else []
+        near = near_names(entry.key, compared)
+        help = f"it takes {list_names(useful, most=20)}"
+        key, colon, value = entry.key.partition(":")
+        if colon and key in useful:
+            help = f"put a space after the colon: `{key}: {value}`"
+        elif near:
+            help = did_you_mean(entry.key, useful) or help
         if near:
             # It is read as what it was meant to be, so that nothing is reported missing.
             self._entries.setdefault(near[0], entry)
         message = f"{self._what} has no key `{entry.key}`"
-        meant = sure_name(entry.key, useful)
+        meant = sure_name(entry.key, compared)
         cure: tuple[Edit, ...] = ()
         if meant is not None and self.tree.get(meant) is None:
             cure = respell(entry.key_span, entry.key, meant)
@@ -91,13 +102,25 @@ class Fields:
         """A whole number of at least `least`."""
         wanted = f"a whole number of at least {least}"
         number = self._read(key, False, wanted, _integer)
-        return self._within(key, number, wanted, lambda value: value >= least)
+        number = self._within(key, number, wanted, lambda value: value >= least)
+        wanted = f"a whole number of at most {LARGEST_COUNT}, as much as 32 bits hold"
+        return self._within(key, number, wanted, lambda value: value <= LARGEST_COUNT)
+
+    def number(self, key: str, *, least: float, most: float) -> Spanned[float] | None:
+        """A number within bounds, whole or not."""
+        wanted = f"a number from {least:g} to {most:g}"
+        number = self._read(key, False, wanted, _number)
+        return self._within(key, number, wanted, lambda value: least <= value <= most)
 
     def period_s(self, key: str, *, required: bool = False) -> Spanned[float] | None:
-        """A number of seconds above 0."""
+        """A number of seconds above 0, of which ROS can count the nanoseconds."""
         wanted = "a number of seconds greater than 0"
         number = self._read(key, required, wanted, _number)
-        return self._within(key, number, wanted, lambda value: 0 < value < float("inf"))
+        number = self._within(key, number, wanted, lambda value: value > 0)
+        wanted = f"a number of seconds from {SHORTEST_PERIOD_S:g} to {LONGEST_PERIOD_S:g}"
+        return self._within(
+            key, number, wanted, lambda value: SHORTEST_PERIOD_S <= value <= LONGEST_PERIOD_S
+        )
 
     def one_of(self, key: str, allowed: Iterable[str]) -> Spanned[str] | None:
         """One of certain words."""
@@ -143,7 +166,7 @@ class Fields:
     ) -> Spanned[T] | None:
         if number is None or is_within(number.value):
             return number
-        message = f"`{key}` is {number.value}, expected {wanted}"
+        message = f"`{key}` is {shown(number.value)}, expected {wanted}"
         self._faults.append(found("OBK104", message, number.span))
         return None
 
@@ -208,4 +231,6 @@ def _integer(value: object) -> int | None:
 def _number(value: object) -> float | None:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
+    if isinstance(value, int) and abs(value) >= _TOO_LARGE_FOR_FLOAT:
+        return inf if value > 0 else -inf
     return float(value)

@@ -89,6 +89,10 @@ SENSOR_GROUP_KEYS: Final = (
     "sensor_names",
     "scan_config",
     "config_path",
+    "noise",
+    "dropout",
+    "delay",
+    "seed",
 )
 VIZ_KEYS: Final = ("on", "rviz_pkg", "rviz_config", "viz_nodes")
 JOYSTICK_KEYS: Final = (

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-from obelisk_spec.messages import near_msg_types, resolve_msg_type, sure_msg_type
 from obelisk_spec.names import (
     namespace_fault,
     node_name_fault,
@@ -10,11 +9,10 @@ from obelisk_spec.names import (
     topic_name_fault,
 )
 from obk_cli.config import Spanned
-from obk_cli.cures import respell
 from obk_cli.diagnostics import found
 from obk_cli.read.fields import Faults
 
-__all__ = ["check_msg_type", "check_namespace", "check_node_name", "check_package", "check_topic"]
+__all__ = ["check_namespace", "check_node_name", "check_package", "check_topic"]
 
 
 def check_topic(topic: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
@@ -40,21 +38,6 @@ def check_node_name(name: Spanned[str] | None, faults: Faults) -> Spanned[str] |
 def check_package(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
     """The package's name, with a finding if it is none."""
     return _checked(name, package_name_fault, "OBK111", "a package name", faults)
-
-
-def check_msg_type(msg_type: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
-    """The message type if it is known."""
-    if msg_type is None or resolve_msg_type(msg_type.value):
-        return msg_type
-    near = near_msg_types(msg_type.value)
-    help = "write the package too, `my_msgs/MyMessage`, if it is your own"
-    if near:
-        help = f"did you mean {' or '.join(f'`{name}`' for name in near)}?"
-    message = f"message type `{msg_type.value}` is not known"
-    meant = sure_msg_type(msg_type.value)
-    cure = respell(msg_type.span, msg_type.value, meant) if meant else ()
-    faults.append(found("OBK115", message, msg_type.span, help=help, fix=cure))
-    return None
 
 
 def _checked(

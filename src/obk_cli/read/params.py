@@ -53,7 +53,12 @@ def _read_list(name: str, tree: TreeList, faults: Faults) -> ParameterValue | No
     values: list[Scalar] = []
     for item in tree.items:
         if not isinstance(item, TreeScalar) or item.value is None or not _fits(item.value):
-            message = f"parameter `{name}` is a list with {kind_of(item)} in it"
+            what = (
+                "an empty item"
+                if isinstance(item, TreeScalar) and item.value is None
+                else kind_of(item)
+            )
+            message = f"parameter `{name}` is a list with {what} in it"
             faults.append(found("OBK113", message, item.span, help=_HOLDS))
             return None
         values.append(item.value)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from obelisk_spec.limits import LONGEST_PERIOD_S
 from obk_cli.config import SensorGroup, Sim, Spanned
 from obk_cli.cures import respell
 from obk_cli.diagnostics import found
@@ -63,6 +64,10 @@ def _read_group(tree: TreeMap, faults: Faults) -> SensorGroup:
     fields = Fields(tree, "a sensor group", SENSOR_GROUP_KEYS, faults)
     fields.count("history_depth")
     fields.mapping("scan_config")
+    fields.mapping("noise")
+    fields.number("dropout", least=0, most=1)
+    fields.number("delay", least=0, most=LONGEST_PERIOD_S)
+    fields.count("seed", least=0)
     names = fields.mapping("sensor_names")
     for entry in names or ():
         read_text(f"the type of sensor `{entry.key}`", entry.value, faults)

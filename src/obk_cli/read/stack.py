@@ -1,13 +1,14 @@
 """The whole config: its name, its devices in either spelling, its sections."""
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import replace
 
 from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
-from obk_cli.config import NODE_SECTIONS, Joystick, Node, Stack
+from obk_cli.config import NODE_SECTIONS, Joystick, Node, Parameter, Spanned, Stack
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.read.fields import Faults, Fields, read_items
+from obk_cli.read.fields import Faults, Fields, read_items, read_text
 from obk_cli.read.keys import (
     JOYSTICK_KEYS,
     OBK_KEYS,
@@ -18,7 +19,6 @@ from obk_cli.read.keys import (
 )
 from obk_cli.read.names import check_package, check_topic
 from obk_cli.read.nodes import read_node
-from obk_cli.read.params import read_params
 from obk_cli.source import Span
 from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 
@@ -80,6 +80,8 @@ def _is_config(tree: TreeMap) -> bool:
 
 
 def _not_a_config(tree: Tree) -> Diagnostic:
+    if isinstance(tree, TreeScalar) and tree.value in (None, ""):
+        return found("OBK114", "the file is empty, not a config", tree.span)
     if not isinstance(tree, TreeMap):
         return found("OBK114", f"the file holds {kind_of(tree)}, not a config", tree.span)
     span = tree.entries[0].key_span
@@ -103,13 +105,31 @@ def _mixed(device: Entry, section: Entry) -> Diagnostic:
     )
 
 
-def _read_ignored(top: Fields, faults: Faults) -> tuple[str, ...]:
+def _read_ignored(top: Fields, faults: Faults) -> tuple[Spanned[str], ...]:
     tree = top.mapping("obk")
     entry = Fields(tree, "`obk`", OBK_KEYS, faults).entry("ignore") if tree else None
     if entry is None:
         return ()
     items = entry.value.items if isinstance(entry.value, TreeList) else (entry.value,)
-    return tuple(str(item.value) for item in items if isinstance(item, TreeScalar))
+    codes = (read_text("a code of `ignore`", item, faults) for item in items)
+    return tuple(code for code in codes if code is not None)
+
+
+def _read_joystick_params(fields: Fields) -> tuple[Parameter, ...]:
+    """The parameters of ROS's `joy_node`, in the types that it declares."""
+    read: Mapping[str, Spanned[int] | Spanned[float] | Spanned[str] | Spanned[bool] | None] = {
+        "device_id": fields.count("device_id", least=0),
+        "device_name": fields.text("device_name"),
+        "deadzone": fields.number("deadzone", least=0, most=1),
+        "autorepeat_rate": fields.number("autorepeat_rate", least=0, most=1000),
+        "sticky_buttons": fields.boolean("sticky_buttons"),
+        "coalesce_interval_ms": fields.count("coalesce_interval_ms", least=0),
+    }
+    return tuple(
+        Parameter(name=name, value=said.value, span=said.span, key_span=said.key_span)
+        for name, said in read.items()
+        if said is not None
+    )
 
 
 class _StackReader:
@@ -167,13 +187,12 @@ class _StackReader:
     def _read_joystick(self, tree: TreeMap, span: Span, device: str) -> None:
         fields = Fields(tree, "`joystick`", JOYSTICK_KEYS, self._faults)
         on = fields.boolean("on")
-        settings = TreeMap(tuple(e for e in tree if e.key in JOYSTICK_KEYS[3:]), tree.span)
         joystick = Joystick(
             on=on is None or on.value,
             device=device,
             span=span,
             pub_topic=check_topic(fields.text("pub_topic"), self._faults),
             sub_topic=check_topic(fields.text("sub_topic"), self._faults),
-            params=read_params(settings, self._faults),
+            params=_read_joystick_params(fields),
         )
         self.joysticks.append(joystick)

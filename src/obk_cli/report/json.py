@@ -1,10 +1,11 @@
-"""Findings as JSON, for programs: every place with its end."""
+"""Findings as JSON, for programs: every place with its end, and the edits of certain cures."""
 
 import json
 from collections import Counter
 from collections.abc import Iterable
 
 from obk_cli.diagnostics import Diagnostic
+from obk_cli.edits import Edit
 from obk_cli.source import Span
 
 __all__ = ["report_json"]
@@ -29,8 +30,14 @@ def _finding(finding: Diagnostic) -> dict[str, object]:
         "message": finding.message,
         **_place(finding.span),
         "help": finding.help,
+        "fix": {"edits": [_edit(edit) for edit in finding.fix]} if finding.fix else None,
         "related": [{"message": r.message, **_place(r.span)} for r in finding.related],
     }
+
+
+def _edit(edit: Edit) -> dict[str, object]:
+    """The stretch that gives way, and the text that takes its place."""
+    return {**_place(edit.place), "text": edit.text}
 
 
 def _place(span: Span) -> dict[str, object]:

@@ -1,23 +1,54 @@
 """A run for a person: what happens, one line an event, and the nodes' output behind their names."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from typing import Final, assert_never
 
 from obk_cli.launch.events import (
+    AnswersAgain,
     Ended,
+    Evidence,
     Failed,
+    GoesOnWithout,
+    Hung,
     Phase,
     ProcessEnded,
     ProcessStarted,
+    Restarted,
+    Restarting,
+    StackState,
     StateSeen,
     Told,
     TransitionEnded,
+    WaitingFor,
 )
+from obk_cli.launch.transitions import ACTIVE, INACTIVE, UNCONFIGURED
 from obk_cli.report.escapes import only_colour, plain
 
-__all__ = ["LaunchReport"]
+__all__ = ["STEADY", "LaunchReport", "short_name"]
 
+_RED, _GREEN, _YELLOW, _BOLD, _DIM = "31", "32", "33", "1", "2"
 _NODE_COLOURS = ("36", "35", "34", "33", "32", "96", "95", "94")
-_MARKS = {"reached": ("ok", "32"), "refused": ("FAILED", "31"), "timed out": ("TIMED OUT", "31")}
+_MARKS = {
+    "reached": ("ok", _GREEN),
+    "there already": ("there already", _GREEN),
+    "refused": ("FAILED", _RED),
+    "timed out": ("TIMED OUT", _RED),
+    "gone": ("GONE", _RED),
+    "taken back": ("taken back", _YELLOW),
+}
+STEADY: Final = {
+    "active": ACTIVE,
+    "configured": INACTIVE,
+    "started": UNCONFIGURED,
+    "following": UNCONFIGURED,
+}
+"""Phases in which the stack changes only when somebody asks, and the state that each begins in."""
+
+
+def short_name(name: str) -> str:
+    """`/arm/obelisk_control_0` -> `arm/control_0`; also of a process that nodes share."""
+    namespace, _, node = name.strip("/").rpartition("/")
+    return f"{namespace}/{node.removeprefix('obelisk_')}".lstrip("/")
 
 
 class LaunchReport:
@@ -31,46 +62,110 @@ class LaunchReport:
             colour: whether to use escape codes.
             quiet: leave the nodes' output out.
         """
-        self._short = {node: node.strip("/").removeprefix("obelisk_") for node in nodes}
-        self._width = max(map(len, self._short.values()), default=0)
-        self._colours = dict(zip(self._short, _NODE_COLOURS * len(self._short), strict=False))
+        names = tuple(nodes)
+        self._width = max((len(short_name(name)) for name in names), default=0)
+        self._colours = dict(zip(names, _NODE_COLOURS * len(names), strict=False))
         self._colour = colour
         self._quiet = quiet
+        self._known_state: str | None = None
+        """The stack's state as shown last, while it is steady; None: on its way up or down."""
 
     def line(self, node: str, text: str) -> Iterable[str]:
-        """A line of a node's output."""
+        """A line of a node's output, or of a process that nodes share."""
         if not self._quiet:
-            name = self._paint(self._colours[node], f"{self._short[node]:<{self._width}} |")
+            colour = self._colours.get(node, _DIM)
+            name = self._paint(colour, f"{short_name(node):<{self._width}} |")
             yield f"{name} {only_colour(text) if self._colour else plain(text)}"
+
+    def note(self, text: str) -> Iterable[str]:
+        """A sentence of the launcher's own."""
+        yield plain(text)
 
     def event(self, event: Told) -> Iterable[str]:
         """What happened."""
         match event:
             case Phase():
-                detail = f" ({event.detail})" if event.detail else ""
-                yield self._paint("1", f"[{event.seconds:6.2f} s] {event.name}{detail}")
+                if event.name != "rolling back":  # after which the stack is where it was
+                    self._known_state = STEADY.get(event.name)
+                detail = f" ({plain(event.detail)})" if event.detail else ""
+                yield self._paint(_BOLD, f"[{event.seconds:6.2f} s] {event.name}{detail}")
+            case StackState():
+                yield from self._stack_state(event.state)
+            case WaitingFor():
+                where = ", ".join(event.devices)
+                yield f"  waiting for nodes of {where}: {_names(event.nodes)}"
+            case Ended():
+                yield from self._ended(event)
+            case ProcessStarted() | ProcessEnded():
+                yield from self._process(event)
+            case GoesOnWithout() | Restarting() | Restarted():
+                yield self._after_a_crash(event)
+            case _:
+                yield from self._node(event)
+
+    def _process(self, event: ProcessStarted | ProcessEnded) -> Iterator[str]:
+        name = short_name(event.process)
+        match event:
             case ProcessStarted():
-                yield f"  {self._short[event.node]}: process {event.pid}"
+                yield f"  {name}: process {event.pid}"
+            case ProcessEnded():
+                yield self._paint(_RED, f"  {name}: {plain(event.how)}")
+
+    def _node(
+        self, event: TransitionEnded | StateSeen | Failed | Hung | AnswersAgain | Evidence
+    ) -> Iterator[str]:
+        name = short_name(event.node)
+        match event:
             case TransitionEnded():
-                mark, colour = _MARKS.get(event.result, (event.result, "31"))
-                took = f"{event.seconds * 1e3:.0f} ms"
-                yield (
-                    f"  {self._short[event.node]}: {event.transition} "
-                    f"{self._paint(colour, mark)} ({took})"
-                )
+                mark, colour = _MARKS[event.result]
+                took = f" ({event.seconds * 1e3:.0f} ms)" if event.result != "there already" else ""
+                yield f"  {name}: {event.transition} {self._paint(colour, mark)}{took}"
                 yield from self._fault(event.fault)
             case StateSeen():
-                yield f"  {self._short[event.node]}: {event.state} (not asked for here)"
+                why = "not asked for here" if event.transition else "after its failure"
+                yield f"  {name}: {event.state} ({why})"
             case Failed():
-                yield self._paint("31", f"  {self._short[event.node]}: FAILED")
+                yield self._paint(_RED, f"  {name}: FAILED")
                 yield from self._fault(event.fault)
-            case ProcessEnded():
-                yield self._paint("31", f"  {self._short[event.node]}: {plain(event.how)}")
-            case Ended() if event.cause:
-                more = f" (and {event.consequences} more after it)" if event.consequences else ""
-                yield self._paint("31", f"failed: {plain(event.cause)}{more}")
-            case Ended():
-                yield self._paint("32", "ended in order")
+            case Hung():
+                yield self._paint(_RED, f"  {name}: HANGS: no answer for {event.seconds:.1f} s")
+            case AnswersAgain():
+                yield self._paint(_GREEN, f"  {name}: answers again")
+            case Evidence():
+                # The node's output, which is shown too, has the same lines.
+                if self._quiet and event.lines:
+                    yield f"  {name}: its last output:"
+                    yield from (f"    {plain(line)}" for line in event.lines)
+            case _:
+                assert_never(event)
+
+    def _after_a_crash(self, event: GoesOnWithout | Restarting | Restarted) -> str:
+        names = _names(event.nodes)
+        match event:
+            case Restarting():
+                count = f"restart {event.attempt} of {event.attempts}"
+                return self._paint(_YELLOW, f"  {names}: {count} in {event.wait_s:.1f} s")
+            case Restarted():
+                return self._paint(_GREEN, f"  {names}: back again")
+            case GoesOnWithout():
+                return self._paint(_YELLOW, f"  the stack goes on without {names}")
+
+    def _stack_state(self, state: str) -> Iterator[str]:
+        """Only what somebody asked of a steady stack: all else is told as phases."""
+        if self._known_state not in (None, state):
+            self._known_state = state
+            yield f"  the stack: {state}"
+
+    def _ended(self, event: Ended) -> Iterator[str]:
+        if not event.cause:
+            yield self._paint(_GREEN, "ended in order")
+            return
+        yield self._paint(_RED, f"failed: {plain(event.cause)}")
+        if event.origin:
+            yield f"  made by {plain(event.origin)}"
+        if event.consequences:
+            plural = "" if event.consequences == 1 else "s"
+            yield f"  {event.consequences} more failure{plural} after it"
 
     def _fault(self, fault: str) -> Iterable[str]:
         """A node's own words; the traceback only where the node's output does not show it."""
@@ -80,6 +175,10 @@ class LaunchReport:
 
     def _paint(self, code: str, text: str) -> str:
         return f"\x1b[{code}m{text}\x1b[0m" if self._colour else text
+
+
+def _names(nodes: Iterable[str]) -> str:
+    return ", ".join(map(short_name, nodes))
 
 
 def _without_traceback(lines: list[str]) -> list[str]:

@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 from obk_cli.codes import rule_of
 from obk_cli.diagnostics import Diagnostic, Related
+from obk_cli.edits import Edit
 from obk_cli.source import Span
 
 __all__ = ["report_sarif"]
@@ -53,7 +54,31 @@ def _result(finding: Diagnostic, rule_index: int) -> dict[str, object]:
         "message": {"text": text},
         "locations": [{"physicalLocation": _place(finding.span)}],
         "relatedLocations": [_related(related) for related in finding.related],
+        **({"fixes": [_fix(finding.fix)]} if finding.fix else {}),
     }
+
+
+def _fix(edits: Iterable[Edit]) -> dict[str, object]:
+    by_path: dict[str, list[Edit]] = {}
+    for edit in edits:
+        by_path.setdefault(edit.span.path, []).append(edit)
+    return {
+        "description": {"text": "the cure that `obk validate --fix` carries out"},
+        "artifactChanges": [
+            {
+                "artifactLocation": _artifact(path),
+                "replacements": [_replacement(edit) for edit in of_file],
+            }
+            for path, of_file in by_path.items()
+        ],
+    }
+
+
+def _replacement(edit: Edit) -> dict[str, object]:
+    region = _region(edit.place)
+    if not edit.text:
+        return {"deletedRegion": region}
+    return {"deletedRegion": region, "insertedContent": {"text": edit.text}}
 
 
 def _related(related: Related) -> dict[str, object]:
@@ -61,14 +86,18 @@ def _related(related: Related) -> dict[str, object]:
 
 
 def _place(span: Span) -> dict[str, object]:
-    path = PurePath(span.path)
-    uri = path.as_uri() if path.is_absolute() else quote(str(path))
+    return {"artifactLocation": _artifact(span.path), "region": _region(span)}
+
+
+def _artifact(name: str) -> dict[str, str]:
+    path = PurePath(name)
+    return {"uri": path.as_uri() if path.is_absolute() else quote(str(path))}
+
+
+def _region(span: Span) -> dict[str, int]:
     return {
-        "artifactLocation": {"uri": uri},
-        "region": {
-            "startLine": span.line,
-            "startColumn": span.column,
-            "endLine": span.end_line,
-            "endColumn": span.end_column,
-        },
+        "startLine": span.line,
+        "startColumn": span.column,
+        "endLine": span.end_line,
+        "endColumn": span.end_column,
     }

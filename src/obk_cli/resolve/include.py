@@ -11,6 +11,8 @@ from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 
 __all__ = ["Load", "Loaded", "resolve_includes"]
 
+_MOST_INCLUDED = 100
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loaded:
@@ -42,6 +44,7 @@ class _Resolver:
     def __init__(self, load: Load) -> None:
         self.faults: list[Diagnostic] = []
         self._load = load
+        self._included = 0
 
     def resolve(self, tree: TreeMap, chain: Chain) -> TreeMap:
         include = tree.get("include")
@@ -61,7 +64,9 @@ class _Resolver:
         value = include.value
         items = value.items if isinstance(value, TreeList) else (value,)
         for item in items:
-            if isinstance(item, TreeScalar) and isinstance(item.value, str):
+            if isinstance(item, TreeScalar) and item.value == "":
+                self.faults.append(found("OBK103", "a path of `include` is empty", item.span))
+            elif isinstance(item, TreeScalar) and isinstance(item.value, str):
                 yield item.value, item.span
             elif not (isinstance(item, TreeScalar) and item.value is None):
                 message = f"`include` holds {kind_of(item)}, expected paths"
@@ -72,19 +77,30 @@ class _Resolver:
         if any(path == open_path for open_path, _ in chain):
             self.faults.append(_cycle(path, span, chain))
             return None
+        self._included += 1
+        if self._included > _MOST_INCLUDED:
+            if self._included == _MOST_INCLUDED + 1:
+                self.faults.append(_too_many(written, span))
+            return None
         loaded = self._load(path)
         self.faults += loaded.diagnostics
         if loaded.unreadable is not None:
             message = f"included file `{written}` cannot be read: {loaded.unreadable}"
             self.faults.append(found("OBK008", message, span, help=f"looked for `{path}`"))
-        if loaded.tree is None:
+        tree = loaded.tree
+        if tree is None or (isinstance(tree, TreeScalar) and tree.value is None):
             return None
-        if not isinstance(loaded.tree, TreeMap):
-            message = f"included file `{written}` holds {kind_of(loaded.tree)}, expected a mapping"
-            there = Related(message="the file starts here", span=loaded.tree.span)
+        if not isinstance(tree, TreeMap):
+            message = f"included file `{written}` holds {kind_of(tree)}, expected a mapping"
+            there = Related(message="the file starts here", span=tree.span)
             self.faults.append(found("OBK010", message, span, related=(there,)))
             return None
-        return self.resolve(loaded.tree, (*chain, (path, span)))
+        return self.resolve(tree, (*chain, (path, span)))
+
+
+def _too_many(written: str, span: Span) -> Diagnostic:
+    message = f"over {_MOST_INCLUDED} files are included; `{written}` and all further ones are not"
+    return found("OBK007", message, span, help="a file counts each time that it is included")
 
 
 def _cycle(path: str, span: Span, chain: Chain) -> Diagnostic:

@@ -12,7 +12,8 @@ from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar
 
 __all__ = ["resolve_variables"]
 
-_REFERENCE = re.compile(r"\$\$\{|\$\{([A-Za-z_][A-Za-z0-9_]*)(?::-([^}]*))?\}|\$\{")
+# A default is bounded, lest every `${A:-` of a text be compared with all that follows it.
+_REFERENCE = re.compile(r"\$\$\{|\$\{([A-Za-z_][A-Za-z0-9_]*)(?::-([^}]{0,1000}+))?\}|\$\{")
 _MOST_SUGGESTIONS = 50
 """Findings with a near name; whoever has more is told the names only."""
 
@@ -47,6 +48,7 @@ def _replaced_text(
     text: str, span: Span, environment: Mapping[str, str], faults: list[Diagnostic]
 ) -> TreeScalar:
     told: set[str] = set()
+    places: dict[str, Span] = {}
 
     def value_of(reference: re.Match[str]) -> str:
         name, default = reference.groups()
@@ -59,7 +61,8 @@ def _replaced_text(
         if reference[0] not in told:
             told.add(reference[0])
             known = environment if len(faults) < _MOST_SUGGESTIONS else {}
-            faults.append(_undefined(reference[0], name, span, known))
+            places.update({} if places else _first_places(span))
+            faults.append(_undefined(name, places.get(reference[0], span), known))
         return reference[0]
 
     new = _REFERENCE.sub(value_of, text)
@@ -67,13 +70,16 @@ def _replaced_text(
     return TreeScalar(core_scalar(new) if is_plain else new, span)
 
 
-def _undefined(
-    reference: str, name: str | None, span: Span, environment: Mapping[str, str]
-) -> Diagnostic:
-    offset = span.text.find(reference)
-    place = span
-    if offset >= 0:
-        place = Span.at(span.source, span.line, span.column + offset, len(reference))
+def _first_places(span: Span) -> dict[str, Span]:
+    """Reference -> where it stands first on the first line of a value."""
+    places: dict[str, Span] = {}
+    for match in _REFERENCE.finditer(span.text):
+        column = span.column + match.start()
+        places.setdefault(match[0], Span.at(span.source, span.line, column, len(match[0])))
+    return places
+
+
+def _undefined(name: str | None, place: Span, environment: Mapping[str, str]) -> Diagnostic:
     if name is None:
         message = "`${` does not begin a `${NAME}`"
         return found("OBK011", message, place, help="write `$${` for a literal `${`")

@@ -5,38 +5,25 @@ memory. Never touches the disk.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 
+from obk_cli.scaffold.entry_points import PackageTexts, add_console_script
+from obk_cli.scaffold.kinds import SERVICE_LAYER, recipe_of
 from obk_cli.scaffold.names import Problem
 from obk_cli.scaffold.package_xml import add_dependencies
-from obk_cli.scaffold.questions import Answers, Kind
+from obk_cli.scaffold.questions import Answers
 from obk_cli.scaffold.render import (
     NODE_VARIABLE,
     RenderedFile,
+    Renderer,
     Template,
-    dependencies,
-    entry_point,
     render_templates,
-    template_variables,
 )
-from obk_cli.scaffold.setup_py import add_entry_point
+from obk_cli.scaffold.snippet import EXAMPLE_TOPICS
+from obk_cli.scaffold.variables import dependencies, entry_point, template_variables
 
-__all__ = ["LAYERS", "Composition", "PackageTexts", "compose_addition", "compose_package"]
-
-LAYERS: dict[Kind, tuple[str, ...]] = {
-    "controller": ("package_py", "controller"),
-    "estimator": ("package_py", "estimator"),
-}
-"""The template folders that a kind of package is made of; a later one wins."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PackageTexts:
-    """The two files of an existing package that a new node changes."""
-
-    package_xml: str
-    setup_py: str
+__all__ = ["Composition", "compose_addition", "compose_package", "layers_of"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,32 +34,56 @@ class Composition:
     edits: tuple[RenderedFile, ...] = ()
 
 
-def compose_package(answers: Answers, templates: Iterable[Template]) -> Composition:
-    """A package of its own.
+def layers_of(answers: Answers) -> tuple[str, ...]:
+    """The template folders that are to be read."""
+    recipe = recipe_of(answers.kind, answers.language)
+    assert recipe is not None, "the answers have been checked"
+    return (*recipe.layers, SERVICE_LAYER) if answers.with_service else recipe.layers
+
+
+def compose_package(
+    answers: Answers,
+    templates: Iterable[Template],
+    *,
+    render: Renderer = render_templates,
+    topics: str = EXAMPLE_TOPICS,
+) -> Composition:
+    """A package of its own; `topics` is the name under which its topics are.
 
     Raises:
         TemplateFaultError: a template cannot be rendered.
     """
-    return Composition(files=render_templates(templates, template_variables(answers)))
+    return Composition(files=render(templates, template_variables(answers, topics)))
 
 
 def compose_addition(
-    answers: Answers, templates: Iterable[Template], texts: PackageTexts
+    answers: Answers,
+    templates: Iterable[Template],
+    texts: PackageTexts,
+    *,
+    python_folder: str = ".",
+    render: Renderer = render_templates,
 ) -> Composition | Problem:
-    """One node more in the package of these texts.
+    """One node more in the package of these texts; its modules are below `python_folder`.
 
     Raises:
         TemplateFaultError: a template cannot be rendered.
     """
-    setup_py = add_entry_point(texts.setup_py, entry_point(answers))
-    if isinstance(setup_py, Problem):
-        return setup_py
+    edits = add_console_script(texts, entry_point(answers))
+    if isinstance(edits, Problem):
+        return edits
     package_xml = add_dependencies(texts.package_xml, dependencies(answers))
     of_the_node = [template for template in templates if NODE_VARIABLE in template.name]
+    files = render(of_the_node, template_variables(answers))
     return Composition(
-        files=render_templates(of_the_node, template_variables(answers)),
-        edits=(_edited("setup.py", setup_py), _edited("package.xml", package_xml)),
+        files=tuple(_moved(file, answers.package, python_folder) for file in files),
+        edits=(*(_edited(*edit) for edit in edits.items()), _edited("package.xml", package_xml)),
     )
+
+
+def _moved(file: RenderedFile, package: str, python_folder: str) -> RenderedFile:
+    is_module = file.path.parts[0] == package
+    return replace(file, path=PurePosixPath(python_folder, file.path)) if is_module else file
 
 
 def _edited(name: str, text: str) -> RenderedFile:

@@ -21,6 +21,7 @@ class Action(StrEnum):
     IDENTICAL = "identical"
     EDIT = "edit"
     REPLACE = "replace"
+    KEEP = "keep"
     CONFLICT = "conflict"
 
 
@@ -43,6 +44,8 @@ class Decision:
     file: RenderedFile
     action: Action
     reason: str = ""
+    before: bytes | None = None
+    """What the file holds now, where there is one."""
 
 
 def decide(
@@ -67,13 +70,12 @@ def conflicts(decisions: Iterable[Decision]) -> tuple[Decision, ...]:
 def _decide_new(file: RenderedFile, there: Existing | None, *, force: bool) -> Decision:
     if there is None:
         return Decision(file=file, action=Action.CREATE)
-    if there.content is None:
-        return Decision(file=file, action=Action.CONFLICT, reason=there.reason)
-    if there.content == file.content:
-        return Decision(file=file, action=Action.IDENTICAL)
-    if force:
-        return Decision(file=file, action=Action.REPLACE)
-    return Decision(file=file, action=Action.CONFLICT, reason=there.reason)
+    before = there.content
+    if before == file.content:
+        return Decision(file=file, action=Action.IDENTICAL, before=before)
+    if force and before is not None:
+        return Decision(file=file, action=Action.REPLACE, before=before)
+    return Decision(file=file, action=Action.CONFLICT, reason=there.reason, before=before)
 
 
 def _decide_edit(file: RenderedFile, there: Existing | None) -> Decision:
@@ -81,4 +83,5 @@ def _decide_edit(file: RenderedFile, there: Existing | None) -> Decision:
         reason = there.reason if there else "it is gone"
         return Decision(file=file, action=Action.CONFLICT, reason=reason)
     same = there.content == file.content
-    return Decision(file=file, action=Action.IDENTICAL if same else Action.EDIT)
+    action = Action.IDENTICAL if same else Action.EDIT
+    return Decision(file=file, action=action, before=there.content)

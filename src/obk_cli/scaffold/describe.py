@@ -4,15 +4,27 @@ In: the answers, the decisions, how the folder is called from here. Out: text. N
 """
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import PurePath
 
 from obk_cli.scaffold.decide import Decision
+from obk_cli.scaffold.difference import unified_diff
+from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
 from obk_cli.scaffold.questions import Answers
-from obk_cli.scaffold.snippet import SECTIONS, config_snippet
+from obk_cli.scaffold.snippet import config_snippet
 
-__all__ = ["Outcome", "describe_json", "describe_text"]
+__all__ = ["Added", "Outcome", "describe_json", "describe_text", "file_lines"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Added:
+    """What became of a config that the new node was added to; `config` as the user wrote it."""
+
+    config: str
+    lines: tuple[str, ...]
+    values: Mapping[str, object]
+    diff: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,31 +37,39 @@ class Outcome:
     dry_run: bool
     programs: str
     """In front of `python` and `obk`: empty in an active environment, else its `bin/`."""
+    added: Added | None = None
 
     @property
-    def next_commands(self) -> tuple[str, str]:
+    def next_commands(self) -> tuple[str, ...]:
         """What to type now."""
-        test = PurePath(self.folder, "test", f"test_{self.answers.node}.py")
-        return (f"{self.programs}python -m pytest {test}", f"{self.programs}obk launch CONFIG")
+        answers = self.answers
+        if answers.kind == "msgs":
+            return (f"{self.programs}obk build {answers.package}",)
+        if answers.kind == "config":
+            config = PurePath(self.folder, f"{answers.node}.yaml")
+            return (f"{self.programs}obk validate {config}", f"{self.programs}obk launch {config}")
+        if answers.language == "cpp":
+            return (f"colcon build --packages-select {answers.package}",)
+        test = PurePath(self.folder, "test", f"test_{answers.node}.py")
+        stack = self.added.config if self.added else "CONFIG"
+        return (f"{self.programs}python -m pytest {test}", f"{self.programs}obk launch {stack}")
 
 
 def describe_text(outcome: Outcome) -> str:
-    """The tree with what happened to each file, the piece of config, the next two commands."""
-    answers = outcome.answers
+    """The tree with what happened to each file, the piece of config, the next commands.
+
+    Of a dry run the diff too.
+    """
     verb = "would make" if outcome.dry_run else "made"
-    test, launch = outcome.next_commands
     return "\n".join(
         [
-            f"{verb} the {answers.kind} `{answers.node}`, package `{answers.package}`, "
-            f"in {outcome.folder}/",
-            *(f"  {d.action.value:<9} {d.file.path}" for d in _in_order(outcome.decisions)),
-            "",
-            f"what your config says under `{SECTIONS[answers.kind]}:` to run it:",
-            *(f"  {line}" for line in config_snippet(answers).splitlines()),
+            f"{verb} {_subject(outcome.answers)} in {outcome.folder}/",
+            *file_lines(outcome.decisions),
+            *(("", *outcome.added.lines) if outcome.added else _config_lines(outcome.answers)),
             "",
             "next:",
-            f"  {test}",
-            f"  {launch}",
+            *(f"  {command}" for command in outcome.next_commands),
+            *(("", _diff(outcome)) if outcome.dry_run else ()),
         ]
     )
 
@@ -57,8 +77,10 @@ def describe_text(outcome: Outcome) -> str:
 def describe_json(outcome: Outcome) -> str:
     """The same as one JSON object."""
     answers = outcome.answers
+    is_node = answers.kind in NODE_KINDS
     result = {
         "kind": answers.kind,
+        "language": answers.language if is_node else None,
         "package": answers.package,
         "node": answers.node,
         "folder": outcome.folder,
@@ -67,11 +89,44 @@ def describe_json(outcome: Outcome) -> str:
             {"path": str(d.file.path), "action": d.action.value}
             for d in _in_order(outcome.decisions)
         ],
-        "section": SECTIONS[answers.kind],
-        "config": config_snippet(answers),
+        "section": SECTIONS[answers.kind] if is_node else None,
+        "config": config_snippet(answers) if is_node else None,
+        "added_to": dict(outcome.added.values) if outcome.added else None,
         "next": list(outcome.next_commands),
     }
+    if outcome.dry_run:
+        result["diff"] = _diff(outcome)
     return json.dumps(result, indent=2)
+
+
+def file_lines(decisions: Iterable[Decision]) -> tuple[str, ...]:
+    """A line for each file, in the order of a tree."""
+    return tuple(f"  {d.action.value:<9} {d.file.path}" for d in _in_order(decisions))
+
+
+def _diff(outcome: Outcome) -> str:
+    """The diff of the package's files, and of the config."""
+    of_files = unified_diff(_in_order(outcome.decisions))
+    return f"{of_files}{outcome.added.diff}" if outcome.added else of_files
+
+
+def _subject(answers: Answers) -> str:
+    if answers.kind == "msgs":
+        return f"the message package `{answers.package}`"
+    if answers.kind == "config":
+        return f"the config `{answers.node}`"
+    return f"the {answers.kind} `{answers.node}`, package `{answers.package}`,"
+
+
+def _config_lines(answers: Answers) -> tuple[str, ...]:
+    if answers.kind not in NODE_KINDS:
+        return ()
+    return (
+        "",
+        f"what a config says under `{SECTIONS[answers.kind]}:` to run it, with the example's "
+        "topics; --add-to CONFIG writes it with the config's:",
+        *(f"  {line}" for line in config_snippet(answers).splitlines()),
+    )
 
 
 def _in_order(decisions: Iterable[Decision]) -> list[Decision]:

@@ -4,13 +4,22 @@ In: message types. Out: statements for the node and assertions for its test. Onl
 fields this project defines are filled; of any other only what is sure is written.
 """
 
+import re
 from dataclasses import dataclass
 
 from obk_cli.scaffold.questions import MessageType
 
-__all__ = ["Filling", "control_filling", "estimate_filling"]
+__all__ = [
+    "Filling",
+    "control_filling",
+    "estimate_filling",
+    "has_header",
+    "is_position_control",
+    "reading_filling",
+]
 
 _STAMP = "msg.header.stamp = self.get_clock().now().to_msg()"
+_HEADER = re.compile(r"^\s*std_msgs/(?:msg/)?Header\s+header\b", re.MULTILINE)
 _WITHOUT_HEADER = frozenset({"obelisk_sensor_msgs/msg/ObkImage"})
 _WITH_HEADER_PACKAGES = ("obelisk_control_msgs", "obelisk_estimator_msgs", "obelisk_sensor_msgs")
 
@@ -32,25 +41,19 @@ class Filling:
         return any("math." in line for line in self.statements)
 
 
-_U_MUJOCO = Filling(
-    statements=(
-        "u = self.amplitude * math.sin(self.t)  # your control law goes here",
-        "msg.u_mujoco = [u]",
-    ),
-    assertions=("assert len(msg.u_mujoco) == 1", "assert abs(msg.u_mujoco[0]) <= 1.0"),
+_WITH_U_MUJOCO = frozenset(
+    {"obelisk_control_msgs/msg/PositionSetpoint", "obelisk_control_msgs/msg/PDFeedForward"}
 )
-_CONTROL = {
-    "obelisk_control_msgs/msg/PositionSetpoint": _U_MUJOCO,
-    "obelisk_control_msgs/msg/PDFeedForward": _U_MUJOCO,
-    "obelisk_control_msgs/msg/VelocityCommand": Filling(
-        statements=(
-            "msg.v_x = self.amplitude * math.sin(self.t)  # [m/s] your control law goes here",
-            "msg.v_y = 0.0  # [m/s]",
-            "msg.w_z = 0.0  # [rad/s]",
-        ),
-        assertions=("assert abs(msg.v_x) <= 1.0",),
+_LONGEST_LIST = 6
+"""Controls that are written one by one; more are written as a product."""
+_VELOCITY = Filling(
+    statements=(
+        "msg.v_x = self.amplitude * math.sin(self.t)  # [m/s] your control law goes here",
+        "msg.v_y = 0.0  # [m/s]",
+        "msg.w_z = 0.0  # [rad/s]",
     ),
-}
+    assertions=("assert abs(msg.v_x) <= 1.0",),
+)
 _ESTIMATE = {
     (
         "obelisk_estimator_msgs/msg/EstimatedState",
@@ -78,9 +81,27 @@ _ESTIMATE = {
 }
 
 
-def control_filling(ctrl: MessageType) -> Filling:
-    """How `compute_control` fills its message."""
-    return _stamped(ctrl, _CONTROL.get(ctrl.full))
+def control_filling(ctrl: MessageType, controls: int = 1) -> Filling:
+    """How `compute_control` fills its message; `controls` are the model's actuators."""
+    if ctrl.full in _WITH_U_MUJOCO:
+        return _stamped(ctrl, _u_mujoco(controls))
+    is_velocity = ctrl.full == "obelisk_control_msgs/msg/VelocityCommand"
+    return _stamped(ctrl, _VELOCITY if is_velocity else None)
+
+
+def _u_mujoco(controls: int) -> Filling:
+    is_short = controls <= _LONGEST_LIST
+    values = f"[{', '.join(['u'] * controls)}]" if is_short else f"[u] * {controls}"
+    return Filling(
+        statements=(
+            "u = self.amplitude * math.sin(self.t)  # your control law goes here",
+            f"msg.u_mujoco = {values}",
+        ),
+        assertions=(
+            f"assert len(msg.u_mujoco) == {controls}",
+            "assert abs(msg.u_mujoco[0]) <= 1.0",
+        ),
+    )
 
 
 def estimate_filling(est: MessageType, sensor: MessageType) -> Filling:
@@ -88,9 +109,40 @@ def estimate_filling(est: MessageType, sensor: MessageType) -> Filling:
     return _stamped(est, _ESTIMATE.get((est.full, sensor.full)))
 
 
+def is_position_control(ctrl: MessageType) -> bool:
+    """Whether a control message has `u_mujoco`, which a robot without hardware can follow."""
+    return ctrl.full in _WITH_U_MUJOCO
+
+
+def reading_filling(sensor: MessageType, positions: str) -> Filling:
+    """How a robot or a sensor fills its message; `positions` is code for the joints' [rad or m]."""
+    fillings = {
+        "obelisk_sensor_msgs/msg/JointEncoders": Filling(statements=(f"msg.y = {positions}",)),
+        "obelisk_sensor_msgs/msg/ObkJointEncoders": Filling(
+            statements=(
+                f"msg.joint_pos = {positions}",
+                "msg.joint_vel = [0.0] * len(msg.joint_pos)",
+            ),
+            assertions=("assert len(msg.joint_pos) == len(msg.joint_vel)",),
+        ),
+        "obelisk_sensor_msgs/msg/ObkImu": Filling(
+            statements=(
+                "msg.orientation.w = 1.0",
+                "msg.linear_acceleration.z = 9.81  # [m/s^2] at rest",
+            ),
+            assertions=("assert msg.linear_acceleration.z > 0.0",),
+        ),
+        "obelisk_sensor_msgs/msg/ObkFramePose": Filling(
+            statements=('msg.frame_name = "base"', "msg.orientation.w = 1.0"),
+            assertions=("assert msg.orientation.w == 1.0",),
+        ),
+    }
+    return _stamped(sensor, fillings.get(sensor.full))
+
+
 def _stamped(message: MessageType, filling: Filling | None) -> Filling:
     known = filling or Filling(statements=("# the other fields of msg are yours to fill",))
-    if not _has_header(message):
+    if not has_header(message):
         return known
     return Filling(
         statements=(_STAMP, *known.statements),
@@ -99,7 +151,10 @@ def _stamped(message: MessageType, filling: Filling | None) -> Filling:
     )
 
 
-def _has_header(message: MessageType) -> bool:
+def has_header(message: MessageType) -> bool:
+    """Whether a message has a stamp: by its definition, else as far as its name tells."""
+    if message.definition is not None:
+        return _HEADER.search(message.definition) is not None
     if message.package in _WITH_HEADER_PACKAGES:
         return message.full not in _WITHOUT_HEADER
     return message.package.endswith("_msgs") and message.name.endswith("Stamped")

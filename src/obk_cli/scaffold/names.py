@@ -16,6 +16,9 @@ __all__ = ["LONGEST_NAME", "Problem", "check_name", "suggest_name"]
 LONGEST_NAME = 40
 """Our own limit [characters]: the name is a folder, a module, an executable and part of a class."""
 
+_OTHER_USE = frozenset("build conftest install log resource setup src test".split())
+"""Names that workspaces and packages have for folders and files of another kind."""
+
 _SNAKE_CASE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 
@@ -51,7 +54,7 @@ def suggest_name(name: str, *, kind: str) -> str:
     humps = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", last)
     words = re.findall(r"[a-z0-9]+", humps.lower())
     snake = "_".join(words).lstrip("0123456789_")
-    if snake == name or len(snake) < 2 or keyword.iskeyword(snake):
+    if snake == name or len(snake) < 2 or keyword.iskeyword(snake) or snake in _OTHER_USE:
         snake = f"{snake}_{kind}" if snake else f"my_{kind}"
     return snake[:LONGEST_NAME].rstrip("_")
 
@@ -73,6 +76,8 @@ def _shape_fault(name: str) -> str | None:
 def _use_fault(name: str, owner_of: Callable[[str], str | None]) -> str | None:
     if keyword.iskeyword(name):
         return "is a keyword of Python"
+    if name in _OTHER_USE:
+        return "stands for something else in workspaces and packages"
     owner = owner_of(name)
     return f"is taken: it is {owner}" if owner else None
 

@@ -5,25 +5,57 @@ Never touches the disk and never imports a message.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Literal
+from typing import Protocol
 
-from obelisk_spec.messages import near_msg_types, resolve_msg_type
-from obelisk_spec.near import list_names
+from obelisk_spec.messages import (
+    OBELISK_MESSAGES,
+    ROS_MESSAGES,
+    near_msg_types,
+    resolve_msg_type,
+)
+from obelisk_spec.near import list_names, near_names
+from obk_cli.scaffold.kinds import NODE_KINDS, Kind, Language, recipe_of
 from obk_cli.scaffold.names import Problem, check_name
 
-__all__ = ["Answers", "Kind", "MessageType", "Question", "check_answers"]
+__all__ = [
+    "USUAL_CTRL",
+    "USUAL_EST",
+    "USUAL_OF_SENSOR",
+    "USUAL_SENSOR",
+    "Answers",
+    "MessageType",
+    "Messages",
+    "Question",
+    "check_answers",
+]
 
-Kind = Literal["controller", "estimator"]
+USUAL_CTRL = "PositionSetpoint"
+USUAL_EST = "EstimatedState"
+USUAL_SENSOR = "JointEncoders"
+USUAL_OF_SENSOR = "ObkImu"
+"""What a node of the kind `sensor` publishes."""
 
 _CLASSES_IN_USE = (
     "Iterator",
     "LifecycleState",
     "ObeliskController",
     "ObeliskEstimator",
+    "ObeliskRobot",
+    "ObeliskSensor",
     "TransitionCallbackReturn",
 )
+
+
+class Messages(Protocol):
+    """What message packages define."""
+
+    def message_names(self, package: str) -> tuple[str, ...] | None:
+        """The messages of a package, None if there is no such package."""
+
+    def message_definition(self, package: str, name: str) -> str | None:
+        """The text that defines a message."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +64,8 @@ class MessageType:
 
     package: str
     name: str
+    definition: str | None = field(default=None, repr=False, compare=False)
+    """The text that defines it, for types of the user's own."""
 
     @property
     def full(self) -> str:
@@ -51,13 +85,16 @@ class MessageType:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """What was asked for, as typed."""
+    """What was asked for, as typed; a message type that is None is left open."""
 
     kind: Kind
     name: str
-    ctrl_msg: str = "PositionSetpoint"
-    est_msg: str = "EstimatedState"
-    sensor_msg: str = "JointEncoders"
+    language: Language = "py"
+    ctrl_msg: str | None = None
+    est_msg: str | None = None
+    sensor_msg: str | None = None
+    with_service: bool = False
+    controls: int = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +107,11 @@ class Answers:
     ctrl: MessageType
     est: MessageType
     sensor: MessageType
+    language: Language = "py"
+    with_service: bool = False
+    """Whether a message package holds a service too."""
+    controls: int = 1
+    """How many values a control message for the simulator holds."""
 
     @property
     def class_name(self) -> str:
@@ -80,7 +122,13 @@ class Answers:
     @property
     def messages(self) -> tuple[MessageType, ...]:
         """The message types that this kind of node works with."""
-        return (self.ctrl, self.est) if self.kind == "controller" else (self.est, self.sensor)
+        by_kind: dict[Kind, tuple[MessageType, ...]] = {
+            "controller": (self.ctrl, self.est),
+            "estimator": (self.est, self.sensor),
+            "robot": (self.ctrl, self.sensor),
+            "sensor": (self.sensor,),
+        }
+        return by_kind.get(self.kind, ())
 
     def in_package(self, package: str) -> "Answers":
         """The same node in a package of another name."""
@@ -88,18 +136,25 @@ class Answers:
 
 
 def check_answers(
-    question: Question, *, owner_of: Callable[[str], str | None]
+    question: Question,
+    *,
+    owner_of: Callable[[str], str | None],
+    messages: Messages | None = None,
 ) -> Answers | tuple[Problem, ...]:
     """Check all that was typed; the node goes into a new package of its own name.
 
-    `owner_of` tells who has a top-level module name already, None if nobody.
+    `owner_of` tells who has a top-level module name already, None if nobody; `messages` what
+    the packages that are there define; a package that is not may be yet to come.
     """
+    language = _check_language(question)
     name = check_name(question.name, kind=question.kind, owner_of=owner_of)
-    ctrl = _check_message("--ctrl-msg", question.ctrl_msg)
-    est = _check_message("--est-msg", question.est_msg)
-    sensor = _check_message("--sensor-msg", question.sensor_msg)
+    ctrl = _check_message("--ctrl-msg", question.ctrl_msg or USUAL_CTRL, messages)
+    est = _check_message("--est-msg", question.est_msg or USUAL_EST, messages)
+    usual_sensor = USUAL_OF_SENSOR if question.kind == "sensor" else USUAL_SENSOR
+    sensor = _check_message("--sensor-msg", question.sensor_msg or usual_sensor, messages)
     if (
-        name is None
+        language is None
+        and name is None
         and isinstance(ctrl, MessageType)
         and isinstance(est, MessageType)
         and isinstance(sensor, MessageType)
@@ -111,16 +166,40 @@ def check_answers(
             ctrl=ctrl,
             est=est,
             sensor=sensor,
+            language=question.language,
+            with_service=question.with_service,
+            controls=question.controls,
         )
         return _check_clashes(answers) or answers
-    return tuple(p for p in (name, ctrl, est, sensor) if isinstance(p, Problem))
+    return tuple(p for p in (language, name, ctrl, est, sensor) if isinstance(p, Problem))
 
 
-def _check_message(option: str, written: str) -> MessageType | Problem:
+def _check_language(question: Question) -> Problem | None:
+    if recipe_of(question.kind, question.language) is not None:
+        return None
+    return Problem(
+        sentence=f"--lang: a {question.kind} is not made in `{question.language}`",
+        help="leave --lang out; controllers and estimators are made in `cpp` too",
+    )
+
+
+def _check_message(option: str, written: str, messages: Messages | None) -> MessageType | Problem:
     full = resolve_msg_type(written)
     if full is not None:
         package, _, name = full.partition("/msg/")
-        return MessageType(package=package, name=name)
+        is_usual = package in OBELISK_MESSAGES or name in ROS_MESSAGES.get(package, ())
+        names = None if is_usual or messages is None else messages.message_names(package)
+        if names is None or messages is None:
+            return MessageType(package=package, name=name)
+        if name in names:
+            definition = messages.message_definition(package, name)
+            return MessageType(package=package, name=name, definition=definition)
+        near_own = [f"{package}/{one}" for one in near_names(name, names)]
+        help = f"it has {list_names(names)}" if names else "it defines no messages"
+        return Problem(
+            sentence=f"{option}: package `{package}` has no message `{name}`",
+            help=f"did you mean {list_names(near_own)}?" if near_own else help,
+        )
     near = near_msg_types(written)
     return Problem(
         sentence=f"{option}: there is no message type `{written}`",
@@ -140,7 +219,7 @@ def _check_clashes(answers: Answers) -> tuple[Problem, ...]:
         for one, other in combinations(answers.messages, 2)
         if one.name == other.name and one != other
     )
-    own = {answers.class_name, *_CLASSES_IN_USE}
+    own = {answers.class_name, *_CLASSES_IN_USE} if answers.kind in NODE_KINDS else set()
     return twice + tuple(
         Problem(
             sentence=f"`{message.full}` has the name of a class that the node's module needs",

@@ -7,8 +7,8 @@ link out of the folder, and never decides anything.
 
 import shutil
 import tempfile
-from collections.abc import Iterable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack, suppress
 from pathlib import Path, PurePosixPath
 
 from obk_cli.scaffold.decide import Action, Decision, Existing
@@ -29,28 +29,34 @@ def read_existing(root: Path, paths: Iterable[PurePosixPath]) -> dict[PurePosixP
     return {path: there for path, there in found if there is not None}
 
 
-def write_decisions(root: Path, decisions: Iterable[Decision]) -> None:
-    """Carry out the decisions below `root`, which need not exist yet.
+def write_decisions(
+    root: Path, decisions: Iterable[Decision], *, finish: Callable[[], None] = lambda: None
+) -> None:
+    """Carry out the decisions below `root`, which need not exist yet, and `finish`.
 
-    Everything is written to a folder beside `root` first. Whatever goes wrong later, an
-    interrupt too, leaves what was there before.
+    Everything is written to a hidden folder first: beside `root` where that is new, else inside it,
+    so that it is on the same disk. Whatever goes wrong later, an interrupt too or an exception of
+    `finish`, which runs when all is in its place, leaves what was there before.
 
     Raises:
-        OSError: the folder cannot be written.
+        OSError: the folder cannot be written, or a file has changed since it was looked at.
     """
-    files = [decision.file for decision in decisions if decision.action in _WRITTEN]
+    written = [decision for decision in decisions if decision.action in _WRITTEN]
     with ExitStack() as undo_folders:
         _make_folders(root.parent, undo_folders)
+        beside = root if root.exists() else root.parent
         with (
-            tempfile.TemporaryDirectory(prefix=f".{root.name}.", dir=root.parent) as stage,
+            tempfile.TemporaryDirectory(prefix=f".{root.name}.", dir=beside) as stage,
             ExitStack() as undo,
         ):
             fresh = Path(stage, "new")
-            _write_files(fresh, files)
+            _write_files(fresh, [decision.file for decision in written])
             if root.exists():
-                _merge(fresh, root, [file.path for file in files], Path(stage, "old"), undo)
+                _merge(fresh, root, written, Path(stage, "old"), undo)
             else:
                 fresh.rename(root)
+                undo.callback(root.rename, fresh)
+            finish()
             undo.pop_all()
         undo_folders.pop_all()
 
@@ -79,12 +85,16 @@ def _write_files(folder: Path, files: Iterable[RenderedFile]) -> None:
 
 
 def _merge(
-    fresh: Path, root: Path, paths: Iterable[PurePosixPath], backup: Path, undo: ExitStack
+    fresh: Path, root: Path, decisions: Iterable[Decision], backup: Path, undo: ExitStack
 ) -> None:
     """Move files into a folder that is there; each step's way back is known before the step."""
-    for path in paths:
+    for decision in decisions:
+        path = decision.file.path
         target, saved = root / path, backup / path
-        if target.exists():
+        now = target.read_bytes() if target.exists() else None
+        if now != decision.before:
+            raise OSError(f"{target} has changed meanwhile")
+        if now is not None:
             saved.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(target, saved)
             shutil.copymode(target, fresh / path)
@@ -100,5 +110,10 @@ def _make_folders(folder: Path, undo: ExitStack) -> None:
     if folder.is_dir():
         return
     _make_folders(folder.parent, undo)
+    undo.callback(_remove_if_empty, folder)
     folder.mkdir()
-    undo.callback(folder.rmdir)
+
+
+def _remove_if_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()

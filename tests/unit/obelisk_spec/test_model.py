@@ -19,7 +19,7 @@ def test_facts_are_those_of_the_file() -> None:
     assert facts.actuators == 1
     assert facts.timestep == 0.001
     assert facts.sensors["hinge_pos"].type == "jointpos"
-    assert facts.sensors["ball_pos"].joint_type == "ball"
+    assert facts.sensors["hinge_pos"].joint_type == "hinge"
     assert (facts.sensors["tip_quat"].object_type, facts.sensors["tip_quat"].object_name) == (
         "site",
         "tip",

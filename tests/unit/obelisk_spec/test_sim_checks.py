@@ -3,6 +3,7 @@ from typing import Any
 import pytest
 
 from obelisk_spec.model import ModelFacts, SensorFact
+from obelisk_spec.scans import grid_count, turn_count
 from obelisk_spec.sim_checks import check_sim
 
 
@@ -30,6 +31,7 @@ FACTS = ModelFacts(
     },
     geoms={"box": "box"},
     sites=("imu",),
+    cameras=("front",),
     keyframes=("home",),
     actuators=1,
     timestep=0.001,
@@ -71,6 +73,9 @@ def test_a_sound_block_has_no_findings() -> None:
             },
             "OBK308",
         ),
+        ({"sensor_settings": [group("ObkImage", names={"frnt": "camera"})]}, "OBK303"),
+        ({"sensor_settings": [group("ObkImage", names={})]}, "OBK306"),
+        ({"sensor_settings": [group("ObkImage", names={"front": "gyro"})]}, "OBK305"),
         ({"viz_geoms": {"dt": 1.0, "bx": "box"}}, "OBK311"),
         ({"viz_geoms": {"box": "sphere"}}, "OBK312"),
         ({"n_u": 2}, "OBK503"),
@@ -79,6 +84,14 @@ def test_a_sound_block_has_no_findings() -> None:
 )
 def test_a_fault_has_its_code(block: dict[str, Any], code: str) -> None:
     assert codes(block) == [code]
+
+
+def test_a_camera_of_the_model_is_taken_and_a_slip_in_its_name_told() -> None:
+    assert codes({"sensor_settings": [group("ObkImage", names={"front": "camera"})]}) == []
+    settings = [group("ObkImage", names={"frnt": "camera"})]
+    (fault,) = check_sim({"model_xml_path": "m", "sensor_settings": settings}, {}, FACTS)
+    assert fault.message == "camera `frnt` is not in the model"
+    assert fault.help == "did you mean `front`?"
 
 
 def test_a_keyframe_that_is_not_there_is_a_fault_of_the_parameters() -> None:
@@ -99,7 +112,31 @@ def test_near_names_are_sought_among_sensors_of_the_type_first() -> None:
 
 def test_without_a_model_only_what_needs_none_is_checked() -> None:
     block = {"model_xml_path": "m", "sensor_settings": [group(names={"x": "gyro"})]}
-    assert [fault.code for fault in check_sim(block, {}, None)] == ["OBK305", "OBK306"]
+    assert [fault.code for fault in check_sim(block, {}, None)] == ["OBK305"]
+
+
+@pytest.mark.parametrize(
+    ("msg_type", "names", "help"),
+    [
+        ("JointEncoders", {"q": "jointposs"}, "write `q: jointpos`"),
+        ("JointEncoders", {"q": "gyro"}, "write `q: jointpos`"),
+        ("ObkImu", {"acc": "acelerometer", "rot": "framequat"}, "write `acc: accelerometer`"),
+        ("ObkImage", {"front": "gyro"}, "write `front: camera`"),
+        ("ObkImu", {"acc": "accelerometer", "q": "framequats"}, "did you mean `framequat`?"),
+    ],
+)
+def test_a_wrong_sensor_type_is_told_once_with_the_one_that_is_right(
+    msg_type: str, names: dict[str, str], help: str
+) -> None:
+    block = {"model_xml_path": "m", "sensor_settings": [group(msg_type, names=names)]}
+    (fault,) = check_sim(block, {}, FACTS)
+    assert fault.code == "OBK305"
+    assert help in (fault.help or "")
+
+
+def test_a_misspelt_sensor_name_is_told_once() -> None:
+    block = {"model_xml_path": "m", "sensor_settings": [group(names={"qq": "jointpos"})]}
+    assert codes(block) == ["OBK303"]
 
 
 @pytest.mark.parametrize(
@@ -123,3 +160,159 @@ def test_a_block_of_the_wrong_shape_is_refused_before_anything_else(
     faults = check_sim(block, {}, FACTS)
     assert {fault.code for fault in faults} <= {"OBK102", "OBK103"}
     assert [fault.path for fault in faults] == [place]
+
+
+LIDAR: dict[str, Any] = {
+    "type": "lidar_scan",
+    "channels": 4,
+    "vertical_fov_range": [-10, 10],
+    "horizontal_fov_range": [0, 360],
+    "horizontal_res": 1,
+}
+GRID: dict[str, Any] = {"type": "height_scan", "resolution": 0.1, "size": [1.6, 0.8]}
+MATRIX = [20.0, 0, 8, 0, 20.0, 8, 0, 0, 1]
+CAMERA: dict[str, Any] = {
+    "type": "depth_camera",
+    "width": 16,
+    "height": 16,
+    "intrinsic_matrix": MATRIX,
+}
+
+
+def scan_faults(pattern: dict[str, Any], kind: str = "ObkScan", **more: Any) -> list[str]:
+    scan = {"site_name": "imu", "pattern": pattern, **more}
+    settings = [{"topic": "/s", "dt": 0.01, "msg_type": kind, "scan_config": scan}]
+    return [
+        fault.message
+        for fault in check_sim({"model_xml_path": "m", "sensor_settings": settings}, {}, FACTS)
+    ]
+
+
+@pytest.mark.parametrize("frame", ["world", "imu", "box", None])
+def test_a_frame_is_the_world_or_a_thing_of_the_model(frame: str | None) -> None:
+    assert scan_faults(GRID, frame=frame) == []
+
+
+def test_a_frame_that_is_not_there_is_told() -> None:
+    (message,) = scan_faults(GRID, frame="wold")
+    assert message == (
+        "frame `wold` is neither `world` nor a site, body, geom or camera of the model"
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "pattern"),
+    [
+        ("ObkScan", {**GRID, "size": [1.6, -0.8]}),
+        ("ObkScan", {**GRID, "offset": {"rot": [0, 0, 0, 0]}}),
+        ("DepthImage", {**CAMERA, "intrinsic_matrix": [0.0, *MATRIX[1:]]}),
+        ("DepthImage", {**CAMERA, "intrinsic_matrix": [*MATRIX[:8], 2.0]}),
+    ],
+)
+def test_a_pattern_that_cannot_be_laid_out_is_told(kind: str, pattern: dict[str, Any]) -> None:
+    (message,) = scan_faults(pattern, kind)
+    assert ", expected " in message
+
+
+@pytest.mark.parametrize(
+    ("kind", "pattern", "count"),
+    [
+        ("ObkScan", {**GRID, "resolution": 1e-6}, "1.28e+12"),
+        ("ObkScan", {**GRID, "resolution": 5e-324}, "inf"),
+        ("ObkScan", {**LIDAR, "channels": 10_000}, "3.61e+06"),
+        ("DepthImage", {**CAMERA, "width": 100_000}, "1.6e+06"),
+    ],
+)
+def test_more_rays_than_can_be_cast_are_refused(
+    kind: str, pattern: dict[str, Any], count: str
+) -> None:
+    assert scan_faults(pattern, kind) == [f"`pattern` has {count} rays, expected at most 1000000"]
+
+
+@pytest.mark.parametrize(
+    ("span", "step", "count"),
+    [(360, 2, 180), (-360, 2, 180), (360, 7, 52), (180, 2, 91), (0, 1, 1), (90.5, 1, 91)],
+)
+def test_only_the_end_of_a_full_turn_is_left_out(span: float, step: float, count: int) -> None:
+    assert turn_count(span, step) == count
+
+
+@pytest.mark.parametrize(
+    ("length", "resolution", "count"),
+    [(1.6, 0.1, 17), (0.0, 0.1, 1), (0.35, 0.1, 4), (0.3, 0.1, 4)],
+)
+def test_a_grid_has_a_ray_at_both_ends(length: float, resolution: float, count: int) -> None:
+    assert grid_count(length, resolution) == count
+
+
+def disturbance_faults(msg_type: str = "ObkImu", **given: Any) -> list[str]:
+    names = {"ObkImu": {"acc": "accelerometer"}, "ObkImage": {"front": "camera"}}
+    settings = [group(msg_type, names=names.get(msg_type, {"q": "jointpos"}), **given)]
+    return [
+        f"{fault.code} {'.'.join(map(str, fault.path[2:]))}: {fault.message}"
+        for fault in check_sim({"model_xml_path": "m", "sensor_settings": settings}, {}, FACTS)
+        if fault.severity == "error"
+    ]
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [
+        {},
+        {"linear_acceleration": {"sigma": 1, "bias": -0.5}},
+        {"orientation": {"sigma": [0.1, 0, 0.2], "bias": [-1, 0, 1]}},
+        {"angular_velocity": {"sigma": None}},
+    ],
+)
+def test_noise_is_a_number_or_one_for_each_axis(noise: dict[str, Any]) -> None:
+    assert disturbance_faults(noise=noise, dropout=1, delay=0, seed=0) == []
+
+
+@pytest.mark.parametrize(
+    ("given", "fault"),
+    [
+        (
+            {"noise": {"acceleration": {}}},
+            "OBK101 noise.acceleration: `ObkImu` has no field `acceleration` that noise can be "
+            "added to",
+        ),
+        (
+            {"noise": {"orientation": 0.1}},
+            "OBK103 noise.orientation: the noise of `orientation` is 0.1, expected a mapping with "
+            "`sigma`, `bias`",
+        ),
+        (
+            {"noise": {"orientation": {"sgma": 0.1}}},
+            "OBK101 noise.orientation.sgma: the noise of `orientation` has no key `sgma`",
+        ),
+        (
+            {"noise": {"orientation": {"sigma": -0.1}}},
+            "OBK103 noise.orientation.sigma: `sigma` is -0.1, expected a number of at least 0, or "
+            "three of them",
+        ),
+        (
+            {"noise": {"orientation": {"bias": [1, 2]}}},
+            "OBK103 noise.orientation.bias: `bias` is [1, 2], expected a number, or three of them",
+        ),
+        (
+            {"msg_type": "JointEncoders", "noise": {"y": {"bias": [1, 2, 3]}}},
+            "OBK103 noise.y.bias: `bias` is [1, 2, 3], expected a number",
+        ),
+        (
+            {"msg_type": "ObkImage", "delay": 0.1},
+            "OBK103 delay: `delay` is 0.1, and a `ObkImage` cannot be delayed: it is published "
+            "when it is drawn",
+        ),
+        ({"dropout": 1.5}, "OBK103 dropout: `dropout` is 1.5, expected a number from 0 to 1"),
+        (
+            {"delay": "1"},
+            "OBK103 delay: `delay` is '1', expected a number of seconds from 0 to 9e+09",
+        ),
+        (
+            {"seed": True},
+            "OBK103 seed: `seed` is True, expected a whole number from 0 to 2147483647",
+        ),
+    ],
+)
+def test_a_disturbance_that_cannot_be_is_told(given: dict[str, Any], fault: str) -> None:
+    assert disturbance_faults(**given) == [fault]

@@ -7,7 +7,7 @@ from obk_cli.resolve.paths import resolve_paths
 from obk_cli.source import SourceFile, Span
 from obk_cli.surroundings import Command, ExecutableMissing
 
-GROUP = "{topic: /q, dt: 1, msg_type: ObkImu, sensor_names: {a: gyro, b: touch}}"
+GROUP = "{topic: /q, dt: 1, msg_type: ObkImu, sensor_names: {a: gyro, b: gyro}}"
 CONFIG = f"""\
 robot:
   pkg: demo
@@ -24,6 +24,12 @@ class WithoutMujoco:
 
     def package_names(self) -> tuple[str, ...]:
         return ()
+
+    def message_packages(self) -> tuple[str, ...]:
+        return ()
+
+    def message_names(self, package: str) -> None:
+        return None
 
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         raise AssertionError
@@ -52,9 +58,9 @@ def test_without_mujoco_what_needs_no_model_is_checked_and_the_rest_said_to_be_s
     surroundings = WithoutMujoco()
     faults = check_models(resolve_paths(stack, tmp_path, surroundings), surroundings)
     assert [str(fault) for fault in faults] == [
-        "f.yaml:4:116: error[OBK305]: `ObkImu` cannot carry the `touch` sensor `b`",
         "f.yaml:4:89: info[OBK307]: `ObkImu` has no `accelerometer` sensor, so that part stays "
         "empty",
+        "f.yaml:4:113: error[OBK306]: `ObkImu` takes 1 `gyro` sensor, 2 are given",
         "f.yaml:4:89: info[OBK307]: `ObkImu` has no `framequat` sensor, so that part stays empty",
         "f.yaml:4:25: info[OBK300]: MuJoCo is not installed, so names are not checked against the "
         "model",

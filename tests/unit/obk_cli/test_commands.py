@@ -40,6 +40,19 @@ def test_every_command_has_help_with_an_example(
     assert f"Example: obk {verb}" in result.out
 
 
+@pytest.mark.parametrize("verb", ["validate", "launch"])
+def test_the_help_shows_how_a_value_is_set(capsys: pytest.CaptureFixture[str], verb: str) -> None:
+    lines = Result(capsys, verb, "--help").out.splitlines()
+    assert f"obk {verb} config.yaml --set 'robot[0].sim[0].time_step=0.001'" in {
+        line.strip() for line in lines
+    }
+
+
+@pytest.mark.parametrize("verb", ["validate", "launch", "compile"])
+def test_the_help_is_plain_text(capsys: pytest.CaptureFixture[str], verb: str) -> None:
+    assert "\\[" not in Result(capsys, verb, "--help").out
+
+
 def test_a_misspelt_command_is_misuse(capsys: pytest.CaptureFixture[str]) -> None:
     result = Result(capsys, "valdate")
     assert result.code == 2
@@ -47,6 +60,17 @@ def test_a_misspelt_command_is_misuse(capsys: pytest.CaptureFixture[str]) -> Non
     assert result.err == (
         "error: there is no command `valdate`\n  help: did you mean `validate`?\n"
     )
+
+
+def test_an_interruption_that_an_extension_made_a_failed_import_of_is_one(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise ImportError("initialization failed") from KeyboardInterrupt()
+
+    monkeypatch.setattr("obk_cli.cli.main._load", interrupted)
+    result = Result(capsys, "validate", str(SOUND))
+    assert (result.code, result.err) == (130, "")
 
 
 def test_validate_a_sound_config(capsys: pytest.CaptureFixture[str]) -> None:
@@ -92,7 +116,7 @@ def test_standard_input(
     monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(b"a: [")))
     result = Result(capsys, "validate", "-")
     assert result.code == 1
-    assert result.out.startswith("<standard input>:1:5: error[OBK003]")
+    assert result.out.startswith("<standard input>:1:4: error[OBK003]")
 
 
 @pytest.mark.parametrize(

@@ -52,6 +52,12 @@ class Nothing:
     def package_names(self) -> tuple[str, ...]:
         return ()
 
+    def message_packages(self) -> tuple[str, ...]:
+        return ()
+
+    def message_names(self, package: str) -> None:
+        return None
+
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         raise AssertionError
 

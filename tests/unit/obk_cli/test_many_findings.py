@@ -71,12 +71,20 @@ def clash() -> str:
             id="variables-that-are-not-set",
         ),
         pytest.param("- a\n" * 2_600_000, "OBK006 1", id="ten-mebibytes-of-items"),
+        pytest.param(
+            "vars: [&a [x, x], *a" + ", *a" * 60_000 + "]", "OBK006 1", id="many-small-aliases"
+        ),
+        pytest.param("include: many.part", "OBK007 1", id="includes-that-double"),
     ],
 )
 def test_many_faults_are_told_in_bounded_time_and_memory(
     text: str, expected: str, tmp_path: Path
 ) -> None:
     (tmp_path / "many.yaml").write_text(text)
+    for depth in range(20):
+        include = f"include: [{depth + 1}.part, {depth + 1}.part]\n"
+        (tmp_path / f"{depth or 'many'}.part").write_text(include)
+    (tmp_path / "20.part").write_text("vars: 1\n")
     done = subprocess.run(
         [sys.executable, "-c", COMPILE, "many.yaml"],
         cwd=tmp_path,

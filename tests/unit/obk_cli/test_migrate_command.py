@@ -117,7 +117,7 @@ def test_what_stays_is_told_on_stderr(
 @pytest.mark.parametrize(
     ("data", "start"),
     [
-        (b"a: [", "c.yaml:1:5: error[OBK003]: not YAML: "),
+        (b"a: [", "c.yaml:1:4: error[OBK003]: the `[` that opens here"),
         (b"\xff", "c.yaml:1:1: error[OBK002]: byte 0xff is not UTF-8"),
         (b"a: b\n", "c.yaml:1:1: error[OBK114]: the file holds no section of a config"),
     ],

@@ -119,3 +119,21 @@ def test_a_distribution_is_found_by_any_spelling_of_its_name() -> None:
     assert distribution_version("PyYAML") == distribution_version("pyyaml") is not None
     assert distribution_version("obelisk.cli") is not None
     assert distribution_version("no-such-distribution") is None
+
+
+def test_a_model_is_compiled_once_the_files_that_it_wants_are_there(tmp_path: Path) -> None:
+    model = tmp_path / "model.xml"
+    model.write_text(
+        '<mujoco><asset><mesh file="part.obj"/></asset><worldbody><body><joint name="elbow"/>'
+        '<geom type="mesh" mesh="part"/></body></worldbody>'
+        '<actuator><motor joint="elbw"/></actuator></mujoco>'
+    )
+    read = read_model_once(model, tmp_path / "cache")
+    assert isinstance(read, ModelRead)
+    assert (read.missing_files, read.fault) == (("part.obj",), None)
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
+    (tmp_path / "part.obj").write_text(f"{corners}f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    read = read_model_once(model, tmp_path / "cache")
+    assert isinstance(read, ModelRead)
+    assert read.fault is not None
+    assert "elbw" in read.fault.message

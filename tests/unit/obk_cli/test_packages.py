@@ -39,6 +39,12 @@ def test_the_workspace_is_the_nearest_folder_with_src_or_git(tmp_path: Path) -> 
     assert find_workspace(inner) == tmp_path / "ws" / "src" / "demo"
 
 
+def test_a_package_with_a_folder_for_its_cpp_is_no_workspace(tmp_path: Path) -> None:
+    package = make_package(tmp_path / "ws" / "src" / "demo", "demo")
+    (package / "src").mkdir()
+    assert find_workspace(package / "src") == tmp_path / "ws"
+
+
 def test_packages_beside_the_configs_folder_make_a_workspace(tmp_path: Path) -> None:
     (tmp_path / "config").mkdir()
     assert find_workspace(tmp_path / "config") == tmp_path / "config"
@@ -93,6 +99,21 @@ def test_a_miss_tells_what_was_searched_and_what_there_is(tmp_path: Path) -> Non
     other = packages.find_executable("other", "run")
     assert isinstance(other, ExecutableMissing)
     assert not other.package_found
+    assert other.looked == f"searched {tmp_path} (sources), {tmp_path / 'prefix'}"
+
+
+@pytest.mark.parametrize("place", ["build/demo", "install/demo/share/demo", "a/b/log/demo"])
+def test_a_package_that_is_only_where_nothing_is_searched_is_told(
+    tmp_path: Path, place: str
+) -> None:
+    folder = make_package(tmp_path / place, "demo")
+    missing = index(tmp_path).find_executable("demo", "run")
+    assert isinstance(missing, ExecutableMissing)
+    assert not missing.package_found
+    assert missing.looked.startswith(
+        f"it is in {folder}, but folders named `build`, `install`, `log` are not searched"
+    )
+    assert missing.looked.endswith(f"searched {tmp_path} (sources)")
 
 
 def test_a_console_script_of_an_installed_distribution_is_found(tmp_path: Path) -> None:
@@ -154,3 +175,13 @@ def test_a_package_in_a_src_folder_is_imported_from_there(tmp_path: Path) -> Non
     (tmp_path / "src" / "demo").mkdir(parents=True)
     (tmp_path / "setup.py").write_text(SETUP_PY)
     assert source_console_scripts(tmp_path)["run"].package_root == "src"
+
+
+def test_a_folder_that_may_not_be_entered_is_passed_by(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_package(tmp_path / "src/demo", "demo")
+    make_package(tmp_path / "src/locked/other", "other")
+    # Whoever runs the tests may be allowed everything.
+    monkeypatch.setattr(os, "access", lambda path, _: Path(path).name != "locked")
+    assert list(index(tmp_path).source_packages) == ["demo"]

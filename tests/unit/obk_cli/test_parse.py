@@ -3,9 +3,9 @@ from pathlib import Path
 import pytest
 
 from obk_cli.diagnostics import Diagnostic
-from obk_cli.parse import LONGEST_FILE_BYTES, decode_source, parse_source
-from obk_cli.source import SourceFile
-from obk_cli.tree import TreeList, TreeMap, TreeScalar, plain_value
+from obk_cli.parse import decode_source, parse_source
+from obk_cli.source import LONGEST_FILE_BYTES, SourceFile
+from obk_cli.tree import TreeList, TreeMap, TreeScalar, kind_of, plain_value
 
 
 def parse(text: str) -> TreeMap:
@@ -45,6 +45,31 @@ def test_scalars_are_those_of_yaml_1_2() -> None:
     }
 
 
+@pytest.mark.parametrize("char", ["\x85", "\u2028", "\u2029"])
+def test_only_the_line_breaks_of_yaml_1_2_are_line_breaks(char: str) -> None:
+    tree = parse(f"# a {char} b\na: 'x{char}y'\nb: x{char}y # {char}\nc: 1\n")
+    assert plain_value(tree) == {"a": f"x{char}y", "b": f"x{char}y", "c": 1}
+    assert [entry.key_span.line for entry in tree] == [2, 3, 4]
+
+
+def test_where_a_text_is_not_yaml_lines_are_those_of_yaml_1_2() -> None:
+    (fault,) = parse_source(SourceFile.of("f.yaml", "# \u2028\na: [1, 2\nb: 3\n")).diagnostics
+    assert (fault.span.line, fault.span.text) == (2, "[1, 2")
+
+
+def test_no_text_holds_a_nul_character() -> None:
+    parsed = parse_source(SourceFile.of("f.yaml", 'a: "x\\0y"\n"k\\0": 1\n'))
+    assert [str(fault.span) for fault in parsed.diagnostics] == ["f.yaml:1:4", "f.yaml:2:1"]
+    assert parsed.tree is not None
+    assert plain_value(parsed.tree) == {"a": "xy", "k": 1}
+
+
+def test_a_number_of_thousands_of_digits_is_text() -> None:
+    tree = parse(f"a: {'9' * 5000}\nb: 0x{'f' * 5000}\nc: 0x{'f' * 2000}")
+    assert [type(value) for value in (entry.value.value for entry in tree)] == [str, str, int]
+    assert kind_of(tree.entries[2].value).endswith("...")
+
+
 def test_aliases_and_merge_keys_keep_the_place_where_the_value_stands() -> None:
     tree = parse("base: &b {x: 1, y: 1}\nuse:\n  <<: *b\n  y: 2\n")
     use = tree.entries[1].value
@@ -72,7 +97,7 @@ def test_columns_count_characters_not_bytes() -> None:
 def test_a_file_over_ten_mebibytes_is_not_read() -> None:
     fault = decode_source("f", b"#" * (LONGEST_FILE_BYTES + 1))
     assert isinstance(fault, Diagnostic)
-    assert str(fault) == ("f:1:1: error[OBK007]: the file is 10.0 MiB, at most 10 MiB are read")
+    assert str(fault) == ("f:1:1: error[OBK007]: the file is longer than 10 MiB, so it is not read")
 
 
 @pytest.mark.parametrize(

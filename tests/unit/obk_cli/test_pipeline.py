@@ -2,8 +2,10 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.parse import MOST_VALUES
 from obk_cli.pipeline import Options, Outcome, compile_config, compile_source
-from obk_cli.source import SourceFile
+from obk_cli.silence import near_codes
+from obk_cli.source import LONGEST_FILE_BYTES, SourceFile
 
 CASES = Path(__file__).parents[2] / "cases"
 SOUND = (CASES / "accept/OBK004/topic_twice.yaml").read_text()
@@ -66,6 +68,40 @@ def test_what_no_plan_could_be_made_of_is_always_heard() -> None:
     assert outcome.plan is None
 
 
+def test_a_code_that_silences_nothing_is_told_where_it_was_asked_for() -> None:
+    outcome = compile_text(f"{SOUND}obk: {{ignore: [OBK013]}}\n", ignore=("OBK4", "OBK9", ""))
+    assert [(str(d.span), d.code, d.message) for d in outcome.diagnostics] == [
+        ("<command line>:1:10", "OBK014", "no rule has the code `OBK9`"),
+        ("<command line>:1:10", "OBK014", "no rule has the code ``"),
+        ("<text>:42:16", "OBK014", "`OBK013` cannot be silenced"),
+    ]
+    assert outcome.plan is not None
+
+
+@pytest.mark.parametrize(
+    ("written", "help"),
+    [
+        ("OBK2O1", "did you mean `OBK201`?"),
+        ("obk203", "did you mean `OBK203`?"),
+        ("everything", "`obk explain` lists the rules"),
+    ],
+)
+def test_a_code_that_is_none_is_told_with_the_one_that_was_meant(written: str, help: str) -> None:
+    assert near_codes(written) == help
+
+
+def test_of_many_codes_that_are_none_only_the_first_are_compared_with_those_that_are() -> None:
+    text = SOUND + "vars:\n" + "".join(f"  a{i}: 1 # obk: ignore[OBK9{i}]\n" for i in range(60))
+    helps = [fault.help for fault in compile_text(text).diagnostics if fault.code == "OBK014"]
+    assert (len(helps), helps.count(None)) == (60, 10)
+
+
+def test_many_keys_that_are_none_are_told_without_comparing_all() -> None:
+    faults = compile_text(SOUND + "".join(f"x{i}: 1\n" for i in range(500)) + "jostick: 1\n")
+    assert faults.diagnostics[0].code == "OBK101"
+    assert not any("did you mean" in (fault.help or "") for fault in faults.diagnostics[-20:])
+
+
 def test_overrides_come_last() -> None:
     outcome = compile_text(SOUND, overrides=("control[0].name=mpc", "config=other"))
     assert outcome.plan is not None
@@ -78,3 +114,68 @@ def test_independent_faults_are_all_found_in_one_run() -> None:
     text = text.replace("executable: estimator", "executable: estimator\n    nmae: x")
     text = text.replace("/arm/joints", "/arm/sensor", 1).replace("config: arm", "config: 3")
     assert codes(compile_text(text)) == ["OBK103", "OBK104", "OBK101", "OBK203"]
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("/${NONE}/est".join(SOUND.split("/arm/est", 1)), "OBK011"),
+        ("/${NONE}/est".join(SOUND.rsplit("/arm/est", 1)), "OBK011"),
+        (SOUND + "? [a, b]\n: c\n", "OBK003"),
+        (SOUND + "? {a: b}\n: c\n", "OBK003"),
+        (SOUND + "'': c\n", "OBK003"),
+    ],
+)
+def test_one_cause_is_told_once(text: str, code: str) -> None:
+    assert codes(compile_text(text)) == [code]
+
+
+def test_a_file_that_holds_null_is_empty() -> None:
+    (fault,) = compile_text("~\n").diagnostics
+    assert fault.message == "the file is empty, not a config"
+
+
+def compile_files(files: dict[str, str]) -> list[str]:
+    """What is found in `main.yaml`, none of whose files is on a disk."""
+
+    def read(path: str) -> bytes | str:
+        return files[path].encode() if path in files else "there is no such file"
+
+    made = Options(environment={}, working_folder=Path.cwd(), ignore=("OBK2", "OBK4"), read=read)
+    return [str(fault) for fault in compile_config("main.yaml", made).diagnostics]
+
+
+def test_the_files_of_a_config_hold_only_so_many_values_together() -> None:
+    many = f"vars: [{', '.join('x' * (MOST_VALUES // 3))}]\n"
+    parts = {"a": many, "b": many, "c": many, "d": many}
+    assert compile_files({"main.yaml": "include: [a, b]\n", **parts}) == []
+    (fault,) = compile_files({"main.yaml": "include: [a, b, c, d]\n", **parts})
+    assert fault.startswith("c:1:")
+    assert fault.endswith(
+        "error[OBK006]: the values are more than 150,000, together with those of the files before"
+    )
+    (fault,) = compile_files({"main.yaml": "include: [a, a, a, a]\n", **parts})
+    assert fault.startswith("a:1:1: error[OBK006]")
+
+
+def test_the_files_of_a_config_are_only_so_long_together() -> None:
+    long = "#" * (LONGEST_FILE_BYTES // 2) + "\n"
+    parts = {"a": f"vars: 1 {long}", "b": f"vars: 2 {long}", "c": "vars: 3\n"}
+    assert compile_files({"main.yaml": "include: [a, a, c]\n", **parts}) == []
+    assert compile_files({"main.yaml": "include: [a, b, c]\n", **parts}) == [
+        "b:1:1: error[OBK007]: this file and those before it are longer than 10 MiB, so it is not "
+        "read"
+    ]
+
+
+def test_only_so_many_files_are_included() -> None:
+    listed = ", ".join("a" * 102)
+    assert compile_files({"main.yaml": f"include: [{listed}]\n", "a": "vars: 1\n"}) == [
+        "main.yaml:1:311: error[OBK007]: over 100 files are included; `a` and all further ones are "
+        "not"
+    ]
+
+
+def test_of_a_file_without_end_only_so_much_is_read() -> None:
+    (fault,) = compile_config("/dev/zero", options(Path.cwd())).diagnostics
+    assert fault.code == "OBK007"

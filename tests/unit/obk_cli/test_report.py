@@ -3,6 +3,7 @@ import json
 from sarif_pydantic import Sarif
 
 from obk_cli.diagnostics import Related, found
+from obk_cli.edits import Edit
 from obk_cli.report.github import report_github
 from obk_cli.report.json import report_json
 from obk_cli.report.sarif import report_sarif
@@ -29,6 +30,44 @@ def test_a_report_word_for_word() -> None:
         "    | ^^\n"
         "  help: remove it"
     )
+
+
+def test_an_info_is_one_line_unless_all_is_asked_for() -> None:
+    infos = [
+        found("OBK204", f"nothing reads `/{name}`", Span.at(SOURCE, line, 1), help="remove it")
+        for name, line in (("a", 1), ("b", 3))
+    ]
+    short = report_text([FINDING, *infos, FINDING], colour=False)
+    block = report_text([FINDING], colour=False)
+    assert short == (
+        f"{block}\n\n"
+        "f.yaml:1:1: info[OBK204]: nothing reads `/a`\n"
+        "f.yaml:3:1: info[OBK204]: nothing reads `/b`\n\n"
+        f"{block}"
+    )
+    assert report_text(infos, colour=False, verbose=True).splitlines()[1:5] == [
+        "  1 | a: 1",
+        "    | ^",
+        "  help: remove it",
+        "",
+    ]
+
+
+def test_what_a_value_holds_can_neither_break_the_line_nor_reach_the_terminal() -> None:
+    finding = found("OBK101", "no `a\nb`", Span.at(SOURCE, 1, 1), help="not \x1b[2J\u2028")
+    headline, _, _, help = report_text([finding], colour=False).split("\n")
+    assert headline == r"f.yaml:1:1: error[OBK101]: no `a\nb`"
+    assert help == r"  help: not \x1b[2J\u2028"
+
+
+def test_of_a_long_line_the_part_around_the_place_is_shown() -> None:
+    source = SourceFile.of("f.yaml", f"{'a' * 300}xyz{'b' * 300}")
+    finding = found("OBK101", "no such key", Span.at(source, 1, 301, 3))
+    _, shown, mark = report_text([finding], colour=False).splitlines()
+    assert len(shown) < 180
+    assert shown[mark.index("^") : mark.rindex("^") + 1] == "xyz"
+    assert shown.startswith("  1 | ...aaa")
+    assert shown.endswith("bbb...")
 
 
 def test_colour_is_only_added() -> None:
@@ -65,6 +104,7 @@ def test_json_has_every_place_with_its_end() -> None:
             "end_line": 2,
             "end_column": 8,
             "help": "remove it",
+            "fix": None,
             "related": [
                 {
                     "message": "see here",
@@ -77,6 +117,78 @@ def test_json_has_every_place_with_its_end() -> None:
             ],
         }
     ]
+
+
+CURED = found(
+    "OBK101",
+    "no such key",
+    Span.at(SOURCE, 2, 2),
+    fix=[Edit(Span.at(SOURCE, 2, 2, 1), "x"), Edit(Span(SOURCE, 4, 1, 5, 1), "")],
+)
+
+
+def test_json_has_the_edits_of_a_certain_cure() -> None:
+    report = json.loads(report_json(["f.yaml"], [CURED]))
+    assert report["diagnostics"][0]["fix"] == {
+        "edits": [
+            {
+                "path": "f.yaml",
+                "line": 2,
+                "column": 2,
+                "end_line": 2,
+                "end_column": 3,
+                "text": "x",
+            },
+            {
+                "path": "f.yaml",
+                "line": 4,
+                "column": 1,
+                "end_line": 5,
+                "end_column": 1,
+                "text": "",
+            },
+        ]
+    }
+
+
+def test_an_edit_of_a_last_line_without_an_end_stays_within_the_file() -> None:
+    source = SourceFile.of("f.yaml", "a: 1\nb: 2")
+    finding = found("OBK506", "m", Span.at(source, 2, 1), fix=[Edit(Span(source, 2, 1, 3, 1), "")])
+    (edit,) = json.loads(report_json([], [finding]))["diagnostics"][0]["fix"]["edits"]
+    assert (edit["end_line"], edit["end_column"]) == (2, 5)
+
+
+def test_sarif_has_the_edits_of_a_certain_cure() -> None:
+    (run,) = json.loads(report_sarif([CURED, FINDING]))["runs"]
+    cured, other = run["results"]
+    assert "fixes" not in other
+    (fix,) = cured["fixes"]
+    assert fix["artifactChanges"] == [
+        {
+            "artifactLocation": {"uri": "f.yaml"},
+            "replacements": [
+                {
+                    "deletedRegion": {
+                        "startLine": 2,
+                        "startColumn": 2,
+                        "endLine": 2,
+                        "endColumn": 3,
+                    },
+                    "insertedContent": {"text": "x"},
+                },
+                {
+                    "deletedRegion": {
+                        "startLine": 4,
+                        "startColumn": 1,
+                        "endLine": 5,
+                        "endColumn": 1,
+                    }
+                },
+            ],
+        }
+    ]
+    assert fix["description"]["text"]
+    Sarif.model_validate_json(report_sarif([CURED]))
 
 
 def test_github_gets_one_line_for_each_finding() -> None:

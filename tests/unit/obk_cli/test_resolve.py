@@ -111,8 +111,9 @@ g: "${E}${E:-no}"
 def test_an_undefined_variable_is_shown_at_its_place_inside_the_text() -> None:
     _, (fault,) = resolve_variables(tree('a: "x/${NONE}/y"'), {})
     assert (fault.span.column, fault.span.text) == (7, "${NONE}")
-    _, (malformed,) = resolve_variables(tree('a: "${1x}"'), {})
+    _, (malformed,) = resolve_variables(tree('a: "$${X} ${1x}"'), {})
     assert malformed.message == "`${` does not begin a `${NAME}`"
+    assert malformed.span.column == 11
 
 
 def override(text: str, *options: str) -> tuple[object, list[str]]:
@@ -149,7 +150,7 @@ def test_set(option: str, value: object) -> None:
         ("a.b=1", "`b` needs a mapping, there is a list"),
         ("m[1]=1", "`[1]` needs a list, there is a mapping"),
         ("x[0]=1", "there is no `x`"),
-        ("m.c=[", "not YAML"),
+        ("m.c=[", "never closed"),
     ],
 )
 def test_a_set_that_does_not_fit_says_why(option: str, reason: str) -> None:
@@ -169,6 +170,11 @@ def test_what_was_set_has_the_command_line_for_its_place() -> None:
 @pytest.mark.parametrize("value", ["a ${ b", "'${1X}'", "'${'", "'x ${A'"])
 def test_a_reference_that_is_none_is_a_finding_in_the_process_environment(value: str) -> None:
     _, faults = resolve_variables(tree(f"config: {value}"), os.environ)
+    assert [fault.message for fault in faults] == ["`${` does not begin a `${NAME}`"]
+
+
+def test_many_references_without_an_end_take_no_longer_than_the_text_is_long() -> None:
+    _, faults = resolve_variables(tree(f"a: '{'${A:-' * 60_000}'"), {})
     assert [fault.message for fault in faults] == ["`${` does not begin a `${NAME}`"]
 
 

@@ -82,6 +82,55 @@ def test_every_file_that_took_part_is_marked(tmp_path: Path) -> None:
     }
 
 
+def test_the_sources_of_nodes_and_what_names_them_are_marked(tmp_path: Path) -> None:
+    package = tmp_path / "src" / "demo"
+    (package / "demo").mkdir(parents=True)
+    (package / "package.xml").write_text("<package><name>demo</name></package>")
+    (package / "setup.py").write_text(
+        "setup(entry_points={'console_scripts': ['node = demo.node:main']})"
+    )
+    (package / "demo" / "__init__.py").write_text("")
+    (package / "demo" / "node.py").write_text("from demo.parts import main\n")
+    (tmp_path / "c.yaml").write_text("control: {pkg: demo, executable: node}\n")
+    run = WatchedRun(Options(environment={}, working_folder=tmp_path))
+    run.compile(str(tmp_path / "c.yaml"))
+    marked = {str(p.relative_to(package)): m is not None for p, m in run.marks.items()
+              if p.is_relative_to(package)}  # fmt: skip
+    assert marked["package.xml"]
+    assert marked["setup.py"]
+    assert marked["demo/node.py"]
+    assert not marked["demo/parts.py"]  # it may come
+
+
+@pytest.mark.mujoco
+def test_the_files_of_a_model_are_marked(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(
+        '<mujoco><compiler meshdir="m"/><include file="part.xml"/><asset>'
+        '<mesh file="hand.stl"/></asset></mujoco>'
+    )
+    (tmp_path / "part.xml").write_text(
+        '<mujoco><asset><model name="h" file="hand.xml"/></asset></mujoco>'
+    )
+    (tmp_path / "hand.xml").write_text("<mujoco/>")
+    (tmp_path / "c.yaml").write_text(
+        "robot: {pkg: p, executable: e, is_simulated: true, sim: {model_xml_path: arm.xml}}\n"
+    )
+    run = WatchedRun(Options(environment={}, working_folder=tmp_path))
+    run.compile(str(tmp_path / "c.yaml"))
+    marked = {str(p.relative_to(tmp_path)): m is not None for p, m in run.marks.items()}
+    assert marked.items() >= {"part.xml": True, "hand.xml": True, "m/hand.stl": False}.items()
+
+
+def test_a_change_while_the_check_runs_is_one(tmp_path: Path) -> None:
+    config = tmp_path / "c.yaml"
+    rewrite(config, "control: 1\n", 1)
+    run = WatchedRun(Options(environment={}, working_folder=tmp_path))
+    run.compile(str(config))
+    rewrite(config, "control: 2\n", 2)
+    run.compile(str(config))
+    assert run.marks[config] == (1, 11)
+
+
 def test_models_that_include_each_other_end(tmp_path: Path) -> None:
     for name, other in (("a.xml", "b.xml"), ("b.xml", "a.xml")):
         (tmp_path / name).write_text(f'<mujoco><include file="{other}"/></mujoco>')

@@ -5,6 +5,7 @@ The layout is that of std_msgs/MultiArrayLayout: element (i, j, k) stands at
 `dim[n].size` and all sizes behind it.
 """
 
+from array import array as PythonArray  # noqa: N812  (an argument is called array)
 from math import prod
 from typing import Any
 
@@ -50,7 +51,9 @@ def multiarray_from_numpy(
             for axis, size in enumerate(array.shape)
         ]
     )
-    message.data = np.ascontiguousarray(array, DTYPES[type(message)]).ravel().tolist()
+    # In this form rclpy keeps numbers as they are; a list it would convert one by one.
+    elements = np.ascontiguousarray(array, DTYPES[type(message)])
+    message.data = PythonArray(elements.dtype.char, elements.tobytes())
     return message
 
 

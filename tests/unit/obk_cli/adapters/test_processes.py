@@ -12,13 +12,14 @@ import pytest
 
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
 from obk_cli.launch.events import Heard, ProcessEnded, ProcessStarted
+from obk_cli.launch.units import Unit
 from obk_cli.plan import Origin, Process
 
 DEADLINE_S = 10.0
 
 
-def process(name: str) -> Process:
-    return Process(
+def unit(name: str) -> Unit:
+    node = Process(
         node=name,
         namespace="/",
         section="control",
@@ -27,6 +28,7 @@ def process(name: str) -> Process:
         executable="e",
         origin=Origin(path="c.yaml", line=1, column=1),
     )
+    return Unit(name=node.full_name, nodes=(node,))
 
 
 class Bench:
@@ -43,6 +45,7 @@ class Bench:
                 for name, code in codes.items()
             },
             folder=folder,
+            marks={},
             hear=self.heard.put,
             on_line=lambda node, line: self.lines.put((node, line)),
         )
@@ -55,7 +58,7 @@ class Bench:
 
     def start(self, name: str) -> int:
         """Start a program; gives its process id."""
-        self.processes.start(process(name))
+        self.processes.start(unit(name))
         started = self.heard.get(timeout=DEADLINE_S)
         assert isinstance(started, ProcessStarted)
         return started.pid
@@ -90,13 +93,13 @@ def test_output_environment_folder_and_exit_code_come_through(
     run = bench({"a": code})
     run.start("a")
     assert run.line() == f"hi {tmp_path}"
-    assert run.ended() == ProcessEnded(node="/a", code=3, text=f"hi {tmp_path}")
+    assert run.ended() == ProcessEnded(process="/a", code=3, text=f"hi {tmp_path}")
 
 
 def test_a_program_that_is_not_there_is_told_with_its_reason(bench: MakeBench) -> None:
     run = bench({})
     run.processes._commands = {"/a": NodeCommand(arguments=("/no/such",), environment={})}
-    run.processes.start(process("a"))
+    run.processes.start(unit("a"))
     ended = run.ended()
     assert isinstance(ended, ProcessEnded)
     assert ended.code == 127
@@ -110,7 +113,7 @@ def test_a_signal_reaches_the_one_that_is_named(bench: MakeBench) -> None:
     second = run.start("b")
     run.line()
     run.processes.signal("/a", signal.SIGTERM)
-    assert run.ended() == ProcessEnded(node="/a", code=-signal.SIGTERM)
+    assert run.ended() == ProcessEnded(process="/a", code=-signal.SIGTERM)
     assert psutil.pid_exists(second)
 
 
@@ -150,11 +153,11 @@ def test_the_loss_of_the_warden_is_told_as_the_end_of_its_nodes(bench: MakeBench
     node = psutil.Process(run.start("a"))
     run.processes._warden.kill()
     assert run.ended() == ProcessEnded(
-        node="/a", code=-signal.SIGKILL, text="the process that watched over the nodes is gone"
+        process="/a", code=-signal.SIGKILL, text="the process that watched over the nodes is gone"
     )
     node.wait(DEADLINE_S)
     run.processes.signal("/a", signal.SIGINT)
-    run.processes.start(process("a"))
+    run.processes.start(unit("a"))
     assert isinstance(run.ended(), ProcessEnded)
 
 
@@ -194,7 +197,7 @@ def test_what_cannot_be_started_leaves_the_other_nodes_alone(
     commands = dict(run.processes._commands)
     run.processes._commands = {**commands, "/a": replace(commands["/a"], environment=environment)}
     second = run.start("b")
-    run.processes.start(process("a"))
+    run.processes.start(unit("a"))
     ended = run.ended()
     assert isinstance(ended, ProcessEnded)
     assert ended.code == 127
@@ -210,3 +213,40 @@ def test_output_without_line_ends_comes_in_pieces(bench: MakeBench) -> None:
 
 def _is_alive(one: psutil.Process) -> bool:
     return one.is_running() and one.status() != psutil.STATUS_ZOMBIE
+
+
+def test_a_process_that_can_writes_where_it_is(bench: MakeBench) -> None:
+    code = (
+        "import faulthandler, signal, time\n"
+        "faulthandler.register(signal.SIGUSR1)\n"
+        "def stuck():\n    print('up', flush=True); time.sleep(60)\n"
+        "stuck()"
+    )
+    run = bench({"a": code})
+    run.start("a")
+    run.line()
+    run.processes.dump_stack("/a")
+    while "in stuck" not in run.line():
+        pass
+    assert any("in stuck" in line for line in run.processes.last_lines("/a"))
+
+
+def test_a_process_that_knows_nothing_of_stacks_is_not_ended_by_the_question(
+    bench: MakeBench,
+) -> None:
+    run = bench({"a": "import time; print('up', flush=True); time.sleep(60)"})
+    pid = run.start("a")
+    run.line()
+    run.processes.dump_stack("/a")
+    run.processes.signal("/a", signal.SIGTERM)
+    assert run.ended() == ProcessEnded(process="/a", code=-signal.SIGTERM)
+    assert not psutil.pid_exists(pid)
+
+
+def test_a_process_can_be_started_again_under_its_name(bench: MakeBench) -> None:
+    run = bench({"a": "print('hello', flush=True)"})
+    for _ in range(2):
+        run.start("a")
+        assert run.ended() == ProcessEnded(process="/a", code=0)
+        assert run.line() == "hello"
+    assert run.processes.last_lines("/a") == ("hello", "hello")

@@ -1,20 +1,84 @@
 """The environment of ROS processes."""
 
+import os
+
 import pytest
 
-from obk_cli.adapters.ros_environment import ros_environment
+from obk_cli.adapters.ros_environment import RosEnvironment, ros_environment
 from obk_cli.errors import CommandFailedError
 
 
 @pytest.fixture(autouse=True)
 def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "RMW_IMPLEMENTATION"):
+    for name in (
+        "ROS_DOMAIN_ID",
+        "ROS_AUTOMATIC_DISCOVERY_RANGE",
+        "ROS_LOCALHOST_ONLY",
+        "ROS_STATIC_PEERS",
+        "RMW_IMPLEMENTATION",
+        "FASTRTPS_DEFAULT_PROFILES_FILE",
+        "FASTDDS_DEFAULT_PROFILES_FILE",
+    ):
         monkeypatch.delenv(name, raising=False)
 
 
+def discovery_range(environment: RosEnvironment) -> str:
+    return environment.variables["ROS_AUTOMATIC_DISCOVERY_RANGE"]
+
+
 def test_a_stack_is_seen_by_this_host_only_unless_it_is_asked_for() -> None:
-    assert ros_environment().variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
-    assert ros_environment("lan").variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
+    assert discovery_range(ros_environment()) == "LOCALHOST"
+    assert discovery_range(ros_environment("lan")) == "SUBNET"
+
+
+def test_devices_on_several_hosts_find_each_other_unless_the_user_says_otherwise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert discovery_range(ros_environment(devices_are_split=True)) == "SUBNET"
+    here = ros_environment("localhost", devices_are_split=True)
+    assert discovery_range(here) == "LOCALHOST"
+    hint = "keeps devices on other hosts from being found; use `--network lan`"
+    assert here.notes == (f"`--network localhost` {hint}",)
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    kept = ros_environment(devices_are_split=True)
+    assert discovery_range(kept) == "LOCALHOST"
+    assert kept.notes == (f"ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST {hint}",)
+    monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.2")
+    assert ros_environment(devices_are_split=True).notes == ()
+
+
+def test_the_old_switch_is_heeded_once_and_never_handed_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    monkeypatch.setenv("ROS_LOCALHOST_ONLY", "1")
+    here = ros_environment()
+    assert (discovery_range(here), here.notes) == ("LOCALHOST", ())
+    lan = ros_environment("lan")
+    assert discovery_range(lan) == "SUBNET"
+    assert lan.notes == ("ROS_LOCALHOST_ONLY=1 is left out for `--network lan`",)
+    assert "ROS_LOCALHOST_ONLY" not in lan.variables
+    lan.put_into_effect()
+    assert "ROS_LOCALHOST_ONLY" not in os.environ
+    monkeypatch.setenv("ROS_LOCALHOST_ONLY", "0")
+    assert discovery_range(ros_environment()) == "SUBNET"
+
+
+def test_peers_elsewhere_stay_unless_the_stack_is_to_be_seen_here_only(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.2")
+    assert ros_environment().variables["ROS_STATIC_PEERS"] == "10.0.0.2"
+    here = ros_environment("localhost")
+    assert "ROS_STATIC_PEERS" not in here.variables
+    assert here.notes == ("ROS_STATIC_PEERS=10.0.0.2 is left out for `--network localhost`",)
+
+
+def test_settings_of_fast_dds_stay_the_users(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours = ros_environment().variables["FASTRTPS_DEFAULT_PROFILES_FILE"]
+    assert ours.endswith("dds_profile.xml")
+    monkeypatch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", "/mine.xml")
+    assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in ros_environment().variables
 
 
 def test_what_the_user_has_set_stays(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,29 +1,72 @@
-"""Segments of the dead go, those of the living stay."""
+"""Segments and ports of the dead go, those of the living stay."""
 
 import fcntl
+import mmap
+import os
 from pathlib import Path
+
+import pytest
 
 from obk_cli.adapters.shared_memory import remove_dead_segments
 
 DEAD, ALIVE = "fastrtps_0123456789abcdef", "fastrtps_fedcba9876543210"
+PORT = ("fastrtps_port7411", "fastrtps_port7411_el", "sem.fastrtps_port7411_mutex")
+
+
+def make(folder: Path, *names: str) -> None:
+    for name in names:
+        (folder / name).write_bytes(b"data")
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
 
 
 def test_only_segments_without_an_owner_go(tmp_path: Path) -> None:
-    for name in (DEAD, ALIVE):
-        (tmp_path / name).write_bytes(b"data")
-        (tmp_path / f"{name}_el").touch()
+    make(tmp_path, DEAD, f"{DEAD}_el", ALIVE, f"{ALIVE}_el")
     with (tmp_path / f"{ALIVE}_el").open() as owner:
         fcntl.flock(owner, fcntl.LOCK_EX)
         assert remove_dead_segments(tmp_path) == 1
-    assert sorted(path.name for path in tmp_path.iterdir()) == [ALIVE, f"{ALIVE}_el"]
+    assert names(tmp_path) == [ALIVE, f"{ALIVE}_el"]
 
 
-def test_ports_and_foreign_files_stay(tmp_path: Path) -> None:
-    names = ["fastrtps_port7411", "fastrtps_port7411_el", "fastrtps_x_el", "sem.other", "notes_el"]
-    for name in names:
-        (tmp_path / name).touch()
+def test_a_port_that_nobody_has_goes_with_all_that_belongs_to_it(tmp_path: Path) -> None:
+    make(tmp_path, *PORT, "fastrtps_port7000", "fastrtps_port7000_sl")
+    make(tmp_path, "fastrtps_port9_el", "sem.fastrtps_port10_mutex")
+    assert remove_dead_segments(tmp_path) == 4
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("used", PORT[::2])
+def test_a_port_that_somebody_has_mapped_stays_whole(tmp_path: Path, used: str) -> None:
+    make(tmp_path, *PORT)
+    with (tmp_path / used).open("r+b") as file:
+        memory = mmap.mmap(file.fileno(), 0)
     assert remove_dead_segments(tmp_path) == 0
-    assert len(list(tmp_path.iterdir())) == len(names)
+    assert names(tmp_path) == sorted(PORT)
+    memory.close()
+    assert remove_dead_segments(tmp_path) == 1
+
+
+@pytest.mark.parametrize("suffix", ["el", "sl"])
+def test_a_port_whose_reader_lives_stays_whole(tmp_path: Path, suffix: str) -> None:
+    files = ("fastrtps_port7411", f"fastrtps_port7411_{suffix}")
+    make(tmp_path, *files)
+    with (tmp_path / files[1]).open() as reader:
+        fcntl.flock(reader, fcntl.LOCK_SH)
+        assert remove_dead_segments(tmp_path) == 0
+    assert names(tmp_path) == sorted(files)
+
+
+def test_what_is_not_ours_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    foreign = ("fastrtps_x_el", "sem.other", "notes_el", "fastrtps_portx", "fastrtps_port1_old")
+    make(tmp_path, *foreign)
+    assert remove_dead_segments(tmp_path) == 0
+    assert names(tmp_path) == sorted(foreign)
+    make(tmp_path, *PORT, DEAD, f"{DEAD}_el")
+    us = os.geteuid()
+    monkeypatch.setattr(os, "geteuid", lambda: us + 1)
+    assert remove_dead_segments(tmp_path) == 0
 
 
 def test_a_folder_that_is_not_there_has_none(tmp_path: Path) -> None:

@@ -14,11 +14,13 @@ def test_events_output_and_what_was_shown_have_a_file_each(tmp_path: Path) -> No
     journal = Journal(tmp_path, faults.append)
     journal.event(Phase(name="active", seconds=1.0), 2.0)
     journal.line("/arm/obelisk_control_0", "\x1b[31mhello")
+    journal.line("/dummy/composed", "of no node")
     journal.shown("control_0 | hello")
     journal.close()
     event = json.loads((tmp_path / "events.jsonl").read_text())
     assert event == {"time": 2.0, "event": "Phase", "name": "active", "seconds": 1.0, "detail": ""}
     assert (tmp_path / "arm.obelisk_control_0.log").read_text() == "\x1b[31mhello\n"
+    assert (tmp_path / "dummy.composed.log").read_text() == "of no node\n"
     assert (tmp_path / "launch.log").read_text() == "control_0 | hello\n"
     assert not faults
 

@@ -1,11 +1,17 @@
 """Run folders."""
 
+import json
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
+from obk_cli.launch.events import Ended
 from obk_cli.launch.runs import (
+    MadeFrom,
     Run,
     make_run_folder,
+    note_end,
+    read_run,
     read_runs,
     run_folders,
     runs_folder,
@@ -51,6 +57,27 @@ def test_runs_come_newest_first_whatever_their_names(tmp_path: Path) -> None:
     new = make_run_folder(tmp_path, "ant", NOW.replace(year=2032))
     (tmp_path / "notes").mkdir()
     assert run_folders(tmp_path) == (new, same_second, old)
+
+
+def test_ros_log_dir_takes_the_runs_where_obk_home_does_not(tmp_path: Path) -> None:
+    logs = {"ROS_LOG_DIR": str(tmp_path)}
+    assert runs_folder(logs) == tmp_path / "obk" / "runs"
+    assert runs_folder({**logs, "OBK_HOME": "/home"}) == Path("/home/runs")
+
+
+def test_the_end_is_noted_beside_what_the_run_was_made_from(tmp_path: Path) -> None:
+    write_run(tmp_path, RUN, MadeFrom(plan='{"name": "dummy"}', versions={"obk": "1"}))
+    note_end(tmp_path, RUN, Ended(exit_code=1, cause="a node crashed"), 7.0)
+    assert read_run(tmp_path) == replace(RUN, ended=7.0, exit_code=1, cause="a node crashed")
+    told = json.loads((tmp_path / "run.json").read_text())
+    assert (told["plan"], told["versions"]) == ({"name": "dummy"}, {"obk": "1"})
+
+
+def test_a_run_of_a_later_version_is_read_as_far_as_it_is_known(tmp_path: Path) -> None:
+    write_run(tmp_path, RUN)
+    told = json.loads((tmp_path / "run.json").read_text())
+    (tmp_path / "run.json").write_text(json.dumps({**told, "colour": "red"}))
+    assert read_run(tmp_path) == RUN
 
 
 def test_a_name_with_a_slash_makes_one_folder(tmp_path: Path) -> None:

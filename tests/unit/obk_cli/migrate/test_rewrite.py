@@ -17,7 +17,7 @@ def migrate(text: str, to: Spelling = "key") -> Migrated:
 
 
 def told(migrated: Migrated) -> str:
-    return report_text((*migrated.faults, *migrated.kept), colour=False)
+    return report_text((*migrated.faults, *migrated.kept), colour=False, verbose=True)
 
 
 SEED = """\

@@ -2,13 +2,16 @@
 
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import pytest
 
 from obk_cli.resources import resource_folder
-from obk_cli.scaffold.compose import LAYERS, compose_package
-from obk_cli.scaffold.questions import Answers, Kind, Question, check_answers
-from obk_cli.scaffold.render import RenderedFile, Template, read_templates
+from obk_cli.scaffold.compose import compose_package, layers_of
+from obk_cli.scaffold.kinds import Kind
+from obk_cli.scaffold.library import Library
+from obk_cli.scaffold.questions import Answers, Question, check_answers
+from obk_cli.scaffold.render import RenderedFile, Template
 
 
 def nobody(_name: str) -> str | None:
@@ -20,7 +23,7 @@ def nobody(_name: str) -> str | None:
 def answer() -> Callable[..., Answers]:
     """Checked answers from what a user would type."""
 
-    def make(kind: Kind = "controller", name: str = "foo", **typed: str) -> Answers:
+    def make(kind: Kind = "controller", name: str = "foo", **typed: Any) -> Answers:
         answers = check_answers(Question(kind=kind, name=name, **typed), owner_of=nobody)
         assert isinstance(answers, Answers), answers
         return answers
@@ -29,21 +32,22 @@ def answer() -> Callable[..., Answers]:
 
 
 @pytest.fixture
-def templates() -> Callable[[Kind], tuple[Template, ...]]:
-    """The project's own templates of a kind."""
-    return lambda kind: read_templates(resource_folder("templates") / x for x in LAYERS[kind])
+def templates() -> Callable[[Answers], tuple[Template, ...]]:
+    """The project's own templates for what was answered."""
+    return lambda answers: Library(own=resource_folder("templates")).read(layers_of(answers))
 
 
 @pytest.fixture
 def package(
-    answer: Callable[..., Answers], templates: Callable[[Kind], tuple[Template, ...]]
+    answer: Callable[..., Answers], templates: Callable[[Answers], tuple[Template, ...]]
 ) -> Callable[..., dict[PurePosixPath, RenderedFile]]:
     """The files of a package, by path."""
 
     def make(
-        kind: Kind = "controller", name: str = "foo", **typed: str
+        kind: Kind = "controller", name: str = "foo", **typed: Any
     ) -> dict[PurePosixPath, RenderedFile]:
-        made = compose_package(answer(kind, name, **typed), templates(kind))
+        answers = answer(kind, name, **typed)
+        made = compose_package(answers, templates(answers))
         assert made.edits == ()
         return {file.path: file for file in made.files}
 

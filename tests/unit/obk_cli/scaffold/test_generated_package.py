@@ -27,6 +27,12 @@ VARIANTS = [
     ("estimator", LONG, {"sensor_msg": "ObkJointEncoders"}),
     ("estimator", "zoo_estimator", {"sensor_msg": "sensor_msgs/Imu", "est_msg": "a_msgs/IMU"}),
     ("estimator", "foo", {"sensor_msg": "a_msgs/Gyro", "est_msg": "a_msgs/IMU"}),
+    ("robot", "foo", {}),
+    ("robot", LONG, {"ctrl_msg": "VelocityCommand", "sensor_msg": "ObkJointEncoders"}),
+    ("robot", "foo", {"ctrl_msg": "a_msgs/Thrust", "sensor_msg": "ObkImu"}),
+    ("sensor", "foo", {}),
+    ("sensor", LONG, {"sensor_msg": "ObkFramePose"}),
+    ("sensor", "foo", {"sensor_msg": "sensor_msgs/Image"}),
 ]
 
 
@@ -60,6 +66,12 @@ def test_it_passes_ruff_by_its_own_rules_and_by_the_projects(
     run("ruff", "check", "--no-cache", *rules, ".", cwd=root)
 
 
+@pytest.mark.parametrize("kind", ["controller", "estimator", "robot", "sensor"])
+def test_it_passes_mypy_by_its_own_rules(package: Package, tmp_path: Path, kind: str) -> None:
+    root = write(package(kind, "foo"), tmp_path / "foo")
+    run("mypy", "--cache-dir", os.devnull, cwd=root)
+
+
 @pytest.mark.ros
 @pytest.mark.parametrize(
     ("kind", "typed"),
@@ -71,6 +83,13 @@ def test_it_passes_ruff_by_its_own_rules_and_by_the_projects(
         ("estimator", {}),
         ("estimator", {"sensor_msg": "ObkJointEncoders"}),
         ("estimator", {"sensor_msg": "ObkImage", "est_msg": "sensor_msgs/JointState"}),
+        ("robot", {}),
+        ("robot", {"ctrl_msg": "PDFeedForward", "sensor_msg": "ObkJointEncoders"}),
+        ("robot", {"ctrl_msg": "VelocityCommand", "sensor_msg": "ObkFramePose"}),
+        ("sensor", {}),
+        ("sensor", {"sensor_msg": "ObkImu"}),
+        ("sensor", {"sensor_msg": "ObkJointEncoders"}),
+        ("sensor", {"sensor_msg": "LaserScan"}),
     ],
 )
 def test_its_own_test_passes(

@@ -60,6 +60,14 @@ def test_a_keyword_is_refused(name: str) -> None:
     assert problem.help == f"try `{name}_controller`"
 
 
+@pytest.mark.parametrize("name", ["src", "build", "install", "log", "test", "setup"])
+def test_a_name_that_workspaces_have_for_something_else_is_refused(name: str) -> None:
+    problem = check_name(name, kind="controller", owner_of=nobody)
+    assert problem is not None
+    assert problem.sentence.endswith("stands for something else in workspaces and packages")
+    assert problem.help == f"try `{name}_controller`"
+
+
 def test_a_name_in_use_is_refused_with_its_owner() -> None:
     problem = check_name("json", kind="controller", owner_of=lambda name: f"the {name} module")
     assert problem is not None

@@ -1,5 +1,6 @@
 import json
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,7 @@ from obk_cli.cli.new import app
 from obk_cli.errors import CommandFailedError, MisuseError, ObkError
 from obk_cli.pipeline import Options, compile_config
 from obk_cli.surroundings import Command
+from obk_interfaces import discover
 
 Tree = Callable[[Path], dict[str, bytes]]
 
@@ -62,6 +64,33 @@ def test_the_next_commands_work_without_an_active_environment(
 def test_the_snippet_sets_the_parameter_that_the_node_declares(workspace: Path) -> None:
     assert "  params:\n    " in obk_new("controller", "foo").replace("\n  ", "\n")
     assert 'declare_parameter("amplitude"' in (workspace / "src/foo/foo/foo.py").read_text()
+
+
+def test_the_snippet_says_who_would_wire_it(workspace: Path) -> None:
+    said = obk_new("estimator", "foo")
+    assert "under `estimation:` to run it, with the example's topics; --add-to CONFIG" in said
+
+
+def test_a_misspelt_kind_is_told_with_the_near_one() -> None:
+    error = refused("contoller", "foo")
+    assert isinstance(error, MisuseError)
+    assert error.help == "did you mean `controller`?"
+
+
+def test_a_message_package_that_is_not_there_is_told_of(workspace: Path) -> None:
+    obk_new("msgs", "arm_msgs")
+    result = CliRunner().invoke(app, ["controller", "foo", "--ctrl-msg", "arm_msg/Example"])
+    assert result.exit_code == 0
+    assert result.stderr == (
+        "note: there is no message package `arm_msg` yet: did you mean `arm_msgs`?\n"
+    )
+    result = CliRunner().invoke(app, ["controller", "bar", "--ctrl-msg", "later/Example"])
+    assert result.stderr == (
+        "note: there is no message package `later` yet: `obk new msgs later` makes one\n"
+    )
+    for known in ("arm_msgs/Example", "ObkJointEncoders", "geometry_msgs/Pose"):
+        assert not CliRunner().invoke(app, ["sensor", "baz", "--sensor-msg", known]).stderr
+        shutil.rmtree(workspace / "src" / "baz")
 
 
 def test_without_src_a_package_goes_into_the_working_folder(
@@ -246,6 +275,200 @@ def test_a_link_inside_the_package_is_not_followed_out(
     assert tree(elsewhere) == {}
 
 
+@pytest.mark.parametrize(
+    ("actuators", "line"), [(0, "[u]"), (1, "[u]"), (3, "[u, u, u]"), (29, "[u] * 29")]
+)
+def test_a_controller_writes_as_many_controls_as_the_model_has_actuators(
+    workspace: Path, actuators: int, line: str
+) -> None:
+    motors = "<motor/>" * actuators
+    (workspace / "model").mkdir()
+    (workspace / "model/arm.xml").write_text(f"<mujoco><actuator>{motors}</actuator></mujoco>")
+    obk_new("controller", "foo")
+    assert f"        msg.u_mujoco = {line}\n" in (workspace / "src/foo/foo/foo.py").read_text()
+
+
+def test_a_file_is_no_destination(workspace: Path) -> None:
+    (workspace / "file").write_text("")
+    fault = refused("controller", "foo", "--dest", "file")
+    assert fault.message == "--dest: file is a file; a folder was expected"
+
+
+def test_a_config_takes_nodes_that_fit_together(workspace: Path) -> None:
+    obk_new("controller", "a_control")
+    obk_new("estimator", "a_estimate", "--sensor-msg", "ObkImu")
+    obk_new("estimator", "b_estimate", "--sensor-msg", "ObkJointEncoders")
+    obk_new("robot", "a_robot", "--sensor-msg", "JointEncoders")
+    obk_new("robot", "b_robot", "--sensor-msg", "ObkJointEncoders")
+    obk_new("config", "stack")
+    outcome = compile_config("stack.yaml", Options(environment={}, working_folder=workspace))
+    assert outcome.config is not None
+    executables = {node.executable.value for node in outcome.config.nodes}
+    assert executables == {"a_control", "b_estimate", "b_robot"}
+    assert [str(d) for d in outcome.diagnostics if d.severity != "info"] == []
+
+
 def test_a_file_in_the_way_is_told(workspace: Path) -> None:
     (workspace / "src/foo").write_text("")
     assert "src/foo is a file" in refused("controller", "foo").message
+
+
+def test_a_dry_run_shows_a_diff_that_patch_takes(
+    workspace: Path, tree: Tree, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    obk_new("controller", "foo")
+    root = workspace / "src/foo"
+    monkeypatch.chdir(root)
+    shown = json.loads(obk_new("sensor", "second", "--dry-run", "--format", "json"))["diff"]
+    assert "+++ b/foo/second.py\n" in shown
+    assert '+            "second = foo.second:main",\n' in shown
+    patched = workspace / "patched"
+    shutil.copytree(root, patched)
+    subprocess.run(["patch", "-p1", "-s"], cwd=patched, input=shown.encode(), check=True)
+    obk_new("sensor", "second")
+    assert tree(patched) == tree(root)
+
+
+def test_a_dry_run_shows_what_is_in_the_way_and_fails(workspace: Path, tree: Tree) -> None:
+    obk_new("controller", "foo")
+    (workspace / "src/foo/README.md").write_text("mine\n")
+    before = tree(workspace)
+    result = CliRunner().invoke(app, ["controller", "foo", "--dry-run"])
+    assert isinstance(result.exception, CommandFailedError)
+    assert "  conflict  README.md\n" in result.stdout
+    assert "-mine\n" in result.stdout
+    assert tree(workspace) == before
+
+
+def test_a_message_package_is_one_that_the_builder_takes(workspace: Path) -> None:
+    said = obk_new("msgs", "my_msgs", "--srv")
+    assert said.startswith("made the message package `my_msgs` in src/my_msgs/\n")
+    (package,) = discover([workspace / "src"])
+    assert package.name == "my_msgs"
+    assert {interface.file for interface in package.interfaces} == {
+        "msg/Example.msg",
+        "srv/ExampleService.srv",
+    }
+    cmake = (workspace / "src/my_msgs/CMakeLists.txt").read_text()
+    assert '"msg/Example.msg"\n  "srv/ExampleService.srv"\n  DEPENDENCIES std_msgs\n' in cmake
+
+
+def test_without_srv_a_message_package_has_no_service(workspace: Path) -> None:
+    obk_new("msgs", "my_msgs")
+    assert not (workspace / "src/my_msgs/srv").exists()
+    assert "srv" not in (workspace / "src/my_msgs/CMakeLists.txt").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("msgs", "my_msgs"), "is a package already, and messages are in one of their own"),
+        (("controller", "bar", "--lang", "cpp"), "a C++ node is made as a package of its own"),
+    ],
+)
+def test_what_cannot_go_into_a_package_is_told(
+    workspace: Path,
+    tree: Tree,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[str, ...],
+    sentence: str,
+) -> None:
+    obk_new("controller", "foo")
+    before = tree(workspace)
+    monkeypatch.chdir(workspace / "src/foo")
+    fault = refused(*arguments)
+    assert sentence in fault.message
+    assert fault.help is not None
+    assert "--dest" in fault.help
+    assert tree(workspace) == before
+
+
+@pytest.mark.parametrize("kind", ["controller", "estimator", "robot", "sensor"])
+def test_a_package_that_keeps_its_scripts_in_pyproject_gets_the_node_there(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    root = workspace / "src/foo"
+    (root / "src/foo").mkdir(parents=True)
+    (root / "src/foo/__init__.py").write_text("")
+    (root / "package.xml").write_text(
+        "<package><name>foo</name><export><build_type>ament_python</build_type></export>"
+        "\n</package>\n"
+    )
+    (root / "pyproject.toml").write_text('[project]\nname = "foo" # mine\nversion = "1"\n')
+    monkeypatch.chdir(root)
+    obk_new(kind, "second")
+    assert (root / "src/foo/second.py").is_file()
+    assert "# mine" in (root / "pyproject.toml").read_text()
+    command = PackageIndex.around(workspace, workspace, {}).find_executable("foo", "second")
+    assert isinstance(command, Command)
+    assert command.python_path == (root / "src",)
+
+
+def test_a_config_joins_the_nodes_of_the_workspace(workspace: Path) -> None:
+    obk_new("controller", "my_control", "--ctrl-msg", "VelocityCommand")
+    obk_new("estimator", "my_estimate", "--sensor-msg", "ObkJointEncoders")
+    obk_new(
+        "robot", "my_robot", "--ctrl-msg", "VelocityCommand", "--sensor-msg", "ObkJointEncoders"
+    )
+    obk_new("sensor", "my_imu")
+    assert obk_new("config", "stack").startswith(
+        "made the config `stack` in ./\n  create    stack.yaml\n\n"
+    )
+    outcome = compile_config("stack.yaml", Options(environment={}, working_folder=workspace))
+    assert outcome.config is not None
+    assert [str(d) for d in outcome.diagnostics if d.severity != "info"] == []
+    executables = {node.executable.value for node in outcome.config.nodes}
+    assert executables == {"my_control", "my_estimate", "my_robot", "my_imu"}
+
+
+@pytest.mark.mujoco
+def test_a_config_without_a_robot_simulates_the_model_that_is_there(workspace: Path) -> None:
+    obk_new("controller", "my_control")
+    obk_new("estimator", "my_estimate", "--sensor-msg", "ObkImu")
+    obk_new("config", "one")
+    assert (workspace / "one.xml").is_file()
+    (workspace / "model").mkdir()
+    (workspace / "one.xml").rename(workspace / "model/arm.xml")
+    obk_new("config", "two")
+    text = (workspace / "two.yaml").read_text()
+    assert "model_xml_path: model/arm.xml" in text
+    assert "tip_gyro: gyro" in text
+    assert not (workspace / "two.xml").exists()
+    outcome = compile_config("two.yaml", Options(environment={}, working_folder=workspace))
+    faults = [str(d) for d in outcome.diagnostics if d.severity != "info"]
+    # The simulator's package is there only where the tool is installed.
+    assert [fault for fault in faults if "`obelisk_sim_py`" not in fault] == []
+
+
+def test_a_config_goes_into_the_working_folder_and_may_have_the_name_of_a_package(
+    workspace: Path,
+) -> None:
+    obk_new("controller", "foo")
+    obk_new("config", "foo")
+    assert (workspace / "foo.yaml").is_file()
+    assert isinstance(refused("config", "../foo"), MisuseError)
+
+
+@pytest.mark.parametrize("kind", ["controller", "estimator", "robot", "sensor", "msgs", "config"])
+def test_every_kind_shows_an_example(kind: str) -> None:
+    assert f"Example: obk new {kind} my_" in obk_new(kind, "--help")
+
+
+def test_deep_inside_a_package_is_inside_it(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    obk_new("controller", "foo")
+    monkeypatch.chdir(workspace / "src/foo/foo")
+    assert f"in {workspace / 'src/foo'}/\n" in obk_new("sensor", "second")
+    assert (workspace / "src/foo/foo/second.py").is_file()
+
+
+def test_between_the_packages_of_a_workspace_is_inside_none(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (workspace / "src/package.xml").write_text("<package><name>outer</name></package>")
+    group = workspace / "src/inner/src/group"
+    group.mkdir(parents=True)
+    monkeypatch.chdir(group)
+    obk_new("sensor", "foo")
+    assert (group / "foo/package.xml").is_file()

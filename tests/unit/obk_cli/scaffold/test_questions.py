@@ -2,6 +2,7 @@ from collections.abc import Callable
 
 import pytest
 
+from obk_cli.scaffold.fields import has_header
 from obk_cli.scaffold.questions import Answers, MessageType, Question, check_answers
 
 
@@ -46,6 +47,38 @@ def test_every_wrong_answer_is_told_at_once() -> None:
 def test_a_message_that_an_obelisk_package_does_not_have_is_refused() -> None:
     question = Question(kind="controller", name="foo", ctrl_msg="obelisk_control_msgs/Nothing")
     assert isinstance(check_answers(question, owner_of=nobody), tuple)
+
+
+class ArmMessages:
+    """One package, one message."""
+
+    def message_names(self, package: str) -> tuple[str, ...] | None:
+        return ("Reach",) if package == "arm_msgs" else None
+
+    def message_definition(self, package: str, name: str) -> str | None:
+        return "# a\nstd_msgs/Header header\nfloat64 far\n"
+
+
+def test_a_message_of_the_workspace_is_stamped_if_its_definition_has_a_header() -> None:
+    question = Question(kind="controller", name="foo", ctrl_msg="arm_msgs/Reach")
+    known = check_answers(question, owner_of=nobody, messages=ArmMessages())
+    unknown = check_answers(question, owner_of=nobody)
+    assert isinstance(known, Answers)
+    assert isinstance(unknown, Answers)
+    assert known == unknown
+    assert [has_header(answers.ctrl) for answers in (known, unknown)] == [True, False]
+
+
+def test_a_message_that_a_package_of_the_workspace_does_not_have_is_refused() -> None:
+    question = Question(kind="controller", name="foo", ctrl_msg="arm_msgs/Raech")
+    problems = check_answers(question, owner_of=nobody, messages=ArmMessages())
+    assert isinstance(problems, tuple)
+    assert problems[0].sentence == "--ctrl-msg: package `arm_msgs` has no message `Raech`"
+    assert problems[0].help == "did you mean `arm_msgs/Reach`?"
+    question = Question(
+        kind="controller", name="foo", ctrl_msg="arm_msgs/Reach", est_msg="later_msgs/State"
+    )
+    assert isinstance(check_answers(question, owner_of=nobody, messages=ArmMessages()), Answers)
 
 
 def test_two_messages_of_one_class_name_are_refused() -> None:

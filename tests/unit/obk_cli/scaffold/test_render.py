@@ -1,5 +1,5 @@
 from collections.abc import Callable
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 
 import pytest
 
@@ -8,10 +8,9 @@ from obk_cli.scaffold.render import (
     RenderedFile,
     Template,
     TemplateFaultError,
-    read_templates,
     render_templates,
-    template_variables,
 )
+from obk_cli.scaffold.variables import template_variables
 
 Package = Callable[..., dict[PurePosixPath, RenderedFile]]
 
@@ -25,7 +24,7 @@ def render_one(name: str, content: str, **variables: object) -> RenderedFile:
     return file
 
 
-@pytest.mark.parametrize("kind", ["controller", "estimator"])
+@pytest.mark.parametrize("kind", ["controller", "estimator", "robot", "sensor"])
 def test_a_package_has_what_ament_python_asks_for(package: Package, kind: str) -> None:
     files = package(kind, "foo")
     assert {str(path) for path in files} == {
@@ -35,6 +34,7 @@ def test_a_package_has_what_ament_python_asks_for(package: Package, kind: str) -
         "foo/foo.py",
         "package.xml",
         "resource/foo",
+        "mypy.ini",
         "pytest.ini",
         "ruff.toml",
         "setup.cfg",
@@ -122,18 +122,10 @@ def test_a_script_is_executable() -> None:
     assert render_one("run", "#!/bin/sh\n").mode == 0o755
 
 
-def test_a_later_folder_wins(tmp_path: Path) -> None:
-    for folder in ("first", "second"):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "same").write_text(folder)
-    (tmp_path / "first" / "other").write_text("first")
-    templates = read_templates([tmp_path / "first", tmp_path / "second"])
-    assert [(t.name, t.content) for t in templates] == [("other", b"first"), ("same", b"second")]
-
-
 def test_rendering_twice_gives_equal_bytes(
-    answer: Callable[..., Answers], templates: Callable[[str], tuple[Template, ...]]
+    answer: Callable[..., Answers], templates: Callable[[Answers], tuple[Template, ...]]
 ) -> None:
-    variables = template_variables(answer())
-    once = render_templates(templates("controller"), variables)
-    assert once == render_templates(templates("controller"), variables)
+    answers = answer()
+    variables = template_variables(answers)
+    once = render_templates(templates(answers), variables)
+    assert once == render_templates(templates(answers), variables)

@@ -16,7 +16,8 @@ class Interrupted(BaseException):
 
 def decision(path: str, content: str, action: Action = Action.CREATE) -> Decision:
     file = RenderedFile(path=PurePosixPath(path), content=content.encode())
-    return Decision(file=file, action=action)
+    before = b"old" if action is Action.EDIT else None
+    return Decision(file=file, action=action, before=before)
 
 
 def fail_at(monkeypatch: pytest.MonkeyPatch, method: str, count: int) -> None:

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.sim.mujoco.disturbances import Disturbances, typed_disturbances
 from obelisk_py.core.sim.mujoco.geoms import GEOM_KINDS
+from obelisk_py.core.sim.mujoco.scans import RayCaster, typed_ray_caster
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS
 from obelisk_spec.messages import bare_name
 from obelisk_spec.model import ModelFacts
@@ -45,6 +47,9 @@ class SensorGroup:
     history_depth: int
     sensor_names: Mapping[str, str]
     """Sensor name -> MuJoCo sensor type."""
+    rays: RayCaster | None
+    """The ray caster, if the group has one."""
+    disturbances: Disturbances
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +112,7 @@ def _beyond_this_simulator(block: Mapping[str, Any]) -> list[str]:
     """What the language knows and this simulator does not do."""
     found = [
         f"sensor_settings[{index}].msg_type: this simulator does not publish "
-        f"`{group['msg_type']}` yet; it publishes {', '.join(SENSOR_KINDS)}"
+        f"`{group['msg_type']}`; it publishes {', '.join(SENSOR_KINDS)}"
         for index, group in enumerate(block.get("sensor_settings") or ())
         if bare_name(group["msg_type"]) not in SENSOR_KINDS
     ]
@@ -138,10 +143,13 @@ def typed_block(block: Mapping[str, Any]) -> SimBlock:
 
 
 def _group(group: Mapping[str, Any]) -> SensorGroup:
+    scan = group.get("scan_config")
     return SensorGroup(
         topic=group["topic"],
         period_s=float(group["dt"]),
         msg_type=bare_name(group["msg_type"]),
         history_depth=group.get("history_depth") or _DEFAULT_DEPTH,
         sensor_names=dict(group.get("sensor_names") or {}),
+        rays=None if scan is None else typed_ray_caster(scan),
+        disturbances=typed_disturbances(group),
     )

@@ -1,7 +1,7 @@
 """From the text of a `sim` block to a compiled model, or to everything that is wrong with it.
 
 In: the text, the keyframe that the config asks for. Out: model, block and keyframe. Reads the
-model's files and nothing else.
+files of the model and of ray casters and nothing else.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,7 +19,8 @@ from obelisk_py.core.sim.mujoco.block import (
     read_block,
     typed_block,
 )
-from obelisk_py.core.sim.mujoco.model import DEFAULT_KEYFRAME, compile_model, find_model, load_spec
+from obelisk_py.core.sim.mujoco.model import DEFAULT_KEYFRAME, compile_model, find_file, load_spec
+from obelisk_py.core.sim.mujoco.scans.files import with_ray_casters
 from obelisk_spec.model import read_model_facts
 
 __all__ = ["LoadedModel", "load_model"]
@@ -56,7 +57,15 @@ def load_model(
         ObeliskConfigError: with all findings, one a line.
     """
     raw = read_block(text)
-    spec, errors = _read_spec(raw, folder, share_of)
+    package = raw.get("robot_pkg")
+    package = None if not_given(package) else str(package)
+
+    def find(path: str) -> Path:
+        return find_file(path, package, folder, share_of)
+
+    spec, errors = _read_spec(raw, find)
+    raw, unreadable = with_ray_casters(raw, find)
+    errors += unreadable
     facts = None if spec is None else read_model_facts(spec)
     errors += findings_of(raw, {"ic_keyframe": keyframe} if keyframe else {}, facts, warn)
     if spec is None or facts is None or errors:
@@ -69,14 +78,17 @@ def load_model(
 
 
 def _read_spec(
-    raw: Mapping[str, Any], folder: Path, share_of: Callable[[str], Path | None]
+    raw: Mapping[str, Any], find: Callable[[str], Path]
 ) -> tuple[mujoco.MjSpec | None, list[str]]:
     """The model, or why there is none; neither where the block has no path to speak of."""
-    path, package = raw.get("model_xml_path"), raw.get("robot_pkg")
+    path = raw.get("model_xml_path")
     if not isinstance(path, str) or not path:
         return None, []
     try:
-        found = find_model(path, None if not_given(package) else str(package), folder, share_of)
+        found = find(path)
+    except ObeliskConfigError as error:
+        return None, [f"model_xml_path: {error}"]
+    try:
         return load_spec(found), []
     except ObeliskConfigError as error:
         return None, [str(error)]

@@ -12,19 +12,19 @@ import mujoco
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 
-__all__ = ["DEFAULT_KEYFRAME", "compile_model", "find_model", "load_spec", "reset_state"]
+__all__ = ["DEFAULT_KEYFRAME", "compile_model", "find_file", "load_spec", "reset_state"]
 
 DEFAULT_KEYFRAME: Final = "ic"
 """The keyframe that a run starts from if the model has it and the config names none."""
 
 
-def find_model(
+def find_file(
     path: str, robot_pkg: str | None, folder: Path, share_of: Callable[[str], Path | None]
 ) -> Path:
-    """The model's file: absolute, else in `folder`, else in the package's `mujoco` folder.
+    """A file of the sim block: absolute, else in `folder`, else in the package's `mujoco` folder.
 
     Args:
-        path: `model_xml_path` as the settings have it.
+        path: as the settings have it.
         robot_pkg: `robot_pkg`, None where not given.
         folder: what a relative path is relative to.
         share_of: share folder of a package, None if there is no such package.
@@ -42,7 +42,7 @@ def find_model(
     looked = ", ".join(str(place) for place in places)
     unknown = robot_pkg is not None and len(places) == 1 and not Path(path).is_absolute()
     raise ObeliskConfigError(
-        f"model_xml_path: `{path}` is not there; looked for {looked}"
+        f"`{path}` is not there; looked for {looked}"
         + (f", and there is no package `{robot_pkg}`" if unknown else "")
     )
 

@@ -4,19 +4,22 @@ In: a simulation, its block, a way to make publishers. Out: one output per senso
 markers of geoms.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from visualization_msgs.msg import MarkerArray
 
+from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.block import SensorGroup, SimBlock
 from obelisk_py.core.sim.mujoco.geoms import marker_sampler
+from obelisk_py.core.sim.mujoco.groups import group_outputs
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, SensorSource
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output
 from obelisk_py.core.sim.mujoco.stepping import SampleTimes
 
-__all__ = ["GEOM_TOPICS", "MakePublisher", "outputs_of"]
+__all__ = ["GEOM_TOPICS", "MakePublisher", "Surroundings", "outputs_of"]
 
 GEOM_TOPICS: Final = ("~/viz_geoms", "obelisk/sim/mujoco_scene_viz")
 """Topics of the markers; the second is where a visualiser looks without knowing the node."""
@@ -34,41 +37,62 @@ MakePublisher = Callable[[type[Any], str, int], Publisher]
 """Message type, topic, history depth -> publisher."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Surroundings:
+    """What outputs need of the node that has the simulation."""
+
+    make_publisher: MakePublisher
+    """Called once per topic."""
+    warn: Callable[[str], None]
+    """Takes sentences about groups that say something odd; on any thread."""
+    on_close: Callable[[Callable[[], None]], object]
+    """Takes what has to be called when the simulation is freed."""
+    is_paced: bool
+    """Whether steps are due at times."""
+
+
 def outputs_of(
-    simulation: Simulation,
-    block: SimBlock,
-    make_publisher: MakePublisher,
-    warn: Callable[[str], None],
+    simulation: Simulation, block: SimBlock, surroundings: Surroundings
 ) -> tuple[Output, ...]:
     """The outputs that a block asks for.
 
-    Args:
-        simulation: what is sampled.
-        block: the sensor groups and geoms.
-        make_publisher: called once per topic.
-        warn: takes sentences about groups that say something odd.
+    Raises:
+        ObeliskConfigError: with all groups that this machine cannot sample.
     """
-    groups = tuple(_group(simulation, group, make_publisher, warn) for group in block.groups)
-    return (*groups, _geoms(simulation, block, make_publisher)) if block.geoms else groups
+    outputs: list[Output] = []
+    errors = []
+    for group in block.groups:
+        try:
+            outputs += _group(simulation, group, surroundings)
+        except ObeliskConfigError as error:
+            errors.append(f"{group.topic}: {error}")
+    if errors:
+        raise ObeliskConfigError("the sim block cannot be simulated:\n" + "\n".join(errors))
+    if block.geoms:
+        outputs.append(_geoms(simulation, block, surroundings.make_publisher))
+    return tuple(outputs)
 
 
 def _group(
-    simulation: Simulation,
-    group: SensorGroup,
-    make_publisher: MakePublisher,
-    warn: Callable[[str], None],
-) -> Output:
+    simulation: Simulation, group: SensorGroup, surroundings: Surroundings
+) -> Iterator[Output]:
     kind = SENSOR_KINDS[group.msg_type]
+    publisher = surroundings.make_publisher(kind.message_type, group.topic, group.history_depth)
+    publish = publisher.publish
     sample = kind.build(
         SensorSource(
-            model=simulation.model, data=simulation.data, names=group.sensor_names, warn=warn
+            model=simulation.model,
+            data=simulation.data,
+            names=group.sensor_names,
+            rays=group.rays,
+            warn=surroundings.warn,
+            deliver=publish,
+            on_close=surroundings.on_close,
+            is_paced=surroundings.is_paced,
         )
     )
-    publish = make_publisher(kind.message_type, group.topic, group.history_depth).publish
-    return Output(
-        times=SampleTimes(period_s=group.period_s, step_s=simulation.step_s),
-        publish=lambda stamp: publish(sample(stamp)),
-    )
+
+    return group_outputs(simulation, group, sample, publish)
 
 
 def _geoms(simulation: Simulation, block: SimBlock, make_publisher: MakePublisher) -> Output:

@@ -2,12 +2,14 @@
 
 In: the `sim` block as text in the ROS parameter `mujoco_setting`, control messages. Out: the sensor
 groups of that block, `TrueSimState`, markers of geoms, `~/rtf`, and `/clock` with `use_sim_time`.
-Whatever is published in simulation time is published by the stepping thread.
+Services: `~/reset`, `~/pause`, `~/step`. Whatever is published in simulation time is published by
+the stepping thread.
 """
 
 import math
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,7 +29,9 @@ from obelisk_py.core.robot import ObeliskSimRobot
 from obelisk_py.core.sim.mujoco.block import PARAMETER
 from obelisk_py.core.sim.mujoco.control import ControlInbox, control_field
 from obelisk_py.core.sim.mujoco.loading import load_model
-from obelisk_py.core.sim.mujoco.outputs import outputs_of
+from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of
+from obelisk_py.core.sim.mujoco.requests import Answer, StepRequests
+from obelisk_py.core.sim.mujoco.services import make_services
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output, Stepper, StepReport
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace, SampleTimes
@@ -36,6 +40,8 @@ from obelisk_py.core.sim.mujoco.true_state import StateCopy, TrueStateReader
 __all__ = ["ObeliskMujocoRobot"]
 
 _DEPTH: Final = 10
+_PAUSE_S: Final = 0.05
+"""How long a paused simulation takes to notice that it is to stop [s]."""
 
 
 class ObeliskMujocoRobot(ObeliskSimRobot):
@@ -71,6 +77,9 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._stamp: Callable[[], Time] = self._ros_stamp
         self._keyframe: str | None = None
         self._own_publishers: list[LifecyclePublisher] = []
+        self._closing = ExitStack()
+        self._requests = StepRequests()
+        self._request_services: list[Any] = []
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read and check the sim block, load the model, make the publishers.
@@ -99,21 +108,44 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         mujoco.set_mju_user_warning(_drop)
         self._simulation = Simulation(loaded.model, self._inbox)
         self._stamp = self._simulation_stamp if self._uses_simulation_time() else self._ros_stamp
-        outputs = outputs_of(self._simulation, loaded.block, self._own_publisher, self._warn)
+        surroundings = Surroundings(
+            make_publisher=self._own_publisher,
+            warn=self._warn,
+            on_close=self._closing.callback,
+            is_paced=factor > 0,
+        )
+        outputs = outputs_of(self._simulation, loaded.block, surroundings)
         self._stepper = self._make_stepper(self._simulation, factor, outputs)
+        self._request_services = make_services(
+            self.create_service,
+            self._requests,
+            is_stepping=lambda: self.state_label == "active",
+            reset=self._reset_to_parameter,
+            step=self._step,
+        )
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Go to the keyframe and start stepping."""
         assert self._simulation is not None
-        self._simulation.reset(self._keyframe)
-        self._copy_state(self._stamp())
+        self._reset()
+        self._requests.is_paused = False
         return super().on_activate(state)
 
     def run_simulator(self) -> None:
         """Step until the node is deactivated."""
         assert self._stepper is not None
-        self._stepper.run(self.simulator_stop.is_set)
+        stop, requests = self.simulator_stop, self._requests
+
+        def interrupted() -> bool:
+            return stop.is_set() or requests.is_waiting()
+
+        while not stop.is_set():
+            if requests.is_paused:
+                requests.wait(_PAUSE_S)
+            else:
+                self._stepper.run(interrupted)
+            requests.carry_out()
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Free the model."""
@@ -150,6 +182,27 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         message = self._true_state.message(self._state_copy)
         self.obk_publishers["pub_true_sim_state"].publish(message)
         return message
+
+    def _reset(self) -> Answer:
+        assert self._simulation is not None
+        self._simulation.reset(self._keyframe)
+        self._copy_state(self._stamp())
+        return Answer(is_done=True, text=f"at {self._keyframe or 'the start of the model'}")
+
+    def _reset_to_parameter(self) -> Answer:
+        """Reset to the keyframe that `ic_keyframe` names now."""
+        assert self._simulation is not None
+        name = str(self.get_parameter("ic_keyframe").value)
+        if name and mujoco.mj_name2id(self._simulation.model, mujoco.mjtObj.mjOBJ_KEY, name) < 0:
+            return Answer(is_done=False, text=f"keyframe `{name}` is not in the model")
+        self._keyframe = name or self._keyframe
+        return self._reset()
+
+    def _step(self) -> Answer:
+        assert self._stepper is not None
+        assert self._simulation is not None
+        self._stepper.step()
+        return Answer(is_done=True, text=f"at {self._simulation.data.time:g} s")
 
     def _realtime_factor(self) -> float:
         factor = self.get_parameter("realtime_factor").value
@@ -231,6 +284,10 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self.get_logger().warning(text)
 
     def _free(self) -> None:
+        self._closing.close()
+        for service in self._request_services:
+            self.destroy_service(service)
+        self._request_services.clear()
         self._stepper = self._simulation = self._inbox = None
         self._true_state = self._state_copy = None
         for publisher in self._own_publishers:

@@ -6,12 +6,12 @@ that runs the loop, a report each second of wall time. Knows no ROS and starts n
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from obelisk_py.core.sim.mujoco.simulation import Simulation
-from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, Clock, Pace, SampleTimes
+from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, Clock, Pace
 
-__all__ = ["Output", "StepReport", "Stepper"]
+__all__ = ["Output", "StepReport", "Stepper", "Times"]
 
 LONGEST_BATCH: Final = 32
 """Steps taken in one call where no pace holds them back and nothing is due."""
@@ -19,13 +19,26 @@ BATCH_NS: Final = 100_000
 """Wall time that such a batch may take [ns]; a control waits for so long at most."""
 
 
+class Times(Protocol):
+    """The steps after which something is published."""
+
+    @property
+    def next_step(self) -> int:
+        """The next of them."""
+
+    def pass_step(self, step: int) -> None:
+        """Look for the next one after `step`."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Output:
     """Something that is published from time to time."""
 
-    times: SampleTimes
+    times: Times
     publish: Callable[[Any], None]
     """Called after a step that `times` names; the argument is the stamp of that step."""
+    restart: Callable[[], None] | None = None
+    """Called before the first step after a reset; None where nothing is carried over."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,8 +96,7 @@ class Stepper:
         now_ns = clock.now_ns()
         if pace is not None:
             pace.start(now_ns)
-        for output in self._outputs:
-            output.times.pass_step(simulation.steps)
+        self._begin()
         due = self._next_due()
         meter = _Meter(now_ns=now_ns, step_s=simulation.step_s)
         count = 0 if pace is None else 1
@@ -103,6 +115,23 @@ class Stepper:
                 due = self._next_due()
             if now_ns >= meter.next_report_ns:
                 self._report(meter.report(now_ns, simulation.steps, pace))
+
+    def step(self) -> None:
+        """Take one step and publish what is due after it.
+
+        Raises:
+            DivergenceError: the state is no longer finite.
+        """
+        self._begin()
+        for warning in self._simulation.advance(1):
+            self._warn(warning)
+        self._publish_due()
+
+    def _begin(self) -> None:
+        for output in self._outputs:
+            output.times.pass_step(self._simulation.steps)
+            if self._simulation.steps == 0 and output.restart is not None:
+                output.restart()
 
     def _next_due(self) -> int:
         never = self._simulation.steps + LONGEST_BATCH

@@ -7,11 +7,14 @@ with a builder and a line in this table.
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from obelisk_py.core.sim.mujoco.sensors.force import FORCE
 from obelisk_py.core.sim.mujoco.sensors.frame_pose import FRAME_POSE, POSE_STAMPED
+from obelisk_py.core.sim.mujoco.sensors.image import OBK_IMAGE
 from obelisk_py.core.sim.mujoco.sensors.imu import IMU, OBK_IMU
 from obelisk_py.core.sim.mujoco.sensors.joint_encoders import JOINT_ENCODERS, OBK_JOINT_ENCODERS
 from obelisk_py.core.sim.mujoco.sensors.kind import Sampler, SensorKind, SensorSource
 from obelisk_py.core.sim.mujoco.sensors.odometry import ODOMETRY
+from obelisk_py.core.sim.mujoco.sensors.scans import DEPTH_IMAGE, OBK_SCAN, POINT_CLOUD
 
 __all__ = ["SENSOR_KINDS", "Sampler", "SensorKind", "SensorSource"]
 
@@ -24,6 +27,11 @@ SENSOR_KINDS: Mapping[str, SensorKind] = MappingProxyType(
         "ObkFramePose": FRAME_POSE,
         "PoseStamped": POSE_STAMPED,
         "Odometry": ODOMETRY,
+        "ObkForceSensor": FORCE,
+        "ObkImage": OBK_IMAGE,
+        "ObkScan": OBK_SCAN,
+        "PointCloud2": POINT_CLOUD,
+        "DepthImage": DEPTH_IMAGE,
     }
 )
 """Bare `msg_type` of a sensor group -> its kind."""

@@ -13,15 +13,15 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 
+from obelisk_py.core.sim.mujoco.scans import RayCaster
+from obelisk_py.core.sim.mujoco.scans.frames import WORLD
+
 __all__ = ["WORLD", "Array", "Sampler", "SensorKind", "SensorSource"]
 
 Array = NDArray[np.float64]
 
 Sampler = Callable[[Time], Any]
-"""Makes the message of the present state; the argument is its stamp."""
-
-WORLD: Final = "world"
-"""Name of the frame that is fixed."""
+"""Makes the message of the present state; the argument is its stamp. None: it comes later."""
 
 _NAMED_OBJECTS: Final = {
     int(mujoco.mjtObj.mjOBJ_BODY),
@@ -46,6 +46,14 @@ class SensorSource:
     """Sensor name -> MuJoCo sensor type, `joint_pos: jointpos`."""
     warn: Callable[[str], None]
     """Takes a sentence about a group that can be published but says something odd."""
+    rays: RayCaster | None
+    """The group's ray caster, if it has one."""
+    deliver: Callable[[Any], None]
+    """Takes a message that a sampler could not give at once; on any thread."""
+    on_close: Callable[[Callable[[], None]], object]
+    """Takes what has to be called when the simulation is freed."""
+    is_paced: bool
+    """Whether steps are due at times; else the simulation may wait for what takes long."""
 
     def of_type(self, sensor_type: str) -> tuple[str, ...]:
         """Names of the group's sensors of one type."""
@@ -61,6 +69,12 @@ class SensorSource:
         start = int(self.model.sensor_adr[number])
         values: Array = self.data.sensordata[start : start + int(self.model.sensor_dim[number])]
         return values
+
+    def addresses(self, sensor: str) -> NDArray[np.intp]:
+        """Places of a sensor's values in MuJoCo's `sensordata`."""
+        number = self.model.sensor(sensor).id
+        start = int(self.model.sensor_adr[number])
+        return np.arange(start, start + int(self.model.sensor_dim[number]), dtype=np.intp)
 
     def object(self, sensor: str) -> tuple[int, int]:
         """Type and number of the object that a sensor is attached to."""

@@ -1,0 +1,169 @@
+"""Launches and ends the dummy stack again and again, and looks for what is left behind.
+
+    python benchmarks/launches.py [--rounds N] [--kills N]
+
+Each round brings the stack to active and down again; each kill ends the launcher by SIGKILL at a
+random moment of the bring-up. Afterwards no process of a round and no file of ours in shared
+memory may be there. Times and leftovers go to `benchmarks/results/launches.json`; exit code 1 when
+anything failed or was left.
+"""
+
+import argparse
+import json
+import os
+import platform
+import random
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import psutil
+
+ROOT = Path(__file__).resolve().parents[1]
+OBK = Path(sys.executable).with_name("obk")
+DUMMY = ROOT / "examples" / "dummy" / "dummy.yaml"
+RESULT = ROOT / "benchmarks" / "results" / "launches.json"
+SHARED_MEMORY = Path("/dev/shm")
+MARK = "OBK_LAUNCHES_BENCHMARK"
+GONE_S = 2.0
+"""Within which nothing may be left after a kill [s]."""
+
+
+@dataclass
+class Tally:
+    """What was seen."""
+
+    up_s: list[float] = field(default_factory=list)
+    down_s: list[float] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+    left_over: list[str] = field(default_factory=list)
+
+
+def main() -> int:
+    """Run all rounds."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=100)
+    parser.add_argument("--kills", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    asked = parser.parse_args()
+    before = set(SHARED_MEMORY.iterdir())
+    tally = Tally()
+    with tempfile.TemporaryDirectory(prefix="obk-launches-") as home:
+        environment = {**os.environ, "OBK_HOME": home, MARK: home}
+        for number in range(asked.rounds):
+            launch_and_end(environment, tally)
+            print(f"\r{number + 1} of {asked.rounds} rounds", end="", flush=True)
+        moments = random.Random(asked.seed)
+        for number in range(asked.kills):
+            kill_during_bring_up(environment, moments.uniform(0.0, 2.0), tally)
+            print(f"\r{number + 1} of {asked.kills} kills   ", end="", flush=True)
+    tally.left_over += unused_files(before)
+    print()
+    return report(tally, asked.rounds, asked.kills)
+
+
+def launch_and_end(environment: dict[str, str], tally: Tally) -> None:
+    """One launch to active, one SIGINT."""
+    begin = time.monotonic()
+    process = subprocess.Popen(
+        [OBK, "launch", DUMMY, "--format", "json", "--quiet"],
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    lines = []
+    with process.stdout as output:
+        for line in output:
+            lines.append(line)
+            event = json.loads(line)
+            if event["event"] == "Phase" and event["name"] == "active":
+                tally.up_s.append(time.monotonic() - begin)
+                begin = time.monotonic()
+                process.send_signal(2)
+    if process.wait() != 0:
+        tally.failed.append(lines[-1] if lines else "no output")
+    else:
+        tally.down_s.append(time.monotonic() - begin)
+    note_processes(environment, tally, 0.0)
+
+
+def kill_during_bring_up(environment: dict[str, str], after_s: float, tally: Tally) -> None:
+    """One launch whose launcher is killed."""
+    process = subprocess.Popen(
+        [OBK, "launch", DUMMY, "--quiet"], env=environment, stdout=subprocess.DEVNULL
+    )
+    time.sleep(after_s)
+    process.kill()
+    process.wait()
+    note_processes(environment, tally, GONE_S)
+
+
+def note_processes(environment: dict[str, str], tally: Tally, within_s: float) -> None:
+    """Note processes of ours that are there after a while."""
+    end = time.monotonic() + within_s
+    while (found := marked(environment[MARK])) and time.monotonic() < end:
+        time.sleep(0.02)
+    tally.left_over += found
+
+
+def marked(mark: str) -> list[str]:
+    """The processes, this one aside, that carry the mark in their environment."""
+    found = []
+    for process in psutil.process_iter():
+        try:
+            is_ours = process.pid != os.getpid() and process.environ().get(MARK) == mark
+            if is_ours and process.status() != psutil.STATUS_ZOMBIE:
+                found.append(" ".join(process.cmdline()))
+        except psutil.Error:
+            continue
+    return found
+
+
+def unused_files(before: set[Path]) -> list[str]:
+    """New files in shared memory that no process has; those of stacks beside this one are used."""
+    new = {str(path) for path in set(SHARED_MEMORY.iterdir()) - before}
+    used = set()
+    for maps in Path("/proc").glob("[0-9]*/maps"):
+        try:
+            text = maps.read_text()
+        except OSError:  # ended meanwhile, or another user's
+            continue
+        used |= {path for path in new if path in text}
+    # The small files beside a segment or a port are open in those that have it, and not mapped.
+    stems = {Path(path).name.removesuffix("_el").removesuffix("_sl") for path in used}
+    return sorted(path for path in new if not any(stem in path for stem in stems))
+
+
+def report(tally: Tally, rounds: int, kills: int) -> int:
+    """Print the figures and write them down."""
+    figures = {
+        "machine": f"{platform.machine()}, {os.cpu_count()} processors",
+        "rounds": rounds,
+        "kills": kills,
+        "up_s": spread(tally.up_s),
+        "down_s": spread(tally.down_s),
+        "failed": tally.failed,
+        "left_over": tally.left_over,
+    }
+    RESULT.parent.mkdir(exist_ok=True)
+    RESULT.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    print(json.dumps(figures, indent=1))
+    return 1 if tally.failed or tally.left_over else 0
+
+
+def spread(values: list[float]) -> dict[str, float]:
+    """Least, median and greatest."""
+    return {
+        "min": round(min(values, default=0.0), 3),
+        "median": round(statistics.median(values or [0.0]), 3),
+        "max": round(max(values, default=0.0), 3),
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

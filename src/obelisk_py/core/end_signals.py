@@ -1,0 +1,65 @@
+"""SIGINT and SIGTERM as requests: the first asks for an end in order, the second ends the process.
+
+The interpreter runs a signal handler only when the main thread is back in Python, which an executor
+that waits in C++ never is; the wake-up descriptor is written at once.
+Source: https://docs.python.org/3/library/signal.html#signal.set_wakeup_fd
+"""
+
+import os
+import signal
+import threading
+from collections.abc import Callable
+from types import FrameType
+from typing import Self
+
+__all__ = ["EndSignals"]
+
+END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class EndSignals:
+    """While entered, the first end signal calls back from a thread, the second ends the process."""
+
+    def __init__(self) -> None:
+        self._on_signal: Callable[[], object] | None = None
+        self._seen = 0
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> Self:
+        self._read_fd, self._write_fd = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)
+        os.set_blocking(self._read_fd, True)
+        self._old_fd = signal.set_wakeup_fd(self._write_fd, warn_on_full_buffer=False)
+        self._old = {number: signal.signal(number, _left_to_the_thread) for number in END_SIGNALS}
+        self._thread = threading.Thread(target=self._watch, name="end signals", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._old.items():
+            signal.signal(number, handler)
+        signal.set_wakeup_fd(self._old_fd)
+        os.close(self._write_fd)
+        self._thread.join()
+        os.close(self._read_fd)
+
+    def hand_to(self, on_signal: Callable[[], object]) -> None:
+        """Call back from now on, and at once if a signal has come already."""
+        with self._lock:
+            self._on_signal = on_signal
+            if self._seen:
+                on_signal()
+
+    def _watch(self) -> None:
+        while number := os.read(self._read_fd, 1):
+            if number[0] not in END_SIGNALS:
+                continue
+            with self._lock:
+                self._seen += 1
+                if self._seen > 1:
+                    os._exit(128 + number[0])
+                if self._on_signal is not None:
+                    self._on_signal()
+
+
+def _left_to_the_thread(_number: int, _frame: FrameType | None) -> None:
+    """The wake-up descriptor has told the thread."""

@@ -1,0 +1,80 @@
+"""One camera of a model, drawn off screen.
+
+In: a model, the number of a camera, the state at `update`. Out: pictures. `update` may be called on
+any thread; everything else belongs to the thread that made the view, as OpenGL wants it.
+"""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from obelisk_py.core.sim.mujoco.cameras.back_end import open_context
+
+__all__ = ["CameraView", "picture_size"]
+
+_DEFAULT_SIZE = (640, 480)
+"""Width and height of a camera whose model says none [pixels]."""
+_UNSET = 1
+"""What MuJoCo has as width and height where the model says none."""
+
+
+def picture_size(model: mujoco.MjModel, camera: int) -> tuple[int, int]:
+    """Width and height of a camera's pictures [pixels]: its `resolution`, else 640 x 480."""
+    width, height = (int(length) for length in model.cam_resolution[camera])
+    return _DEFAULT_SIZE if width == height == _UNSET else (width, height)
+
+
+class CameraView:
+    """Draws one camera; `update`, then `draw`, one after the other."""
+
+    def __init__(self, model: mujoco.MjModel, camera: int, back_end: str) -> None:
+        """Open OpenGL and hand the model to it.
+
+        Raises:
+            ObeliskConfigError: OpenGL does not work.
+        """
+        width, height = picture_size(model, camera)
+        self._model = model
+        self._scene = mujoco.MjvScene(model, maxgeom=_most_geoms(model))
+        self._option = mujoco.MjvOption()
+        self._perturbation = mujoco.MjvPerturb()
+        self._camera = mujoco.MjvCamera()
+        self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        self._camera.fixedcamid = camera
+        self._context = open_context(back_end, width, height)
+        self._drawing = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_resizeOffscreen(width, height, self._drawing)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._drawing)
+        self._area = mujoco.MjrRect(0, 0, width, height)
+        self._pixels = np.empty((height, width, 3), np.uint8)
+
+    def update(self, data: mujoco.MjData) -> None:
+        """Take over where everything is; draws nothing."""
+        mujoco.mjv_updateScene(
+            self._model,
+            data,
+            self._option,
+            self._perturbation,
+            self._camera,
+            mujoco.mjtCatBit.mjCAT_ALL,
+            self._scene,
+        )
+
+    def draw(self) -> NDArray[np.uint8]:
+        """The picture of the last `update`, shape `(height, width, 3)`, the upper row first.
+
+        A view of memory that the next `draw` fills anew.
+        """
+        mujoco.mjr_render(self._area, self._scene, self._drawing)
+        mujoco.mjr_readPixels(self._pixels, None, self._area, self._drawing)
+        return self._pixels[::-1]
+
+    def close(self) -> None:
+        """Give back what OpenGL holds."""
+        self._drawing.free()
+        self._context.free()
+
+
+def _most_geoms(model: mujoco.MjModel) -> int:
+    """Enough for the model's own, its lights and what a scene adds to them."""
+    return int(model.ngeom + model.nlight + model.nsite + model.nskin + model.nflex) + 1000

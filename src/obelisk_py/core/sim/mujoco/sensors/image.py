@@ -1,0 +1,91 @@
+"""Pictures of a camera: `ObkImage`.
+
+In: one camera of the model. The picture is drawn on a thread of the camera's own, for drawing takes
+longer than a step: the sampler takes over where everything is and gives no message; that comes
+through `deliver` when it is drawn. At a pace, a picture that is due while the last one is still
+being drawn is left out and counted; as fast as possible, the simulation waits for it.
+"""
+
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Final
+
+from builtin_interfaces.msg import Time
+from obelisk_sensor_msgs.msg import ObkImage
+
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.sim.mujoco.cameras import CameraView, choose_back_end
+from obelisk_py.core.sim.mujoco.sensors.kind import Sampler, SensorKind, SensorSource
+from obelisk_py.core.utils.msg import multiarray_from_numpy
+
+__all__ = ["OBK_IMAGE"]
+
+_AXES: Final = ("height", "width", "channels")
+_OPEN_S: Final = 30.0
+"""A driver that takes longer to open will not open [s]."""
+_DRAW_S: Final = 30.0
+"""The same for a picture [s]."""
+_REPORT_S: Final = 1.0
+
+
+def _build(source: SensorSource) -> Sampler:
+    feed = _Feed(source)
+    source.on_close(feed.close)
+    return feed.sample
+
+
+class _Feed:
+    """One camera and the thread that draws it."""
+
+    def __init__(self, source: SensorSource) -> None:
+        (self._name,) = source.of_type("camera")
+        self._source = source
+        self._left_out = 0
+        self._last_report_s = -float("inf")
+        self._pending: Future[None] | None = None
+        camera = source.model.camera(self._name).id
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix=f"camera {self._name}")
+        try:
+            opening = self._thread.submit(CameraView, source.model, camera, choose_back_end())
+            self._view = opening.result(_OPEN_S)
+        except TimeoutError as error:
+            self._thread.shutdown(wait=False)
+            raise ObeliskConfigError(
+                f"camera `{self._name}`: OpenGL did not open within {_OPEN_S:g} s"
+            ) from error
+        except ObeliskConfigError as error:
+            self._thread.shutdown()
+            raise ObeliskConfigError(f"camera `{self._name}`: {error}") from error
+
+    def sample(self, _stamp: Time) -> None:
+        """Have the present state drawn; the message has no stamp."""
+        if self._pending is not None:
+            if self._source.is_paced and not self._pending.done():
+                self._leave_out()
+                return
+            self._pending.result(_DRAW_S)
+        self._view.update(self._source.data)
+        self._pending = self._thread.submit(self._draw)
+
+    def close(self) -> None:
+        """End the thread once it has drawn what it began."""
+        self._thread.submit(self._view.close).result(_DRAW_S)
+        self._thread.shutdown()
+
+    def _draw(self) -> None:
+        picture = self._view.draw()
+        self._source.deliver(ObkImage(y=multiarray_from_numpy(picture, _AXES)))
+
+    def _leave_out(self) -> None:
+        self._left_out += 1
+        now_s = time.monotonic()
+        if now_s - self._last_report_s >= _REPORT_S:
+            self._last_report_s = now_s
+            self._source.warn(
+                f"camera `{self._name}` is drawn more slowly than its `dt` asks for: "
+                f"{self._left_out} pictures left out since the start"
+            )
+
+
+OBK_IMAGE = SensorKind(message_type=ObkImage, build=_build)
+"""obelisk_sensor_msgs/ObkImage: bytes, red, green, blue, the upper row first."""

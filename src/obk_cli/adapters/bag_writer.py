@@ -1,0 +1,122 @@
+"""Writes a recording: an MCAP file as rosbag2 writes them, readable after any end of its writer.
+
+In: serialized messages. What is written so far is whole chunks, at most `FLUSH_S` old when `flush`
+is called as often; only the index at the end needs `close`.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
+from mcap.writer import Writer
+
+from obk_cli.adapters.files import explain_os_error
+from obk_cli.adapters.versions import run_versions
+from obk_cli.errors import CommandFailedError
+
+__all__ = ["FLUSH_S", "BagWriter"]
+
+FLUSH_S: Final = 0.25
+"""How much a kill may lose [s]."""
+CHUNK_BYTES: Final = 1 << 20
+_MEDIA: Final = {".json": "application/json", ".yaml": "application/yaml"}
+
+
+class BagWriter:
+    """One file; used by one thread."""
+
+    def __init__(self, path: Path) -> None:
+        """Begin a file that is not there yet.
+
+        Raises:
+            CommandFailedError: it is, or cannot be made.
+        """
+        try:
+            self._file = path.open("xb")
+        except FileExistsError as error:
+            raise CommandFailedError(
+                f"{path} is there already", help="name another file with `--output`"
+            ) from error
+        except OSError as error:
+            raise CommandFailedError(f"{path}: {explain_os_error(error)}") from error
+        self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)
+        self._writer.start(Profile.ROS2, library=f"obk {run_versions().get('obk', '')}".strip())
+        self._schemas: dict[str, int] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the file; after a failure too, what was written before it can be read."""
+        if isinstance(error, OSError):
+            # There is no room for an index.
+            self._file.close()
+        else:
+            self.close()
+
+    def describe(
+        self,
+        metadata: Mapping[str, Mapping[str, str]],
+        attachments: Mapping[str, str],
+        now_ns: int,
+    ) -> None:
+        """Write key-value records and texts, each by its name, at the time [ns since 1970]."""
+        for name, values in metadata.items():
+            self._writer.add_metadata(name, dict(values))
+        for name, text in attachments.items():
+            media = _MEDIA.get(Path(name).suffix, "text/plain")
+            self._writer.add_attachment(now_ns, now_ns, name, media, text.encode())
+        self._file.flush()
+
+    def add_topic(
+        self, topic: str, msg_type: str, definition: str, metadata: Mapping[str, str]
+    ) -> int:
+        """Make the channel of a topic; gives its number.
+
+        Args:
+            topic: absolute name.
+            msg_type: full name.
+            definition: of the type, with all that it needs; empty where it is not known.
+            metadata: of the channel.
+        """
+        if msg_type not in self._schemas:
+            self._schemas[msg_type] = self._writer.register_schema(
+                msg_type, SchemaEncoding.ROS2, definition.encode()
+            )
+        return self._writer.register_channel(
+            topic, MessageEncoding.CDR, self._schemas[msg_type], dict(metadata)
+        )
+
+    def add_message(
+        self, channel: int, data: bytes, received_ns: int, sent_ns: int, sequence: int
+    ) -> None:
+        """Write a message with its times [ns since 1970].
+
+        Raises:
+            OSError: the file takes no more.
+        """
+        self._writer.add_message(channel, received_ns, data, sent_ns, sequence & 0xFFFFFFFF)
+
+    def flush(self) -> None:
+        """Hand all messages so far to the system.
+
+        Raises:
+            OSError: the file takes no more.
+        """
+        self._writer.flush()  # type: ignore[no-untyped-call]
+
+    def close(self) -> None:
+        """Write the index and close the file.
+
+        Raises:
+            OSError: the file takes no more; what was flushed is there.
+        """
+        with self._file:
+            self._writer.finish()  # type: ignore[no-untyped-call]

@@ -1,0 +1,150 @@
+"""Processes of stacks whose launcher is gone: found by their environment, and ended.
+
+Every process of a stack carries the name of its run's folder (`OBK_RUN`) and its launcher's number
+and start (`OBK_LAUNCHER`); so do those that it starts in turn. Looks at this user's processes only.
+"""
+
+import os
+import signal
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import psutil
+
+from obk_cli.adapters.process_start import (
+    is_process,
+    signal_process,
+    start_s,
+    this_process,
+    wait_for_ends,
+)
+from obk_cli.launch.runs import read_run
+
+__all__ = ["UNRECORDED", "Leftover", "end_leftovers", "find_leftovers", "launch_marks"]
+
+RUN_MARK: Final = "OBK_RUN"
+LAUNCHER_MARK: Final = "OBK_LAUNCHER"
+UNRECORDED: Final = "unrecorded"
+"""Stands for the run's folder where none could be made."""
+GRACE_S: Final = 2.0
+"""Between SIGTERM and SIGKILL [s]."""
+KILL_S: Final = 5.0
+"""How long the kernel may take for a process that was killed [s]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leftover:
+    """A process that should have ended with its launcher."""
+
+    pid: int
+    started: float
+    """[s since boot]"""
+    run: str
+    """The name of its run's folder."""
+    command: str
+
+
+def launch_marks(run_folder: Path | None) -> Mapping[str, str]:
+    """The variables by which the processes of this launcher are known.
+
+    Args:
+        run_folder: the run's; None where it could not be made.
+    """
+    pid, started = this_process()
+    name = run_folder.name if run_folder else UNRECORDED
+    return {RUN_MARK: name, LAUNCHER_MARK: f"{pid}:{started}"}
+
+
+def find_leftovers(parent: Path, run: str | None = None) -> tuple[Leftover, ...]:
+    """The processes of this user whose launcher is gone, by their numbers.
+
+    Args:
+        parent: the folder of all runs.
+        run: only those of the run whose folder has this name; None: of all.
+    """
+    spared = _own_line()
+    found = (
+        _leftover(process, parent) for process in _own_processes() if process.pid not in spared
+    )
+    every = (leftover for leftover in found if leftover is not None)
+    wanted = (leftover for leftover in every if run in (None, leftover.run))
+    return tuple(sorted(wanted, key=lambda leftover: leftover.pid))
+
+
+def end_leftovers(leftovers: Iterable[Leftover]) -> tuple[Leftover, ...]:
+    """End processes, their groups and all that they started: SIGTERM, a grace time, SIGKILL.
+
+    Returns:
+        Those that are there nevertheless.
+    """
+    every = tuple(leftovers)
+    victims = _with_company(every)
+    for victim in victims:
+        signal_process(*victim, signal.SIGTERM)
+    # What was started meanwhile belongs to them.
+    stubborn = {*wait_for_ends(victims, GRACE_S), *_with_company(every)}
+    for victim in stubborn:
+        signal_process(*victim, signal.SIGKILL)
+    wait_for_ends(stubborn, KILL_S)
+    return tuple(left for left in every if is_process(left.pid, left.started))
+
+
+def _leftover(process: psutil.Process, parent: Path) -> Leftover | None:
+    """What is known of a process, if it has a launcher that is gone."""
+    try:
+        variables = process.environ()
+        if RUN_MARK not in variables or not _is_launcher_gone(variables, parent):
+            return None
+        started = start_s(process.pid)
+        command = " ".join(process.cmdline()) or process.name()
+    except psutil.Error:  # ended meanwhile
+        return None
+    if started is None:
+        return None
+    return Leftover(pid=process.pid, started=started, run=variables[RUN_MARK], command=command)
+
+
+def _is_launcher_gone(variables: Mapping[str, str], parent: Path) -> bool:
+    """Whether it is known for certain: what cannot be told is left alone."""
+    number, _, start = variables.get(LAUNCHER_MARK, "").partition(":")
+    try:
+        return not is_process(int(number), float(start))
+    except ValueError:
+        run = read_run(parent / variables[RUN_MARK])
+    return run is not None and not is_process(run.pid, run.started)
+
+
+def _own_processes() -> Iterable[psutil.Process]:
+    this_user = os.getuid()
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):
+            if process.uids().real == this_user:
+                yield process
+
+
+def _own_line() -> set[int]:
+    """This process and those above it: whoever clears up is not among what is cleared up."""
+    this = psutil.Process()
+    return {this.pid, *(parent.pid for parent in this.parents())}
+
+
+def _with_company(leftovers: Iterable[Leftover]) -> set[tuple[int, float]]:
+    """The processes themselves, their descendants and the groups that they lead."""
+    roots = {left.pid for left in leftovers if is_process(left.pid, left.started)}
+    pids = {process.pid for process in _own_processes() if _group_of(process.pid) in roots}
+    for root in roots:
+        with suppress(psutil.Error):
+            pids.update(child.pid for child in psutil.Process(root).children(recursive=True))
+    company = (roots | pids) - _own_line()
+    starts = ((pid, start_s(pid)) for pid in company)
+    return {(pid, started) for pid, started in starts if started is not None}
+
+
+def _group_of(pid: int) -> int | None:
+    try:
+        return os.getpgid(pid)
+    except OSError:
+        return None

@@ -1,0 +1,97 @@
+"""Processes by number and start, which tells one apart from a later one that got its number.
+
+Read from the kernel, in its clock since boot, which setting the time of day does not move. Source:
+proc(5), `/proc/<pid>/stat`.
+"""
+
+import os
+import signal
+import time
+from collections.abc import Collection
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+__all__ = [
+    "boot_id",
+    "is_process",
+    "seconds_since",
+    "signal_process",
+    "start_s",
+    "this_process",
+    "wait_for_ends",
+    "working_folder",
+]
+
+SAME_S: Final = 0.005
+"""Half a tick of the kernel's clock [s]."""
+POLL_S: Final = 0.02
+_STATE: Final = 0
+_START_TICKS: Final = 19
+"""Places after the command's name, which is in brackets and may hold anything."""
+
+
+def start_s(pid: int) -> float | None:
+    """When a process started [s since boot]; None: there is none, or only its zombie."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_bytes()
+    except OSError:
+        return None
+    fields = stat.rpartition(b")")[2].split()
+    is_gone = fields[_STATE] in (b"Z", b"X")
+    return None if is_gone else int(fields[_START_TICKS]) / os.sysconf("SC_CLK_TCK")
+
+
+def is_process(pid: int, started: float) -> bool:
+    """Whether the process of this number that started then [s since boot] is there."""
+    start = start_s(pid)
+    return start is not None and abs(start - started) < SAME_S
+
+
+def signal_process(pid: int, started: float, number: int) -> None:
+    """Signal a process if it is there, and certainly no other one that has its number by now."""
+    with suppress(OSError):
+        descriptor = os.pidfd_open(pid)
+        try:
+            if is_process(pid, started):
+                signal.pidfd_send_signal(descriptor, number)
+        finally:
+            os.close(descriptor)
+
+
+def seconds_since(started: float) -> float:
+    """The time since a process's start [s], given since boot [s]."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - started
+
+
+def wait_for_ends(
+    processes: Collection[tuple[int, float]], timeout_s: float
+) -> list[tuple[int, float]]:
+    """Wait until processes have ended, by number and start; those that have not in time."""
+    end = time.monotonic() + timeout_s
+    while left := [process for process in processes if is_process(*process)]:
+        if time.monotonic() > end:
+            break
+        time.sleep(POLL_S)
+    return left
+
+
+def this_process() -> tuple[int, float]:
+    """This process's number and start [s since boot], as a run tells them."""
+    pid = os.getpid()
+    start = start_s(pid)
+    assert start is not None, "a process that runs is in /proc"
+    return pid, start
+
+
+def working_folder(pid: int) -> Path | None:
+    """The folder that a process works in; None where there is no such process of this user's."""
+    try:
+        return Path(f"/proc/{pid}/cwd").readlink()
+    except OSError:
+        return None
+
+
+def boot_id() -> str:
+    """What this start of this machine is called, other than every other one."""
+    return Path("/proc/sys/kernel/random/boot_id").read_text().strip()

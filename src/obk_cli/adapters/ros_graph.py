@@ -1,0 +1,110 @@
+"""Who is in the ROS graph: nodes by their names, publishers by their topics.
+
+What is found is what DDS has told by now. A participant is found by its next announcement: after
+0.2 s for obk's nodes, which announce themselves often (`dds_profile.xml`), and after up to 3.1 s
+for others, whose announcements come every 3 s unless somebody has set another period.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Final
+
+__all__ = ["FOREIGN_DISCOVERY_S", "OWN_DISCOVERY_S", "UNNAMED", "RosGraph"]
+
+OWN_DISCOVERY_S: Final = 0.4
+"""How long nodes that obk started may take to be found [s]."""
+FOREIGN_DISCOVERY_S: Final = 3.3
+"""How long any node may take to be found, with the middleware's own settings [s]."""
+UNNAMED: Final = "(a participant without a node's name)"
+"""A publisher of another DDS program, or of a node whose name was not told yet."""
+GET_STATE: Final = "lifecycle_msgs/srv/GetState"
+NAME_NOT_TOLD: Final = "_NODE_NAME_UNKNOWN_"
+LOOK_S: Final = 0.01
+
+
+class RosGraph:
+    """The graph as one node sees it; every wait has a deadline."""
+
+    def __init__(self, node: Any) -> None:
+        """Begin to find others.
+
+        Args:
+            node: of rclpy, made just now.
+        """
+        self._node = node
+        self._begin = time.monotonic()
+
+    def find(self, expected: Iterable[str], timeout_s: float, quiet_s: float) -> tuple[str, ...]:
+        """Full names of the life-cycle nodes in the graph.
+
+        Returns as soon as all expected ones are there; without any expected, when there are some
+        and the graph has not changed for `quiet_s`; at the latest after `timeout_s`.
+        """
+        wanted = frozenset(expected)
+        end = time.monotonic() + timeout_s
+        seen: frozenset[str] = frozenset()
+        changed = time.monotonic()
+        while (now := time.monotonic()) < end:
+            found = frozenset(self._life_cycle_nodes())
+            if found != seen:
+                seen, changed = found, now
+            is_quiet = bool(seen) and now - changed > quiet_s
+            if (wanted and wanted <= seen) or (not wanted and is_quiet):
+                break
+            time.sleep(LOOK_S)
+        return tuple(sorted(seen))
+
+    def taken(self, names: Iterable[str], discovery_s: float) -> tuple[str, ...]:
+        """Those of the full names that other nodes in the graph have already.
+
+        Returns when there are some, or once `discovery_s` have gone by since this node's start.
+        """
+        wanted = frozenset(names)
+
+        def found() -> tuple[str, ...]:
+            there = self._node.get_node_names_and_namespaces()
+            return tuple(sorted(wanted & {_full_name(name, space) for name, space in there}))
+
+        self._wait(lambda: bool(found()), discovery_s)
+        return found()
+
+    def foreign_publishers(
+        self, topics: Iterable[str], ours: Iterable[str], discovery_s: float
+    ) -> tuple[tuple[str, str], ...]:
+        """Publishers on these topics by nodes that are not ours: topic and the node's full name.
+
+        Returns when there are some, or once `discovery_s` have gone by since this node's start. A
+        node whose name is not known by then is `UNNAMED`.
+
+        Args:
+            topics: absolute names.
+            ours: full names of nodes that may publish on them.
+            discovery_s: `OWN_DISCOVERY_S` for those of other stacks, `FOREIGN_DISCOVERY_S` for all.
+        """
+        wanted, allowed = tuple(topics), frozenset(ours)
+
+        def found() -> set[tuple[str, str]]:
+            return {(t, name) for t in wanted for name in self._publishers(t)} - {
+                (t, name) for t in wanted for name in allowed
+            }
+
+        self._wait(lambda: any(name != UNNAMED for _, name in found()), discovery_s)
+        return tuple(sorted(found()))
+
+    def _publishers(self, topic: str) -> Iterator[str]:
+        for end in self._node.get_publishers_info_by_topic(topic):
+            is_named = end.node_name != NAME_NOT_TOLD
+            yield _full_name(end.node_name, end.node_namespace) if is_named else UNNAMED
+
+    def _life_cycle_nodes(self) -> Iterator[str]:
+        for service, types in self._node.get_service_names_and_types():
+            if service.endswith("/get_state") and GET_STATE in types:
+                yield service.removesuffix("/get_state")
+
+    def _wait(self, condition: Callable[[], bool], discovery_s: float) -> None:
+        while not condition() and time.monotonic() < self._begin + discovery_s:
+            time.sleep(LOOK_S)
+
+
+def _full_name(name: str, namespace: str) -> str:
+    return f"{namespace.rstrip('/')}/{name}"

@@ -1,0 +1,1 @@
+"""Compiling the message packages of a workspace into its overlay."""

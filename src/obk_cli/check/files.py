@@ -1,0 +1,12 @@
+"""What is said of a file that is not where a config looks for it."""
+
+from obk_cli.config import FileSearch
+
+__all__ = ["where_it_is_not"]
+
+
+def where_it_is_not(search: FileSearch) -> str:
+    """A help line: files that may be meant, and the places that were tried."""
+    tried = f"tried {', '.join(str(path) for path in search.tried)}"
+    names = " or ".join(f"`{name}`" for name in search.near)
+    return f"did you mean {names}? {tried}" if names else tried

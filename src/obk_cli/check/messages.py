@@ -1,0 +1,144 @@
+"""OBK115, OBK410, OBK411: message types that nobody defines, the user's own packages counted."""
+
+from collections.abc import Iterator
+from typing import Final
+
+from obelisk_spec.messages import (
+    OBELISK_MESSAGES,
+    ROS_MESSAGES,
+    near_msg_types,
+    resolve_msg_type,
+    sure_msg_type,
+)
+from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
+from obk_cli.config import Spanned, Stack
+from obk_cli.cures import respell
+from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.node_code import CodeComponent, NodeCode
+from obk_cli.surroundings import Surroundings
+
+__all__ = ["check_message_types"]
+
+HELP: Final = "`obk new msgs` makes a message package in the workspace"
+
+
+def check_message_types(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+    """Every type that config or code names exists; of packages that are here, by their sources."""
+    told: set[tuple[str, str]] = set()
+    for node in stack.nodes:
+        for component in node.components:
+            if component.msg_type is not None:
+                yield from _check(component.msg_type, surroundings)
+        if node.pkg is None or node.executable is None:
+            continue
+        command = (node.pkg.value, node.executable.value)
+        code = surroundings.read_node_code(*command)
+        if isinstance(code, NodeCode) and command not in told:
+            told.add(command)
+            yield from _check_code(code, node.executable, surroundings)
+
+
+def _check(written: Spanned[str], surroundings: Surroundings) -> Iterator[Diagnostic]:
+    full = resolve_msg_type(written.value)
+    if full is None:
+        yield _unknown(written, surroundings)
+        return
+    package, _, name = full.partition("/msg/")
+    if _is_known(package, name):
+        return
+    names = surroundings.message_names(package)
+    if names is None:
+        # The usual packages of ROS need not be where configs are checked.
+        if package not in ROS_MESSAGES:
+            yield _no_package(written, package, surroundings)
+    elif name not in names:
+        yield _not_in_package(written, package, name, names)
+
+
+def _is_known(package: str, name: str) -> bool:
+    return package in OBELISK_MESSAGES or name in ROS_MESSAGES.get(package, ())
+
+
+def _check_code(
+    code: NodeCode, executable: Spanned[str], surroundings: Surroundings
+) -> Iterator[Diagnostic]:
+    """Classes that the node's source takes from a message package that does not have them."""
+    # Types that a base class is given count too: it is the user's code that gives them.
+    by_type = {c.msg_type: c for c in reversed(code.components) if c.msg_type is not None}
+    for msg_type, component in by_type.items():
+        package, _, name = msg_type.partition("/msg/")
+        if _is_known(package, name):
+            continue
+        names = surroundings.message_names(package)
+        if names is not None and name not in names:
+            yield found(
+                "OBK410",
+                f"`{executable.value}` cannot start: package `{package}` has no message `{name}`",
+                executable.span,
+                help=did_you_mean(name, names) or "it defines no messages",
+                related=(_place(component, code),),
+            )
+
+
+def _place(component: CodeComponent, code: NodeCode) -> Related:
+    if component.is_of_library:
+        return Related(message="the class", span=code.span)
+    return Related(message="in the code", span=component.span)
+
+
+def _unknown(written: Spanned[str], surroundings: Surroundings) -> Diagnostic:
+    """A bare name that is none of the usual ones, or text that can be no type."""
+    name = written.value
+    own = _own_types(surroundings) if "/" not in name else {}
+    near = tuple(own[bare] for bare in near_names(name, own)) or near_msg_types(name)
+    meant = own.get(name) or sure_msg_type(name)
+    help = "write the package too, `my_msgs/MyMessage`, if it is your own"
+    if near:
+        help = f"did you mean {' or '.join(f'`{one}`' for one in near)}?"
+    return found(
+        "OBK115",
+        f"message type `{name}` is not known",
+        written.span,
+        help=help,
+        fix=respell(written.span, name, meant) if meant else (),
+    )
+
+
+def _own_types(surroundings: Surroundings) -> dict[str, str]:
+    """Bare name -> as it is to be written, of the messages in the workspace."""
+    return {
+        name: f"{package}/{name}"
+        for package in surroundings.message_packages()
+        if package not in OBELISK_MESSAGES
+        for name in surroundings.message_names(package) or ()
+    }
+
+
+def _not_in_package(
+    written: Spanned[str], package: str, name: str, names: tuple[str, ...]
+) -> Diagnostic:
+    meant = sure_name(name, names)
+    spelled = written.value.removesuffix(name)
+    near = near_names(name, names)
+    help = f"it has {list_names(names)}" if names else "it defines no messages"
+    if near:
+        help = f"did you mean {' or '.join(f'`{spelled}{one}`' for one in near)}?"
+    return found(
+        "OBK115",
+        f"package `{package}` has no message `{name}`",
+        written.span,
+        help=help,
+        fix=respell(written.span, written.value, f"{spelled}{meant}") if meant else (),
+    )
+
+
+def _no_package(written: Spanned[str], package: str, surroundings: Surroundings) -> Diagnostic:
+    known = {*surroundings.message_packages(), *OBELISK_MESSAGES, *ROS_MESSAGES}
+    meant = sure_name(package, known)
+    near = did_you_mean(package, (meant,) if meant else known)
+    return found(
+        "OBK411",
+        f"message type `{written.value}`: package `{package}` is not found",
+        written.span,
+        help=near if meant or near_names(package, known) else HELP,
+    )

@@ -1,0 +1,156 @@
+"""`obk build [PKG...]`: the message packages of the workspace, compiled into its overlay."""
+
+import json
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from obelisk_spec.near import list_names
+from obk_cli.adapters.packages import find_workspace
+from obk_cli.building.build import BuildOptions, Built, Listener, build_workspace
+from obk_cli.cli.config_options import ColourOption, wants_colour
+from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.report.building import report_problems, showing_progress
+from obk_interfaces import CommandError, DefinitionError, InterfaceError, Problem
+
+__all__ = ["EXAMPLE", "build_shown", "command"]
+
+EXAMPLE = """\b
+Example: obk build
+         obk build my_msgs --clean
+"""
+
+
+def command(
+    packages: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[PKG]...", help="What to build; none: all of the workspace."),
+    ] = None,
+    workspace: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Where, if not around the folder you are in."),
+    ] = None,
+    clean: Annotated[
+        bool, typer.Option("--clean", help="Throw away what was compiled before.")
+    ] = False,
+    jobs: Annotated[
+        int | None, typer.Option(help="Compilers at once.", show_default="processors")
+    ] = None,
+    format: FormatOption = "text",
+    color: ColourOption = "auto",
+) -> None:
+    """Compile the workspace's message packages (msg/, srv/, action/), those that have changed.
+
+    They go into the overlay `.obk/overlay` of the workspace, where `obk launch` finds them; other
+    programs do after `. .obk/setup.sh`. Where a ROS 2 is sourced and colcon is installed, colcon
+    builds, packages without messages too. Interrupted, the overlay stays as it was.
+    """
+    is_json, colour = wants_json(format), wants_colour(color, to_stderr=True)
+    if jobs is not None and jobs < 1:
+        raise MisuseError(f"`--jobs {jobs}`: expected a number of at least 1")
+    if workspace is not None and not workspace.is_dir():
+        raise MisuseError(f"`--workspace {workspace}`: there is no such folder")
+    options = BuildOptions(
+        environment=dict(os.environ), names=tuple(packages or ()), is_clean=clean, jobs=jobs
+    )
+    folder = find_workspace(workspace or Path.cwd())
+    try:
+        built = build_shown(folder, options, colour=colour)
+    except _DefinitionsWrongError as error:
+        if is_json:
+            print(
+                json.dumps({"problems": [_data(problem) for problem in error.problems]}, indent=1)
+            )
+        raise
+    print(json.dumps(_result(built), indent=1) if is_json else "\n".join(_told(built)))
+
+
+class _DefinitionsWrongError(CommandFailedError):
+    """What was said of the definitions, and the same as values."""
+
+    def __init__(self, message: str, problems: Sequence[Problem]) -> None:
+        super().__init__(message)
+        self.problems = problems
+
+
+def build_shown(workspace: Path, options: BuildOptions, *, colour: bool) -> Built:
+    """Build a workspace, the advance shown on stderr.
+
+    Raises:
+        CommandFailedError: it cannot be built, or was interrupted; what is wrong with definitions
+            stands on stderr.
+    """
+    is_terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+    with _told_as_failure(colour=colour), showing_progress(is_terminal=is_terminal) as show:
+        return build_workspace(workspace, options, Listener(on_progress=show, on_note=_note))
+
+
+@contextmanager
+def _told_as_failure(*, colour: bool) -> Iterator[None]:
+    try:
+        yield
+    except DefinitionError as error:
+        print(report_problems(error.problems, colour=colour), end="\n\n", file=sys.stderr)
+        count = len(error.problems)
+        said = "a message definition is wrong" if count == 1 else f"{count} definitions are wrong"
+        raise _DefinitionsWrongError(f"{said}; nothing was built", error.problems) from error
+    except CommandError as error:
+        if error.output:
+            print(error.output.rstrip(), end="\n\n", file=sys.stderr)
+        raise CommandFailedError(f"{error.sentence}; the overlay is as it was") from error
+    except InterfaceError as error:
+        raise CommandFailedError(str(error)) from error
+    except OSError as error:
+        raise CommandFailedError(f"the overlay cannot be written: {error}") from error
+    except KeyboardInterrupt as error:
+        raise CommandFailedError("interrupted; the overlay is as it was") from error
+
+
+def _note(sentence: str) -> None:
+    print(sentence, file=sys.stderr, flush=True)
+
+
+def _data(problem: Problem) -> dict[str, object]:
+    return {
+        "path": str(problem.path),
+        "line": problem.line,
+        "column": problem.column,
+        "message": problem.sentence,
+        "help": problem.help or None,
+    }
+
+
+def _result(built: Built) -> dict[str, object]:
+    return {
+        "workspace": str(built.workspace),
+        "overlay": str(built.overlay),
+        "builder": built.builder,
+        "prefixes": [str(prefix) for prefix in built.prefixes],
+        "built": list(built.built),
+        "unchanged": list(built.unchanged),
+        "installed": list(built.installed),
+        "removed": list(built.removed),
+        "duration_s": round(built.duration_s, 3),
+    }
+
+
+def _told(built: Built) -> Iterator[str]:
+    if not (built.built or built.unchanged or built.installed or built.removed):
+        yield f"{built.workspace} has no message packages; `obk new msgs my_msgs` makes one"
+        return
+    if built.built:
+        yield f"built {list_names(built.built)} in {built.duration_s:.1f} s"
+    if built.unchanged:
+        yield f"unchanged: {list_names(built.unchanged)}"
+    if built.installed:
+        yield f"installed already, with the same definitions: {list_names(built.installed)}"
+    if built.removed:
+        yield f"removed: {list_names(built.removed)}"
+    if built.prefixes:
+        yield f"overlay: {built.overlay}"

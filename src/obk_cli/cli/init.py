@@ -1,0 +1,156 @@
+"""`obk init [DIR]`: a workspace whose stack can be launched at once."""
+
+import json
+import os
+import sys
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Literal
+
+import typer
+
+from obk_cli.adapters.packages import PackageIndex
+from obk_cli.adapters.taken_names import owner_of_package
+from obk_cli.cli.new_run import carry_out, programs, renderer_of, short
+from obk_cli.cli.template_folder import find_library
+from obk_cli.cli.vscode import vscode_texts
+from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.resources import resource_folder
+from obk_cli.scaffold.compose import Composition
+from obk_cli.scaffold.decide import Decision
+from obk_cli.scaffold.describe import file_lines
+from obk_cli.scaffold.difference import unified_diff
+from obk_cli.scaffold.kinds import WORKSPACE_LAYERS
+from obk_cli.scaffold.names import Problem, check_name
+from obk_cli.scaffold.questions import Answers
+from obk_cli.scaffold.render import RenderedFile
+from obk_cli.scaffold.workspace import check_stack, compose_workspace
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = """\b
+Example: obk init my_robot
+         cd my_robot && obk launch my_robot.yaml
+"""
+
+
+def command(
+    folder: Annotated[
+        Path,
+        typer.Argument(
+            metavar="[DIR]", help="The workspace; its name becomes the stack's. `.` is this folder."
+        ),
+    ] = Path(),
+    templates: Annotated[
+        Path | None,
+        typer.Option(
+            "--templates",
+            help="Folder of templates of your own, on top of the tool's.",
+            show_default="OBK_TEMPLATES, else the user's config folder",
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Show the tree and the diff, make nothing.")
+    ] = False,
+    format: Annotated[
+        Literal["text", "json"], typer.Option("--format", help="Form of the result.")
+    ] = "text",
+) -> None:
+    """Make a workspace: a config, a robot model, a controller, an estimator, tests, checks.
+
+    What is there stays: a file with other content is asked about on a terminal, and refused
+    elsewhere.
+    """
+    root = folder.resolve()
+    stack = folder.name if folder.is_symlink() else root.name
+    if folder.is_symlink() and not root.exists():
+        raise CommandFailedError(f"{folder} is a symbolic link to {root}, which is not there")
+    packages = _check(stack, root)
+    library = find_library(templates)
+    files = compose_workspace(stack, packages, library, renderer_of(library, WORKSPACE_LAYERS))
+    composition = _with_vscode(files, root, f"{stack}.yaml")
+    decisions = carry_out(
+        root,
+        composition,
+        dry_run=dry_run,
+        force=False,
+        form=format,
+        way_out="choose another folder, or move what is in the way; on a terminal it is asked "
+        "about",
+    )
+    describe = _describe_json if format == "json" else _describe_text
+    typer.echo(describe(stack, root, decisions, dry_run=dry_run))
+
+
+def _check(stack: str, root: Path) -> tuple[Answers, ...]:
+    if root.exists() and not root.is_dir():
+        raise CommandFailedError(f"{short(root)} is a file; a folder was to be made")
+    if (root / "package.xml").is_file():
+        raise CommandFailedError(
+            f"{short(root)} is a package; a workspace is the folder around packages",
+            help="choose another folder",
+        )
+    around = PackageIndex.around(root, root, os.environ)
+    index = replace(around, workspaces=(root,))  # what is in others is not seen from this one
+
+    def owner_of(name: str) -> str | None:
+        return owner_of_package(name, own_folder=root / "src" / name, index=index)
+
+    fault = check_name(stack, kind="stack", owner_of=lambda _: None)
+    packages = fault or check_stack(stack, owner_of=owner_of)
+    if isinstance(packages, Problem):
+        raise MisuseError(
+            f"the folder's name is the stack's: {packages.sentence}", help=packages.help
+        )
+    return packages
+
+
+def _with_vscode(files: Iterable[RenderedFile], root: Path, config: str) -> Composition:
+    """The editor's settings too: merged into those that are there."""
+    schema = (resource_folder("schema") / "obelisk.schema.json").read_text(encoding="utf-8")
+    found = {
+        RenderedFile(path=PurePosixPath(path.relative_to(root).as_posix()), content=text.encode())
+        for path, text in vscode_texts(root, schema, [config]).items()
+    }
+    is_there = {file for file in found if (root / file.path).is_file()}
+    return Composition(files=(*files, *(found - is_there)), edits=tuple(is_there))
+
+
+def _next_commands(stack: str, root: Path) -> tuple[str, ...]:
+    """What to type now, from wherever `obk init` was typed."""
+    is_here = root == Path.cwd()
+    prefix = f"{Path(sys.executable).parent}/" if programs() else ""
+    return (
+        *(() if is_here else (f"cd {short(root)}",)),
+        f"{prefix}obk validate {stack}.yaml",
+        f"{prefix}obk launch {stack}.yaml",
+        f"{prefix}python -m pytest",
+    )
+
+
+def _describe_text(
+    stack: str, root: Path, decisions: tuple[Decision, ...], *, dry_run: bool
+) -> str:
+    verb = "would make" if dry_run else "made"
+    lines = [
+        f"{verb} the workspace `{stack}` in {short(root)}/",
+        *file_lines(decisions),
+        "",
+        "next:",
+        *(f"  {line}" for line in _next_commands(stack, root)),
+    ]
+    return "\n".join([*lines, *(("", unified_diff(decisions)) if dry_run else ())])
+
+
+def _describe_json(
+    stack: str, root: Path, decisions: tuple[Decision, ...], *, dry_run: bool
+) -> str:
+    result = {
+        "stack": stack,
+        "folder": short(root),
+        "dry_run": dry_run,
+        "files": [{"path": str(d.file.path), "action": d.action.value} for d in decisions],
+        "next": list(_next_commands(stack, root)),
+    }
+    return json.dumps(result | ({"diff": unified_diff(decisions)} if dry_run else {}), indent=2)

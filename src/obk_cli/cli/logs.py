@@ -1,0 +1,83 @@
+"""`obk logs [RUN] [NODE] [-f]`: what a run's terminal showed, or what one of its nodes said."""
+
+import os
+import sys
+from collections import deque
+from collections.abc import Iterable
+from contextlib import suppress
+from typing import Annotated
+
+import typer
+
+from obk_cli.adapters.files import explain_os_error
+from obk_cli.adapters.follow import follow_lines, read_lines
+from obk_cli.asking.run_logs import log_meant
+from obk_cli.cli.config_options import ColourOption, wants_colour
+from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.launch.runs import runs_folder
+from obk_cli.report.escapes import only_colour, plain
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = "Example: obk logs dummy control_0 -f"
+
+
+def command(
+    run: Annotated[
+        str | None,
+        typer.Argument(metavar="[RUN]", help="By its config's name or its folder's; else newest."),
+    ] = None,
+    node: Annotated[
+        str | None, typer.Argument(metavar="[NODE]", help="By name; else what the launcher showed.")
+    ] = None,
+    follow: Annotated[
+        bool, typer.Option("--follow", "-f", help="Show what comes, until Ctrl-C.")
+    ] = False,
+    lines: Annotated[
+        int | None, typer.Option("--lines", "-n", help="Only as many of the last lines.")
+    ] = None,
+    color: ColourOption = "auto",
+) -> None:
+    """Show the log of a run, or of one of its nodes.
+
+    RUN is the name of a config (its newest run) or of a run's folder, NODE a name, full or short
+    (control_0). `obk logs control_0` is that node of the newest run.
+    """
+    if lines is not None and lines < 0:
+        raise MisuseError("`--lines` is a number of at least 0")
+    path = log_meant(runs_folder(os.environ), run, node)
+    is_colour = wants_colour(color)
+    try:
+        if not follow:
+            if not path.exists():
+                print(f"{path} is not there: nothing was written", file=sys.stderr)
+            _show(_last(read_lines(path), lines), colour=is_colour)
+            return
+        with suppress(KeyboardInterrupt):
+            _follow(path_lines=iter(follow_lines(path)), last=lines, colour=is_colour)
+    except PermissionError as error:
+        raise CommandFailedError(f"{path}: {explain_os_error(error)}") from error
+
+
+def _follow(path_lines: Iterable[str | None], last: int | None, *, colour: bool) -> None:
+    """Show what is there, then what comes."""
+    there: deque[str] | None = deque(maxlen=last)
+    for line in path_lines:
+        if there is not None:
+            if line is not None:
+                there.append(line)
+                continue
+            _show(there, colour=colour)
+            there = None
+        elif line is not None:
+            _show((line,), colour=colour)
+
+
+def _last(lines: Iterable[str], count: int | None) -> Iterable[str]:
+    return lines if count is None else deque(lines, maxlen=count)
+
+
+def _show(lines: Iterable[str], *, colour: bool) -> None:
+    for line in lines:
+        print(only_colour(line) if colour else plain(line))
+    sys.stdout.flush()

@@ -1,0 +1,254 @@
+"""The way of every `obk new`: place, answers, files, decisions, writing, telling.
+
+In: what was asked for. Out: files on disk, and the telling of them on stdout.
+"""
+
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import typer
+
+from obelisk_spec.messages import OBELISK_MESSAGES, ROS_MESSAGES
+from obelisk_spec.near import list_names, near_names
+from obk_cli.adapters.bounded_render import render_bounded
+from obk_cli.adapters.packages import PackageIndex
+from obk_cli.adapters.taken_names import owner_of_module, owner_of_package
+from obk_cli.cli.ask_conflicts import settle_conflicts
+from obk_cli.cli.join_wish import JoinWish
+from obk_cli.cli.new_config import compose_config, find_model
+from obk_cli.cli.new_target import Place, find_place, find_root, read_package_texts, refuse_package
+from obk_cli.cli.template_folder import find_library
+from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.scaffold.compose import (
+    Composition,
+    compose_addition,
+    compose_package,
+    layers_of,
+)
+from obk_cli.scaffold.decide import Decision, conflicts, decide
+from obk_cli.scaffold.describe import Outcome, describe_json, describe_text, file_lines
+from obk_cli.scaffold.difference import unified_diff
+from obk_cli.scaffold.library import Library
+from obk_cli.scaffold.names import Problem
+from obk_cli.scaffold.questions import Answers, Question, check_answers
+from obk_cli.scaffold.render import Renderer, render_templates
+from obk_cli.scaffold.write import read_existing, write_decisions
+
+if TYPE_CHECKING:
+    from obk_cli.cli.add_to import ConfigEdit
+
+__all__ = [
+    "Wishes",
+    "accept",
+    "carry_out",
+    "programs",
+    "renderer_of",
+    "run_new",
+    "short",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wishes:
+    """The options that all kinds have."""
+
+    dest: Path | None = None
+    templates: Path | None = None
+    dry_run: bool = False
+    force: bool = False
+    form: Literal["text", "json"] = "text"
+    joining: JoinWish | None = None
+    """The config that the node is to be added to."""
+
+
+def run_new(question: Question, wishes: Wishes) -> None:
+    """Make what is asked for and tell of it.
+
+    Raises:
+        MisuseError: a name or a message type cannot be.
+        CommandFailedError: something is in the way; nothing was made.
+    """
+    config = Path(wishes.joining.config) if wishes.joining else None
+    place = find_place(wishes.dest, question.kind, config)
+    if place.package is not None:
+        refuse_package(place, question)
+    question = _for_the_robot(question, place)
+    answers = _answer(question, place)
+    if wishes.joining:
+        answers = _answer(_suited(question, wishes.joining, answers), place)
+    _tell_absent(answers, place)
+    library = find_library(wishes.templates)
+    root = place.folder.resolve() if question.kind == "config" else find_root(place, answers.node)
+    composition = _compose(answers, library, root, place)
+    edit = _plan_edit(wishes.joining, answers) if wishes.joining else None
+    decisions = carry_out(
+        root,
+        composition,
+        dry_run=wishes.dry_run,
+        force=wishes.force,
+        form=wishes.form,
+        finish=edit.write if edit else lambda: None,
+    )
+    outcome = Outcome(
+        answers=answers,
+        folder=short(root),
+        decisions=decisions,
+        dry_run=wishes.dry_run,
+        programs=programs(),
+        added=edit.tell(is_done=not wishes.dry_run) if edit else None,
+    )
+    typer.echo(describe_json(outcome) if wishes.form == "json" else describe_text(outcome))
+
+
+def carry_out(
+    root: Path,
+    composition: Composition,
+    *,
+    dry_run: bool,
+    force: bool,
+    form: str = "text",
+    way_out: str = "choose another name or --dest; --force replaces ordinary files",
+    finish: Callable[[], None] = lambda: None,
+) -> tuple[Decision, ...]:
+    """Decide on each file, ask where there is somebody to ask, write, and `finish`.
+
+    `way_out` says what the user can do when something is in the way.
+
+    Raises:
+        CommandFailedError: a file is in the way, or the folder cannot be written.
+    """
+    paths = [file.path for file in (*composition.files, *composition.edits)]
+    try:
+        existing = read_existing(root, paths)
+    except OSError as fault:
+        raise CommandFailedError(f"{short(root)} cannot be read: {fault}") from fault
+    decisions = decide(composition.files, existing, edits=composition.edits, force=force)
+    if dry_run:
+        _show_conflicts(decisions)
+    elif form == "text":
+        decisions = settle_conflicts(decisions)
+    _refuse_conflicts(root, decisions, way_out)
+    if not dry_run:
+        _write(root, decisions, finish)
+    return decisions
+
+
+def accept(answers: Answers | tuple[Problem, ...]) -> Answers:
+    """The answers.
+
+    Raises:
+        MisuseError: there are problems instead; all of them are in it.
+    """
+    if isinstance(answers, Answers):
+        return answers
+    *others, last = answers
+    lines = [f"{problem.sentence} ({problem.help})" for problem in others]
+    raise MisuseError("\n".join([*lines, last.sentence]), help=last.help)
+
+
+def renderer_of(library: Library, layers: Iterable[str]) -> Renderer:
+    """What renders templates of these folders: a user's are kept within bounds."""
+    return render_bounded if library.has_of_user(layers) else render_templates
+
+
+def short(path: Path) -> str:
+    """As the user would type it from here."""
+    here, full = Path.cwd(), path.resolve()
+    return str(full.relative_to(here)) if full.is_relative_to(here) else str(full)
+
+
+def programs() -> str:
+    """What stands in front of `python` and `obk` here: nothing when they are found by name."""
+    folder = Path(sys.executable).parent
+    found = shutil.which("python")
+    return "" if found and Path(found).parent == folder else f"{short(folder)}/"
+
+
+def _for_the_robot(question: Question, place: Place) -> Question:
+    """A controller that gives the model of the workspace as many controls as it has actuators."""
+    model = find_model(place.folder.resolve()) if question.kind == "controller" else None
+    return replace(question, controls=model.actuators) if model and model.actuators else question
+
+
+def _answer(question: Question, place: Place) -> Answers:
+    if question.kind == "config":
+        return accept(check_answers(question, owner_of=lambda _: None))
+    index = PackageIndex.around(place.folder, Path.cwd(), os.environ)
+    if place.package is not None:
+        answers = check_answers(question, owner_of=owner_of_module, messages=index)
+        return accept(answers).in_package(place.package.name)
+    owner_of = partial(owner_of_package, own_folder=place.folder / question.name, index=index)
+    return accept(check_answers(question, owner_of=owner_of, messages=index))
+
+
+def _tell_absent(answers: Answers, place: Place) -> None:
+    """Tell of message packages that are not there: they may be yet to come, or misspelt."""
+    index = PackageIndex.around(place.folder, Path.cwd(), os.environ)
+    used = {message.package for message in answers.messages} - {*OBELISK_MESSAGES, *ROS_MESSAGES}
+    for package in sorted(name for name in used if index.message_names(name) is None):
+        near = near_names(package, index.message_packages())
+        cure = (
+            f"did you mean {list_names(near)}?" if near else f"`obk new msgs {package}` makes one"
+        )
+        print(f"note: there is no message package `{package}` yet: {cure}", file=sys.stderr)
+
+
+def _compose(answers: Answers, library: Library, root: Path, place: Place) -> Composition:
+    layers = layers_of(answers)
+    templates, render = library.read(layers), renderer_of(library, layers)
+    if answers.kind == "config":
+        return compose_config(answers, templates, render, root)
+    if place.package is None:
+        return compose_package(answers, templates, render=render)
+    composition = compose_addition(
+        answers,
+        templates,
+        read_package_texts(root),
+        python_folder=place.python_folder,
+        render=render,
+    )
+    if isinstance(composition, Problem):
+        raise CommandFailedError(composition.sentence, help=composition.help)
+    return composition
+
+
+def _suited(question: Question, wish: JoinWish, usual: Answers) -> Question:
+    from obk_cli.cli.add_to import suit_to_config  # loads the compiler, which nothing else needs
+
+    return suit_to_config(question, wish, usual)
+
+
+def _plan_edit(wish: JoinWish, answers: Answers) -> "ConfigEdit":
+    from obk_cli.cli.add_to import add_to_config  # loads the compiler, which nothing else needs
+
+    return add_to_config(wish, answers)
+
+
+def _show_conflicts(decisions: tuple[Decision, ...]) -> None:
+    """A dry run that would fail shows what it would have done."""
+    if conflicts(decisions):
+        print("\n".join(file_lines(decisions)))
+        print(f"\n{unified_diff(decisions)}", end="")
+
+
+def _refuse_conflicts(root: Path, decisions: Iterable[Decision], way_out: str) -> None:
+    stopped = conflicts(decisions)
+    if stopped:
+        lines = "\n".join(f"  {decision.file.path}: {decision.reason}" for decision in stopped)
+        raise CommandFailedError(
+            f"nothing was made; in {short(root)} there is in the way:\n{lines}",
+            help=way_out,
+        )
+
+
+def _write(root: Path, decisions: Iterable[Decision], finish: Callable[[], None]) -> None:
+    try:
+        write_decisions(root, decisions, finish=finish)
+    except OSError as fault:
+        raise CommandFailedError(f"{root} cannot be written, nothing was made: {fault}") from fault

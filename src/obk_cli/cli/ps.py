@@ -1,0 +1,101 @@
+"""`obk ps`: the stacks that run on this host, and what is left of those that do not."""
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
+
+from obk_cli.adapters.leftovers import Leftover, find_leftovers
+from obk_cli.adapters.process_start import seconds_since
+from obk_cli.asking.stacks import Stack, live_stacks, runs_meant
+from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.launch.asks import NodeStatus
+from obk_cli.launch.runs import runs_folder
+from obk_cli.report.escapes import plain
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = "Example: obk ps --format json"
+LONGEST_COMMAND = 100
+
+
+def command(format: FormatOption = "text") -> None:
+    """Show the stacks that run on this host, in every ROS domain, with their nodes.
+
+    Processes that a stack left behind are shown too; `obk reap` ends them.
+    """
+    is_json = wants_json(format)
+    parent = runs_folder(os.environ)
+    stacks = live_stacks(runs_meant(parent))
+    leftovers = find_leftovers(parent)
+    if is_json:
+        told = {"stacks": [*map(_data, stacks)], "leftovers": [*map(asdict, leftovers)]}
+        print(json.dumps(told, indent=1))
+        return
+    for stack in stacks:
+        print("\n".join(_text(stack)))
+    if not stacks:
+        print("no stack runs on this host")
+    if leftovers:
+        print("\n".join(_left(leftovers)))
+
+
+def _uptime_s(stack: Stack) -> float:
+    return stack.status.seconds if stack.status else seconds_since(stack.run.started)
+
+
+def _data(stack: Stack) -> dict[str, Any]:
+    run, status = stack.run, stack.status
+    return {
+        "name": run.name,
+        "run": stack.folder.name,
+        "folder": str(stack.folder),
+        "config": run.config,
+        "devices": list(run.devices),
+        "domain": run.domain,
+        "state": status.state if status else None,
+        "launcher": run.pid,
+        "uptime_s": round(_uptime_s(stack), 3),
+        "nodes": [asdict(node) for node in status.nodes] if status else [],
+    }
+
+
+def _text(stack: Stack) -> Iterator[str]:
+    run, status = stack.run, stack.status
+    state = status.state if status else "no answer from the launcher"
+    device = f" on {', '.join(run.devices)}" if run.devices else ""
+    yield (
+        f"{run.name}{device}: {state}, ROS domain {run.domain}, launcher {run.pid}, "
+        f"up {_clock(_uptime_s(stack))}, {run.config}"
+    )
+    nodes = status.nodes if status else ()
+    width = max((len(node.node) for node in nodes), default=0)
+    for node in nodes:
+        yield f"  {node.node:<{width}}  {_node(node)}"
+    for name in () if status else run.all_nodes:
+        yield f"  {name}"
+
+
+def _node(node: NodeStatus) -> str:
+    parts = [
+        f"{node.state or 'no life cycle':<13}",
+        f"process {node.pid}" if node.pid is not None else "not running here",
+    ]
+    if node.hangs:
+        parts.append("HANGS")
+    if node.restarts:
+        parts.append(f"started again {node.restarts} time{'s' if node.restarts > 1 else ''}")
+    return "  ".join(parts)
+
+
+def _left(leftovers: tuple[Leftover, ...]) -> Iterator[str]:
+    yield "left behind by launchers that are gone (`obk reap` ends them):"
+    for left in leftovers:
+        yield f"  {left.pid}  {left.run}  {plain(left.command)[:LONGEST_COMMAND]}"
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

@@ -1,0 +1,125 @@
+"""`obk record [TOPIC...]`: topics of a running stack into an MCAP file."""
+
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from obk_cli.adapters.clock import local_time
+from obk_cli.adapters.overlay import overlay_prefixes
+from obk_cli.adapters.overlay_environment import import_from, with_overlays
+from obk_cli.adapters.packages import PackageIndex
+from obk_cli.adapters.process_start import working_folder
+from obk_cli.adapters.ros_environment import RosEnvironment, ros_environment
+from obk_cli.asking.stacks import runs_meant
+from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.launch.runs import read_run, runs_folder
+from obk_cli.recording.choice import Wish
+from obk_cli.recording.job import Job
+from obk_cli.recording.made_from import Background, background_of, run_topics
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = """\b
+Example: obk record --duration 10
+         obk record '/obelisk/dummy/*' --exclude '*imu' --output dummy.mcap
+"""
+
+
+def command(
+    topics: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[TOPIC...]", help="Names or patterns; else those of the config."),
+    ] = None,
+    all_: Annotated[bool, typer.Option("--all", help="Every topic of the ROS domain.")] = False,
+    exclude: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATTERN", help="Leave these out; may be repeated."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="The file to write.")
+    ] = None,
+    run: Annotated[
+        str | None, typer.Option(metavar="RUN", help="Of several stacks, this one.")
+    ] = None,
+    duration: Annotated[float | None, typer.Option(help="Seconds after which to end.")] = None,
+) -> None:
+    """Record topics of a running stack into an MCAP file that Foxglove and `ros2 bag` read.
+
+    Without TOPIC those of the config of the stack that runs in this ROS domain. Its config as
+    compiled, hash, versions and parameters stand first in the file. Ends on Ctrl-C, on SIGTERM or
+    after --duration; after any other end the file can be read up to its last quarter of a second.
+    """
+    if duration is not None and duration <= 0:
+        raise MisuseError("`--duration` is seconds above 0")
+
+    from obk_cli.adapters.extras import require_extra
+
+    require_extra("mcap", "record")
+
+    from obk_cli.adapters.record import record, recorded_text
+
+    environment = ros_environment()
+    for note in environment.notes:
+        print(f"warning: {note}", file=sys.stderr)
+    folder = _stack(run, environment.domain, is_needed=not (topics or all_))
+    _with_overlays(environment, folder).put_into_effect()
+    wish = _wish(topics or [], folder, every=all_)
+    background = background_of(folder) if folder else Background()
+    stamp = f"{local_time():%Y%m%d_%H%M%S}"
+    path = output or Path(f"{folder.name.rsplit('_', 2)[0] if folder else 'ros'}_{stamp}.mcap")
+    job = Job(
+        path=path,
+        wish=replace(wish, excludes=tuple(exclude or ())),
+        metadata=background.metadata,
+        attachments=background.attachments,
+        duration_s=duration,
+    )
+    print(recorded_text(record(job, lambda text: print(text, file=sys.stderr))))
+
+
+def _stack(name: str | None, domain: int, *, is_needed: bool) -> Path | None:
+    """The folder of the run that is recorded; None where none runs here and none is needed."""
+    runs = runs_meant(runs_folder(os.environ), name, domain=domain)
+    if len(runs) > 1 and is_needed:
+        names = ", ".join(run.name for run in runs.values())
+        raise MisuseError(
+            f"several stacks run in the ROS domain {domain}: {names}",
+            help="name one with `--run`, or the topics",
+        )
+    if not runs and is_needed:
+        raise CommandFailedError(
+            f"no stack runs in the ROS domain {domain} on this host",
+            help="name the topics, or record every one with `--all`",
+        )
+    return next(iter(runs)) if len(runs) == 1 else None
+
+
+def _with_overlays(environment: RosEnvironment, run_folder: Path | None) -> RosEnvironment:
+    """The environment in which message types of the workspace are found, here too.
+
+    The workspace is that of the run's config, as its launcher was called, and the one around here.
+    """
+    run = read_run(run_folder) if run_folder else None
+    launched_in = working_folder(run.pid) if run else None
+    folder = (launched_in / run.config).parent if run and launched_in else Path.cwd()
+    index = PackageIndex.around(folder, Path.cwd(), environment.variables)
+    overlays = overlay_prefixes(index.workspaces)
+    import_from(overlays)
+    return replace(environment, variables=with_overlays(environment.variables, overlays))
+
+
+def _wish(topics: list[str], folder: Path | None, *, every: bool) -> Wish:
+    """What is asked for; names without a pattern are waited for."""
+    patterns = tuple(topic for topic in topics if any(sign in topic for sign in "*?["))
+    names = [_absolute(topic) for topic in topics if topic not in patterns]
+    known = run_topics(folder) if folder else {}
+    wanted = {name: known.get(name) for name in names} if topics or every else known
+    return Wish(topics=wanted, patterns=("*",) if every else patterns)
+
+
+def _absolute(topic: str) -> str:
+    return topic if topic.startswith("/") else f"/{topic}"

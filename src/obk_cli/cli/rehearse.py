@@ -1,0 +1,203 @@
+"""`obk rehearse CONFIG`: kills, freezes and delays each node, and holds the stack to its rules."""
+
+import os
+import shutil
+import sys
+from collections.abc import Sequence
+from contextlib import nullcontext
+from itertools import count
+from pathlib import Path
+from typing import Annotated, cast, get_args
+
+import typer
+
+from obelisk_spec.near import did_you_mean
+from obk_cli.asking.names import nodes_meant
+from obk_cli.cli.config_options import (
+    ColourOption,
+    IgnoreOption,
+    SetOption,
+    make_options,
+    wants_colour,
+)
+from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
+from obk_cli.launch.units import Unit, units_of
+from obk_cli.pipeline import Outcome, compile_config
+from obk_cli.plan import OnCrash, Plan
+from obk_cli.rehearsal.cases import Case, make_cases
+from obk_cli.rehearsal.judge import Row
+from obk_cli.rehearsal.promise import FAULTS, Fault
+from obk_cli.report.launch import short_name
+from obk_cli.report.text import report_text, summary
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = """\b
+Example: obk rehearse examples/dummy/dummy.yaml
+         obk rehearse config.yaml --on-crash restart --node control --fault kill,freeze
+"""
+OBK = (sys.executable, "-P", "-m", "obk_cli.cli.main")
+QUIETLY = ("--format=json", "--quiet", "--color=never", "--network=localhost", "--keep=1000000")
+"""Of a rehearsal's launches; all of their logs stay, for they are the evidence."""
+
+
+def command(
+    config: Annotated[str, typer.Argument(metavar="CONFIG", help="The config.")],
+    on_crash: Annotated[
+        str,
+        typer.Option(
+            metavar="|".join(get_args(OnCrash)), help="The launch's rule, as in `obk launch`."
+        ),
+    ] = "stop",
+    node: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME", help="Only this node, or those of this section; may be repeated."
+        ),
+    ] = None,
+    fault: Annotated[
+        str, typer.Option(metavar=",".join(FAULTS), help="What is done to each.")
+    ] = ",".join(FAULTS),
+    composed: Annotated[
+        bool, typer.Option("--composed", help="With the Python nodes in one process.")
+    ] = False,
+    domain: Annotated[
+        int | None, typer.Option(min=0, max=232, help="The ROS domain; else one that is free.")
+    ] = None,
+    format: FormatOption = "text",
+    set_: SetOption = None,
+    ignore: IgnoreOption = None,
+    color: ColourOption = "auto",
+) -> None:
+    """Try out what a stack with a simulated robot does when its nodes fail.
+
+    Each node is delayed (stopped for a second, which must have no effect), frozen and killed, and
+    what the launcher does is held against what its rules promise. The stack is seen on this host
+    only. Exit code 0: every promise was kept; 1: one was not, or the config has errors.
+    """
+    is_json = wants_json(format)
+    if config == "-":
+        raise MisuseError("`obk rehearse` starts the config more than once: give a file")
+    _check_word("--on-crash", on_crash, get_args(OnCrash))
+    faults = _faults(fault)
+    outcome = compile_config(config, make_options(set_, ignore))
+    _show_findings(outcome, colour=wants_colour(color, to_stderr=True))
+    if outcome.plan is None or outcome.config is None:
+        raise typer.Exit(EXIT_FAILED)
+    plan = outcome.plan
+
+    from obk_cli.rehearsal.guard import refuse_hardware
+
+    refuse_hardware(outcome.config)
+    cases = make_cases(
+        _units(plan, config, is_composed=composed),
+        faults=faults,
+        on_crash=cast(OnCrash, on_crash),
+        nodes=_nodes(plan, node or ()),
+    )
+    options = [*QUIETLY, f"--on-crash={on_crash}", *(["--composed"] if composed else [])]
+    options += [f"--set={value}" for value in set_ or ()]
+    options += [f"--ignore={code}" for code in ignore or ()]
+    rows = _rehearse(plan, cases, (config, *options), domain)
+    print(_report(rows, is_json=is_json, colour=wants_colour(color)))
+    raise typer.Exit(EXIT_DONE if all(row.is_right for row in rows) else EXIT_FAILED)
+
+
+def _check_word(option: str, word: str, words: Sequence[str]) -> None:
+    if word not in words:
+        raise MisuseError(
+            f"`{option} {word}`: expected one of {', '.join(words)}",
+            help=did_you_mean(word, words),
+        )
+
+
+def _faults(text: str) -> tuple[Fault, ...]:
+    words = tuple(word.strip() for word in text.split(","))
+    for word in words:
+        _check_word("--fault", word, FAULTS)
+    return cast(tuple[Fault, ...], words)
+
+
+def _nodes(plan: Plan, names: Sequence[str]) -> frozenset[str]:
+    """Full names of the nodes that are meant."""
+    known = [process.full_name for process in plan.processes]
+    meant: set[str] = set()
+    for name in names:
+        found = nodes_meant(name, known)
+        if not found:
+            raise MisuseError(
+                f"`--node {name}`: the stack has no such node",
+                help=did_you_mean(name, [*known, *map(short_name, known)]),
+            )
+        meant.update(found)
+    return frozenset(meant)
+
+
+def _units(plan: Plan, config: str, *, is_composed: bool) -> tuple[Unit, ...]:
+    """The processes that a launch makes of the plan."""
+    devices = {process.device for process in plan.processes}
+    if not is_composed:
+        return units_of(plan, devices=devices)
+
+    from obk_cli.adapters.packages import PackageIndex
+    from obk_cli.running.commands import composable, find_executables
+
+    folder = Path(config).resolve().parent
+    packages = PackageIndex.around(folder, Path.cwd(), dict(os.environ))
+    together = composable(plan.processes, find_executables(plan.processes, packages))
+    return units_of(plan, devices=devices, together=together)
+
+
+def _rehearse(
+    plan: Plan, cases: Sequence[Case], arguments: Sequence[str], domain: int | None
+) -> tuple[Row, ...]:
+    from obk_cli.adapters.free_domain import free_domain
+    from obk_cli.launch.runs import runs_folder
+    from obk_cli.rehearsal.conductor import Setting, rehearse
+    from obk_cli.rehearsal.guard import refuse_running
+    from obk_cli.rehearsal.home import make_home
+
+    runs = runs_folder(os.environ)
+    refuse_running(runs, plan.name)
+    home = make_home(runs.parent / "rehearsals", plan.name)
+    numbers = count(1)
+
+    def begin(case: Case) -> None:
+        _progress(f"[{next(numbers)}/{len(cases)}] {case.fault} {short_name(case.unit.name)}")
+
+    with nullcontext(domain) if domain is not None else free_domain() as own:
+        print(f"rehearsing {plan.name} in the ROS domain {own}, logs in {home}", file=sys.stderr)
+        variables = {**os.environ, "OBK_HOME": str(home), "ROS_DOMAIN_ID": str(own)}
+        setting = Setting(
+            command=(*OBK, "launch", *arguments), environment=variables, runs=runs_folder(variables)
+        )
+        try:
+            return rehearse(cases, setting, begin)
+        finally:
+            _progress("")
+
+
+def _progress(text: str) -> None:
+    """Say what is done now: on a terminal in one line that the next one takes."""
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+    elif text:
+        print(text, file=sys.stderr)
+
+
+def _report(rows: Sequence[Row], *, is_json: bool, colour: bool) -> str:
+    from obk_cli.report.rehearsal import rehearsal_json, rehearsal_table, rehearsal_text
+
+    if is_json:
+        return rehearsal_json(rows)
+    if colour and sys.stdout.isatty():
+        return rehearsal_table(rows, shutil.get_terminal_size().columns)
+    return rehearsal_text(rows)
+
+
+def _show_findings(outcome: Outcome, *, colour: bool) -> None:
+    shown = tuple(d for d in outcome.diagnostics if d.severity != "info")
+    if shown:
+        print(report_text(shown, colour=colour), end="\n\n", file=sys.stderr)
+        print(summary((outcome.path,), shown, colour=colour), file=sys.stderr)

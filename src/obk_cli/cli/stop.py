@@ -1,0 +1,81 @@
+"""`obk stop [RUN]`: an orderly end of stacks that run on this host."""
+
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from obk_cli.adapters.launchers import end_launcher
+from obk_cli.asking.stacks import runs_meant
+from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseError
+from obk_cli.launch.runs import Run, read_run, runs_folder
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = "Example: obk stop dummy"
+WAIT_S = 30.0
+
+
+def command(
+    run: Annotated[
+        str | None,
+        typer.Argument(metavar="[RUN]", help="The stack, by its config's name or run folder's."),
+    ] = None,
+    all_: Annotated[bool, typer.Option("--all", help="Every stack of this host.")] = False,
+    timeout: Annotated[float, typer.Option(help="Seconds that a stack's end may take.")] = WAIT_S,
+    kill: Annotated[
+        bool, typer.Option("--kill", help="Kill a launcher that does not end in time.")
+    ] = False,
+) -> None:
+    """Bring a stack down in order, as Ctrl-C in its own terminal does, and wait for its end.
+
+    RUN is needed where several stacks run. Exit code 0: it has ended, whatever it had to tell;
+    1: it has not, or there is none.
+    """
+    if all_ and run is not None:
+        raise MisuseError("`obk stop` takes RUN or `--all`, not both")
+    if timeout <= 0:
+        raise MisuseError("`--timeout` is seconds above 0")
+    meant = runs_meant(runs_folder(os.environ), run)
+    if not all_:
+        _refuse_none_or_several(meant)
+    ends = [_end(folder, told, timeout, may_kill=kill) for folder, told in meant.items()]
+    raise typer.Exit(EXIT_DONE if all(ends) else EXIT_FAILED)
+
+
+def _refuse_none_or_several(meant: Mapping[Path, Run]) -> None:
+    if not meant:
+        raise CommandFailedError("no stack runs on this host", help="see `obk ps`")
+    if len(meant) > 1:
+        names = [run.name for run in meant.values()]
+        # Where the names are the same the folders tell them apart.
+        shown = names if len(set(names)) == len(names) else [folder.name for folder in meant]
+        raise MisuseError(
+            f"several stacks run on this host: {', '.join(sorted(shown))}",
+            help="name one of them, or say `--all`",
+        )
+
+
+def _end(folder: Path, run: Run, timeout_s: float, *, may_kill: bool) -> bool:
+    """Stop one stack and tell how it went; whether it has ended."""
+    end = end_launcher(
+        folder, run, reason="asked by `obk stop`", timeout_s=timeout_s, may_kill=may_kill
+    )
+    if end == "still there":
+        hint = "" if may_kill else "; `--kill` kills it"
+        print(
+            f"error: {run.name} (launcher {run.pid}) has not ended within {timeout_s:g} s{hint}",
+            file=sys.stderr,
+        )
+        return False
+    told = read_run(folder)
+    if end == "killed":
+        print(f"{run.name}: killed")
+    elif told and told.cause:
+        print(f"{run.name}: ended; it had failed: {told.cause}")
+    else:
+        print(f"{run.name}: ended")
+    return True

@@ -1,0 +1,65 @@
+"""Is this the Python that obk is made for, and an environment of its own? Pure."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from obk_cli.doctor.finding import Fact, Finding, error, note, ok, warning
+
+__all__ = ["PythonFacts", "judge_python"]
+
+OLDEST: Final = (3, 11)
+NEWEST_WITH_WHEELS: Final = (3, 13)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PythonFacts:
+    """The interpreter that runs obk."""
+
+    version: tuple[int, int, int]
+    executable: str
+    prefix: str
+    is_virtual: bool
+    """Whether it is in a virtual or a conda environment."""
+    obk_version: str | None
+    """Of the installed distribution, None where obk runs without being installed."""
+    obk_folder: str
+    """Where obk's own modules lie."""
+
+
+def judge_python(facts: PythonFacts) -> Iterator[Finding]:
+    """The interpreter and its environment."""
+    text = ".".join(map(str, facts.version))
+    told: dict[str, Fact] = {
+        "version": text,
+        "executable": facts.executable,
+        "prefix": facts.prefix,
+    }
+    if facts.version[:2] < OLDEST:
+        yield error(
+            f"Python {text} is too old: obk needs 3.11 to 3.13",
+            "python3.12 -m venv .venv",
+            **told,
+        )
+    elif facts.version[:2] > NEWEST_WITH_WHEELS:
+        yield warning(
+            f"Python {text} is newer than the ones that obk is tested with (3.11 to 3.13); "
+            "there are no ROS wheels for it",
+            "python3.12 -m venv .venv",
+            **told,
+        )
+    else:
+        yield ok(f"Python {text} in {facts.prefix}", **told)
+    if not facts.is_virtual:
+        yield note(
+            f"{facts.executable} is the system's own Python; what is installed into it is shared",
+            "python3 -m venv .venv",
+        )
+    if facts.obk_version is None:
+        yield warning(
+            f"obk runs from {facts.obk_folder} without being installed: "
+            "nodes that import obelisk_py may not find it",
+            "pip install obelisk-cli",
+        )
+    else:
+        yield ok(f"obk {facts.obk_version} in {facts.obk_folder}", obk=facts.obk_version)

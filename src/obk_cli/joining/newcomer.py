@@ -1,0 +1,111 @@
+"""The node that is to join a config, as the values that its entry holds.
+
+The YAML of one entry in, as `obk new` prints it; its section, ends and timers out. Knows nothing of
+the config that it will stand in.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from obelisk_spec.components import component_identity
+from obelisk_spec.messages import resolve_msg_type
+from obk_cli.parse import parse_source
+from obk_cli.source import SourceFile
+from obk_cli.tree import TreeList, plain_value
+
+__all__ = [
+    "COMPONENT_LISTS",
+    "Direction",
+    "NewEnd",
+    "Newcomer",
+    "components",
+    "identity_of",
+    "read_newcomer",
+]
+
+Direction = Literal["publishes", "subscribes"]
+
+COMPONENT_LISTS: Mapping[str, Direction] = {
+    "publishers": "publishes",
+    "subscribers": "subscribes",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NewEnd:
+    """A publisher or subscriber that wants a topic."""
+
+    direction: Direction
+    component: str
+    """`pub_ctrl`"""
+    msg_type: str
+    """In full."""
+    spelling: str
+    """The type as the entry writes it."""
+    leaf: str
+    """The last part of the topic that the entry proposes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Newcomer:
+    """A node that is in no config yet."""
+
+    section: str
+    entry: Mapping[str, object]
+
+    @property
+    def pkg(self) -> str:
+        """Its package."""
+        return str(self.entry["pkg"])
+
+    @property
+    def executable(self) -> str:
+        """Its executable, which is what it goes by."""
+        return str(self.entry["executable"])
+
+    @property
+    def ends(self) -> tuple[NewEnd, ...]:
+        """Its publishers and subscribers, in the order of the entry."""
+        return tuple(
+            _end(direction, component)
+            for key, direction in COMPONENT_LISTS.items()
+            for component in components(self.entry, key)
+        )
+
+
+def read_newcomer(section: str, snippet: str) -> Newcomer:
+    """The node of a piece of config that holds one entry of a section's list.
+
+    Raises:
+        ValueError: the text is no list of one mapping with `pkg` and `executable`.
+    """
+    tree = parse_source(SourceFile.of("<new node>", snippet)).tree
+    entries = plain_value(tree) if isinstance(tree, TreeList) else None
+    if not isinstance(entries, list) or len(entries) != 1 or not isinstance(entries[0], dict):
+        raise ValueError("a new node is a list of one mapping")
+    if not {"pkg", "executable"} <= entries[0].keys():
+        raise ValueError("a new node has a `pkg` and an `executable`")
+    return Newcomer(section=section, entry=entries[0])
+
+
+def components(entry: Mapping[str, object], key: str) -> list[dict[str, object]]:
+    """The components under a key of an entry."""
+    items = entry.get(key)
+    return [item for item in items if isinstance(item, dict)] if isinstance(items, list) else []
+
+
+def identity_of(component: Mapping[str, object]) -> str:
+    """Which component of the code is meant."""
+    return component_identity(str(component.get("ros_parameter") or component.get("key")))
+
+
+def _end(direction: Direction, component: Mapping[str, object]) -> NewEnd:
+    spelling = str(component["msg_type"])
+    return NewEnd(
+        direction=direction,
+        component=identity_of(component),
+        msg_type=resolve_msg_type(spelling) or spelling,
+        spelling=spelling,
+        leaf=str(component["topic"]).rpartition("/")[2],
+    )

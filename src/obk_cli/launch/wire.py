@@ -1,0 +1,171 @@
+"""What goes over a run's control socket: one JSON line asks, one JSON line answers.
+
+Pure: bytes to values and back. What comes from outside is checked; a fault is a sentence.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Final
+
+from obk_cli.launch.asks import ChangeAnswer, Member, NodeStatus, StackStatus
+from obk_cli.launch.transitions import TRANSITIONS
+
+__all__ = [
+    "CONTROL_SOCKET",
+    "LONGEST_ANSWER",
+    "LONGEST_REQUEST",
+    "ChangeRequest",
+    "Request",
+    "StatusRequest",
+    "StopRequest",
+    "emit_answer",
+    "emit_fault",
+    "emit_request",
+    "is_stop_heard",
+    "parse_change",
+    "parse_request",
+    "parse_status",
+]
+
+CONTROL_SOCKET: Final = "control.sock"
+"""In the run's folder."""
+LONGEST_REQUEST: Final = 1 << 16
+LONGEST_ANSWER: Final = 1 << 24
+"""A stack of many nodes, each with a traceback [bytes]."""
+LONGEST_WAIT_S: Final = 3600.0
+LONGEST_REASON: Final = 200
+HEARD: Final = b'{"answer": "stopping"}\n'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatusRequest:
+    """How is the stack?"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangeRequest:
+    """Take nodes through a transition."""
+
+    transition: str
+    nodes: tuple[str, ...] = ()
+    """Full names; empty: the whole stack."""
+    timeout_s: float | None = None
+    """For each node's transition [s]; None: the launch's own."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopRequest:
+    """Bring the stack down and end."""
+
+    reason: str
+
+
+Request = StatusRequest | ChangeRequest | StopRequest
+
+
+def emit_request(request: Request) -> bytes:
+    """The line that asks."""
+    match request:
+        case StatusRequest():
+            return _line({"ask": "status"})
+        case ChangeRequest():
+            return _line({"ask": "change", **asdict(request)})
+        case StopRequest():
+            return _line({"ask": "stop", "reason": request.reason})
+
+
+def parse_request(line: bytes) -> Request | str:
+    """What a line asks for, or what is wrong with it."""
+    data = _object(line)
+    if data is None:
+        return "a request is one line with a JSON object"
+    match data.get("ask"):
+        case "status":
+            return StatusRequest()
+        case "change":
+            return _change(data)
+        case "stop":
+            reason = data.get("reason", "asked to stop")
+            return (
+                StopRequest(reason=reason[:LONGEST_REASON])
+                if isinstance(reason, str)
+                else "`reason` is a text"
+            )
+        case other:
+            return f"`ask` is `status`, `change` or `stop`, not {json.dumps(other)[:40]}"
+
+
+def _change(data: Mapping[str, Any]) -> ChangeRequest | str:
+    transition, nodes = data.get("transition"), data.get("nodes", [])
+    timeout = data.get("timeout_s")
+    if transition not in tuple(TRANSITIONS):
+        return f"`transition` is one of {', '.join(TRANSITIONS)}"
+    if not isinstance(nodes, list) or not all(isinstance(node, str) for node in nodes):
+        return "`nodes` is a list of full names"
+    is_number = isinstance(timeout, int | float) and not isinstance(timeout, bool)
+    if timeout is not None and not (is_number and 0 < timeout <= LONGEST_WAIT_S):
+        return f"`timeout_s` is a number of seconds above 0, at most {LONGEST_WAIT_S:g}"
+    return ChangeRequest(transition=transition, nodes=tuple(nodes), timeout_s=timeout)
+
+
+def emit_answer(answer: StackStatus | ChangeAnswer | None) -> bytes:
+    """The line that answers; None: the request to stop was heard."""
+    match answer:
+        case StackStatus():
+            seconds = answer.seconds if math.isfinite(answer.seconds) else 0.0
+            return _line({"answer": "status", **asdict(answer), "seconds": seconds})
+        case ChangeAnswer():
+            return _line({"answer": "change", **asdict(answer)})
+        case None:
+            return HEARD
+
+
+def emit_fault(sentence: str) -> bytes:
+    """The line that says what is wrong with a request."""
+    return _line({"error": sentence})
+
+
+def parse_status(line: bytes) -> StackStatus | None:
+    """The stack's state in an answer; None where there is none."""
+    data = _object(line) or {}
+    try:
+        nodes = tuple(NodeStatus(**_known(NodeStatus, node)) for node in data["nodes"])
+        return StackStatus(**{**_known(StackStatus, data), "nodes": nodes})
+    except (KeyError, TypeError):
+        return None
+
+
+def parse_change(line: bytes) -> ChangeAnswer | None:
+    """How a transition ended; a fault told by the other end is a failure; None: neither."""
+    data = _object(line) or {}
+    if isinstance(data.get("error"), str):
+        return ChangeAnswer(success=False, why=data["error"])
+    try:
+        members = tuple(Member(**_known(Member, member)) for member in data["members"])
+        return ChangeAnswer(success=data["success"], why=data["why"], members=members)
+    except (KeyError, TypeError):
+        return None
+
+
+def is_stop_heard(line: bytes) -> bool:
+    """Whether an answer says that the stack will stop."""
+    return line == HEARD
+
+
+def _known(kind: type[NodeStatus | StackStatus | Member], data: Mapping[str, Any]) -> Any:
+    """Of a JSON object what this version knows."""
+    return {field.name: data[field.name] for field in fields(kind) if field.name in data}
+
+
+def _object(line: bytes) -> Mapping[str, Any] | None:
+    try:
+        data = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    return data if isinstance(data, dict) else None
+
+
+def _line(data: Mapping[str, object]) -> bytes:
+    return json.dumps(data).encode() + b"\n"

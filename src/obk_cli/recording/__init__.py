@@ -1,0 +1,1 @@
+"""What a recording holds and which topics go into it; reads and writes no message itself."""

@@ -1,0 +1,59 @@
+"""What a recording tells of the run that it is of: config as compiled, hash, versions, parameters.
+
+In: a run's folder, which the launcher wrote before anything started. Out: texts and key-value
+metadata for the beginning of the file.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+__all__ = ["Background", "background_of", "run_topics"]
+
+PLAN_FILE: Final = "plan.json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Background:
+    """What stands first in a recording."""
+
+    metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    attachments: Mapping[str, str] = field(default_factory=dict)
+
+
+def background_of(folder: Path) -> Background:
+    """The background of a run; what its folder does not tell is left out."""
+    run = _read(folder)
+    told = {key: str(run[key]) for key in ("name", "config", "domain", "plan_sha256") if key in run}
+    versions = {key: str(value) for key, value in run.get("versions", {}).items()}
+    plan = {PLAN_FILE: json.dumps(run["plan"], indent=1)} if "plan" in run else {}
+    return Background(
+        metadata={"obelisk": {"run": folder.name, **told}, "obelisk_versions": versions},
+        attachments={**plan, **_parameters(folder)},
+    )
+
+
+def run_topics(folder: Path) -> Mapping[str, str | None]:
+    """The topics of a run's plan with the types that it knows, read from what the run keeps."""
+    found: dict[str, str | None] = {}
+    for process in _read(folder).get("plan", {}).get("processes", ()):
+        for end in (*process["publishes"], *process["subscribes"]):
+            found[end["topic"]] = found.get(end["topic"]) or end["msg_type"]
+    return found
+
+
+def _read(folder: Path) -> Mapping[str, Any]:
+    try:
+        told = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return told if isinstance(told, dict) else {}
+
+
+def _parameters(folder: Path) -> Mapping[str, str]:
+    texts = {}
+    for path in sorted((folder / "params").glob("*.yaml")):
+        texts[f"params/{path.name}"] = path.read_text(encoding="utf-8")
+    return texts

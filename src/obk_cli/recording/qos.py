@@ -1,0 +1,71 @@
+"""How a recording subscribes so that it hears every publisher, and what it keeps of their offers.
+
+In: what publishers offer. Out: what to ask for, and the text that rosbag2 reads when it plays a
+recording. Source: rosbag2, `offered_qos_profiles` of a topic, metadata of version 9.
+"""
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import yaml
+
+__all__ = ["Offer", "Request", "offers_text", "request_for"]
+
+_NS: Final = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Offer:
+    """The quality of service of one publisher, in the words of rmw: `keep_last`, `reliable`."""
+
+    history: str
+    depth: int
+    reliability: str
+    durability: str
+    liveliness: str
+    deadline_ns: int
+    lifespan_ns: int
+    lease_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What a subscription asks for."""
+
+    is_reliable: bool = True
+    is_transient_local: bool = False
+    """Whether what was published before is wanted too."""
+
+
+def request_for(offers: Collection[Offer]) -> Request:
+    """The most that all of them have to offer; without any, what Obelisk's nodes offer."""
+    if not offers:
+        return Request()
+    return Request(
+        is_reliable=all(offer.reliability == "reliable" for offer in offers),
+        is_transient_local=all(offer.durability == "transient_local" for offer in offers),
+    )
+
+
+def offers_text(offers: Iterable[Offer]) -> str:
+    """The offers as YAML, one for each publisher."""
+    return yaml.safe_dump([_profile(offer) for offer in offers], sort_keys=False)
+
+
+def _profile(offer: Offer) -> Mapping[str, object]:
+    return {
+        "history": offer.history,
+        "depth": offer.depth,
+        "reliability": offer.reliability,
+        "durability": offer.durability,
+        "deadline": _time(offer.deadline_ns),
+        "lifespan": _time(offer.lifespan_ns),
+        "liveliness": offer.liveliness,
+        "liveliness_lease_duration": _time(offer.lease_ns),
+        "avoid_ros_namespace_conventions": False,
+    }
+
+
+def _time(nanoseconds: int) -> Mapping[str, int]:
+    return {"sec": nanoseconds // _NS, "nsec": nanoseconds % _NS}

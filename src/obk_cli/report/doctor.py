@@ -1,0 +1,72 @@
+"""What a doctor found: for a person, cures below what they mend, and as JSON for a program."""
+
+import json
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from typing import Final
+
+from obk_cli.doctor.examination import Answer
+from obk_cli.doctor.finding import SEVERITIES, Finding, Severity
+
+__all__ = ["doctor_json", "doctor_text"]
+
+_COLOURS: Final[dict[str, str]] = {"ok": "32", "note": "36", "warning": "33", "error": "31"}
+_WIDTH: Final = max(map(len, SEVERITIES))
+
+
+def doctor_text(answers: Sequence[Answer], *, colour: bool) -> str:
+    """A line for each finding, its cure below it, and the sum."""
+    width = max((len(answer.check) for answer in answers), default=0)
+    lines: list[str] = []
+    for answer in answers:
+        for place, finding in enumerate(answer.findings):
+            name = answer.check if place == 0 else ""
+            lines += _lines(f"{name:<{width}}", finding, colour)
+    return "\n".join((*lines, "", _sum(answers, colour)))
+
+
+def doctor_json(answers: Sequence[Answer]) -> str:
+    """The same for a program, with all that was measured."""
+    findings = [
+        {"check": answer.check, **asdict(finding)}
+        for answer in answers
+        for finding in answer.findings
+    ]
+    seconds = {answer.check: round(answer.seconds, 3) for answer in answers}
+    counts = _counts(answers)
+    told = {"findings": findings, "counts": {s: counts[s] for s in SEVERITIES}, "seconds": seconds}
+    return json.dumps(told, indent=1)
+
+
+def _lines(name: str, finding: Finding, colour: bool) -> Iterator[str]:
+    word = _painted(finding.severity, f"{finding.severity:<{_WIDTH}}", colour)
+    indent = " " * (len(name) + _WIDTH + 4)
+    first, *rest = finding.message.splitlines()
+    yield f"{name}  {word}  {first}"
+    yield from (f"{indent}{line}" for line in rest)
+    if finding.cure:
+        yield f"{indent}cure: {finding.cure}"
+
+
+def _sum(answers: Sequence[Answer], colour: bool) -> str:
+    counts = _counts(answers)
+    parts = [
+        _painted(severity, f"{counts[severity]} {severity}{_plural(counts[severity])}", colour)
+        for severity in SEVERITIES
+        if severity != "ok" and counts[severity]
+    ]
+    checks = f"{len(answers)} check{_plural(len(answers))}"
+    return f"{checks}: {', '.join(parts) if parts else _painted('ok', 'all is well', colour)}"
+
+
+def _counts(answers: Sequence[Answer]) -> Counter[Severity]:
+    return Counter(finding.severity for answer in answers for finding in answer.findings)
+
+
+def _plural(count: int) -> str:
+    return "" if count == 1 else "s"
+
+
+def _painted(severity: Severity, text: str, colour: bool) -> str:
+    return f"\x1b[{_COLOURS[severity]}m{text}\x1b[0m" if colour else text

@@ -1,0 +1,91 @@
+"""Who else is in the ROS domain: a stack starts only where nobody has its names or its robot.
+
+Nodes that obk started are found at once; others announce themselves every 3 s only. So a simulated
+robot starts after a short look and the rest of the look goes on beside it, and a real one waits.
+"""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from obk_cli.adapters.clock import monotonic_s
+from obk_cli.adapters.ros_graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S, UNNAMED
+from obk_cli.adapters.ros_lifecycle import RosLifecycle
+from obk_cli.errors import CommandFailedError
+from obk_cli.launch.events import Heard, StrangerSeen
+from obk_cli.plan import Plan
+
+__all__ = ["control_topics", "has_hardware", "looking_on", "refuse_strangers", "refuse_taken_names"]
+
+LOOK_S: Final = 0.1
+
+
+def refuse_taken_names(names: tuple[str, ...], ros: RosLifecycle, domain: int) -> None:
+    """Look for nodes of these full names: started on another host, or without obk.
+
+    Raises:
+        CommandFailedError: there are some.
+    """
+    taken = ros.taken(names, OWN_DISCOVERY_S)
+    if taken:
+        raise CommandFailedError(
+            f"in the ROS domain {domain} there is already {', '.join(taken)}",
+            help="stop what runs there or use another ROS_DOMAIN_ID; "
+            "`obk lifecycle get` shows the nodes",
+        )
+
+
+def refuse_strangers(plan: Plan, ros: RosLifecycle, domain: int) -> None:
+    """Look for publishers on the topics that move the robot.
+
+    Raises:
+        CommandFailedError: there is one that is none of the plan's nodes.
+    """
+    wait_s = FOREIGN_DISCOVERY_S if has_hardware(plan) else OWN_DISCOVERY_S
+    strangers = ros.foreign_publishers(control_topics(plan), _names(plan), wait_s)
+    if strangers:
+        who = ", ".join(f"{node} publishes on {topic}" for topic, node in strangers)
+        raise CommandFailedError(
+            f"in the ROS domain {domain} somebody else moves the robot: {who}",
+            help="end that, use another ROS_DOMAIN_ID, or let it with `--allow-foreign`",
+        )
+
+
+@contextmanager
+def looking_on(plan: Plan, ros: RosLifecycle, hear: Callable[[Heard], None]) -> Iterator[None]:
+    """While entered, tell of a publisher on the robot's topics that is found only now."""
+    is_over = threading.Event()
+
+    def look() -> None:
+        end = monotonic_s() + FOREIGN_DISCOVERY_S
+        found: tuple[tuple[str, str], ...] = ()
+        while not found and monotonic_s() < end and not is_over.wait(LOOK_S):
+            seen = ros.foreign_publishers(control_topics(plan), _names(plan), 0.0)
+            # One without a name may be a node of ours that has just come.
+            found = tuple(stranger for stranger in seen if stranger[1] != UNNAMED)
+        for topic, node in found:
+            hear(StrangerSeen(topic=topic, node=node))
+
+    thread = threading.Thread(target=look, name="strangers", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        thread.join()
+
+
+def control_topics(plan: Plan) -> tuple[str, ...]:
+    """The topics that the robots of a plan listen to."""
+    robots = (node for node in plan.processes if node.section == "robot")
+    return tuple(dict.fromkeys(end.topic for robot in robots for end in robot.subscribes))
+
+
+def has_hardware(plan: Plan) -> bool:
+    """Whether a robot of a plan is not simulated."""
+    return any(node.section == "robot" and node.model is None for node in plan.processes)
+
+
+def _names(plan: Plan) -> tuple[str, ...]:
+    return tuple(node.full_name for node in plan.processes)

@@ -1,0 +1,228 @@
+"""A whole config made of nodes that stand in a workspace, wired to one another.
+
+In: what the code of nodes registers, and the sensors of a model. Out: YAML text. Never touches the
+disk.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from obelisk_spec.messages import resolve_msg_type
+from obelisk_spec.sensors import SENSOR_GROUPS
+from obk_cli.config import ComponentKind
+from obk_cli.node_code import CodeComponent, NodeCode
+from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
+from obk_cli.scaffold.model import Model, ModelSensor
+from obk_cli.scaffold.questions import MessageType
+from obk_cli.scaffold.snippet import sensor_topic
+
+__all__ = ["Stack", "StackNode", "choose_nodes", "stack_text"]
+
+_MARKS = {
+    "controller": "timer_ctrl_setting",
+    "estimator": "timer_est_setting",
+    "robot": "sub_ctrl_setting",
+}
+"""What the base class of each kind registers."""
+_ROLES = {
+    "pub_ctrl_setting": ("ctrl", "PositionSetpoint"),
+    "sub_ctrl_setting": ("ctrl", "PositionSetpoint"),
+    "pub_est_setting": ("est", "EstimatedState"),
+    "sub_est_setting": ("est", "EstimatedState"),
+}
+"""The topics that the base classes name, and the types where the code leaves them open."""
+_LISTS = {"publisher": "publishers", "subscriber": "subscribers", "timer": "timers"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StackNode:
+    """An executable of the workspace, and the kind of node that it is."""
+
+    package: str
+    executable: str
+    code: NodeCode
+
+    @property
+    def kind(self) -> str | None:
+        """As `obk new` calls it; None for a node that is none of them."""
+        names = {component.ros_parameter for component in self.code.components}
+        marked = (kind for kind, mark in _MARKS.items() if mark in names)
+        has_publisher = any(c.kind == "publisher" for c in self.code.components)
+        return next(marked, "sensor" if has_publisher else None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stack:
+    """A stack to be written down."""
+
+    name: str
+    nodes: tuple[StackNode, ...]
+    """One controller, one estimator, at most one robot, any sensors."""
+    model: Model | None
+    """What the simulated robot simulates; None where a node of the workspace is the robot."""
+
+
+def choose_nodes(
+    found: Iterable[StackNode], stand_ins: Iterable[StackNode]
+) -> tuple[StackNode, ...]:
+    """One controller, one estimator and perhaps a robot that fit together, and all sensors.
+
+    Two controllers would command the same robot, so only one is taken. Without a robot one is
+    simulated; stand-ins take the place of what is missing otherwise. Where nothing fits, the first
+    of each kind is taken, and `obk validate` says what does not fit.
+    """
+    by_kind: dict[str | None, list[StackNode]] = {}
+    for node in found:
+        by_kind.setdefault(node.kind, []).append(node)
+    for node in stand_ins:
+        by_kind.setdefault(node.kind, [node])
+    sensors = tuple(by_kind.get("sensor", ()))
+    robots = [*((robot,) for robot in by_kind.get("robot", ())), ()]
+    choices = [
+        (controller, estimator, *robot, *sensors)
+        for robot in robots
+        for controller in by_kind.get("controller", ())
+        for estimator in by_kind.get("estimator", ())
+    ]
+    return next((nodes for nodes in choices if _fit(nodes)), choices[0] if choices else sensors)
+
+
+def _fit(nodes: tuple[StackNode, ...]) -> bool:
+    """Whether each message that one of them hears is sent by another, or can be simulated."""
+    stack = Stack(name="", nodes=nodes, model=None)
+    sent = {topic for node in nodes for topic in _topics(stack, node, "publisher")}
+    heard = {topic for node in nodes for topic in _topics(stack, node, "subscriber")}
+    if any(node.kind == "robot" for node in nodes):
+        return heard <= sent
+    return all(message and message.name in SENSOR_GROUPS for _, message in heard - sent)
+
+
+def _topics(
+    stack: Stack, node: StackNode, kind: ComponentKind
+) -> Iterator[tuple[str, MessageType | None]]:
+    for component in _wanted(node):
+        if component.kind == kind:
+            message = _message_of(component)
+            yield _topic_of(stack, component, message), message
+
+
+def stack_text(stack: Stack) -> str:
+    """The config."""
+    lines = [f"config: {stack.name}"]
+    for kind in NODE_KINDS:
+        nodes = [node for node in stack.nodes if node.kind == kind]
+        is_simulated = kind == "robot" and stack.model is not None
+        if nodes or is_simulated:
+            lines += ["", f"{SECTIONS[kind]}:"]
+        for node in nodes:
+            lines += _node_lines(stack, node)
+        if is_simulated:
+            lines += _simulated_lines(stack)
+    return "\n".join(lines) + "\n"
+
+
+def _node_lines(stack: Stack, node: StackNode) -> Iterator[str]:
+    yield f"  - pkg: {node.package}"
+    yield f"    executable: {node.executable}"
+    if node.kind == "robot":
+        yield "    is_simulated: false"
+    for kind, title in _LISTS.items():
+        components = [c for c in _wanted(node) if c.kind == kind]
+        if components:
+            yield f"    {title}:"
+        for component in components:
+            name = "ros_parameter" if component.ros_parameter else "key"
+            yield f"      - {name}: {component.name}"
+            yield from (f"        {line}" for line in _settings(stack, node, component))
+
+
+def _wanted(node: StackNode) -> Iterator[CodeComponent]:
+    return (c for c in node.code.components if not (c.is_optional or c.has_default) and c.name)
+
+
+def _settings(stack: Stack, node: StackNode, component: CodeComponent) -> tuple[str, ...]:
+    if component.kind == "timer":
+        return (f"timer_period_sec: {0.01 if node.kind == 'sensor' else 0.002}",)
+    message = _message_of(component)
+    topic = f"topic: {_topic_of(stack, component, message)}"
+    return (topic, f"msg_type: {message.spelling}") if message else (topic,)
+
+
+def _topic_of(stack: Stack, component: CodeComponent, message: MessageType | None) -> str:
+    topics = f"/{stack.name}"
+    role = _ROLES.get(component.ros_parameter or "")
+    if role is not None:
+        return f"{topics}/{role[0]}"
+    of_sensor = sensor_topic(message, topics) if message else f"{topics}/sensor"
+    if of_sensor != f"{topics}/sensor":
+        return of_sensor
+    words = component.name.removesuffix("_setting")
+    return f"{topics}/{words.removeprefix('pub_').removeprefix('sub_')}"
+
+
+def _message_of(component: CodeComponent) -> MessageType | None:
+    role = _ROLES.get(component.ros_parameter or "")
+    written = component.msg_type or (role[1] if role else None)
+    full = resolve_msg_type(written) if written else None
+    if full is None:
+        return None
+    package, _, name = full.partition("/msg/")
+    return MessageType(package=package, name=name)
+
+
+def _simulated_lines(stack: Stack) -> Iterator[str]:
+    assert stack.model is not None
+    yield "  - pkg: obelisk_sim_py"
+    yield "    executable: obelisk_mujoco_robot"
+    yield "    is_simulated: true"
+    if stack.model.keyframes:
+        yield "    params:"
+        yield f"      ic_keyframe: {stack.model.keyframes[0]}"
+    yield "    subscribers:"
+    yield "      - ros_parameter: sub_ctrl_setting"
+    yield f"        topic: /{stack.name}/ctrl"
+    yield f"        msg_type: {_control_type(stack).spelling}"
+    yield "    sim:"
+    yield "      - ros_parameter: mujoco_setting"
+    yield f"        model_xml_path: {stack.model.path}"
+    groups = list(_sensor_groups(stack, stack.model))
+    if groups:
+        yield "        sensor_settings:"
+    for message, sensors in groups:
+        yield f"          - topic: {sensor_topic(message, f'/{stack.name}')}"
+        yield "            dt: 0.002"
+        yield f"            msg_type: {message.name}"
+        yield "            sensor_names:"
+        yield from (f"              {sensor.name}: {sensor.type}" for sensor in sensors)
+
+
+def _control_type(stack: Stack) -> MessageType:
+    sent = (
+        _message_of(component)
+        for node in stack.nodes
+        for component in node.code.components
+        if component.ros_parameter == "pub_ctrl_setting"
+    )
+    default = MessageType(package="obelisk_control_msgs", name="PositionSetpoint")
+    return next((message for message in sent if message), default)
+
+
+def _sensor_groups(
+    stack: Stack, model: Model
+) -> Iterator[tuple[MessageType, Sequence[ModelSensor]]]:
+    """A group for each sensor message that a node hears and the model has sensors for."""
+    heard = (
+        _message_of(component)
+        for node in stack.nodes
+        for component in _wanted(node)
+        if component.kind == "subscriber"
+    )
+    for message in dict.fromkeys(message for message in heard if message):
+        rule = SENSOR_GROUPS.get(message.name)
+        if rule is None or not rule.reads_sensors or rule.published != message.full:
+            continue
+        # The old message has one field, which the stand-in estimator takes for positions.
+        takes = {"jointpos"} if message.name == "JointEncoders" else set(rule.takes)
+        sensors = model.sensors_of(takes, joints=rule.objects == "scalar joint")
+        if sensors:
+            yield message, sensors

@@ -1,0 +1,133 @@
+"""A running stack seen, moved and ended from another terminal; what it leaves behind."""
+
+import hashlib
+import json
+import signal
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from obk_cli.adapters.process_start import start_s
+
+from .stack import DUMMY, Launched, eventually, launched, obk
+
+pytestmark = pytest.mark.ros
+
+NODES = ("/obelisk_robot_0", "/obelisk_estimation_0", "/obelisk_control_0")
+ROUND = (
+    ("deactivate", "inactive"),
+    ("cleanup", "unconfigured"),
+    ("configure", "inactive"),
+    ("activate", "active"),
+)
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
+    return tmp_path / "home"
+
+
+def told(*arguments: str) -> dict[str, object]:
+    result = obk(*arguments, "--format", "json")
+    assert result.returncode == 0, result.stdout + result.stderr
+    return dict(json.loads(result.stdout))
+
+
+def node_pids(run: Launched) -> dict[str, int]:
+    return {name: run.node(name.strip("/")).pid for name in NODES}
+
+
+def test_the_launcher_tells_and_moves_its_stack_again_and_again() -> None:
+    with launched(DUMMY, "--quiet") as run:
+        (stack,) = json.loads(obk("ps", "--format", "json").stdout)["stacks"]
+        assert (stack["launcher"], stack["state"]) == (run.process.pid, "active")
+        assert {node["node"]: node["pid"] for node in stack["nodes"]} == node_pids(run)
+        for _ in range(3):
+            for verb, goal in ROUND:
+                assert told("lifecycle", verb)["success"] is True
+                assert told("lifecycle", "get") == dict.fromkeys(NODES, goal)
+        assert told("lifecycle", "list", "robot") == {
+            NODES[0]: {"state": "active", "transitions": ["deactivate", "shutdown"]}
+        }
+    assert run.process.returncode == 0, run.text
+
+
+def test_without_the_run_registry_the_graph_alone_is_enough(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with launched(DUMMY, "--quiet") as run:
+        monkeypatch.setenv("OBK_HOME", str(tmp_path / "another host"))
+        eventually(lambda: told("lifecycle", "get") == dict.fromkeys(NODES, "active"), "all three")
+        for verb, goal in ROUND:
+            # By their full names, so that all are waited for however slow the graph is.
+            assert told("lifecycle", verb, *NODES)["success"] is True
+            assert told("lifecycle", "get", *NODES) == dict.fromkeys(NODES, goal)
+        refused = obk("lifecycle", "configure", "robot_0")
+        assert refused.returncode == 1
+        assert "'configure' starts from unconfigured, and the node is active" in refused.stderr
+    assert run.process.returncode == 0, run.text
+
+
+def test_stop_brings_the_stack_down_in_order_and_waits_for_it() -> None:
+    with launched(DUMMY, "--quiet") as run:
+        result = obk("stop")
+        assert (result.returncode, result.stdout) == (0, "dummy: ended\n")
+        assert not run.left_over()
+        assert obk("ps").stdout == "no stack runs on this host\n"
+        assert run.process.wait(20) == 0
+    assert "stopping (asked by `obk stop`)" in run.text
+
+
+def test_whoever_replaces_a_stack_brings_it_down_in_order_first() -> None:
+    with launched(DUMMY, "--quiet") as run:
+        second = obk("launch", DUMMY, "--replace", "--duration", "0", "--quiet")
+        assert second.returncode == 0, second.stdout + second.stderr
+        assert run.process.wait(20) == 0
+    assert "stopping (replaced)" in run.text
+
+
+def test_a_launcher_that_is_stopped_is_killed_on_demand_with_all_of_its_nodes() -> None:
+    with launched(DUMMY, "--quiet") as run:
+        psutil.Process(run.process.pid).suspend()
+        refused = obk("stop", "--timeout", "0.2")
+        assert refused.returncode == 1
+        assert "has not ended within 0.2 s; `--kill` kills it" in refused.stderr
+        result = obk("stop", "dummy", "--timeout", "0.2", "--kill")
+        assert (result.returncode, result.stdout) == (0, "dummy: killed\n")
+        eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
+
+
+def test_what_outlives_its_launcher_in_spite_of_all_is_found_and_ended() -> None:
+    with launched(DUMMY, "--quiet") as run:
+        nodes = node_pids(run)
+        (warden,) = psutil.Process(run.process.pid).children()
+        warden.suspend()
+        run.process.send_signal(signal.SIGKILL)
+        run.process.wait(20)
+        left = json.loads(obk("ps", "--format", "json").stdout)["leftovers"]
+        assert {process["pid"] for process in left} >= set(nodes.values())
+        assert "obk reap" in obk("ps").stdout
+        assert obk("reap", "--dry-run").returncode == 0
+        assert all(start_s(pid) is not None for pid in nodes.values())
+        assert obk("reap").returncode == 0
+        assert all(start_s(pid) is None for pid in nodes.values())
+        warden.resume()
+        eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
+
+
+def test_a_run_tells_afterwards_what_it_was_and_how_it_ended(home: Path) -> None:
+    begin = time.time()
+    assert obk("launch", DUMMY, "--duration", "0", "--quiet").returncode == 0
+    (folder,) = (home / "runs").glob("dummy_*")
+    run = json.loads((folder / "run.json").read_text())
+    plan = obk("compile", DUMMY).stdout
+    assert run["plan_sha256"] == hashlib.sha256(plan.encode()).hexdigest()
+    assert run["plan"] == json.loads(plan)
+    assert {"obk", "python", "rclpy", "ros", "mujoco"} <= set(run["versions"])
+    assert (run["exit_code"], run["cause"]) == (0, "")
+    assert run["ended"] >= begin
+    assert not (folder / "control.sock").exists()
+    assert obk("logs").stdout.splitlines()[-1] == "ended in order"

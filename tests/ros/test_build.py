@@ -1,0 +1,231 @@
+"""`obk build` and what `obk launch` makes of it: a user's messages over DDS, only what changed."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from .stack import OBK, obk, started
+from .workspace import make_nodes, make_workspace
+
+pytestmark = pytest.mark.ros
+
+PUBLISHER = """
+import sys
+import rclpy
+from arm_msgs.msg import Reach
+from task_msgs.msg import Task
+from task_msgs.srv import Judge
+
+rclpy.init()
+node = rclpy.create_node("publisher")
+publisher = node.create_publisher(Task, "task", 1)
+client = node.create_client(Judge, "judge")
+assert client.wait_for_service(timeout_sec=30)
+task = Task(name="walk", steps=[Reach(joints=[1.0, 2.0])])
+future = client.call_async(Judge.Request(task=task))
+while not future.done():
+    publisher.publish(task)
+    rclpy.spin_once(node, timeout_sec=0.1)
+print(future.result().is_done)
+rclpy.shutdown()
+"""
+SUBSCRIBER = """
+import rclpy
+from task_msgs.msg import Task
+from task_msgs.srv import Judge
+
+rclpy.init()
+node = rclpy.create_node("subscriber")
+tasks = []
+judged = []
+node.create_subscription(Task, "task", tasks.append, 1)
+
+def judge(request, response):
+    response.is_done = request.task.steps[0].joints[1] == 2.0
+    judged.append(response)
+    return response
+
+node.create_service(Judge, "judge", judge)
+for _ in range(600):
+    rclpy.spin_once(node, timeout_sec=0.1)
+    if tasks and judged:
+        break
+rclpy.spin_once(node, timeout_sec=0.1)
+print(tasks[0].name, list(tasks[0].steps[0].joints))
+rclpy.shutdown()
+"""
+
+
+TYPE_HASH = """
+import json, os
+prefix = os.environ["OBK_OVERLAY_PATH"]
+with open(f"{prefix}/share/task_msgs/msg/Task.json") as file:
+    print(json.load(file)["type_hashes"][0]["hash_string"])
+"""
+
+
+@pytest.fixture(scope="module")
+def built_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    workspace = make_workspace(tmp_path_factory.mktemp("ws"))
+    report = build(workspace)
+    assert report["built"] == ["arm_msgs", "other_msgs", "task_msgs"]
+    return workspace
+
+
+@pytest.fixture
+def workspace(built_once: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(built_once, tmp_path / "ws", symlinks=True))
+
+
+def build(workspace: Path, *arguments: str) -> dict[str, list[str]]:
+    done = obk("build", "--workspace", workspace, "--format", "json", *arguments, timeout_s=150)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def run(workspace: Path, code: str) -> "subprocess.Popen[str]":
+    environment = os.environ | {"OBK_OVERLAY_PATH": str(workspace / ".obk" / "overlay")}
+    command = [sys.executable, "-c", code]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+
+
+def said(workspace: Path, code: str) -> str:
+    return run(workspace, code).communicate(timeout=60)[0]
+
+
+def test_two_processes_exchange_a_users_messages_and_service(workspace: Path) -> None:
+    subscriber, publisher = run(workspace, SUBSCRIBER), run(workspace, PUBLISHER)
+    assert publisher.communicate(timeout=90)[0] == "True\n"
+    assert subscriber.communicate(timeout=90)[0] == "walk [1.0, 2.0]\n"
+
+
+def test_only_what_changed_and_what_uses_it_is_built(workspace: Path) -> None:
+    assert build(workspace)["unchanged"] == ["arm_msgs", "other_msgs", "task_msgs"]
+    before = said(workspace, TYPE_HASH)
+    source = workspace / "src" / "arm_msgs" / "msg" / "Reach.msg"
+    source.write_text(source.read_text() + "float64 speed\n")
+    report = build(workspace)
+    assert (report["built"], report["unchanged"]) == (["arm_msgs", "task_msgs"], ["other_msgs"])
+    after = said(workspace, TYPE_HASH)
+    assert before.startswith("RIHS01_")
+    assert after.startswith("RIHS01_")
+    assert before != after
+
+
+def test_a_named_package_takes_along_what_is_compiled_against_it(workspace: Path) -> None:
+    source = workspace / "src" / "arm_msgs" / "msg" / "Reach.msg"
+    source.write_text("float64[] joints\nfloat64 speed\n")
+    word = workspace / "src" / "other_msgs" / "msg" / "Word.msg"
+    word.write_text("string words\n")
+    assert build(workspace, "arm_msgs")["built"] == ["arm_msgs", "task_msgs"]
+    assert build(workspace)["built"] == ["other_msgs"]
+
+
+def test_a_package_that_is_gone_is_taken_out_of_the_overlay(workspace: Path) -> None:
+    shutil.rmtree(workspace / "src" / "other_msgs")
+    assert build(workspace)["removed"] == ["other_msgs"]
+    overlay = workspace / ".obk" / "overlay"
+    assert not [path for path in overlay.parent.rglob("*") if "other_msgs" in path.name]
+    assert (overlay / "share" / "task_msgs").is_dir()
+
+
+def test_a_wrong_definition_leaves_the_overlay_as_it_was(workspace: Path) -> None:
+    overlay = workspace / ".obk" / "overlay"
+    before = overlay.resolve()
+    (workspace / "src" / "task_msgs" / "msg" / "Task.msg").write_text("arm_msgs/Raech step\n")
+    done = obk("build", "--workspace", workspace)
+    assert done.returncode == 1
+    assert "msg/Task.msg:1:1: error: the type 'arm_msgs/Raech' is not known" in done.stderr
+    assert "did you mean arm_msgs/Reach?" in done.stderr
+    assert overlay.resolve() == before
+    assert [f.name for f in overlay.parent.glob("overlay-*")] == [before.name]
+
+
+def test_interrupted_the_overlay_stays_as_it_was(workspace: Path) -> None:
+    overlay = workspace / ".obk" / "overlay"
+    before = overlay.resolve()
+    command = [OBK, "build", "--clean", "--workspace", workspace]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        assert process.stderr.readline().startswith("generated")
+        process.send_signal(signal.SIGINT)
+        rest = process.stderr.read()
+    assert process.returncode == 1
+    assert "interrupted; the overlay is as it was" in rest
+    assert overlay.resolve() == before
+    assert [f.name for f in overlay.parent.glob("overlay-*")] == [before.name]
+    assert build(workspace)["built"] == []
+
+
+def test_two_builds_at_once_wait_for_each_other(workspace: Path) -> None:
+    (workspace / "src" / "other_msgs" / "msg" / "Word.msg").write_text("string words\n")
+    command = [OBK, "build", "--workspace", workspace, "--format", "json"]
+    both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    reports = [json.loads(process.communicate(timeout=120)[0]) for process in both]
+    assert sorted(report["built"] for report in reports) == [[], ["other_msgs"]]
+
+
+def test_a_launch_builds_what_is_stale_and_the_nodes_exchange_it(workspace: Path) -> None:
+    config = make_nodes(workspace)
+    source = workspace / "src" / "arm_msgs" / "msg" / "Reach.msg"
+    source.write_text(source.read_text() + "float64 speed\n")
+    with started(config) as launch:
+        launch.wait_for_line("built `arm_msgs`, `task_msgs` in")
+        launch.wait_for_line("reached 3.0")
+    assert launch.process.returncode == 0
+    with started(config, "--composed") as launch:
+        launch.wait_for_line("reached 3.0")
+    assert "built" not in launch.text
+
+
+def test_a_launch_uses_the_messages_of_the_workspace_that_it_is_called_in(
+    workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = make_nodes(tmp_path / "other")
+    shutil.move(workspace / "src" / "task_msgs", tmp_path / "other" / "src" / "task_msgs")
+    monkeypatch.chdir(workspace)
+    with started(config) as launch:
+        launch.wait_for_line("built `task_msgs`")
+        launch.wait_for_line("reached 3.0")
+
+
+def test_a_launch_that_is_not_to_build_says_what_is_stale(workspace: Path) -> None:
+    config = make_nodes(workspace)
+    (workspace / "src" / "other_msgs" / "msg" / "Word.msg").write_text("string words\n")
+    with started(config, "--no-build") as launch:
+        launch.wait_for_line("warning: `other_msgs`: changed since compiled; left so by `--no-")
+        launch.wait_for_line("reached 3.0")
+
+
+def test_a_launch_that_is_interrupted_while_it_builds_starts_nothing(workspace: Path) -> None:
+    config = make_nodes(workspace)
+    (workspace / "src" / "arm_msgs" / "msg" / "Reach.msg").write_text("float64[] joints\n")
+    with started(config) as launch:
+        launch.wait_for_line("generated")
+        launch.process.send_signal(signal.SIGINT)
+        assert launch.process.wait(60) == 1
+    assert launch.lines[-1] == "error: interrupted; the overlay is as it was"
+    assert "starting" not in launch.text
+
+
+def test_a_launch_does_not_start_with_a_definition_that_is_wrong(workspace: Path) -> None:
+    config = make_nodes(workspace)
+    (workspace / "src" / "other_msgs" / "msg" / "Word.msg").write_text("uint8 a 256\n")
+    done = obk("launch", config)
+    assert done.returncode == 1
+    assert "msg/Word.msg:1:9: error: value '256' can not be converted" in done.stderr
+    assert "starting" not in done.stdout
+
+
+def test_the_packages_that_are_installed_are_not_built_again(repository: Path) -> None:
+    before = (repository / ".obk").exists()
+    report = build(repository)
+    assert report["built"] == []
+    assert "obelisk_control_msgs" in report["installed"]
+    assert (repository / ".obk").exists() == before

@@ -1,0 +1,422 @@
+"""Several programs' nodes in one process: each as in a process of its own, and all ended as one."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from lifecycle_msgs.srv import ChangeState, GetState
+from obelisk_control_msgs.msg import PositionSetpoint
+from obelisk_estimator_msgs.msg import EstimatedState
+from obelisk_sensor_msgs.msg import JointEncoders
+from rcl_interfaces.srv import ListParameters
+from rclpy.executors import SingleThreadedExecutor
+from std_srvs.srv import Trigger
+
+from obk_cli.adapters.node_lines import NodeLines
+
+from .stack import DUMMY, eventually, obk
+
+pytestmark = pytest.mark.ros
+
+NODES = """
+import sys, time
+import rclpy
+from obelisk_py.core.node import ObeliskNode
+from obelisk_py.core.utils.ros import spin_obelisk
+
+
+class Told(ObeliskNode):
+    def __init__(self, node_name="told"):
+        super().__init__(node_name)
+        self.declare_parameter("gain", 0)
+        self.last_argument = sys.argv[-1]
+
+    def tell(self, what):
+        print(self.get_name(), what, flush=True)
+
+    def on_configure(self, state):
+        self.get_logger().debug("a detail")
+        self.tell(self.get_parameter("gain").value)
+        self.tell(self.resolve_topic_name("in"))
+        self.tell(self.last_argument)
+        return super().on_configure(state)
+
+    def on_deactivate(self, state):
+        self.tell("deactivated")
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state):
+        self.tell("shut down")
+        return super().on_shutdown(state)
+
+
+class Act(Told):
+    "Does something in a callback once it is active."
+
+    def on_activate(self, state):
+        self.create_timer(0.01, self.act)
+        return super().on_activate(state)
+
+
+class Raising(Act):
+    def act(self):
+        raise ValueError("no such motor")
+
+
+class Dying(Raising):
+    def on_error(self, state):
+        raise RuntimeError("nor is there a brake")
+
+
+class Leaving(Act):
+    def act(self):
+        sys.exit(0)
+
+
+class Stuck(Act):
+    def act(self):
+        self.tell("stuck")
+        time.sleep(1000)
+
+
+class Unmade(Told):
+    def __init__(self):
+        raise ValueError("no such port")
+
+
+def main(args=None):
+    spin_obelisk(args, Told)
+
+def held():
+    print("opened", flush=True)
+    try:
+        spin_obelisk(sys.argv, Told)
+    finally:
+        print("closed", flush=True)
+
+def raising(): spin_obelisk(None, Raising)
+def dying(): spin_obelisk(None, Dying)
+def leaving(): spin_obelisk(None, Leaving)
+def stuck(): spin_obelisk(None, Stuck)
+def unmade(): spin_obelisk(None, Unmade)
+def forgetful(): pass
+def broken(): raise KeyError("no_such_key")
+def own(args=None): rclpy.init(args=args)
+
+if __name__ == "__main__":
+    main()
+"""
+
+Entry = dict[str, Any]
+
+
+def entry(
+    node: str, function: str | None = "main", *arguments: str, module: str = "nodes"
+) -> Entry:
+    """A node of the specification with the ROS arguments that give it its name."""
+    namespace, name = node.rsplit("/", 1)
+    names = ["-r", f"__node:={name}", *(["-r", f"__ns:={namespace}"] if namespace else [])]
+    return {
+        "node": node,
+        "module": module,
+        "function": function,
+        "arguments": ["--ros-args", *names, *arguments],
+    }
+
+
+class Composed:
+    """A composed process, what it wrote, and a client for its services."""
+
+    def __init__(self, process: "subprocess.Popen[str]") -> None:
+        self.process = process
+        self.lines: list[str] = []
+        self.reader = threading.Thread(target=self._read, daemon=True)
+        self.reader.start()
+        self.client = rclpy.create_node("client")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.client)
+        self._clients: dict[str, Any] = {}
+
+    @property
+    def text(self) -> str:
+        """All that was written."""
+        return "\n".join(self.lines)
+
+    def ask(self, kind: Any, name: str, request: Any) -> Any:
+        """A service's answer; asked again if it gets lost, as the first one to a client may."""
+        client = self._client(kind, name)
+        while True:
+            answer = client.call_async(request)
+            self._executor.spin_until_future_complete(answer, timeout_sec=2.0)
+            if answer.done():
+                return answer.result()
+            assert self.process.poll() is None, self.text
+
+    def activate(self, *nodes: str) -> None:
+        """Configure and activate."""
+        for label, goal in (("configure", "inactive"), ("activate", "active")):
+            request = ChangeState.Request()
+            request.transition.label = label
+            for node in nodes:
+                self._client(ChangeState, f"{node}/change_state").call_async(request)
+                eventually(lambda node=node, goal=goal: self.state(node) == goal, f"{goal} {node}")
+
+    def state(self, node: str) -> str:
+        """The state of a node."""
+        answer = self.ask(GetState, f"{node}/get_state", GetState.Request())
+        return str(answer.current_state.label)
+
+    def listen(self, kind: type[Any], topic: str) -> Callable[[], bool]:
+        """Whether a message has come by now."""
+        heard: list[Any] = []
+        self.client.create_subscription(kind, topic, heard.append, 10)
+
+        def has_come() -> bool:
+            self._executor.spin_once(0.01)
+            return bool(heard)
+
+        return has_come
+
+    def wait_for_line(self, part: str) -> None:
+        """Wait for a line with these words."""
+        eventually(lambda: part in self.text, f"'{part}': {self.text}")
+
+    def end(self, *signals: int) -> int:
+        """The exit code, after these signals."""
+        for number in signals:
+            self.process.send_signal(number)
+        code = self.process.wait(20)
+        self.reader.join()
+        return code
+
+    def close(self) -> None:
+        """Leave nothing behind."""
+        self.process.kill()
+        self.end()
+        self._executor.shutdown()
+        self.client.destroy_node()
+
+    def _client(self, kind: Any, name: str) -> Any:
+        if name not in self._clients:
+            client = self.client.create_client(kind, name)
+            assert client.wait_for_service(20.0), f"no service {name}: {self.text}"
+            self._clients[name] = client
+        return self._clients[name]
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        with self.process.stdout as output:
+            for line in output:
+                self.lines.append(line.rstrip("\n"))
+
+
+@pytest.fixture
+def compose(tmp_path: Path) -> Iterator[Callable[..., Composed]]:
+    """Starts composed processes whose module `nodes` is the one above."""
+    (tmp_path / "nodes.py").write_text(NODES)
+    with _client_context() as made:
+
+        def start(*entries: Entry) -> Composed:
+            specification = tmp_path / "composed.json"
+            specification.write_text(json.dumps({"nodes": entries}))
+            made.append(
+                Composed(_started(["obelisk_py.core.composition", specification], tmp_path))
+            )
+            return made[-1]
+
+        yield start
+
+
+@contextmanager
+def _client_context() -> Iterator[list[Composed]]:
+    rclpy.init(args=[])
+    made: list[Composed] = []
+    try:
+        yield made
+    finally:
+        for composed in made:
+            composed.close()
+        rclpy.try_shutdown()
+
+
+def _started(module: Sequence[str | Path], python_path: Path) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", *module],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(python_path)},
+        cwd=DUMMY.parent,
+    )
+
+
+@pytest.mark.mujoco
+def test_the_dummy_stack_runs_in_one_process(
+    compose: Callable[..., Composed], tmp_path: Path
+) -> None:
+    params = tmp_path / "params.yaml"
+    assert obk("compile", DUMMY, "--to", "params", "--output", params).returncode == 0
+    modules = {
+        "/obelisk_robot_0": "obelisk_py.core.sim.mujoco",
+        "/obelisk_estimation_0": "obelisk_py.zoo.estimation",
+        "/obelisk_control_0": "obelisk_py.zoo.control.example",
+    }
+    composed = compose(
+        *(entry(n, None, "--params-file", str(params), module=m) for n, m in modules.items())
+    )
+    composed.activate(*modules)
+    for kind, topic in (
+        (JointEncoders, "/obelisk/dummy/joint_encoders"),
+        (EstimatedState, "/obelisk/dummy/est"),
+        (PositionSetpoint, "/obelisk/dummy/ctrl"),
+    ):
+        eventually(composed.listen(kind, topic), f"{topic}: {composed.text}")
+    for node, own in (
+        ("/obelisk_robot_0", "mujoco_setting"),
+        ("/obelisk_estimation_0", "timer_est_setting"),
+        ("/obelisk_control_0", "timer_ctrl_setting"),
+    ):
+        answer = composed.ask(ListParameters, f"{node}/list_parameters", ListParameters.Request())
+        names = set(answer.result.names)
+        assert names >= {own, "params_path"}
+        assert len(names & {"mujoco_setting", "timer_est_setting", "timer_ctrl_setting"}) == 1
+    assert composed.end(signal.SIGINT) == 0, composed.text
+
+
+def test_ros_arguments_hold_for_their_node_only(
+    compose: Callable[..., Composed], tmp_path: Path
+) -> None:
+    params = tmp_path / "params.yaml"
+    params.write_text(
+        "/left/arm: {ros__parameters: {gain: 1}}\n/right/arm2: {ros__parameters: {gain: 2}}\n"
+    )
+    both = ("--params-file", str(params))
+    composed = compose(
+        entry("/left/arm", "main", *both, "-r", "in:=/x", "--log-level", "debug", "--", "tag1"),
+        entry("/right/arm2", "held", *both, "--", "tag2"),
+        entry("/arm3", None),
+    )
+    composed.activate("/left/arm", "/right/arm2", "/arm3")
+    assert composed.end(signal.SIGTERM) == 0, composed.text
+    told = [line for line in composed.lines if line.startswith("arm")]
+    assert told[:9] == [
+        *("arm 1", "arm /x", "arm tag1"),
+        *("arm2 2", "arm2 /right/in", "arm2 tag2"),
+        *("arm3 0", "arm3 /in", "arm3 __node:=arm3"),
+    ]
+    details = [line for line in composed.lines if "a detail" in line]
+    assert [line.rpartition("] ")[2] for line in details] == ["[left.arm]: a detail"]
+
+
+def test_a_signal_brings_all_down_in_order_and_lets_the_programs_finish(
+    compose: Callable[..., Composed],
+) -> None:
+    composed = compose(entry("/a", "held"), entry("/b"))
+    composed.activate("/a", "/b")
+    assert composed.end(signal.SIGINT) == 0, composed.text
+    assert composed.lines[0] == "opened"
+    assert composed.lines[-5:] == [
+        *("b deactivated", "b shut down", "a deactivated", "a shut down"),
+        "closed",
+    ]
+
+
+def test_a_callback_that_raises_fails_its_own_node_only(compose: Callable[..., Composed]) -> None:
+    composed = compose(entry("/a"), entry("/b", "raising"))
+    composed.activate("/a", "/b")
+    eventually(lambda: composed.state("/b") == "unconfigured", "error processing")
+    assert composed.state("/a") == "active"
+    answer = composed.ask(Trigger, "/b/last_error", Trigger.Request())
+    assert answer.message.startswith("Raising.act: ValueError: no such motor\nTraceback")
+    lines = NodeLines(["/a", "/b"])
+    told = [line for line in composed.lines if lines.owner(line) == "/b"]
+    assert told[0].endswith("[b]: Raising.act: ValueError: no such motor")
+    assert told[-1].strip() == "ValueError: no such motor"
+    assert composed.end(signal.SIGINT) == 0
+
+
+@pytest.mark.parametrize(
+    ("function", "cause"),
+    [
+        ("dying", "on_error: RuntimeError: nor is there a brake"),
+        ("leaving", "a callback: SystemExit: 0"),
+    ],
+)
+def test_a_node_that_cannot_go_on_ends_the_process_and_is_named(
+    compose: Callable[..., Composed], function: str, cause: str
+) -> None:
+    composed = compose(entry("/a"), entry("/b", function), entry("/c"))
+    composed.activate("/a", "/c", "/b")
+    assert composed.end() == 1
+    for node in "ac":
+        assert f"{node} deactivated" in composed.lines
+        assert f"{node} shut down" in composed.lines
+    assert composed.lines[-1] == f"/b: {cause}"
+
+
+@pytest.mark.parametrize(
+    ("function", "cause"),
+    [
+        ("forgetful", "nodes:forgetful(): it ended without a call of spin_obelisk"),
+        ("broken", "nodes:broken(): KeyError: 'no_such_key'"),
+        (
+            "own",
+            "nodes:own(): RuntimeError: Context.init() must only be called once; in a "
+            "composed process the ROS context and the spinning are spin_obelisk's",
+        ),
+        ("absent", "nodes:absent(): AttributeError: module 'nodes' has no attribute "),
+        ("unmade", "the node cannot be made: ValueError: no such port"),
+    ],
+)
+def test_no_node_runs_where_one_cannot_be_made_and_that_one_is_named(
+    compose: Callable[..., Composed], function: str, cause: str
+) -> None:
+    composed = compose(entry("/a", "held"), entry("/b", function), entry("/c"))
+    assert composed.end() == 1
+    assert composed.lines[-1].startswith(f"/b: {cause}")
+    assert [line for line in composed.lines if line in ("opened", "closed")] == ["opened", "closed"]
+    assert any(f"[b]: {cause[:30]}" in line for line in composed.lines)
+
+
+def test_a_module_that_is_not_there_is_told_for_its_node(compose: Callable[..., Composed]) -> None:
+    composed = compose(entry("/a"), entry("/b", None, module="no_such"))
+    assert composed.end() == 1
+    assert composed.lines[-1] == ("/b: python -m no_such: ImportError: No module named no_such")
+
+
+def test_wrong_ros_arguments_are_told_for_their_node(compose: Callable[..., Composed]) -> None:
+    composed = compose(entry("/a"), entry("/b", "main", "-p", "gain"))
+    assert composed.end() == 1
+    assert composed.lines[-1].startswith("/b: the node cannot be made: RCLInvalidROSArgsError")
+
+
+def test_asked_by_a_signal_a_stuck_process_tells_where_and_the_second_end_signal_ends_it(
+    compose: Callable[..., Composed],
+) -> None:
+    composed = compose(entry("/a"), entry("/b", "stuck"))
+    composed.activate("/a", "/b")
+    composed.wait_for_line("b stuck")
+    composed.process.send_signal(signal.SIGUSR1)
+    composed.wait_for_line("in act")
+    composed.process.send_signal(signal.SIGINT)
+    assert composed.end(signal.SIGTERM) != 0
+
+
+def test_a_process_of_one_node_tells_where_it_is_too(tmp_path: Path) -> None:
+    (tmp_path / "nodes.py").write_text(NODES)
+    arguments = ["--ros-args", "-r", "__node:=b"]
+    with _client_context() as made:
+        made.append(Composed(_started(["nodes", *arguments], tmp_path)))
+        made[0].activate("/b")
+        made[0].process.send_signal(signal.SIGUSR1)
+        made[0].wait_for_line("in spin_obelisk")
+        assert made[0].end(signal.SIGINT) == 0, made[0].text

@@ -1,0 +1,173 @@
+"""One stack on two hosts: network namespaces joined by a cable, with a launcher in each."""
+
+import os
+import subprocess
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from signal import SIGINT
+
+import pytest
+
+from .stack import DEADLINE_S, DUMMY, OBK, Launched, eventually
+
+pytestmark = pytest.mark.ros
+
+LOST_CONTACT_S = 60.0
+OWN_SHARED_MEMORY = 'mount -t tmpfs tmpfs /dev/shm && exec "$0" "$@"'
+ROBOT, ESTIMATOR, CONTROLLER = (
+    "/obelisk_robot_0",
+    "/obelisk_estimation_0",
+    "/obelisk_control_0",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Host:
+    """A network namespace, with a home and shared memory of its own."""
+
+    name: str
+    home: Path
+
+    def command(self, *command: object) -> list[str]:
+        inside = ["sh", "-c", OWN_SHARED_MEMORY, *map(str, command)]
+        return ["ip", "netns", "exec", self.name, *inside]
+
+    @property
+    def environment(self) -> dict[str, str]:
+        return {**os.environ, "OBK_HOME": str(self.home)}
+
+    def obk(self, *arguments: str) -> "subprocess.CompletedProcess[str]":
+        return subprocess.run(
+            self.command(OBK, *arguments),
+            env=self.environment,
+            capture_output=True,
+            text=True,
+            timeout=DEADLINE_S,
+            check=False,
+        )
+
+    @contextmanager
+    def launched(self, config: Path, device: str) -> Iterator[Launched]:
+        process = subprocess.Popen(
+            self.command(OBK, "launch", config, "--device", device, "--quiet", "--ignore", "OBK"),
+            env=self.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        run = Launched(process)
+        try:
+            yield run
+        finally:
+            if process.poll() is None:
+                process.send_signal(SIGINT)
+            process.wait(LOST_CONTACT_S)
+            run.reader.join()
+
+
+@pytest.fixture
+def hosts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Host, Host]]:
+    """Two hosts that reach each other, and nothing else."""
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")
+    names = [f"obk{os.getpid()}{end}" for end in "ab"]
+    ends = [f"{name}v" for name in names]
+    with ExitStack() as stack:
+        for name in names:
+            made = _ip("netns", "add", name)
+            if made.returncode != 0:
+                pytest.skip(f"network namespaces are not allowed here: {made.stderr.strip()}")
+            stack.callback(_ip, "netns", "delete", name)
+        cable = ["type", "veth", "peer", "name", ends[1], "netns", names[1]]
+        _ip_done("link", "add", ends[0], "netns", names[0], *cable)
+        joined = tuple(zip(names, ends, strict=True))
+        for number, (name, end) in enumerate(joined, 1):
+            _ip_done("-n", name, "link", "set", "lo", "up")
+            _ip_done("-n", name, "address", "add", f"10.77.0.{number}/24", "dev", end)
+            _ip_done("-n", name, "link", "set", end, "up")
+        for name, end in joined:
+            # It takes a moment, and DDS leaves out what is not up when a process starts.
+            eventually(lambda name=name, end=end: _is_up(name, end), f"the link {end}")
+        first, second = (Host(name=name, home=tmp_path / name) for name in names)
+        yield first, second
+
+
+def _is_up(name: str, end: str) -> bool:
+    state = _ip("netns", "exec", name, "cat", f"/sys/class/net/{end}/operstate")
+    return state.stdout.strip() == "up"
+
+
+def _ip(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    try:
+        return subprocess.run(["ip", *arguments], capture_output=True, text=True, check=False)
+    except FileNotFoundError as error:
+        return subprocess.CompletedProcess(["ip"], 1, "", str(error))
+
+
+def _ip_done(*arguments: str) -> None:
+    done = _ip(*arguments)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    """The dummy stack with its controller on another device than the rest."""
+    text = DUMMY.read_text()
+    head, _, rest = text.partition("onboard:\n")
+    control, _, others = rest.partition("  estimation:\n")
+    path = tmp_path / "dummy.yaml"
+    path.write_text(f"{head}offboard:\n{control}onboard:\n  estimation:\n{others}")
+    for file in ("dummy.xml", "dummy_params.txt"):
+        (tmp_path / file).symlink_to(DUMMY.with_name(file))
+    return path
+
+
+@contextmanager
+def both(hosts: tuple[Host, Host], config: Path) -> Iterator[tuple[Launched, Launched]]:
+    """The stack is up: the lead, which has the controller, and the other one that follows."""
+    with hosts[1].launched(config, "onboard") as follower:
+        follower.wait_for("ready")
+        with hosts[0].launched(config, "offboard") as lead:
+            lead.wait_for("active")
+            follower.wait_for("following")
+            yield lead, follower
+
+
+def test_the_lead_brings_all_up_and_down(hosts: tuple[Host, Host], config: Path) -> None:
+    with both(hosts, config) as (lead, follower):
+        for node in (ROBOT, ESTIMATOR, CONTROLLER):
+            state = hosts[0].obk("lifecycle", "get", node)
+            assert "active" in state.stdout, state.stdout + state.stderr
+        lead.process.send_signal(SIGINT)
+        lead.process.wait(DEADLINE_S)
+        follower.process.wait(DEADLINE_S)
+    assert lead.process.returncode == 0, lead.text
+    assert follower.process.returncode == 0, follower.text
+    assert not lead.left_over() + follower.left_over()
+
+
+def test_a_follower_whose_lead_is_gone_brings_its_nodes_down(
+    hosts: tuple[Host, Host], config: Path
+) -> None:
+    with both(hosts, config) as (lead, follower):
+        lead.process.kill()
+        follower.process.wait(DEADLINE_S)
+        eventually(lambda: not lead.left_over(), "the end of the lead's nodes")
+    assert follower.process.returncode == 1, follower.text
+    assert "failed: the lead /dummy has not answered" in follower.text
+    assert not follower.left_over()
+
+
+def test_a_lead_whose_follower_is_gone_names_a_node_that_does_not_answer(
+    hosts: tuple[Host, Host], config: Path
+) -> None:
+    with both(hosts, config) as (lead, follower):
+        follower.process.kill()
+        lead.process.wait(DEADLINE_S)
+        eventually(lambda: not follower.left_over(), "the end of the follower's nodes")
+    assert lead.process.returncode == 1, lead.text
+    causes = [f"failed: {node} hangs: no answer" for node in (ROBOT, ESTIMATOR)]
+    assert any(cause in lead.text for cause in causes), lead.text
+    assert not lead.left_over()

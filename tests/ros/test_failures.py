@@ -1,0 +1,132 @@
+"""What a launch shows when a transition gets stuck or raises, and who can end or replace it."""
+
+import os
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from .stack import DUMMY, OBK, eventually, launched, marked, obk
+
+pytestmark = pytest.mark.ros
+
+CONTROLLER = '''\
+"""A controller whose callback goes wrong."""
+
+import time
+
+from obelisk_py.core.utils.ros import spin_obelisk
+from obelisk_py.zoo.control.example.example_position_setpoint_controller import (
+    ExamplePositionSetpointController,
+)
+
+
+class Faulty(ExamplePositionSetpointController):
+    def {callback}(self, state):
+        print("the last words of the controller", flush=True)
+        {what}
+
+
+def main(args=None):
+    spin_obelisk(args, Faulty)
+'''
+MANIFEST = '<package format="3"><name>faulty</name><version>0.1.0</version></package>\n'
+SETUP = """\
+from setuptools import setup
+
+setup(
+    name="faulty",
+    packages=["faulty"],
+    entry_points={"console_scripts": ["faulty = faulty.node:main"]},
+)
+"""
+
+
+@pytest.fixture(autouse=True)
+def _own_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
+
+
+def with_faulty_controller(folder: Path, callback: str, what: str) -> Path:
+    """The dummy's config with a controller that does something in a callback."""
+    package = folder / "ws" / "src" / "faulty"
+    (package / "faulty").mkdir(parents=True)
+    (package / "package.xml").write_text(MANIFEST)
+    (package / "setup.py").write_text(SETUP)
+    (package / "faulty" / "__init__.py").write_text("")
+    (package / "faulty" / "node.py").write_text(CONTROLLER.format(callback=callback, what=what))
+    text = DUMMY.read_text().replace("dummy.xml", str(DUMMY.with_name("dummy.xml")))
+    text = text.replace("params_path: dummy_params.txt", "")
+    text = text.replace("pkg: obelisk_control_py", "pkg: faulty")
+    config = folder / "ws" / "faulty.yaml"
+    config.write_text(
+        text.replace("executable: example_position_setpoint_controller", "executable: faulty")
+    )
+    return config
+
+
+@pytest.mark.parametrize("callback", ["on_configure", "on_activate"])
+def test_a_transition_that_gets_stuck_is_shown_with_the_place_where_it_is(
+    tmp_path: Path, callback: str
+) -> None:
+    config = with_faulty_controller(tmp_path, callback, "time.sleep(1000)")
+    result = obk("launch", config, "--timeout", "1.5", "--quiet")
+    assert result.returncode == 1, result.stdout
+    name = callback.removeprefix("on_")
+    assert f"control_0: {name} TIMED OUT" in result.stdout
+    shown = result.stdout.partition("control_0: its last output:")[2]
+    assert "the last words of the controller" in shown
+    assert f"in {callback}" in shown
+    failed = f"failed: /obelisk_control_0: the transition '{name}' was not done within 1.5 s"
+    assert failed in result.stdout
+    assert f"{config.name}:" in result.stdout.partition(failed)[2]
+    assert not marked()
+
+
+@pytest.mark.parametrize("callback", ["on_configure", "on_activate"])
+def test_a_raise_in_a_transition_is_shown_with_its_traceback_and_taken_back(
+    tmp_path: Path, callback: str
+) -> None:
+    config = with_faulty_controller(tmp_path, callback, "raise ValueError('no gain')")
+    result = obk("launch", config, "--quiet")
+    assert result.returncode == 1, result.stdout
+    name = callback.removeprefix("on_")
+    shown = result.stdout.partition(f"control_0: {name} FAILED")[2]
+    assert "Traceback (most recent call last):" in shown
+    assert "raise ValueError('no gain')" in shown
+    assert shown.index("ValueError: no gain") < shown.index("rolling back")
+    undone = {"configure": "cleanup", "activate": "deactivate"}[name]
+    assert f"robot_0: {undone} ok" in shown.partition("rolling back")[2].partition("stopping")[0]
+    assert f"failed: /obelisk_control_0: the transition '{name}' failed" in shown
+
+
+def test_a_launcher_started_with_sigint_ignored_ends_at_sigint_all_the_same() -> None:
+    """As a shell script starts what it sends to the background."""
+    command = ["sh", "-c", 'trap "" INT; exec "$@"', "sh", OBK, "launch", DUMMY, "--quiet"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        eventually(lambda: "s] active" in process.stdout.readline(), "a stack that is active")
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+        assert process.stdout.read().splitlines()[-1] == "ended in order"
+    assert not marked()
+
+
+def test_a_launch_that_replaces_another_ends_it_in_order_and_takes_its_place() -> None:
+    with launched(DUMMY, "--quiet") as first:
+        second = obk("launch", DUMMY, "--quiet", "--replace", "--duration", "0")
+        assert second.returncode == 0, second.stdout + second.stderr
+        assert first.process.wait(20) == 0
+    assert "stopping (replaced)" in first.text
+    assert first.lines[-1] == "ended in order"
+    assert not first.left_over()
+
+
+def test_a_launch_replaces_one_that_does_not_answer_any_more() -> None:
+    with launched(DUMMY, "--quiet") as first:
+        os.kill(first.process.pid, signal.SIGSTOP)
+        second = obk("launch", DUMMY, "--quiet", "--replace", "--duration", "0")
+        assert second.returncode == 0, second.stdout + second.stderr
+        assert first.process.wait(20) == -signal.SIGKILL
+    assert not first.left_over()

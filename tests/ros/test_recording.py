@@ -1,0 +1,230 @@
+"""Recordings of running stacks, read back with the MCAP library and the compiled messages."""
+
+import importlib
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+import yaml
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Int32
+
+from .stack import DUMMY, OBK, eventually, launched, obk
+from .test_documents import commands
+
+pytestmark = pytest.mark.ros
+
+ENCODERS = "/obelisk/dummy/joint_encoders"
+IMU = "/obelisk/dummy/imu"
+
+
+@dataclass(slots=True, kw_only=True)
+class Read:
+    """What a reader that knows nothing of obk finds on one topic."""
+
+    msg_type: str = ""
+    qos: str = ""
+    numbers: list[int] = field(default_factory=list)
+    messages: list[Any] = field(default_factory=list)
+
+
+def read_back(path: Path) -> dict[str, Read]:
+    found: dict[str, Read] = {}
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        assert reader.get_header().profile == "ros2"
+        for schema, channel, message in reader.iter_messages():
+            assert schema is not None
+            assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
+            read = found.setdefault(channel.topic, Read(msg_type=schema.name))
+            read.qos = channel.metadata["offered_qos_profiles"]
+            package, _, name = schema.name.split("/")
+            kind = getattr(importlib.import_module(f"{package}.msg"), name)
+            read.numbers.append(message.sequence)
+            read.messages.append(deserialize_message(message.data, kind))
+    return found
+
+
+def only_run() -> Path:
+    (run,) = Path(os.environ["OBK_HOME"], "runs").glob("dummy_*")
+    return run
+
+
+def told(recording: Path) -> dict[str, Any]:
+    result = obk("bag", "info", recording, "--format", "json")
+    assert result.returncode == 0, result.stderr
+    return dict(json.loads(result.stdout))
+
+
+def test_a_recorded_launch_has_every_message_from_the_first_to_the_last() -> None:
+    result = obk("launch", DUMMY, "--record", "--duration", "2", "--color", "never")
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert result.stdout.splitlines()[-1] == "ended in order"
+    run = only_run()
+    found = read_back(run / "recording.mcap")
+    lost = {topic["topic"]: topic["dropped"] for topic in told(run / "recording.mcap")["topics"]}
+    assert set(found) == set(lost)
+    assert len(found) == 6
+    for topic, read in found.items():
+        assert read.numbers[0] == 1, topic
+        assert len(read.numbers) + lost[topic] == read.numbers[-1], topic
+    # Both in simulation time: every step of 1 ms, and every second one.
+    steps, halves = found[ENCODERS].numbers[-1], found[IMU].numbers[-1]
+    assert abs(steps - 2 * halves) <= 2
+    stamps = [(m.header.stamp.sec, m.header.stamp.nanosec) for m in found[IMU].messages]
+    assert stamps == sorted(stamps)
+    (qos,) = yaml.safe_load(found[IMU].qos)
+    assert (qos["reliability"], qos["durability"]) == ("reliable", "volatile")
+
+
+def test_a_recording_begins_with_what_it_was_made_from() -> None:
+    assert obk("launch", DUMMY, "--record-topic", "*/imu", "--duration", "0.5").returncode == 0
+    run = only_run()
+    made = json.loads((run / "run.json").read_text())
+    with (run / "recording.mcap").open("rb") as file:
+        reader = make_reader(file)
+        texts = {one.name: one.data.decode() for one in reader.iter_attachments()}
+        records = {one.name: one.metadata for one in reader.iter_metadata()}
+    assert json.loads(texts["plan.json"]) == made["plan"]
+    assert texts["params/obelisk_robot_0.yaml"] == (
+        run / "params" / "obelisk_robot_0.yaml"
+    ).read_text(encoding="utf-8")
+    assert records["obelisk"]["plan_sha256"] == made["plan_sha256"]
+    assert records["obelisk_versions"] == made["versions"]
+    assert set(read_back(run / "recording.mcap")) == {IMU}
+
+
+def test_a_killed_recorder_leaves_what_it_heard_and_the_stack_goes_on() -> None:
+    with launched(DUMMY, "--record", "--quiet") as run:
+        recording = only_run() / "recording.mcap"
+        eventually(lambda: told(recording)["count"] > 200, "messages in the file")
+        recorder = next(p for p in run.descendants if "obk_cli.adapters.record" in p.cmdline())
+        recorder.kill()
+        run.wait_for_line("warning: the recorder has ended: the process was ended by SIGKILL")
+    assert run.process.returncode == 0, run.text
+    assert run.lines[-1] == "ended in order"
+    assert not run.left_over()
+    bag = told(recording)
+    assert bag["count"] > 200
+    assert not bag["is_complete"]
+    assert bag["metadata"]["obelisk"]["name"] == "dummy"
+    with recording.open("rb") as file:
+        first = next(iter(StreamReader(file).records))
+    assert type(first).__name__ == "Header"
+
+
+def test_a_killed_launcher_leaves_a_whole_recording() -> None:
+    with launched(DUMMY, "--record", "--quiet") as run:
+        recording = only_run() / "recording.mcap"
+        eventually(lambda: told(recording)["count"] > 200, "messages in the file")
+        run.process.kill()
+        eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
+    assert told(recording)["is_complete"]
+
+
+def test_topics_of_a_running_stack_are_recorded_and_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "some.mcap"
+    with launched(DUMMY, "--quiet"):
+        words = ("*/imu", ENCODERS, "--exclude", "*obk_*", "--duration", "1", "-o", path)
+        result = obk("record", *words)
+        assert result.returncode == 0, result.stderr
+        assert "recorded " in result.stdout
+        again = obk("record", "--duration", "1", "-o", path)
+        assert again.returncode == 1
+        assert f"{path} is there already" in again.stderr
+    assert set(read_back(path)) == {IMU, ENCODERS}
+    assert told(path)["metadata"]["obelisk"]["name"] == "dummy"
+    picture = tmp_path / "imu.svg"
+    drawn = obk("plot", path, "imu.angular_velocity", "joint_encoders.y", "-o", picture)
+    assert drawn.returncode == 0, drawn.stderr
+    assert ">imu.angular_velocity<" in picture.read_text(encoding="utf-8")
+
+
+def test_without_a_stack_and_without_topics_nothing_is_recorded(tmp_path: Path) -> None:
+    result = obk("record", "-o", tmp_path / "none.mcap")
+    assert result.returncode == 1
+    assert "no stack runs in the ROS domain" in result.stderr
+    assert not (tmp_path / "none.mcap").exists()
+
+
+@contextmanager
+def recorder(path: Path, *words: str) -> Iterator["subprocess.Popen[str]"]:
+    """`obk record` that listens by now; ended by SIGINT."""
+    process = subprocess.Popen(
+        [OBK, "record", "-o", path, *words], stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stderr is not None
+        with process.stderr as errors:
+            assert errors.readline().startswith("recording to ")
+            yield process
+    finally:
+        process.send_signal(2)
+        process.wait(20)
+
+
+def test_publishers_that_offer_less_or_more_are_heard_all_the_same(tmp_path: Path) -> None:
+    """One publisher is unreliable, the other one has published before anybody listened."""
+    path = tmp_path / "odd.mcap"
+    rclpy.init()
+    try:
+        node = rclpy.create_node("odd")
+        latched_qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        weak_qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        latched = node.create_publisher(Int32, "/latched", latched_qos)
+        weak = node.create_publisher(Int32, "/weak", weak_qos)
+        latched.publish(Int32(data=7))
+        with recorder(path, "/latched", "/we*"):
+
+            def is_heard() -> bool:
+                weak.publish(Int32(data=8))
+                return set(counts(path)) == {"/latched", "/weak"}
+
+            eventually(is_heard, "messages of both")
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    found = read_back(path)
+    assert [message.data for message in found["/latched"].messages] == [7]
+    assert {message.data for message in found["/weak"].messages} == {8}
+    assert yaml.safe_load(found["/latched"].qos)[0]["durability"] == "transient_local"
+
+
+def counts(path: Path) -> dict[str, int]:
+    """Topic -> messages in a file that is being written."""
+    return {topic["topic"]: topic["count"] for topic in told(path)["topics"] if topic["count"]}
+
+
+def test_the_recorder_is_one_of_the_launch_and_no_node_of_it() -> None:
+    with launched(DUMMY, "--record", "--quiet") as run:
+        recorders = [p for p in run.descendants if "obk_cli.adapters.record" in p.cmdline()]
+        assert len(recorders) == 1
+        assert recorders[0].environ()["OBK_RUN"] == only_run().name
+        states = json.loads(obk("lifecycle", "get", "--format", "json").stdout)
+        assert len(states) == 3
+    assert run.process.returncode == 0, run.text
+    assert not run.left_over()
+
+
+def test_the_commands_of_the_document_work_in_their_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = DUMMY.parents[2]
+    for folder in ("examples", "schema"):
+        shutil.copytree(root / folder, tmp_path / folder)
+    monkeypatch.chdir(tmp_path)
+    for words in commands(root / "docs" / "recording.md"):
+        result = obk(*words[1:])
+        assert result.returncode == 0, (words, result.stdout, result.stderr)
+    assert Path("arm.png").read_bytes().startswith(b"\x89PNG")

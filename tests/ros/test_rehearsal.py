@@ -1,0 +1,152 @@
+"""The failure table, proved on the dummy stack by rehearsal: each rule, one node, every fault."""
+
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import psutil
+import pytest
+
+from obk_cli.cli.rehearse import OBK as OBK_MODULE
+from obk_cli.cli.rehearse import QUIETLY
+from obk_cli.launch.units import Unit, units_of
+from obk_cli.pipeline import Options, compile_config
+from obk_cli.plan import OnCrash
+from obk_cli.rehearsal.cases import make_cases
+from obk_cli.rehearsal.conductor import Setting, rehearse
+from obk_cli.rehearsal.judge import Row
+from obk_cli.rehearsal.promise import FAULTS, Allowances, Fault
+from obk_cli.report.rehearsal import rehearsal_text
+
+from .stack import DUMMY, OBK, eventually, marked, obk
+
+pytestmark = pytest.mark.ros
+
+PATIENT = Allowances(end_noticed_s=20.0, hang_noticed_s=20.0, down_s=40.0, back_s=40.0)
+"""What is tested is what happens, not how soon on a machine that does other things too."""
+HANG_S = 3.0
+"""So that there a node that is not frozen is not taken for one."""
+
+
+def units(*, together: bool = False) -> tuple[Unit, ...]:
+    options = Options(environment=dict(os.environ), working_folder=DUMMY.parent)
+    plan = compile_config(str(DUMMY), options).plan
+    assert plan is not None
+    shared = [node.full_name for node in plan.processes] if together else []
+    return units_of(plan, devices={node.device for node in plan.processes}, together=shared)
+
+
+def rehearsed(
+    folder: Path,
+    on_crash: OnCrash,
+    faults: Sequence[Fault] = FAULTS,
+    *options: str,
+    nodes: Sequence[str] = (),
+) -> tuple[Row, ...]:
+    launch = (*OBK_MODULE, "launch", str(DUMMY), *QUIETLY)
+    command = (*launch, f"--on-crash={on_crash}", f"--hang-after={HANG_S}", *options)
+    cases = make_cases(
+        units(together="--composed" in options),
+        faults=faults,
+        on_crash=on_crash,
+        nodes=nodes,
+        allowances=PATIENT,
+    )
+    variables = {**os.environ, "OBK_HOME": str(folder)}
+    return rehearse(cases, Setting(command=command, environment=variables, runs=folder / "runs"))
+
+
+def are_right(rows: Sequence[Row], count: int) -> bool:
+    print(rehearsal_text(rows))
+    return len(rows) == count and all(row.is_right for row in rows)
+
+
+def test_where_the_rule_is_stop_the_stack_comes_down_and_names_the_node(tmp_path: Path) -> None:
+    rows = rehearsed(tmp_path, "stop", ["freeze", "kill"], nodes=["/obelisk_estimation_0"])
+    assert are_right(rows, 2)
+    assert len({row.run for row in rows}) == 2
+    assert not marked()
+
+
+def test_where_the_rule_is_restart_the_node_is_brought_back_and_no_other_is_touched(
+    tmp_path: Path,
+) -> None:
+    rows = rehearsed(tmp_path, "restart", ["delay", "kill"], nodes=["/obelisk_robot_0"])
+    assert are_right(rows, 2)
+    assert len({row.run for row in rows}) == 1
+    assert not marked()
+
+
+def test_where_the_rule_is_ignore_the_others_run_on(tmp_path: Path) -> None:
+    rows = rehearsed(tmp_path, "ignore", ["freeze", "kill"], nodes=["/obelisk_control_0"])
+    assert are_right(rows, 2)
+    assert not marked()
+
+
+def test_nodes_in_one_process_hang_and_come_back_together(tmp_path: Path) -> None:
+    assert are_right(rehearsed(tmp_path, "restart", ["freeze", "kill"], "--composed"), 2)
+    assert not marked()
+
+
+def test_a_promise_that_is_not_kept_is_told_with_its_evidence(tmp_path: Path) -> None:
+    """The cases expect a restart, and the launch is one that stops."""
+    rows = rehearsed(tmp_path, "restart", ["kill"], "--on-crash=stop", nodes=["/obelisk_robot_0"])
+    (row,) = rows
+    assert row.seen.startswith("stack down")
+    assert "the stack came down" in row.faults
+    assert row.run is not None
+    assert "was ended by SIGKILL" in (row.run / "launch.log").read_text()
+
+
+def test_the_command_reports_each_row_and_keeps_out_of_other_domains(
+    tmp_path: Path, ros_domain: int
+) -> None:
+    result = obk(
+        *("rehearse", DUMMY, "--fault", "kill", "--node", "control", "--on-crash", "ignore"),
+        *("--domain", ros_domain, "--format", "json"),
+        env={"OBK_HOME": str(tmp_path / "home")},
+    )
+    told = json.loads(result.stdout)
+    (row,) = told["rows"]
+    assert row["nodes"] == ["/obelisk_control_0"]
+    assert row["seen"] == row["promised"] == "the others run on"
+    assert f"in the ROS domain {ros_domain}, logs in {tmp_path}" in result.stderr
+    assert result.returncode == (0 if told["ok"] else 1)
+    assert not (tmp_path / "home" / "runs").exists()
+
+
+def test_a_rehearsal_that_is_killed_leaves_no_stack(tmp_path: Path, ros_domain: int) -> None:
+    env = {**os.environ, "OBK_HOME": str(tmp_path / "home")}
+    command = [OBK, "rehearse", DUMMY, "--domain", str(ros_domain)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, env=env) as process:
+        eventually(lambda: nodes_below(process.pid) == 3, "the nodes")
+        process.kill()
+        process.wait(20)
+        eventually(lambda: not marked(), "the end of the nodes")
+
+
+def test_a_rehearsal_that_is_interrupted_leaves_no_stack(tmp_path: Path, ros_domain: int) -> None:
+    env = {**os.environ, "OBK_HOME": str(tmp_path / "home")}
+    command = [OBK, "rehearse", DUMMY, "--domain", str(ros_domain)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, env=env) as process:
+        eventually(lambda: nodes_below(process.pid) == 3, "the nodes")
+        process.send_signal(signal.SIGINT)
+        assert process.wait(40) != 0
+        assert process.stderr is not None
+        assert b"Traceback" not in process.stderr.read()
+    assert not marked()
+
+
+def nodes_below(pid: int) -> int:
+    children = psutil.Process(pid).children(recursive=True)
+    return sum("--ros-args" in command_of(child) for child in children)
+
+
+def command_of(process: psutil.Process) -> list[str]:
+    try:
+        return process.cmdline()
+    except psutil.Error:  # ended meanwhile
+        return []

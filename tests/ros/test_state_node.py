@@ -1,0 +1,222 @@
+"""The door to life-cycle nodes, and the stack as one of them: asked by other ROS 2 clients."""
+
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from queue import SimpleQueue
+from typing import Any
+
+import pytest
+from lifecycle_msgs.msg import TransitionEvent
+from lifecycle_msgs.srv import (
+    ChangeState,
+    GetAvailableStates,
+    GetAvailableTransitions,
+    GetState,
+)
+
+from obk_cli.adapters.ros_environment import RosEnvironment, ros_environment
+from obk_cli.adapters.ros_graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S
+from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
+from obk_cli.adapters.state_node import StateNode
+from obk_cli.launch.asks import ChangeAnswer, ChangeAsked
+from obk_cli.launch.events import Answered, Heard, Ready, StateAnswered, StateSeen, TransitionBegun
+
+from .stack import DEADLINE_S, eventually
+
+pytestmark = pytest.mark.ros
+
+NODE = """
+import rclpy
+from rclpy.lifecycle import LifecycleNode
+from std_msgs.msg import String
+rclpy.init()
+node = LifecycleNode("n")
+publisher = node.create_publisher(String, "/control", 10)
+rclpy.spin(node)
+"""
+
+
+@pytest.fixture
+def environment(monkeypatch: pytest.MonkeyPatch) -> RosEnvironment:
+    """As a launch has it, taken back at the end."""
+    environment = ros_environment()
+    for name, value in environment.variables.items():
+        monkeypatch.setenv(name, value)
+    return environment
+
+
+class World:
+    """A state node, what it asked, and a client in another context."""
+
+    def __init__(self, host: RosLifecycle, client: RosLifecycle) -> None:
+        self.asked: SimpleQueue[Any] = SimpleQueue()
+        self.refused: list[str] = []
+        self.node = StateNode(host, "my stack", self.asked.put, self.refused.append)
+        self.client = client
+
+    def call(self, service: str, kind: Any, **fields: Any) -> Any:
+        client = self.client._node.create_client(kind, f"/my_stack/{service}")
+        assert client.wait_for_service(DEADLINE_S)
+        return self.client._wait(client.call_async(kind.Request(**fields)), DEADLINE_S)
+
+    def change(self, **transition: Any) -> bool:
+        request = ChangeState.Request()
+        for name, value in transition.items():
+            setattr(request.transition, name, value)
+        return bool(self.call("change_state", ChangeState, transition=request.transition).success)
+
+    def take(self, state: str, answer: ChangeAnswer, **transition: Any) -> tuple[str, bool]:
+        """What was asked for by a request in a state, and what came back."""
+        self.node.show(state)
+        asked: list[ChangeAsked] = []
+
+        def reply() -> None:
+            asked.append(self.asked.get(timeout=DEADLINE_S))
+            asked[0].reply(answer)
+
+        thread = threading.Thread(target=reply)
+        thread.start()
+        success = self.change(**transition)
+        thread.join()
+        return asked[0].transition, success
+
+
+@pytest.fixture
+def world(environment: RosEnvironment) -> Iterator[World]:
+    with open_ros("host", environment) as host, open_ros("client", environment) as client:
+        yield World(host, client)
+
+
+def test_a_change_is_answered_when_the_stack_got_there_and_the_state_meanwhile(
+    world: World,
+) -> None:
+    world.node.show("inactive")
+    seen: list[tuple[str, str, int]] = []
+    world.client._node.create_subscription(
+        TransitionEvent,
+        "/my_stack/transition_event",
+        lambda e: seen.append((e.start_state.label, e.goal_state.label, e.transition.id)),
+        10,
+    )
+    eventually(lambda: world.node._events.get_subscription_count(), "the subscription")
+    results: SimpleQueue[bool] = SimpleQueue()
+    thread = threading.Thread(target=lambda: results.put(world.change(label="activate")))
+    thread.start()
+    asked = world.asked.get(timeout=DEADLINE_S)
+    assert (asked.transition, asked.nodes) == ("activate", ())
+    world.node.show("activating")
+    assert world.client.state("/my_stack", DEADLINE_S) == "activating"
+    assert results.empty()
+    world.node.show("active")
+    asked.reply(ChangeAnswer(success=True))
+    thread.join(DEADLINE_S)
+    assert results.get(timeout=DEADLINE_S) is True
+    assert world.client.state("/my_stack", DEADLINE_S) == "active"
+    eventually(lambda: len(seen) == 2, "both events")
+    assert seen == [("inactive", "activating", 3), ("activating", "active", 30)]
+
+
+def test_transitions_by_number_and_by_label_and_what_went_wrong(world: World) -> None:
+    done = ChangeAnswer(success=True)
+    assert world.take("unconfigured", done, id=1) == ("configure", True)
+    assert world.take("active", done, id=7) == ("shutdown", True)
+    assert world.take("inactive", done, label="shutdown") == ("shutdown", True)
+    failed = ChangeAnswer(success=False, why="/robot: no model")
+    assert world.take("unconfigured", failed, label="configure", id=3) == ("configure", False)
+    assert world.client.last_fault("/my_stack", DEADLINE_S) == "/robot: no model"
+    for wrong in ({"id": 7}, {"id": 99}, {"label": "activate"}, {"label": "fly"}):
+        assert not world.change(**wrong)
+    assert world.asked.empty()
+    assert world.refused[0] == (
+        "refused the transition '7' in the state 'unconfigured'; possible here: configure, shutdown"
+    )
+    assert len(world.refused) == 4
+    assert world.client.last_fault("/my_stack", DEADLINE_S) == world.refused[-1]
+    assert world.client.state("/my_stack", DEADLINE_S) == "unconfigured"
+
+
+def test_what_is_possible_is_told(world: World) -> None:
+    assert world.call("get_state", GetState).current_state.label == "unknown"
+    world.node.show("inactive")
+    assert world.call("get_state", GetState).current_state.id == 2
+    states = world.call("get_available_states", GetAvailableStates).available_states
+    assert {"unknown", "active", "errorprocessing"} < {state.label for state in states}
+    here = world.call("get_available_transitions", GetAvailableTransitions).available_transitions
+    assert [(d.transition.id, d.transition.label, d.goal_state.label) for d in here] == [
+        (2, "cleanup", "cleaningup"),
+        (3, "activate", "activating"),
+        (6, "shutdown", "shuttingdown"),
+    ]
+    graph = world.call("get_transition_graph", GetAvailableTransitions).available_transitions
+    assert len(graph) == 16
+    assert "/my_stack" in world.client.find(["/my_stack"], DEADLINE_S, 0.1)
+
+
+@contextmanager
+def running_node() -> Iterator["subprocess.Popen[bytes]"]:
+    process = subprocess.Popen([sys.executable, "-c", NODE], stderr=subprocess.DEVNULL)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+class Ears:
+    """What was heard of a node."""
+
+    def __init__(self, ros: RosLifecycle) -> None:
+        self.heard: list[Heard] = []
+        ros.listen(self.heard.append)
+
+    def count(self, what: Heard) -> int:
+        return self.heard.count(what)
+
+
+def test_a_restarted_node_is_ready_when_its_new_process_answers(
+    environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ready = Ready(node="/n")
+    monkeypatch.setattr("obk_cli.adapters.ros_clients.PING_S", 0.0)
+    with open_ros("watch", environment) as ros:
+        ears = Ears(ros)
+        ros.watch(["/n"])
+        with running_node() as first:
+            eventually(lambda: ears.count(ready) == 1, "the first process")
+            first.kill()
+            first.wait()
+            # The dead one's services are still in the graph, and questions go unanswered.
+            for _ in range(30):
+                ros.ask_state("/n")
+        assert len(ros._clients._client("/n", "get_state")._pending_requests) == 1
+        assert ros._clients.is_ready("/n", "change_state")
+        ros.watch(["/n"])
+        assert ros.state("/n", 0.3) is None
+        assert ears.count(ready) == 1
+        ros.request("/n", "configure")
+        with running_node():
+            eventually(lambda: ears.count(ready) == 2, "the second process")
+            assert {type(heard) for heard in ears.heard} == {Ready}
+            ros.ask_state("/n")
+            state = StateAnswered(node="/n", state="unconfigured")
+            eventually(lambda: ears.count(state), "its state")
+            ros.request("/n", "configure")
+            done = Answered(node="/n", transition="configure", success=True, fault="")
+            eventually(lambda: ears.count(done), "its answer")
+            seen = StateSeen(node="/n", state="inactive", transition="configure")
+            eventually(lambda: ears.count(seen), "what it tells")
+        assert ears.count(TransitionBegun(node="/n", transition="configure")) == 1
+        assert (ears.count(ready), ears.count(state), ears.count(seen)) == (2, 1, 1)
+
+
+def test_a_stranger_that_publishes_on_a_control_topic_is_found(
+    environment: RosEnvironment,
+) -> None:
+    with running_node(), open_ros("probe", environment) as ros:
+        found = ros.foreign_publishers(["/control", "/other"], [], FOREIGN_DISCOVERY_S)
+        assert found == (("/control", "/n"),)
+        assert ros.foreign_publishers(["/other"], [], OWN_DISCOVERY_S) == ()
+        assert ros.foreign_publishers(["/control"], ["/n"], OWN_DISCOVERY_S) == ()

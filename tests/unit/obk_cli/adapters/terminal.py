@@ -1,0 +1,87 @@
+"""A terminal for tests: what a person would see of a program's output, and what scrolled out."""
+
+import codecs
+import os
+import re
+import select
+import termios
+from typing import Final
+
+from rich.cells import cell_len
+
+DEADLINE_S: Final = 10.0
+_PIECE: Final = re.compile(r"\x1b\[(?P<number>[\d;]*)(?P<end>[@-~])|(?P<char>.)", re.DOTALL)
+
+
+class Terminal:
+    """A pseudo terminal and an emulation that knows what a status area may use, no more."""
+
+    def __init__(self, width: int, height: int) -> None:
+        self.master, self.slave = os.openpty()
+        self.resize(width, height)
+        self.rows: list[str] = [""]
+        """All rows ever, the lowest `height` ones of which are seen."""
+        self.row, self.column = 0, 0
+        self.wrapped = 0
+        self._decoder = codecs.getincrementaldecoder("utf-8")()
+        self._begun = ""
+
+    def resize(self, width: int, height: int) -> None:
+        self.width, self.height = width, height
+        termios.tcsetwinsize(self.slave, (height, width))
+
+    def close(self) -> None:
+        os.close(self.master)
+        os.close(self.slave)
+
+    def read(self) -> None:
+        """Take what comes next."""
+        ready, _, _ = select.select([self.master], [], [], DEADLINE_S)
+        assert ready, f"nothing more came; the last rows are: {self.rows[-5:]}"
+        self.feed(self._decoder.decode(os.read(self.master, 1 << 16)))
+
+    def read_until(self, text: str) -> None:
+        """Take what comes until it is somewhere to be seen."""
+        while not any(text in row for row in self.rows):
+            self.read()
+
+    def read_the_rest(self) -> None:
+        while select.select([self.master], [], [], 0)[0]:
+            self.read()
+
+    def feed(self, text: str) -> None:
+        text = self._begun + text
+        begin = text.rfind("\x1b")
+        is_begun = begin >= 0 and not _PIECE.match(text, begin)["end"]
+        self._begun = text[begin:] if is_begun else ""
+        for piece in _PIECE.finditer(text.removesuffix(self._begun)):
+            if piece["char"] is None:
+                self._control(piece["number"], piece["end"])
+            else:
+                self._character(piece["char"])
+
+    def _control(self, number: str, end: str) -> None:
+        assert end in "AJm", f"a sequence that outlasts a killed process, or is unknown: {end}"
+        if end == "A":
+            self.row = max(self.row - int(number), len(self.rows) - self.height, 0)
+        elif end == "J":
+            self.rows[self.row :] = [self.rows[self.row][: self.column]]
+
+    def _character(self, char: str) -> None:
+        if char == "\r":
+            self.column = 0
+        elif char == "\n":
+            self._down()
+        else:
+            if self.column + cell_len(char) > self.width:
+                self.wrapped += 1
+                self._down()
+                self.column = 0
+            row = self.rows[self.row].ljust(self.column)
+            self.rows[self.row] = row[: self.column] + char + row[self.column + 1 :]
+            self.column += cell_len(char)
+
+    def _down(self) -> None:
+        self.row += 1
+        if self.row == len(self.rows):
+            self.rows.append("")

@@ -1,0 +1,111 @@
+"""A child that does not outlive its starter, and a ROS domain that nobody else has."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+
+from obk_cli.adapters.bound_process import BoundProcess
+from obk_cli.adapters.free_domain import free_domain
+from obk_cli.adapters.strokes import freeze, kill, thaw
+
+DEADLINE_S = 10.0
+
+
+def is_there(pid: int) -> bool:
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+def await_end(pid: int) -> None:
+    end = time.monotonic() + DEADLINE_S
+    while is_there(pid):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_a_child_is_heard_line_by_line_to_its_end() -> None:
+    lines: list[str] = []
+    over = threading.Event()
+    say = "import sys; print('one'); sys.stdout.flush(); print('two', file=sys.stderr); sys.exit(3)"
+    child = BoundProcess(
+        [sys.executable, "-c", say], os.environ, on_line=lines.append, on_over=over.set
+    )
+    assert child.wait(DEADLINE_S) == 3
+    assert over.wait(DEADLINE_S)
+    child.close()
+    assert lines == ["one", "two"]
+
+
+def test_a_child_has_a_session_of_its_own_and_is_killed_at_the_close() -> None:
+    child = BoundProcess(["sleep", "60"], os.environ, on_line=print, on_over=lambda: None)
+    assert child.exit_code is None
+    assert os.getsid(child.pid) != os.getsid(0)
+    child.close()
+    assert child.exit_code == -signal.SIGKILL
+
+
+STARTER = """
+import os, sys, time
+from obk_cli.adapters.bound_process import BoundProcess
+child = BoundProcess(["sleep", "60"], os.environ, on_line=print, on_over=lambda: None)
+while "sleep" not in open(f"/proc/{child.pid}/cmdline").read().split("\\0")[0]:
+    time.sleep(0.01)
+print(child.pid, flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_child_does_not_outlive_a_starter_that_is_killed(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", STARTER], stdout=subprocess.PIPE, text=True, cwd=tmp_path
+    ) as starter:
+        assert starter.stdout is not None
+        pid = int(starter.stdout.readline())
+        assert is_there(pid)
+        starter.kill()
+        await_end(pid)
+
+
+def eventually(condition: Callable[[], bool]) -> None:
+    """A signal takes effect some time after it was sent."""
+    end = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_a_process_freezes_with_what_it_started_thaws_and_dies() -> None:
+    with subprocess.Popen(["sh", "-c", "sleep 60 & wait"], start_new_session=True) as shell:
+        family = psutil.Process(shell.pid)
+        while not family.children():
+            time.sleep(0.01)
+        (grandchild,) = family.children()
+        both = (family, grandchild)
+        try:
+            freeze(shell.pid)
+            eventually(lambda: all(p.status() == psutil.STATUS_STOPPED for p in both))
+            thaw(shell.pid)
+            eventually(lambda: all(p.status() != psutil.STATUS_STOPPED for p in both))
+        finally:
+            kill(shell.pid)
+            grandchild.kill()
+        assert shell.wait(DEADLINE_S) == -signal.SIGKILL
+        for stroke in (freeze, thaw, kill):
+            stroke(shell.pid)  # gone already
+
+
+def test_two_that_ask_at_once_get_two_domains() -> None:
+    with free_domain() as one, free_domain() as other:
+        assert one != other
+        assert {one, other} <= set(range(1, 101))
+    with free_domain() as again:
+        assert again == one

@@ -1,0 +1,191 @@
+"""Claims of runs: one stack, one node, one launcher."""
+
+import hashlib
+import json
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+
+from obk_cli.adapters.claims import KEPT_RUNS, claim_run
+from obk_cli.adapters.live_runs import is_alive, live_runs
+from obk_cli.adapters.process_start import boot_id, start_s, this_process
+from obk_cli.errors import CommandFailedError
+from obk_cli.launch.runs import (
+    MadeFrom,
+    Run,
+    make_run_folder,
+    read_run,
+    run_folders,
+    write_run,
+)
+
+NOW = datetime(2031, 2, 3, 4, 5, 6)
+PID, STARTED = this_process()
+RUN = Run(
+    name="s",
+    pid=PID,
+    started=STARTED,
+    domain=80,
+    config="c.yaml",
+    nodes=("/a", "/b"),
+    boot=boot_id(),
+)
+OTHER_NODES = replace(RUN, name="t", nodes=("/c",))
+
+
+def test_a_claim_is_seen_by_other_terminals(tmp_path: Path) -> None:
+    folder = claim_run(tmp_path, RUN, NOW)
+    assert read_run(folder) == RUN
+    assert live_runs(tmp_path) == (RUN,)
+
+
+@pytest.mark.parametrize(
+    "second", [replace(OTHER_NODES, name="s"), replace(RUN, name="t", nodes=("/b", "/c"))]
+)
+def test_the_same_name_or_a_common_node_is_refused(tmp_path: Path, second: Run) -> None:
+    claim_run(tmp_path, RUN, NOW)
+    message = rf"the stack 's' already runs in the ROS domain 80 \(process {PID}, .*/b\)"
+    with pytest.raises(CommandFailedError, match=message) as raised:
+        claim_run(tmp_path, second, NOW)
+    assert raised.value.help == "stop it or use another ROS_DOMAIN_ID"
+    assert len(run_folders(tmp_path)) == 1
+
+
+ONE_DEVICE = replace(RUN, devices=("onboard",))
+OTHER_DEVICE = replace(RUN, devices=("offboard",), nodes=("/c",))
+
+
+def test_two_devices_of_one_config_run_side_by_side(tmp_path: Path) -> None:
+    claim_run(tmp_path, ONE_DEVICE, NOW)
+    claim_run(tmp_path, OTHER_DEVICE, NOW)
+    assert set(live_runs(tmp_path)) == {ONE_DEVICE, OTHER_DEVICE}
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        replace(OTHER_DEVICE, devices=("offboard", "onboard")),
+        replace(OTHER_DEVICE, devices=()),
+        replace(OTHER_DEVICE, nodes=("/a",)),
+    ],
+)
+def test_a_device_or_a_node_runs_once(tmp_path: Path, second: Run) -> None:
+    claim_run(tmp_path, ONE_DEVICE, NOW)
+    with pytest.raises(CommandFailedError, match="already runs"):
+        claim_run(tmp_path, second, NOW)
+
+
+@pytest.mark.parametrize("second", [OTHER_NODES, replace(RUN, domain=81)])
+def test_other_nodes_and_other_domains_run_side_by_side(tmp_path: Path, second: Run) -> None:
+    claim_run(tmp_path, RUN, NOW)
+    claim_run(tmp_path, second, NOW)
+    assert set(live_runs(tmp_path)) == {RUN, second}
+
+
+def test_a_node_without_a_life_cycle_counts_too(tmp_path: Path) -> None:
+    claim_run(tmp_path, replace(RUN, other_nodes=("/joy",)), NOW)
+    with pytest.raises(CommandFailedError, match="/joy"):
+        claim_run(tmp_path, replace(OTHER_NODES, other_nodes=("/joy",)), NOW)
+
+
+def test_a_run_that_has_ended_is_no_obstacle(tmp_path: Path) -> None:
+    folder = claim_run(tmp_path, RUN, NOW)
+    write_run(folder, replace(RUN, ended=1.0))
+    claim_run(tmp_path, RUN, NOW)
+
+
+def test_a_process_that_is_gone_or_another_one_now_is_not_alive() -> None:
+    assert is_alive(RUN)
+    assert not is_alive(replace(RUN, started=STARTED - 60))
+    assert not is_alive(replace(RUN, boot="another start of the machine, or another machine"))
+    with subprocess.Popen([sys.executable, "-I", "-S", "-c", ""]) as ended:
+        ended.wait()
+    assert not is_alive(replace(RUN, pid=ended.pid))
+
+
+def test_two_claims_at_the_same_moment_do_not_both_pass(tmp_path: Path) -> None:
+    code = (
+        "import sys\n"
+        "from dataclasses import replace\n"
+        "from datetime import datetime\n"
+        "from pathlib import Path\n"
+        "from obk_cli.adapters.claims import claim_run\n"
+        "from obk_cli.adapters.process_start import this_process\n"
+        "from obk_cli.launch.runs import Run\n"
+        "pid, started = this_process()\n"
+        "run = Run(name='s', pid=pid, started=started, domain=1, config='c', nodes=('/a',))\n"
+        "print(flush=True); sys.stdin.readline()\n"
+        "try: claim_run(Path(sys.argv[1]), run, datetime(2031, 2, 3))\n"
+        "except Exception as error: print(error, flush=True)\n"
+        "else: print('claimed', flush=True)\n"
+        "sys.stdin.readline()\n"
+    )
+    racers = [
+        subprocess.Popen(
+            [sys.executable, "-c", code, str(tmp_path)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(3)
+    ]
+    for racer in racers:
+        assert racer.stdout is not None
+        racer.stdout.readline()
+    for racer in racers:
+        assert racer.stdin is not None
+        racer.stdin.write("\n")
+        racer.stdin.flush()
+    said = [racer.stdout.readline().strip() for racer in racers if racer.stdout]
+    for racer in racers:
+        racer.communicate("\n")
+    assert said.count("claimed") == 1
+    assert sum("already runs in the ROS domain 1" in line for line in said) == 2
+
+
+def test_the_oldest_runs_are_removed_but_never_live_ones(tmp_path: Path) -> None:
+    live = claim_run(tmp_path, RUN, NOW.replace(year=2000))
+    for minute in range(KEPT_RUNS + 1):
+        write_run(
+            make_run_folder(tmp_path, "s", NOW.replace(minute=minute)), replace(RUN, ended=1.0)
+        )
+    (tmp_path / "notes").mkdir()
+    newest = claim_run(tmp_path, OTHER_NODES, NOW.replace(year=2040))
+    folders = run_folders(tmp_path)
+    assert len(folders) == KEPT_RUNS + 1
+    assert folders[0] == newest
+    assert folders[-1] == live
+    assert (tmp_path / "notes").is_dir()
+
+
+def test_as_many_runs_stay_as_asked_for(tmp_path: Path) -> None:
+    for minute in range(3):
+        write_run(
+            make_run_folder(tmp_path, "s", NOW.replace(minute=minute)), replace(RUN, ended=1.0)
+        )
+    newest = claim_run(tmp_path, RUN, NOW.replace(year=2040), keep=2)
+    assert run_folders(tmp_path)[0] == newest
+    assert len(run_folders(tmp_path)) == 2
+
+
+def test_a_claim_keeps_what_the_run_was_made_from(tmp_path: Path) -> None:
+    made_from = MadeFrom(plan='{"name": "s", "processes": []}\n', versions={"obk": "1"})
+    told = json.loads((claim_run(tmp_path, RUN, NOW, made_from=made_from) / "run.json").read_text())
+    assert told["plan"] == {"name": "s", "processes": []}
+    assert told["plan_sha256"] == hashlib.sha256(made_from.plan.encode()).hexdigest()
+    assert told["versions"] == {"obk": "1"}
+
+
+def test_whoever_replaces_ends_the_other_launcher_first(tmp_path: Path) -> None:
+    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]) as other:
+        started = start_s(other.pid)
+        assert started is not None
+        claim_run(tmp_path, replace(RUN, pid=other.pid, started=started), NOW)
+        folder = claim_run(tmp_path, RUN, NOW, replace_other=True)
+        assert other.wait(5) == -signal.SIGINT
+    assert read_run(folder) == RUN

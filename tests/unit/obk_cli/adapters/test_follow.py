@@ -1,0 +1,57 @@
+"""A log that is followed while it is written, replaced, cut short."""
+
+from pathlib import Path
+
+import pytest
+
+from obk_cli.adapters import follow
+from obk_cli.adapters.follow import follow_lines, read_lines
+
+
+@pytest.fixture(autouse=True)
+def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(follow, "POLL_S", 0.0)
+
+
+def append(path: Path, text: bytes) -> None:
+    with path.open("ab") as file:
+        file.write(text)
+
+
+def test_a_file_is_read_to_its_end(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    assert list(read_lines(path)) == []
+    path.write_text("one\n\ntwo")
+    assert list(read_lines(path)) == ["one", "", "two"]
+
+
+def test_lines_come_as_they_are_written_whole(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    lines = follow_lines(path)
+    assert next(lines) is None  # it is not there yet
+    append(path, b"one\ntw")
+    assert [next(lines), next(lines)] == ["one", None]
+    append(path, "o ä".encode()[:-1])
+    assert next(lines) is None
+    append(path, "ä".encode()[-1:] + b"\n")
+    assert [next(lines), next(lines)] == ["two ä", None]
+
+
+def test_a_file_in_its_place_is_gone_on_with(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    append(path, b"one\n")
+    lines = follow_lines(path)
+    assert [next(lines), next(lines)] == ["one", None]
+    append(path, b"two\nlast")
+    path.rename(tmp_path / "log.1")
+    append(path, b"three\n")
+    assert [next(lines) for _ in range(4)] == ["two", "last", "three", None]
+
+
+def test_a_file_that_is_cut_short_is_read_anew(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    append(path, b"a long line\n")
+    lines = follow_lines(path)
+    assert [next(lines), next(lines)] == ["a long line", None]
+    path.write_bytes(b"new\n")
+    assert [next(lines), next(lines)] == ["new", None]

@@ -1,0 +1,19 @@
+"""What the tests of judges ask of findings."""
+
+from collections.abc import Iterable
+
+from obk_cli.doctor.finding import Finding
+
+
+def the_one(findings: Iterable[Finding], severity: str) -> Finding:
+    """The only finding of a severity; an error or a warning always says what to do."""
+    found = [finding for finding in findings if finding.severity == severity]
+    assert len(found) == 1, found
+    if severity in ("error", "warning"):
+        assert found[0].cure
+    return found[0]
+
+
+def severities(findings: Iterable[Finding]) -> list[str]:
+    """In their order."""
+    return [finding.severity for finding in findings]

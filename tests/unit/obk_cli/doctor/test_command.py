@@ -1,0 +1,49 @@
+"""`obk doctor` as a command: which checks, in what form, with which exit code."""
+
+import pytest
+
+from obk_cli.cli import doctor
+from obk_cli.cli.main import main
+from obk_cli.doctor.examination import Check
+from obk_cli.doctor.finding import error, ok, warning
+
+SOUND = Check(name="ros", about="which ROS", find=lambda: (ok("jazzy"),))
+WARNS = Check(name="cpu", about="processors", find=lambda: (warning("one", "buy another"),))
+FAILS = Check(name="rmw", about="middleware", find=lambda: (error("none", "install one"),))
+
+
+@pytest.fixture(autouse=True)
+def _made_up_checks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "checks_of", lambda *_: (SOUND, WARNS, FAILS))
+
+
+def run(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(("doctor", *arguments))
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+def test_an_error_is_the_exit_code_and_a_warning_is_not(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run() == 1
+    assert "3 checks: 1 error, 1 warning" in capsys.readouterr().out
+    assert run("ros", "cpu") == 0
+
+
+def test_named_checks_run_alone_in_the_tables_order(capsys: pytest.CaptureFixture[str]) -> None:
+    run("cpu", "ros")
+    assert [line[:3] for line in capsys.readouterr().out.splitlines()[:2]] == ["ros", "cpu"]
+
+
+def test_the_list_looks_at_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--list") == 0
+    assert capsys.readouterr().out == "ros  which ROS\ncpu  processors\nrmw  middleware\n"
+
+
+def test_a_check_that_is_none_is_told_with_the_one_that_was_meant(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run("rwm") == 2
+    assert "there is no check `rwm`" in capsys.readouterr().err

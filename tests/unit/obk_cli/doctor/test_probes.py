@@ -1,0 +1,179 @@
+"""Probes: what they make of folders and programs that are made up for them."""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from obk_cli.adapters.probes.child import python_command, told_in_json, try_program
+from obk_cli.adapters.probes.compiler import probe_compiler
+from obk_cli.adapters.probes.discovery import probe_discovery
+from obk_cli.adapters.probes.display import probe_display
+from obk_cli.adapters.probes.folders import probe_folders
+from obk_cli.adapters.probes.interfaces_program import fault_of
+from obk_cli.adapters.probes.paths import probe_paths
+from obk_cli.adapters.probes.ros import probe_rmw
+from obk_cli.adapters.probes.shared_memory import probe_shared_memory
+from obk_cli.adapters.probes.timing import probe_cpu
+from obk_cli.doctor.workspace_look import look_at_workspace
+from obk_cli.errors import CommandFailedError
+
+
+def program(code: str) -> tuple[str, ...]:
+    return (sys.executable, "-c", code)
+
+
+def test_a_program_that_crashes_is_told_by_its_signal() -> None:
+    trial = try_program(
+        program("import os; print('first', flush=True); os.kill(os.getpid(), 11)"), timeout_s=20.0
+    )
+    assert (trial.end, trial.signal, trial.said) == ("crashed", "SIGSEGV", "first\n")
+
+
+def test_a_program_that_fails_is_told_by_its_last_words() -> None:
+    trial = try_program(program("raise ValueError('so')"), timeout_s=20.0)
+    assert trial.told == "failed: ValueError: so"
+
+
+def test_a_program_that_hangs_is_killed_and_what_it_said_is_kept() -> None:
+    trial = try_program(
+        program("import time; print('so far', flush=True); time.sleep(60)"), timeout_s=1.0
+    )
+    assert (trial.end, trial.said) == ("timed out", "so far\n")
+
+
+def test_what_libraries_print_beside_a_programs_json_is_passed_over() -> None:
+    said = "print('[Error] shared memory'); print('{\"a\": 1}'); print('{\"b\": 2}')"
+    assert told_in_json(try_program(program(said), timeout_s=20.0)) == {"a": 1, "b": 2}
+
+
+def test_a_compiler_that_the_user_chose_and_that_fails_is_to_be_unset(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("CXX", raising=False)
+    for command, complaint in (
+        ("no-such-compiler", "no C compiler found"),
+        ("false", "false failed"),
+    ):
+        monkeypatch.setenv("CC", command)
+        facts = probe_compiler()
+        assert facts.fault.startswith(complaint)
+        assert facts.cure == "unset CC"
+
+
+def test_a_domain_that_is_none_is_told_by_discovery_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
+    with pytest.raises(CommandFailedError) as fault:
+        probe_discovery()
+    assert fault.value.help == "export ROS_DOMAIN_ID=0"
+
+
+def test_a_program_that_is_not_there_has_failed() -> None:
+    assert try_program(("/no/such/program",), timeout_s=1.0).end == "failed"
+
+
+def test_a_module_in_the_working_folder_takes_no_ones_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "json.py").write_text("raise SystemExit('not me')\n")
+    monkeypatch.chdir(tmp_path)
+    command = python_command("obk_cli.adapters.probes.interfaces_program", "no_such_msgs")
+    assert "no_such_msgs" in try_program(command, timeout_s=20.0).said
+
+
+def test_a_message_package_that_is_not_there_has_a_fault() -> None:
+    assert fault_of("no_such_msgs") == "No module named 'no_such_msgs'"
+
+
+def test_shared_memory_that_is_not_there_has_no_size(tmp_path: Path) -> None:
+    assert probe_shared_memory(tmp_path / "nowhere").total_bytes is None
+
+
+def test_shared_memory_is_measured_and_its_dds_files_counted(tmp_path: Path) -> None:
+    (tmp_path / "fastrtps_port7400").touch()
+    facts = probe_shared_memory(tmp_path)
+    assert (facts.dds_files, facts.fault) == (1, "")
+    assert facts.total_bytes
+
+
+def test_the_kernels_files_tell_of_processors(tmp_path: Path) -> None:
+    for cpu, governor in enumerate(("powersave", "performance", "powersave")):
+        folder = tmp_path / f"cpu/cpu{cpu}/cpufreq"
+        folder.mkdir(parents=True)
+        (folder / "scaling_governor").write_text(f"{governor}\n")
+    quota = tmp_path / "cpu.max"
+    quota.write_text("150000 100000\n")
+    facts = probe_cpu(tmp_path, quota)
+    assert facts.governors == {"powersave": 2, "performance": 1}
+    assert (facts.quota, facts.clock) == (1.5, "")
+    quota.write_text("max 100000\n")
+    assert probe_cpu(tmp_path, quota).quota is None
+
+
+def test_folders_that_are_not_there_yet_are_judged_by_what_stands(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    environment = {"OBK_HOME": str(tmp_path / "new"), "XDG_CACHE_HOME": str(tmp_path / "file/in")}
+    runs, cache, _ = probe_folders(environment)
+    assert (runs.folder, runs.fault) == (str(tmp_path / "new/runs"), "")
+    assert cache.fault == f"{tmp_path / 'file'} is a file"
+    assert not (tmp_path / "new").exists()
+
+
+def test_links_to_one_obk_count_once(tmp_path: Path) -> None:
+    folders = [tmp_path / name for name in ("one", "link", "other")]
+    for folder in folders:
+        folder.mkdir()
+    for folder in (folders[0], folders[2]):
+        (folder / "obk").write_text("#!/bin/sh\n")
+        (folder / "obk").chmod(0o755)
+    (folders[1] / "obk").symlink_to(folders[0] / "obk")
+    facts = probe_paths({"PATH": os.pathsep.join(map(str, folders))})
+    assert facts.obk_programs == (str(folders[0] / "obk"), str(folders[2] / "obk"))
+
+
+def test_python_paths_that_hold_an_rclpy_are_found(tmp_path: Path) -> None:
+    (tmp_path / "ros/rclpy").mkdir(parents=True)
+    facts = probe_paths({"PATH": "", "PYTHONPATH": f"{tmp_path}:{tmp_path / 'ros'}"})
+    assert facts.python_path_with_rclpy == (str(tmp_path / "ros"),)
+
+
+def test_library_paths_that_hold_another_ros_are_found(tmp_path: Path) -> None:
+    (tmp_path / "librcl.so").touch()
+    own = Path(sys.prefix, "lib")
+    facts = probe_paths({"PATH": "", "LD_LIBRARY_PATH": f"{own}:{tmp_path}"})
+    assert facts.libraries_with_rcl == (str(tmp_path),)
+
+
+@pytest.mark.parametrize("display", [":998", "nonsense", "127.0.0.1:59000"])
+def test_a_display_where_nobody_is_does_not_answer(
+    display: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setenv("DISPLAY", display)
+    facts = probe_display()
+    assert facts.names == (f"DISPLAY={display}",)
+    assert facts.fault
+
+
+def test_a_domain_that_is_none_is_a_fault_of_the_middlewares(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
+    facts = probe_rmw()
+    assert facts.domain is None
+    assert facts.domain_fault == "ROS_DOMAIN_ID=many is not a number from 0 to 232"
+
+
+def test_a_folder_without_packages_is_no_workspace(tmp_path: Path) -> None:
+    assert look_at_workspace(tmp_path, {}).folder is None
+
+
+def test_a_workspaces_packages_are_told_with_what_is_wrong_with_them(tmp_path: Path) -> None:
+    for folder, name in (("one", "<name>a</name>"), ("two", "<name>a</name>"), ("three", "")):
+        package = tmp_path / "src" / folder
+        package.mkdir(parents=True)
+        (package / "package.xml").write_text(f"<package>{name}</package>")
+    facts = look_at_workspace(tmp_path / "src/one", {})
+    assert (facts.folder, facts.packages, facts.doubled) == (str(tmp_path), ("a",), ("a",))
+    assert facts.broken == (str(tmp_path / "src/three/package.xml"),)

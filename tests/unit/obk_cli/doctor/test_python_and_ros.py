@@ -1,0 +1,142 @@
+"""Judges of Python, ROS 2, the middleware and Obelisk's messages, in made-up worlds."""
+
+from dataclasses import replace
+
+import pytest
+
+from obk_cli.doctor.interfaces import InterfaceFacts, judge_interfaces
+from obk_cli.doctor.python import PythonFacts, judge_python
+from obk_cli.doctor.ros import RmwFacts, RosFacts, judge_rmw, judge_ros
+
+from .findings import severities, the_one
+
+PYTHON = PythonFacts(
+    version=(3, 12, 1),
+    executable="/venv/bin/python",
+    prefix="/venv",
+    is_virtual=True,
+    obk_version="0.1.0",
+    obk_folder="/venv/lib/obk_cli",
+)
+ROS = RosFacts(
+    rclpy_folder="/venv/rclpy",
+    rclpy_version="7.1.6",
+    wheels_distribution="jazzy",
+    ros_distro=None,
+    machine="x86_64",
+    sourceable=(),
+    unlike_pins={},
+)
+RMW = RmwFacts(
+    installed=("rmw_fastrtps_cpp",),
+    asked_for=None,
+    used="rmw_fastrtps_cpp",
+    domain=0,
+    domain_fault="",
+    range="LOCALHOST",
+    notes=(),
+)
+INTERFACES = InterfaceFacts(
+    version="0.1.0", faults={}, loaded=("obelisk_std_msgs",), stale=(), has_sources=False
+)
+
+
+def test_a_sound_world_gives_no_complaint() -> None:
+    found = [*judge_python(PYTHON), *judge_ros(ROS), *judge_rmw(RMW)]
+    assert set(severities([*found, *judge_interfaces(INTERFACES)])) == {"ok"}
+
+
+def test_a_python_that_is_too_old_is_an_error() -> None:
+    found = the_one(judge_python(replace(PYTHON, version=(3, 10, 4))), "error")
+    assert found.message == "Python 3.10.4 is too old: obk needs 3.11 to 3.13"
+    assert found.facts["version"] == "3.10.4"
+
+
+def test_a_python_without_ros_wheels_is_told() -> None:
+    found = the_one(judge_python(replace(PYTHON, version=(3, 14, 0))), "warning")
+    assert "no ROS wheels" in found.message
+
+
+def test_the_systems_own_python_is_noted() -> None:
+    found = the_one(judge_python(replace(PYTHON, is_virtual=False)), "note")
+    assert found.cure == "python3 -m venv .venv"
+
+
+def test_an_obk_that_is_not_installed_is_told() -> None:
+    found = the_one(judge_python(replace(PYTHON, obk_version=None)), "warning")
+    assert found.cure == "pip install obelisk-cli"
+
+
+@pytest.mark.parametrize(
+    ("machine", "sourceable", "cure"),
+    [
+        ("x86_64", (), "pip install 'obelisk-cli[ros]'"),
+        ("aarch64", (), "apt install ros-jazzy-ros-base && . /opt/ros/jazzy/setup.sh"),
+        ("aarch64", ("/opt/ros/jazzy/setup.sh",), ". /opt/ros/jazzy/setup.sh"),
+    ],
+)
+def test_without_ros_the_cure_is_the_one_for_this_machine(
+    machine: str, sourceable: tuple[str, ...], cure: str
+) -> None:
+    world = replace(ROS, rclpy_folder=None, machine=machine, sourceable=sourceable)
+    assert the_one(judge_ros(world), "error").cure == cure
+
+
+def test_a_sourced_ros_of_another_distribution_than_the_wheels_is_told() -> None:
+    found = the_one(judge_ros(replace(ROS, ros_distro="humble")), "warning")
+    assert found.message.startswith("ROS_DISTRO=humble, but the wheels are jazzy")
+
+
+def test_a_sourced_ros_that_obk_is_not_tested_with_is_told() -> None:
+    world = replace(ROS, wheels_distribution=None, ros_distro="rolling")
+    assert "rolling is not the jazzy" in the_one(judge_ros(world), "warning").message
+
+
+def test_wheels_of_other_versions_are_told_with_both() -> None:
+    world = replace(ROS, unlike_pins={"ros-std-msgs": ("5.5.1", "5.3.6")})
+    assert "ros-std-msgs 5.5.1 instead of 5.3.6" in the_one(judge_ros(world), "warning").message
+
+
+def test_a_domain_that_is_none_is_an_error() -> None:
+    world = replace(RMW, domain=None, domain_fault="ROS_DOMAIN_ID=x is not a number")
+    found = the_one(judge_rmw(world), "error")
+    assert (found.message, found.cure) == (world.domain_fault, "export ROS_DOMAIN_ID=0")
+
+
+def test_no_middleware_is_an_error() -> None:
+    assert "librmw_*.so" in the_one(judge_rmw(replace(RMW, installed=())), "error").message
+
+
+@pytest.mark.parametrize(
+    ("sentence", "cure"),
+    [
+        ("RMW_IMPLEMENTATION=rmw_x is not installed here", "unset RMW_IMPLEMENTATION"),
+        ("ROS_LOCALHOST_ONLY=1 keeps devices apart", "unset ROS_LOCALHOST_ONLY ROS_STATIC_PEERS"),
+    ],
+)
+def test_what_obk_changes_for_its_processes_is_told(sentence: str, cure: str) -> None:
+    found = the_one(judge_rmw(replace(RMW, notes=(sentence,))), "warning")
+    assert (found.message, found.cure) == (sentence, cure)
+
+
+def test_another_middleware_that_works_is_noted() -> None:
+    world = replace(RMW, asked_for="rmw_cyclonedds_cpp", used="rmw_cyclonedds_cpp")
+    assert "not with rmw_cyclonedds_cpp" in the_one(judge_rmw(world), "note").message
+
+
+@pytest.mark.parametrize(
+    ("has_sources", "cure"), [(True, "make setup"), (False, "pip install 'obelisk-cli[ros]'")]
+)
+def test_messages_that_cannot_be_loaded_are_an_error(has_sources: bool, cure: str) -> None:
+    world = replace(
+        INTERFACES, faults={"obelisk_std_msgs": "no such file"}, loaded=(), has_sources=has_sources
+    )
+    found = the_one(judge_interfaces(world), "error")
+    assert found.message == "the messages of obelisk_std_msgs cannot be used: no such file"
+    assert found.cure == cure
+
+
+def test_definitions_that_changed_since_they_were_compiled_are_told() -> None:
+    world = replace(INTERFACES, stale=("obelisk_std_msgs/msg/A.msg",))
+    found = the_one(judge_interfaces(world), "warning")
+    assert found.message == "changed since they were compiled: obelisk_std_msgs/msg/A.msg"

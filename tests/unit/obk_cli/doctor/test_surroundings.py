@@ -1,0 +1,113 @@
+"""Judges of the workspace, of search paths and of running stacks, in made-up worlds."""
+
+from dataclasses import replace
+
+from obk_cli.doctor.paths import PathFacts, judge_paths
+from obk_cli.doctor.stacks import RunningStack, StackFacts, judge_stacks
+from obk_cli.doctor.workspace import WorkspaceFacts, judge_workspace
+
+from .findings import severities, the_one
+
+WORKSPACE = WorkspaceFacts(folder="/ws", packages=("a", "b"), broken=(), doubled=(), unbuilt=())
+PATHS = PathFacts(
+    obk_programs=("/venv/bin/obk",),
+    this_obk="/venv/bin/obk",
+    ros2_program=None,
+    distribution="jazzy",
+    python_path=(),
+    python_path_with_rclpy=(),
+    has_wheels=True,
+    python_version="3.12",
+    conda_prefix=None,
+    prefix="/venv",
+    libraries_with_rcl=(),
+)
+
+
+def test_a_sound_world_gives_no_complaint() -> None:
+    nothing = StackFacts(running=(), leftovers=())
+    found = [*judge_workspace(WORKSPACE), *judge_paths(PATHS), *judge_stacks(nothing)]
+    assert severities(found) == ["ok", "ok", "ok"]
+
+
+def test_who_stands_in_no_workspace_is_told_how_to_make_one() -> None:
+    found = the_one(judge_workspace(replace(WORKSPACE, folder=None)), "note")
+    assert found.cure == "obk init my_robot"
+
+
+def test_a_package_without_a_name_is_told() -> None:
+    found = the_one(judge_workspace(replace(WORKSPACE, broken=("/ws/c/package.xml",))), "warning")
+    assert found.message == "/ws/c/package.xml has no <name>"
+
+
+def test_two_packages_of_one_name_are_told() -> None:
+    found = the_one(judge_workspace(replace(WORKSPACE, doubled=("a",))), "warning")
+    assert "<name>a</name>" in found.cure
+
+
+def test_message_packages_to_be_built_are_noted_with_the_command() -> None:
+    found = the_one(judge_workspace(replace(WORKSPACE, unbuilt=("b", "a"))), "note")
+    assert found.cure == "obk build b a"
+
+
+def test_message_packages_that_cannot_be_read_are_told() -> None:
+    found = the_one(judge_workspace(replace(WORKSPACE, fault="a circle")), "warning")
+    assert found.message == "message packages: a circle"
+
+
+def test_a_shell_that_finds_no_obk_or_another_one_is_told_the_way() -> None:
+    for programs, told in (((), "finds no `obk`"), (("/usr/bin/obk",), "`obk` is /usr/bin/obk")):
+        found = the_one(judge_paths(replace(PATHS, obk_programs=programs)), "note")
+        assert told in found.message
+        assert found.cure == 'export PATH="/venv/bin:$PATH"'
+
+
+def test_several_programs_of_our_name_are_worse_when_another_one_is_first() -> None:
+    behind = replace(PATHS, obk_programs=("/venv/bin/obk", "/usr/bin/obk"))
+    assert the_one(judge_paths(behind), "note").cure == "type -a obk"
+    before = replace(PATHS, obk_programs=("/usr/bin/obk", "/venv/bin/obk"))
+    assert the_one(judge_paths(before), "warning").cure == "type -a obk"
+
+
+def test_a_ros2_program_of_another_distribution_is_told() -> None:
+    found = the_one(judge_paths(replace(PATHS, ros2_program="/opt/ros/humble/bin/ros2")), "warning")
+    assert "of humble, and stacks run on jazzy" in found.message
+    same = replace(PATHS, ros2_program="/opt/ros/jazzy/bin/ros2")
+    assert severities(judge_paths(same)) == ["ok"]
+
+
+def test_a_python_path_to_another_ros_is_told() -> None:
+    entry = "/opt/ros/jazzy/lib/python3.12/site-packages"
+    world = replace(PATHS, python_path=(entry,), python_path_with_rclpy=(entry,))
+    assert the_one(judge_paths(world), "warning").cure == "unset PYTHONPATH"
+
+
+def test_a_python_path_to_another_pythons_packages_is_told() -> None:
+    world = replace(PATHS, python_path=("/opt/x/lib/python3.10/site-packages", "/mine"))
+    found = the_one(judge_paths(world), "warning")
+    assert found.message.endswith("3.12: /opt/x/lib/python3.10/site-packages")
+
+
+def test_a_conda_environment_that_obk_is_not_in_is_noted() -> None:
+    found = the_one(judge_paths(replace(PATHS, conda_prefix="/conda")), "note")
+    assert found.cure == "conda deactivate"
+    assert severities(judge_paths(replace(PATHS, conda_prefix="/venv"))) == ["ok"]
+
+
+def test_libraries_of_another_ros_beside_the_wheels_are_told() -> None:
+    world = replace(PATHS, libraries_with_rcl=("/opt/ros/jazzy/lib",))
+    assert the_one(judge_paths(world), "warning").cure == "unset LD_LIBRARY_PATH"
+    assert severities(judge_paths(replace(world, has_wheels=False))) == ["ok"]
+
+
+def test_a_stack_that_runs_is_noted_with_how_to_stop_it() -> None:
+    world = StackFacts(running=(RunningStack(name="arm", domain=3, pid=42),), leftovers=())
+    found = the_one(judge_stacks(world), "note")
+    assert found.message == "the stack 'arm' runs in ROS domain 3 (launcher 42)"
+    assert found.cure == "obk stop arm"
+
+
+def test_processes_left_behind_are_told_with_the_command_that_ends_them() -> None:
+    found = the_one(judge_stacks(StackFacts(running=(), leftovers=("7 python",))), "warning")
+    assert found.message == "1 process outlived the launcher: 7 python"
+    assert found.cure == "obk reap"

@@ -1,0 +1,184 @@
+"""A world of tables for the supervisor: no process, no ROS, no waiting."""
+
+import math
+import signal
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from queue import Empty
+
+from obk_cli.launch.doors import Limits
+from obk_cli.launch.events import (
+    Answered,
+    Ended,
+    Heard,
+    Phase,
+    ProcessEnded,
+    ProcessStarted,
+    Ready,
+    StateAnswered,
+    StateSeen,
+    Told,
+)
+from obk_cli.launch.order import Until
+from obk_cli.launch.supervisor import Supervisor
+from obk_cli.launch.transitions import TRANSITIONS
+from obk_cli.launch.units import Unit, units_of
+from obk_cli.plan import OnCrash, Origin, Plan, Process
+
+ROBOT, ESTIMATOR, CONTROLLER = "/obelisk_robot_0", "/obelisk_estimation_0", "/obelisk_control_0"
+
+
+def process(section: str, index: int = 0, device: str = "onboard") -> Process:
+    return Process(
+        node=f"obelisk_{section}_{index}",
+        namespace="/",
+        section=section,
+        device=device,
+        package="p",
+        executable="e",
+        origin=Origin(path="c.yaml", line=1, column=1),
+    )
+
+
+PLAN = Plan(name="s", processes=tuple(map(process, ("control", "estimation", "robot"))))
+
+
+@dataclass
+class World:
+    """Processes, nodes, inbox and clock in one; behaves well unless told otherwise."""
+
+    refuses: dict[tuple[str, str], str] = field(default_factory=dict)
+    silent: set[tuple[str, str]] = field(default_factory=set)
+    never_ready: set[str] = field(default_factory=set)
+    deaf_to: set[tuple[str, int]] = field(default_factory=set)
+    unheard: set[tuple[str, str]] = field(default_factory=set)
+    """Transitions that are made, and whose answers are lost."""
+    stale: StateSeen | None = None
+    """One that comes when it is not true any more."""
+    mute: set[str] = field(default_factory=set)
+    """Do not even tell their state."""
+    plan: Plan = PLAN
+    states: dict[str, str] = field(default_factory=dict)
+    later: deque[Heard | float | Callable[[], None]] = field(default_factory=deque)
+    """What happens once nothing else does; a number is time that passes [s]."""
+    dies_at_start: dict[str, int] = field(default_factory=dict)
+    """How often a process ends at once."""
+    on_crash: OnCrash = "stop"
+    together: frozenset[str] = frozenset()
+    devices: frozenset[str] = frozenset({"onboard"})
+    lead: str | None = None
+    started: list[str] = field(default_factory=list)
+    dumped: list[str] = field(default_factory=list)
+    now: float = 0.0
+    heard: deque[Heard] = field(default_factory=deque)
+    told: list[Told] = field(default_factory=list)
+    done: list[tuple[str, str]] = field(default_factory=list)
+    signals: list[tuple[str, int]] = field(default_factory=list)
+    alive: set[str] = field(default_factory=set)
+
+    def start(self, unit: Unit) -> None:
+        self.started.append(unit.name)
+        self.alive.add(unit.name)
+        for node in unit.node_names:
+            self.states.pop(node, None)
+        if unit.name in self.dies_at_start and self.dies_at_start[unit.name] > 0:
+            self.dies_at_start[unit.name] -= 1
+            self.heard.append(ProcessEnded(process=unit.name, code=1))
+        else:
+            self.heard.append(ProcessStarted(process=unit.name, pid=1))
+
+    def dump_stack(self, process: str) -> None:
+        self.dumped.append(process)
+
+    def last_lines(self, process: str) -> tuple[str, ...]:
+        return (f"the last line of {process}",)
+
+    def signal(self, process: str, number: int) -> None:
+        self.signals.append((process, number))
+        if (process, number) not in self.deaf_to:
+            code = 0 if number == signal.SIGINT else -number
+            if process in self.alive:
+                self.alive.discard(process)
+                self.heard.append(ProcessEnded(process=process, code=code))
+
+    def watch(self, nodes: Iterable[str]) -> None:
+        self.heard.extend(Ready(node=node) for node in nodes if node not in self.never_ready)
+
+    def ask_state(self, node: str) -> None:
+        if node not in self.mute:
+            state = self.states.get(node, "unconfigured")
+            self.heard.append(StateAnswered(node=node, state=state))
+
+    def request(self, node: str, transition: str) -> None:
+        self.done.append((node, transition))
+        if (node, transition) in self.silent:
+            return
+        fault = self.refuses.get((node, transition))
+        if fault is None:
+            self.states[node] = TRANSITIONS[transition].goal
+        if (node, transition) in self.unheard:
+            return
+        self.heard.append(
+            Answered(node=node, transition=transition, success=fault is None, fault=fault or "")
+        )
+
+    def get(self, *, timeout: float | None) -> Heard:
+        if self.heard:
+            return self.heard.popleft()
+        if not self.later or isinstance(self.later[0], float):
+            return self._wait(timeout)
+        heard = self.later.popleft()
+        assert not isinstance(heard, float)
+        if callable(heard):
+            heard()
+            return self.get(timeout=timeout)
+        if isinstance(heard, StateSeen) and heard != self.stale:
+            self.states[heard.node] = heard.state
+        if isinstance(heard, ProcessEnded):
+            self.alive.discard(heard.process)
+        return heard
+
+    def _wait(self, timeout: float | None) -> Heard:
+        """Time passes, until the next thing happens or the deadline is there."""
+        assert timeout is not None or self.later, "nothing will ever happen again"
+        assert self.now < 1e4, "the run never ends"
+        left = self.later.popleft() if self.later else math.inf
+        assert isinstance(left, float)
+        if timeout is None or left <= timeout:
+            self.now += left
+            return self.get(timeout=None if timeout is None else timeout - left)
+        self.now += timeout
+        if left < math.inf:
+            self.later.appendleft(left - timeout)
+        raise Empty
+
+    def run(self, until: Until = "active", duration_s: float | None = 5.0) -> Ended:
+        supervisor = Supervisor(
+            self.plan,
+            units=units_of(self.plan, devices=self.devices, together=self.together),
+            on_crash=self.on_crash,
+            lead=self.lead,
+            processes=self,
+            lifecycle=self,
+            inbox=self,
+            clock=lambda: self.now,
+            tell=self.told.append,
+            limits=Limits(
+                transition_s=10, start_s=20, grace_s=3, down_s=3, answer_s=2, hurry_s=0.5
+            ),
+        )
+        return supervisor.run(until, duration_s)
+
+    def of(self, kind: type[Told]) -> list[Told]:
+        """What was told of one kind."""
+        return [event for event in self.told if isinstance(event, kind)]
+
+    def transitions_of(self, node: str) -> list[str]:
+        """What a node was asked for."""
+        return [transition for name, transition in self.done if name == node]
+
+    @property
+    def phases(self) -> list[str]:
+        """The names of the phases told."""
+        return [event.name for event in self.told if isinstance(event, Phase)]

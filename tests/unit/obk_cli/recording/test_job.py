@@ -1,0 +1,64 @@
+"""What a recorder is told comes to it unchanged; what it is told of a run comes from its folder."""
+
+import json
+from pathlib import Path
+
+from obk_cli.recording.choice import Wish
+from obk_cli.recording.job import Job, job_from_json, job_to_json
+from obk_cli.recording.made_from import Background, background_of, run_topics
+
+PLAN = {
+    "processes": [
+        {
+            "publishes": [{"topic": "/a", "msg_type": None}],
+            "subscribes": [{"topic": "/b", "msg_type": "x/msg/B"}],
+        },
+        {"publishes": [], "subscribes": [{"topic": "/a", "msg_type": "x/msg/A"}]},
+    ]
+}
+
+
+def run_folder(parent: Path) -> Path:
+    folder = parent / "arm_20260102_030405"
+    (folder / "params").mkdir(parents=True)
+    (folder / "params" / "control_0.yaml").write_text("/**: {}\n", encoding="utf-8")
+    run = {"name": "arm", "domain": 7, "plan_sha256": "ab", "versions": {"obk": "1"}, "plan": PLAN}
+    (folder / "run.json").write_text(json.dumps(run), encoding="utf-8")
+    return folder
+
+
+def test_a_job_comes_back_from_json_as_it_was() -> None:
+    job = Job(
+        path=Path("/runs/x.mcap"),
+        wish=Wish(topics={"/a": None, "/b": "x/msg/B"}, patterns=("*",), excludes=("/c",)),
+        metadata={"obelisk": {"run": "x"}},
+        attachments={"plan.json": "{}"},
+        duration_s=2.5,
+    )
+    assert job_from_json(job_to_json(job)) == job
+
+
+def test_a_run_tells_its_config_hash_versions_and_parameters(tmp_path: Path) -> None:
+    background = background_of(run_folder(tmp_path))
+    assert background.metadata == {
+        "obelisk": {
+            "run": "arm_20260102_030405",
+            "name": "arm",
+            "domain": "7",
+            "plan_sha256": "ab",
+        },
+        "obelisk_versions": {"obk": "1"},
+    }
+    assert json.loads(background.attachments["plan.json"]) == PLAN
+    assert background.attachments["params/control_0.yaml"] == "/**: {}\n"
+
+
+def test_the_topics_of_a_run_have_the_types_that_either_end_knows(tmp_path: Path) -> None:
+    assert run_topics(run_folder(tmp_path)) == {"/a": "x/msg/A", "/b": "x/msg/B"}
+
+
+def test_a_folder_without_a_run_tells_nothing(tmp_path: Path) -> None:
+    assert run_topics(tmp_path) == {}
+    assert background_of(tmp_path) == Background(
+        metadata={"obelisk": {"run": tmp_path.name}, "obelisk_versions": {}}
+    )

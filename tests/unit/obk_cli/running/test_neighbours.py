@@ -1,0 +1,100 @@
+"""Who else may be in the ROS domain."""
+
+import time
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from queue import Empty, SimpleQueue
+
+import pytest
+
+from obk_cli.adapters.ros_graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S, UNNAMED
+from obk_cli.errors import CommandFailedError
+from obk_cli.launch.events import Heard, StrangerSeen
+from obk_cli.plan import Endpoint, Origin, Plan, Process
+from obk_cli.running.neighbours import (
+    control_topics,
+    has_hardware,
+    looking_on,
+    refuse_strangers,
+    refuse_taken_names,
+)
+
+ROBOT = Process(
+    node="obelisk_robot_0",
+    namespace="/",
+    section="robot",
+    device="onboard",
+    package="p",
+    executable="e",
+    origin=Origin(path="c.yaml", line=1, column=1),
+    subscribes=(Endpoint(topic="/ctrl", msg_type=None),),
+    model=str(Path("m.xml")),
+)
+PLAN = Plan(name="s", processes=(ROBOT,))
+
+
+class Graph:
+    """Others, as a table."""
+
+    def __init__(self, *strangers: tuple[str, str]) -> None:
+        self.strangers = strangers
+        self.waited: list[float] = []
+
+    def taken(self, names: Iterable[str], discovery_s: float) -> tuple[str, ...]:
+        return tuple(set(names) & {name for _, name in self.strangers})
+
+    def foreign_publishers(
+        self, topics: Iterable[str], ours: Iterable[str], discovery_s: float
+    ) -> tuple[tuple[str, str], ...]:
+        self.waited.append(discovery_s)
+        return tuple(s for s in self.strangers if s[0] in set(topics) and s[1] not in set(ours))
+
+
+def test_a_name_that_somebody_has_is_refused() -> None:
+    with pytest.raises(CommandFailedError, match="domain 7 there is already /obelisk_robot_0"):
+        refuse_taken_names(("/obelisk_robot_0",), Graph(("/x", "/obelisk_robot_0")), 7)  # type: ignore[arg-type]
+
+
+def test_whoever_else_moves_the_robot_is_named() -> None:
+    with pytest.raises(CommandFailedError, match="/teleop publishes on /ctrl") as raised:
+        refuse_strangers(PLAN, Graph(("/ctrl", "/teleop")), 7)  # type: ignore[arg-type]
+    assert "--allow-foreign" in (raised.value.help or "")
+
+
+def test_publishers_of_other_topics_and_the_plans_own_do_not_matter() -> None:
+    refuse_strangers(PLAN, Graph(("/x", "/teleop"), ("/ctrl", "/obelisk_robot_0")), 7)  # type: ignore[arg-type]
+
+
+def test_for_a_real_robot_the_look_is_as_long_as_it_takes() -> None:
+    real = Plan(name="s", processes=(replace(ROBOT, model=None),))
+    assert has_hardware(real)
+    assert not has_hardware(PLAN)
+    graph = Graph()
+    refuse_strangers(PLAN, graph, 7)  # type: ignore[arg-type]
+    refuse_strangers(real, graph, 7)  # type: ignore[arg-type]
+    assert graph.waited == [OWN_DISCOVERY_S, FOREIGN_DISCOVERY_S]
+
+
+def test_one_that_is_found_late_is_told() -> None:
+    heard: SimpleQueue[Heard] = SimpleQueue()
+    with looking_on(PLAN, Graph(("/ctrl", "/teleop")), heard.put):  # type: ignore[arg-type]
+        assert heard.get(timeout=5) == StrangerSeen(topic="/ctrl", node="/teleop")
+
+
+def test_one_without_a_name_yet_is_no_stranger_once_our_nodes_have_started() -> None:
+    heard: SimpleQueue[Heard] = SimpleQueue()
+    graph = Graph(("/ctrl", UNNAMED))
+    with looking_on(PLAN, graph, heard.put), pytest.raises(Empty):  # type: ignore[arg-type]
+        heard.get(timeout=0.3)
+
+
+def test_the_look_ends_with_the_run() -> None:
+    begin = time.monotonic()
+    with looking_on(PLAN, Graph(), lambda _: None):  # type: ignore[arg-type]
+        pass
+    assert time.monotonic() - begin < FOREIGN_DISCOVERY_S
+
+
+def test_the_robots_topics_are_those_it_listens_to() -> None:
+    assert control_topics(PLAN) == ("/ctrl",)

@@ -1,0 +1,140 @@
+"""The recorder beside a stack: its news are its own, and its failure is told and no more."""
+
+import json
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import cast
+
+from obk_cli.adapters.processes import WardenProcesses
+from obk_cli.adapters.screen import Screen
+from obk_cli.launch.events import Ended, Heard, ProcessEnded, ProcessStarted, Told
+from obk_cli.launch.units import Unit
+from obk_cli.recording.choice import Wish
+from obk_cli.report.launch import LaunchReport
+from obk_cli.running.output import Output
+from obk_cli.running.recorder import UNIT, Recorder
+
+ENDED = Ended(exit_code=0, cause="")
+PLAN = {
+    "processes": [
+        {"publishes": [{"topic": "/a", "msg_type": "x/msg/A"}], "subscribes": []},
+    ]
+}
+
+
+class Shown(Screen):
+    """A screen that keeps its lines."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def put(self, line: str, *, may_drop: bool = False) -> None:
+        self.lines.append(line)
+
+
+class Processes:
+    """Keeps what is asked for; a signal ends the recorder at once."""
+
+    def __init__(self) -> None:
+        self.started: list[str] = []
+        self.signals: list[int] = []
+        self.hear: Callable[[Heard], None] = lambda _: None
+
+    def start(self, unit: Unit) -> None:
+        self.started.append(unit.name)
+
+    def signal(self, process: str, number: int) -> None:
+        assert process == UNIT.name
+        self.signals.append(number)
+        self.hear(ProcessEnded(process=UNIT.name, code=0))
+
+
+class World:
+    """A recorder, and all that it speaks to."""
+
+    def __init__(self, wish: Wish | None, folder: Path | None) -> None:
+        self.screen = Shown()
+        output = Output(None, self.screen, LaunchReport((), colour=False, quiet=True), ())
+        self.recorder = Recorder(wish, folder, output)
+        self.heard: list[Heard] = []
+        self.lines: list[tuple[str, str]] = []
+        self.told: list[Told] = []
+        self.processes = Processes()
+        self.processes.hear = self.hear = self.recorder.hearing(self.heard.append)
+        self.line = self.recorder.lines(lambda *line: self.lines.append(line))
+        self.tell = self.recorder.telling(self.told.append)
+
+    def start(self) -> None:
+        self.recorder.commands({})
+        self.recorder.start(cast(WardenProcesses, self.processes))
+
+
+def run_folder(folder: Path) -> Path:
+    (folder / "run.json").write_text(json.dumps({"name": "x", "plan": PLAN}), encoding="utf-8")
+    return folder
+
+
+def test_a_launch_that_records_nothing_has_no_recorder() -> None:
+    world = World(None, None)
+    world.start()
+    world.recorder.wait_until_begun()
+    world.tell(ENDED)
+    assert not world.processes.started
+    assert world.told == [ENDED]
+    assert not world.screen.lines
+
+
+def test_the_topics_of_the_plan_are_recorded_where_none_are_named(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path)
+    (command,) = World(Wish(), folder).recorder.commands({"A": "b"}).values()
+    job = json.loads(Path(command.arguments[-1]).read_text(encoding="utf-8"))
+    assert job["wish"]["topics"] == {"/a": "x/msg/A"}
+    assert job["path"] == str(folder / "recording.mcap")
+    assert command.environment == {"A": "b"}
+    (command,) = World(Wish(patterns=("/b*",)), folder).recorder.commands({}).values()
+    job = json.loads(Path(command.arguments[-1]).read_text(encoding="utf-8"))
+    assert job["wish"] == {"topics": {}, "patterns": ["/b*"], "excludes": []}
+
+
+def test_what_is_of_the_nodes_goes_by_and_what_is_the_recorders_stays(tmp_path: Path) -> None:
+    world = World(Wish(), run_folder(tmp_path))
+    world.start()
+    ours, theirs = (ProcessStarted(process=name, pid=1) for name in (UNIT.name, "/node"))
+    world.hear(ours)
+    world.hear(theirs)
+    world.hear(end := ProcessEnded(process="/node", code=1))
+    world.line(UNIT.name, "recording to here")
+    world.line("/node", "hello")
+    assert world.heard == [theirs, end]
+    assert world.lines == [("/node", "hello")]
+    assert world.screen.lines == ["recording to here"]
+    world.recorder.wait_until_begun()
+
+
+def test_the_recording_ends_before_the_end_of_the_run_is_told(tmp_path: Path) -> None:
+    world = World(Wish(), run_folder(tmp_path))
+    world.start()
+    world.tell(ENDED)
+    assert world.processes.signals == [signal.SIGINT]
+    assert world.told == [ENDED]
+    assert not world.screen.lines
+
+
+def test_a_recorder_that_dies_is_told_and_the_stack_goes_on(tmp_path: Path) -> None:
+    world = World(Wish(), run_folder(tmp_path))
+    world.start()
+    world.hear(ProcessEnded(process=UNIT.name, code=1, text="no space left"))
+    world.recorder.wait_until_begun()
+    world.tell(ENDED)
+    assert world.heard == []
+    assert not world.processes.signals
+    (line,) = world.screen.lines
+    assert line.startswith("warning: the recorder has ended: the process exited with code 1: no sp")
+
+
+def test_without_a_run_folder_it_is_told_that_nothing_is_recorded() -> None:
+    world = World(Wish(), None)
+    world.start()
+    assert not world.processes.started
+    assert world.screen.lines == ["warning: nothing is recorded: there is no folder for it"]

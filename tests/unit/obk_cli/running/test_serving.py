@@ -1,0 +1,32 @@
+"""A run that cannot answer other terminals runs all the same."""
+
+from contextlib import ExitStack
+from pathlib import Path
+from queue import SimpleQueue
+
+from obk_cli.adapters.screen import Screen
+from obk_cli.launch.events import Heard
+from obk_cli.report.launch import LaunchReport
+from obk_cli.running.output import Output
+from obk_cli.running.run import _serve_others
+
+
+class Shown(Screen):
+    """A screen that keeps its lines."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def put(self, line: str, *, may_drop: bool = False) -> None:
+        self.lines.append(line)
+
+
+def test_a_socket_that_cannot_be_is_told_and_no_more(tmp_path: Path) -> None:
+    (tmp_path / "control.sock").write_text("in the way")
+    screen = Shown()
+    inbox: SimpleQueue[Heard] = SimpleQueue()
+    output = Output(None, screen, LaunchReport((), colour=False, quiet=False), ())
+    with ExitStack() as stack:
+        _serve_others(tmp_path, inbox, output, stack)
+    (line,) = screen.lines
+    assert line.startswith("warning: other terminals are not answered: ")

@@ -1,0 +1,227 @@
+"""`obk new ... --add-to`: the package and the config's entry are made together, or neither."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from obk_cli.cli.init import command as make_workspace
+from obk_cli.cli.new import app
+from obk_cli.errors import CommandFailedError, MisuseError, ObkError
+from obk_cli.pipeline import Options, compile_config
+
+EXAMPLE = Path(__file__).resolve().parents[4] / "examples" / "dummy"
+
+
+@pytest.fixture(autouse=True)
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A workspace with the example's config in it, to stand in."""
+    folder = tmp_path / "ws"
+    (folder / "src").mkdir(parents=True)
+    shutil.copytree(EXAMPLE, folder / "config")
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.fixture
+def config(workspace: Path) -> Path:
+    return workspace / "config" / "dummy.yaml"
+
+
+def obk_new(*arguments: str) -> str:
+    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def refused(*arguments: str) -> ObkError:
+    result = CliRunner().invoke(app, arguments)
+    assert isinstance(result.exception, ObkError), result.output
+    return result.exception
+
+
+def errors(config: Path) -> list[str]:
+    options = Options(environment={}, working_folder=Path.cwd())
+    outcome = compile_config(str(config), options)
+    return [str(finding) for finding in outcome.diagnostics if finding.severity != "info"]
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("controller", "foo"),
+        ("controller", "foo", "--lang", "cpp"),
+        ("estimator", "foo"),
+        ("robot", "foo"),
+        ("sensor", "foo"),
+        ("controller", "foo", "--replace", "obelisk_control_0"),
+    ],
+    ids=" ".join,
+)
+def test_the_config_is_as_sound_with_the_new_node(
+    arguments: tuple[str, ...], config: Path, workspace: Path
+) -> None:
+    said = obk_new(*arguments, "--add-to", "config/dummy.yaml")
+    assert "added to config/dummy.yaml:\n" in said
+    assert said.endswith(("obk launch config/dummy.yaml\n", "colcon build --packages-select foo\n"))
+    assert (workspace / "src/foo/package.xml").is_file()
+    assert "pkg: foo\n" in config.read_text()
+    is_built_later = "cpp" in arguments
+    assert ("until it is built" in said) == is_built_later
+    assert [error for error in errors(config) if not is_built_later or "OBK402" not in error] == []
+
+
+def test_a_node_more_in_a_package_joins_too(
+    config: Path, workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    obk_new("controller", "foo")
+    monkeypatch.chdir(workspace / "src" / "foo")
+    obk_new("controller", "bar", "--add-to", "../../config/dummy.yaml")
+    assert "    - pkg: foo\n      executable: bar\n" in config.read_text()
+
+
+@pytest.fixture
+def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The config of a workspace as `obk init` makes it, to stand beside."""
+    monkeypatch.chdir(tmp_path)
+    init = typer.Typer()
+    init.command()(make_workspace)
+    assert CliRunner().invoke(init, ["arm"], catch_exceptions=False).exit_code == 0
+    monkeypatch.chdir(tmp_path / "arm")
+    return tmp_path / "arm" / "arm.yaml"
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("estimator", "foo"),
+        ("estimator", "foo", "--replace", "obelisk_estimation_0"),
+        ("robot", "foo", "--replace", "obelisk_robot_0"),
+    ],
+    ids=" ".join,
+)
+def test_a_type_that_was_left_open_is_the_configs(arguments: tuple[str, ...], fresh: Path) -> None:
+    assert "/arm/encoders (ObkJointEncoders)" in obk_new(*arguments, "--add-to", "arm.yaml")
+    assert errors(fresh) == []
+
+
+def test_a_type_that_was_asked_for_is_not_exchanged(fresh: Path) -> None:
+    error = refused("estimator", "foo", "--sensor-msg", "JointEncoders", "--add-to", "arm.yaml")
+    assert error.message.startswith("nothing in `robot` or `sensing` publishes JointEncoders")
+
+
+def test_the_usual_type_stays_where_the_config_has_it(config: Path) -> None:
+    assert "(JointEncoders)" in obk_new("estimator", "foo", "--add-to", str(config), "--dry-run")
+
+
+def test_a_config_that_cannot_take_the_node_leaves_everything(
+    config: Path, workspace: Path
+) -> None:
+    before = config.read_bytes()
+    error = refused("estimator", "foo", "--sensor-msg", "ObkForceSensor", "--add-to", str(config))
+    assert isinstance(error, CommandFailedError)
+    assert error.message.startswith("nothing in `robot` or `sensing` publishes ObkForceSensor")
+    assert error.help is not None
+    assert error.help.endswith("make the node for one of these types with `--sensor-msg`")
+    assert config.read_bytes() == before
+    assert list((workspace / "src").iterdir()) == []
+
+
+def test_a_package_that_the_config_would_not_find_is_not_made(
+    config: Path, workspace: Path, tmp_path: Path
+) -> None:
+    before = config.read_bytes()
+    elsewhere = tmp_path / "elsewhere" / "src"
+    error = refused("controller", "foo", "--dest", str(elsewhere), "--add-to", str(config))
+    assert "would have errors that it does not have now; nothing was made" in error.message
+    assert config.read_bytes() == before
+    assert not elsewhere.exists()
+
+
+def test_from_outside_every_workspace_the_package_goes_into_the_configs(
+    config: Path, workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    said = obk_new("controller", "foo", "--add-to", "ws/config/dummy.yaml")
+    assert "in ws/src/foo/\n" in said
+    assert "pytest ws/src/foo/test/test_foo.py\n" in said
+    assert (workspace / "src/foo/package.xml").is_file()
+
+
+def test_what_stands_in_a_workspace_of_its_own_stays_there(
+    config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "other" / "src").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "other")
+    said = obk_new("controller", "foo", "--add-to", str(config))
+    assert "in src/foo/\n" in said
+
+
+def test_an_existing_package_is_as_it_was_if_the_config_cannot_be_written(
+    config: Path, workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    obk_new("controller", "foo")
+    package = workspace / "src" / "foo"
+    before = {path: path.read_bytes() for path in package.rglob("*") if path.is_file()}
+    text = config.read_bytes()
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("obk_cli.cli.edit_files.replace_file", full)
+    monkeypatch.chdir(package)
+    error = refused("controller", "bar", "--add-to", str(config))
+    assert "cannot be written" in error.message
+    assert {p: p.read_bytes() for p in package.rglob("*") if p.is_file()} == before
+    assert config.read_bytes() == text
+
+
+def test_mode_and_symbolic_link_of_the_config_stay(config: Path, workspace: Path) -> None:
+    config.chmod(0o640)
+    link = workspace / "config" / "link.yaml"
+    link.symlink_to("dummy.yaml")
+    obk_new("controller", "foo", "--add-to", "config/link.yaml")
+    assert link.is_symlink()
+    assert config.stat().st_mode & 0o777 == 0o640
+    assert "pkg: foo\n" in config.read_text()
+
+
+def test_a_dry_run_shows_the_diff_of_the_config_and_changes_nothing(
+    config: Path, workspace: Path
+) -> None:
+    before = config.read_bytes()
+    said = obk_new("sensor", "foo", "--add-to", "config/dummy.yaml", "--dry-run")
+    assert "`/obelisk_sensing_0` would be added to config/dummy.yaml:\n" in said
+    assert "+++ b/config/dummy.yaml\n" in said
+    assert "+    - pkg: foo\n" in said
+    assert config.read_bytes() == before
+    assert list((workspace / "src").iterdir()) == []
+
+
+def test_json_says_what_was_wired_to_what(config: Path) -> None:
+    said = json.loads(obk_new("robot", "foo", "--add-to", str(config), "--format", "json"))
+    added = said["added_to"]
+    assert added["node"] == "/obelisk_robot_1"
+    assert [(link["component"], link["topic"]) for link in added["links"]] == [
+        ("sub_ctrl", "/obelisk/dummy/ctrl"),
+        ("pub_sensor", "/obelisk/dummy/foo/joint_encoders"),
+    ]
+    assert added["timers"][0]["period_s"] == 0.001
+
+
+@pytest.mark.parametrize(
+    "options", [("--device", "onboard"), ("--replace", "a"), ("--add-to", "-")], ids=" ".join
+)
+def test_options_that_need_a_config_are_refused_without_one(options: tuple[str, ...]) -> None:
+    assert isinstance(refused("controller", "foo", *options), MisuseError)
+
+
+def test_a_config_that_is_not_there_is_told(workspace: Path) -> None:
+    error = refused("controller", "foo", "--add-to", "none.yaml")
+    assert error.message.startswith("`none.yaml` cannot be read")
+    assert list((workspace / "src").iterdir()) == []

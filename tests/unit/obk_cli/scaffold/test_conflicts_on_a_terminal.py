@@ -1,0 +1,132 @@
+"""Files in the way, on a real terminal: the user is asked about each."""
+
+import fcntl
+import os
+import select
+import subprocess
+import sys
+import termios
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+
+import pytest
+
+from obk_cli.cli.ask_conflicts import settle_conflicts
+from obk_cli.scaffold.decide import Action, Decision
+from obk_cli.scaffold.render import RenderedFile
+
+DEADLINE_S = 30.0
+QUESTION = b"[q]uit? "
+
+
+class Dialogue:
+    """`obk new controller foo` on a pseudo terminal."""
+
+    def __init__(self, folder: Path) -> None:
+        self.master, slave = os.openpty()
+        code = "from obk_cli.cli.main import main; main(['new', 'controller', 'foo'])"
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            cwd=folder,
+            env=os.environ | {"XDG_CONFIG_HOME": str(folder)},
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            start_new_session=True,
+            # Of its own terminal, so that Ctrl-C there is a signal.
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        )
+        os.close(slave)
+        self.seen = b""
+
+    def answer(self, key: str) -> None:
+        """Wait for the next question and answer it."""
+        asked = self.seen.count(QUESTION)
+        while self.seen.count(QUESTION) == asked:
+            assert self._read(), f"no question came: {self.seen.decode()}"
+        os.write(self.master, f"{key}\n".encode())
+
+    def end(self) -> int:
+        while self._read():
+            pass
+        os.close(self.master)
+        return self.process.wait(DEADLINE_S)
+
+    def _read(self) -> bool:
+        ready, _, _ = select.select([self.master], [], [], DEADLINE_S)
+        assert ready, f"nothing more came: {self.seen.decode()}"
+        try:
+            piece = os.read(self.master, 65536)
+        except OSError:  # the other end is closed
+            return False
+        self.seen += piece
+        return bool(piece)
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """A package in which two files were changed and one was deleted."""
+    code = "from obk_cli.cli.main import main; main(['new', 'controller', 'foo'])"
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, capture_output=True)
+    root = tmp_path / "foo"
+    (root / "README.md").write_text("mine\n")
+    (root / "setup.cfg").write_text("mine too\n")
+    (root / "ruff.toml").unlink()
+    return root
+
+
+@pytest.fixture
+def dialogue(root: Path) -> Iterator[Dialogue]:
+    """The same command once more."""
+    started = Dialogue(root.parent)
+    yield started
+    if started.process.poll() is None:
+        started.process.kill()
+        started.process.wait()
+
+
+def test_one_is_kept_and_one_is_replaced(root: Path, dialogue: Dialogue) -> None:
+    dialogue.answer("k")
+    dialogue.answer("r")
+    assert dialogue.end() == 0
+    assert (root / "README.md").read_text() == "mine\n"
+    assert "install_scripts" in (root / "setup.cfg").read_text()
+    assert (root / "ruff.toml").is_file()
+    assert b"keep      README.md" in dialogue.seen
+    assert b"replace   setup.cfg" in dialogue.seen
+
+
+def test_the_difference_is_shown_and_the_question_comes_again(
+    root: Path, dialogue: Dialogue
+) -> None:
+    dialogue.answer("d")
+    dialogue.answer("what?")
+    dialogue.answer("k")
+    dialogue.answer("k")
+    assert dialogue.end() == 0
+    assert b"-mine\r\n+# foo\r\n" in dialogue.seen
+    assert b"k, r, d or q was expected" in dialogue.seen
+
+
+@pytest.mark.parametrize(
+    ("key", "code"),
+    [("q", 1), ("\x03", 130), ("\x04", 1)],
+    ids=["quit", "ctrl-c", "ctrl-d"],
+)
+def test_whoever_leaves_leaves_everything_as_it_was(
+    root: Path, dialogue: Dialogue, key: str, code: int
+) -> None:
+    dialogue.answer("r")
+    dialogue.answer(key)
+    assert dialogue.end() == code
+    assert (root / "README.md").read_text() == "mine\n"
+    assert not (root / "ruff.toml").exists()
+    assert b"Traceback" not in dialogue.seen
+
+
+def test_what_cannot_be_replaced_is_not_asked_about(monkeypatch: pytest.MonkeyPatch) -> None:
+    for stream in ("stdin", "stderr"):
+        monkeypatch.setattr(f"sys.{stream}.isatty", lambda: True)
+    file = RenderedFile(path=PurePosixPath("a"), content=b"")
+    stuck = Decision(file=file, action=Action.CONFLICT, reason="it is a folder")
+    assert settle_conflicts((stuck,)) == (stuck,)

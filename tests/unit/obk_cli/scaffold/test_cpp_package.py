@@ -1,0 +1,218 @@
+"""The C++ packages: names that agree over all files, and text that a compiler takes.
+
+The library that they are written against is not here: small stand-ins of its headers are.
+"""
+
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path, PurePosixPath
+from xml.etree import ElementTree
+
+import pytest
+
+from obk_cli.scaffold.cpp import cpp_header
+from obk_cli.scaffold.questions import MessageType
+from obk_cli.scaffold.render import RenderedFile
+
+Package = Callable[..., dict[PurePosixPath, RenderedFile]]
+
+COMPILER = next((path for name in ("g++", "clang++", "c++") if (path := shutil.which(name))), None)
+VARIANTS = [
+    ("controller", "foo", {}),
+    ("controller", "leg_pd_controller", {"ctrl_msg": "PDFeedForward"}),
+    ("controller", "foo", {"ctrl_msg": "VelocityCommand", "est_msg": "nav_msgs/Odometry"}),
+    ("controller", "foo", {"ctrl_msg": "a_msgs/Thrust"}),
+    ("estimator", "foo", {}),
+    ("estimator", "foo", {"sensor_msg": "ObkJointEncoders"}),
+    ("estimator", "foo", {"sensor_msg": "sensor_msgs/Imu", "est_msg": "a_msgs/IMU"}),
+]
+
+NODE_STAND_IN = """\
+#pragma once
+#include <functional>
+#include <memory>
+#include <string>
+#include "rclcpp/rclcpp.hpp"
+namespace obelisk {
+template <typename T> struct Publisher { void publish(const T&) {} };
+class ObeliskNode {
+public:
+    explicit ObeliskNode(const std::string&) {}
+    virtual ~ObeliskNode() = default;
+    std::shared_ptr<rclcpp::Clock> get_clock() { return std::make_shared<rclcpp::Clock>(); }
+protected:
+    template <typename T> std::shared_ptr<Publisher<T>> GetPublisher(const std::string&) {
+        return std::make_shared<Publisher<T>>();
+    }
+    template <typename T> void RegisterSubscription(
+        const std::string&, const std::string&, std::function<void(const T&)>) {}
+};
+}
+"""
+STAND_INS = {
+    "rclcpp/rclcpp.hpp": """\
+#pragma once
+namespace rclcpp {
+struct Time { double seconds() const { return 0.0; } };
+struct Clock { Time now() { return {}; } };
+namespace executors { struct MultiThreadedExecutor {}; }
+}
+""",
+    "obelisk_node.h": NODE_STAND_IN,
+    "obelisk_controller.h": """\
+#pragma once
+#include "obelisk_node.h"
+namespace obelisk {
+template <typename C, typename E> class ObeliskController : public ObeliskNode {
+public:
+    explicit ObeliskController(const std::string& name) : ObeliskNode(name) {}
+protected:
+    virtual void UpdateXHat(const E&) = 0;
+    virtual C ComputeControl() = 0;
+    const std::string ctrl_key_ = "pub_ctrl";
+};
+}
+""",
+    "obelisk_estimator.h": """\
+#pragma once
+#include "obelisk_node.h"
+namespace obelisk {
+template <typename E> class ObeliskEstimator : public ObeliskNode {
+public:
+    explicit ObeliskEstimator(const std::string& name) : ObeliskNode(name) {}
+protected:
+    virtual E ComputeStateEstimate() = 0;
+    const std::string est_pub_key_ = "pub_est";
+};
+}
+""",
+    "obelisk_ros_utils.h": """\
+#pragma once
+#include <string>
+namespace obelisk::utils {
+template <typename N, typename E> void SpinObelisk(int, char**, const std::string& name) {
+    N node(name);
+    E executor;
+    (void)executor;
+}
+}
+""",
+}
+FIELDS = {
+    "PositionSetpoint": "Header header; std::vector<double> u_mujoco, q_des;",
+    "PDFeedForward": "Header header; std::vector<double> u_mujoco;",
+    "VelocityCommand": "Header header; double v_x, v_y, w_z;",
+    "EstimatedState": "Header header; std::vector<double> q_joints, v_joints; "
+    "std::vector<std::string> joint_names;",
+    "JointEncoders": "Header header; std::vector<double> y;",
+    "ObkJointEncoders": "Header header; std::vector<double> joint_pos, joint_vel; "
+    "std::vector<std::string> joint_names;",
+}
+
+
+def text_of(files: dict[PurePosixPath, RenderedFile], path: str) -> str:
+    return files[PurePosixPath(path)].content.decode()
+
+
+def includes_of(files: dict[PurePosixPath, RenderedFile]) -> set[str]:
+    code = (f.content.decode() for f in files.values() if f.path.suffix in (".h", ".cpp"))
+    return {name for text in code for name in re.findall(r'#include "([^"]+)"', text)}
+
+
+def message_stand_in(header: str, code: str) -> str:
+    package = header.split("/")[0]
+    used = re.findall(rf"\b{package}::msg::(\w+)", code)
+    name = next(n for n in used if cpp_header(MessageType(package=package, name=n)) == header)
+    return (
+        "#pragma once\n#include <string>\n#include <vector>\n"
+        '#include "rclcpp/rclcpp.hpp"\n'
+        f"namespace {package}::msg {{ struct {name} {{ struct Header {{ rclcpp::Time stamp; }}; "
+        f"{FIELDS.get(name, '')} }}; }}\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "header"),
+    [
+        ("PositionSetpoint", "position_setpoint"),
+        ("PDFeedForward", "pd_feed_forward"),
+        ("ExecutionFSM", "execution_fsm"),
+        ("UInt8MultiArray", "u_int8_multi_array"),
+        ("Pose2D", "pose2_d"),
+        ("A", "a"),
+    ],
+)
+def test_a_header_has_the_name_that_ros_gives_it(name: str, header: str) -> None:
+    """Source: rosidl's generators, which make `x2_y` of `X2Y`."""
+    assert cpp_header(MessageType(package="a_msgs", name=name)) == f"a_msgs/msg/{header}.hpp"
+
+
+@pytest.mark.parametrize(("kind", "name", "typed"), VARIANTS)
+def test_the_names_agree_over_all_files(
+    package: Package, kind: str, name: str, typed: dict[str, str]
+) -> None:
+    files = package(kind, name, language="cpp", **typed)
+    cmake, manifest = text_of(files, "CMakeLists.txt"), text_of(files, "package.xml")
+    depends = {e.text for e in ElementTree.fromstring(manifest).iter("depend")}
+    assert set(re.findall(r"find_package\((\w+)", cmake)) == {"ament_cmake", *depends}
+    listed = cmake.partition("ament_target_dependencies")[2].partition(")")[0].split()[1:]
+    assert set(listed) == depends
+    assert f"project({name})" in cmake
+    sources = re.findall(r"add_executable\(\w+ (.*)\)", cmake)[0].split()
+    assert all(PurePosixPath(source) in files for source in sources)
+    assert f"install(TARGETS {name} DESTINATION lib/${{PROJECT_NAME}})" in cmake
+    for header in includes_of(files):
+        top = header.split("/")[0]
+        own = PurePosixPath("include", header) in files
+        assert own or header.startswith("obelisk_") or top in depends, header
+
+
+@pytest.mark.parametrize(("kind", "name", "typed"), VARIANTS)
+def test_every_bracket_is_closed(
+    package: Package, kind: str, name: str, typed: dict[str, str]
+) -> None:
+    for file in package(kind, name, language="cpp", **typed).values():
+        text = file.content.decode()
+        for opening, closing in ("{}", "()", "[]"):
+            assert text.count(opening) == text.count(closing), file.path
+
+
+def test_the_entry_is_as_obelisk_has_it(package: Package) -> None:
+    main = text_of(package("controller", "foo", language="cpp"), "src/main.cpp")
+    assert "obelisk::utils::SpinObelisk<foo::FooController, " in main
+    assert 'argc, argv, "foo");' in main
+
+
+@pytest.mark.parametrize(("kind", "name", "typed"), VARIANTS)
+def test_a_compiler_takes_it(
+    package: Package, tmp_path: Path, kind: str, name: str, typed: dict[str, str]
+) -> None:
+    if COMPILER is None:  # what can be said without one stands above
+        return
+    files = package(kind, name, language="cpp", **typed)
+    code = "".join(f.content.decode() for f in files.values() if f.path.suffix == ".h")
+    code += "".join(f.content.decode() for f in files.values() if f.path.suffix == ".cpp")
+    stand_ins = STAND_INS | {
+        header: message_stand_in(header, code) for header in includes_of(files) if "/msg/" in header
+    }
+    for path, content in stand_ins.items():
+        target = tmp_path / "stand_ins" / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(content)
+    for file in files.values():
+        target = tmp_path / "ws/package" / file.path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(file.content)
+    for source in (tmp_path / "ws/package/src").iterdir():
+        options = ["-std=c++17", "-fsyntax-only", "-Wall", "-Wextra", "-Werror"]
+        folders = ["-I", str(tmp_path / "ws/package/include"), "-I", str(tmp_path / "stand_ins")]
+        done = subprocess.run(
+            [COMPILER, *options, *folders, str(source)],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr

@@ -1,0 +1,296 @@
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from obk_cli.cli.init import command
+from obk_cli.cli.vscode import install_vscode
+from obk_cli.errors import CommandFailedError, MisuseError, ObkError
+from obk_cli.jsonc import read_jsonc
+from obk_cli.pipeline import Options, compile_config
+from obk_cli.resources import resource_folder
+
+Tree = Callable[[Path], dict[str, bytes]]
+
+OBK = "import sys; from obk_cli.cli.main import main; main(sys.argv[1:])"
+app = typer.Typer()
+app.command()(command)
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder to stand in."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def obk_init(*arguments: str) -> str:
+    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def refused(*arguments: str) -> ObkError:
+    result = CliRunner().invoke(app, arguments)
+    assert isinstance(result.exception, ObkError), result.output
+    return result.exception
+
+
+def test_a_workspace_has_all_that_a_stack_needs(here: Path, tree: Tree) -> None:
+    said = obk_init("my_robot")
+    assert said.startswith("made the workspace `my_robot` in my_robot/\n")
+    made = set(tree(here / "my_robot"))
+    assert {
+        ".github/workflows/check.yaml",
+        ".gitignore",
+        ".pre-commit-config.yaml",
+        ".vscode/settings.json",
+        "README.md",
+        "model/my_robot.xml",
+        "my_robot.yaml",
+        "src/my_robot_controller/setup.py",
+        "src/my_robot_estimator/my_robot_estimator/my_robot_estimator.py",
+        "tests/test_stack.py",
+    } <= made
+    assert not [path for path in made if "{" in path or path.endswith(".jinja")]
+
+
+def test_it_says_what_to_type_next(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(Path(sys.executable).parent))
+    said = obk_init("my_robot")
+    assert said.endswith(
+        "next:\n  cd my_robot\n  obk validate my_robot.yaml\n  obk launch my_robot.yaml\n"
+        "  python -m pytest\n"
+    )
+
+
+def test_a_dot_is_this_folder_and_its_name_the_stacks(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (here / "arm").mkdir()
+    monkeypatch.chdir(here / "arm")
+    said = obk_init()
+    assert "cd " not in said
+    assert (here / "arm/arm.yaml").read_text().count("config: arm\n") == 1
+
+
+def test_the_config_names_the_schema_that_is_there(here: Path) -> None:
+    obk_init("my_robot")
+    first, *_ = (here / "my_robot/my_robot.yaml").read_text().splitlines()
+    marker, _, schema = first.partition("$schema=")
+    assert marker == "# yaml-language-server: "
+    assert (here / "my_robot" / schema).is_file()
+
+
+def test_the_editor_is_set_up_as_the_schema_command_would(here: Path) -> None:
+    obk_init("my_robot")
+    schema = (resource_folder("schema") / "obelisk.schema.json").read_text()
+    said = list(install_vscode(here / "my_robot", schema))
+    assert [line for line in said if line.endswith("written")] == []
+
+
+@pytest.mark.mujoco
+def test_its_config_is_valid_without_a_finding(here: Path) -> None:
+    obk_init("my_robot")
+    options = Options(environment={}, working_folder=here)
+    outcome = compile_config("my_robot/my_robot.yaml", options)
+    found = [str(d) for d in outcome.diagnostics]
+    # The simulator's package is there only where the tool is installed.
+    assert [fault for fault in found if "`obelisk_sim_py`" not in fault] == []
+    assert outcome.config is not None
+
+
+def test_the_same_again_changes_nothing(here: Path, tree: Tree) -> None:
+    obk_init("my_robot")
+    before = tree(here)
+    said = obk_init("my_robot")
+    assert "  create " not in said
+    assert "  identical my_robot.yaml\n" in said
+    assert tree(here) == before
+
+
+def test_a_file_with_other_content_is_never_lost(here: Path, tree: Tree) -> None:
+    (here / "my_robot").mkdir()
+    (here / "my_robot/README.md").write_text("mine")
+    before = tree(here)
+    fault = refused("my_robot")
+    assert isinstance(fault, CommandFailedError)
+    assert "README.md: it is there with other content" in fault.message
+    assert fault.help is not None
+    assert fault.help.startswith("choose another folder, or move what is in the way")
+    assert "--force" not in fault.help  # which `obk init` does not have
+    assert tree(here) == before
+
+
+def test_files_that_are_not_in_the_way_stay(here: Path) -> None:
+    (here / "my_robot/.git").mkdir(parents=True)
+    (here / "my_robot/.git/HEAD").write_text("ref")
+    (here / "my_robot/LICENSE").write_text("mine")
+    obk_init("my_robot")
+    assert (here / "my_robot/LICENSE").read_text() == "mine"
+    assert (here / "my_robot/.git/HEAD").read_text() == "ref"
+
+
+def test_the_editors_settings_that_are_there_are_kept(here: Path) -> None:
+    (here / "my_robot/.vscode").mkdir(parents=True)
+    settings = here / "my_robot/.vscode/settings.json"
+    settings.write_text('{\n  // mine\n  "editor.rulers": [100]\n}\n')
+    assert "  edit      .vscode/settings.json\n" in obk_init("my_robot")
+    assert "// mine" in settings.read_text()
+    value = read_jsonc(settings.read_text())
+    assert isinstance(value, dict)
+    assert value["editor.rulers"] == [100]
+    assert "my_robot.yaml" in value["yaml.schemas"]["./.vscode/obelisk.schema.json"]
+
+
+def test_a_dry_run_shows_the_files_and_makes_none(here: Path, tree: Tree) -> None:
+    said = obk_init("my_robot", "--dry-run")
+    assert "  create    my_robot.yaml\n" in said
+    assert "\n--- /dev/null\n+++ b/my_robot.yaml\n" in said
+    assert list(here.iterdir()) == []
+
+
+def test_the_result_as_json() -> None:
+    result = json.loads(obk_init("my_robot", "--format", "json"))
+    assert (result["stack"], result["folder"]) == ("my_robot", "my_robot")
+    assert {"path": "my_robot.yaml", "action": "create"} in result["files"]
+
+
+@pytest.mark.parametrize("name", ["My-Robot", "2fast", "class", "x" * 30, "with space"])
+def test_a_folder_whose_name_no_stack_can_have_is_misuse(here: Path, tree: Tree, name: str) -> None:
+    fault = refused(name)
+    assert isinstance(fault, MisuseError)
+    assert fault.message.startswith("the folder's name is the stack's: the name `")
+    assert tree(here) == {}
+
+
+def test_a_name_whose_packages_are_taken_is_refused(here: Path) -> None:
+    (here / "arm/src/group/mine").mkdir(parents=True)
+    (here / "arm/src/group/mine/package.xml").write_text(
+        "<package><name>arm_controller</name></package>"
+    )
+    assert "`arm_controller` is taken" in refused("arm").message
+
+
+def test_a_workspace_beside_another_may_have_its_name(here: Path) -> None:
+    obk_init("one/arm")
+    obk_init("two/arm")
+    assert (here / "two/arm/arm.yaml").is_file()
+
+
+def test_a_package_is_no_place_for_a_workspace(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (here / "pkg").mkdir()
+    (here / "pkg/package.xml").write_text("<package/>")
+    assert "is a package" in refused("pkg").message
+
+
+def test_a_file_is_no_place_for_a_workspace(here: Path) -> None:
+    (here / "arm").write_text("")
+    assert "arm is a file" in refused("arm").message
+
+
+def test_a_link_to_a_folder_is_that_folder_under_the_links_name(here: Path) -> None:
+    (here / "real").mkdir()
+    (here / "arm").symlink_to("real")
+    obk_init("arm")
+    assert (here / "real/arm.yaml").is_file()
+
+
+def test_a_link_to_nothing_is_refused(here: Path) -> None:
+    (here / "arm").symlink_to("nowhere")
+    assert "which is not there" in refused("arm").message
+    assert not (here / "nowhere").exists()
+
+
+def test_a_link_inside_is_not_followed_out(here: Path, tmp_path: Path, tree: Tree) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (here / "arm").mkdir()
+    (here / "arm/src").symlink_to(elsewhere)
+    assert "a symbolic link leads it to" in refused("arm").message
+    assert tree(elsewhere) == {}
+
+
+def run(folder: Path, *arguments: str) -> str:
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    done = subprocess.run(
+        [sys.executable, "-m", *arguments],
+        cwd=folder,
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=150,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+def test_the_workspace_passes_ruff_and_mypy(here: Path) -> None:
+    obk_init("my_robot")
+    run(here / "my_robot", "ruff", "check", "--no-cache", ".")
+    run(here / "my_robot", "ruff", "format", "--no-cache", "--check", ".")
+    run(here / "my_robot", "mypy", "--cache-dir", os.devnull)
+
+
+@pytest.mark.parametrize("made_by", [".obk/build", "build", "install", "log"])
+def test_ruff_leaves_alone_what_building_makes_in_a_workspace_without_git(
+    here: Path, made_by: str
+) -> None:
+    obk_init("my_robot")
+    folder = here / "my_robot" / made_by / "my_msgs"
+    folder.mkdir(parents=True)
+    (folder / "generated.py").write_text("import  os\n")
+    run(here / "my_robot", "ruff", "check", "--no-cache", ".")
+    run(here / "my_robot", "ruff", "format", "--no-cache", "--check", ".")
+
+
+@pytest.mark.mujoco
+def test_the_commands_of_its_readme_work_in_their_order(here: Path) -> None:
+    obk_init("my_robot")
+    root = here / "my_robot"
+    blocks = re.findall(r"```sh\n(.*?)```", (root / "README.md").read_text(), re.DOTALL)
+    lines = [shlex.split(line, comments=True) for line in "".join(blocks).splitlines()]
+    commands = [words[1:] for words in lines if words[0] == "obk" and words[1] != "launch"]
+    assert [words[0] for words in commands] == ["validate", "new", "new", "new", "new", "graph"]
+    for words in commands:
+        done = subprocess.run(
+            [sys.executable, "-c", OBK, *words],
+            cwd=root,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        assert done.returncode == 0, (words, done.stdout, done.stderr)
+
+
+@pytest.mark.ros
+@pytest.mark.mujoco
+def test_the_tests_of_the_workspace_pass_and_it_launches_at_once(
+    here: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "log"))
+    obk_init("my_robot")
+    run(here / "my_robot", "pytest", "-q", "-p", "no:cacheprovider")
+    done = subprocess.run(
+        [sys.executable, "-c", OBK, "launch", "my_robot.yaml", "--duration", "1"],
+        cwd=here / "my_robot",
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "control_0: activate ok" in done.stdout + done.stderr

@@ -1,0 +1,215 @@
+"""Templates of a user's own, the harmful ones too."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from obk_cli.adapters.bounded_render import render_bounded
+from obk_cli.cli.new import app
+from obk_cli.errors import CommandFailedError, ObkError
+from obk_cli.scaffold.render import Template, TemplateFaultError, render_templates
+
+Tree = Callable[[Path], dict[str, bytes]]
+
+
+@pytest.fixture(autouse=True)
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty workspace to stand in, and no templates in the user's own folder."""
+    folder = tmp_path / "ws"
+    (folder / "src").mkdir(parents=True)
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.delenv("OBK_TEMPLATES", raising=False)
+    return folder
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> Path:
+    """A folder of templates with one of its own for Python packages."""
+    folder = tmp_path / "mine"
+    (folder / "package_py").mkdir(parents=True)
+    (folder / "package_py" / "LICENSE.jinja").write_text("Licence of {{ package }}\n")
+    return folder
+
+
+def obk_new(*arguments: str) -> str:
+    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def refused(*arguments: str) -> ObkError:
+    result = CliRunner().invoke(app, arguments)
+    assert isinstance(result.exception, ObkError), result.output
+    return result.exception
+
+
+def test_they_are_layered_over_the_tools_own(workspace: Path, mine: Path) -> None:
+    (mine / "package_py" / "ruff.toml").write_text("line-length = 79\n")
+    obk_new("controller", "foo", "--templates", str(mine))
+    root = workspace / "src/foo"
+    assert (root / "LICENSE").read_text() == "Licence of foo\n"
+    assert (root / "ruff.toml").read_text() == "line-length = 79\n"
+    assert (root / "foo/foo.py").is_file()
+
+
+def test_the_folder_may_be_named_by_the_environment_or_be_the_users_config(
+    workspace: Path, mine: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("OBK_TEMPLATES", str(mine))
+    obk_new("controller", "foo")
+    monkeypatch.delenv("OBK_TEMPLATES")
+    (tmp_path / "config/obk").mkdir(parents=True)
+    mine.rename(tmp_path / "config/obk/templates")
+    obk_new("controller", "bar")
+    for name in ("foo", "bar"):
+        assert (workspace / "src" / name / "LICENSE").is_file()
+
+
+def test_the_list_says_what_is_from_where(mine: Path) -> None:
+    said = obk_new("--list", "--templates", str(mine))
+    assert f"package_py (obk, {mine / 'package_py'})" in said
+    assert "controller_cpp (obk)" in said
+    listed = json.loads(obk_new("--list", "--format", "json"))
+    assert {(entry["kind"], entry["language"]) for entry in listed} >= {
+        ("controller", "py"),
+        ("controller", "cpp"),
+        ("estimator", "cpp"),
+        ("robot", "py"),
+        ("sensor", "py"),
+        ("msgs", None),
+        ("config", None),
+    }
+
+
+def test_a_folder_that_no_kind_has_is_told_with_the_near_one(mine: Path) -> None:
+    (mine / "contoller_py").mkdir()
+    fault = refused("controller", "foo", "--templates", str(mine))
+    assert f"{mine / 'contoller_py'} is the template folder of nothing" in fault.message
+    assert fault.help is not None
+    assert "controller_py" in fault.help
+
+
+def test_a_folder_that_is_not_there_is_told(mine: Path) -> None:
+    assert "is not there" in refused("controller", "foo", "--templates", f"{mine}x").message
+
+
+@pytest.mark.parametrize("what", ["file", "folder", "dangling"])
+def test_a_link_in_the_folder_is_not_followed(
+    mine: Path, workspace: Path, tree: Tree, what: str
+) -> None:
+    secret = mine.parent / "secret"
+    if what == "file":
+        secret.write_text("secret")
+    elif what == "folder":
+        secret.mkdir()
+    (mine / "package_py/stolen").symlink_to(secret)
+    fault = refused("controller", "foo", "--templates", str(mine))
+    assert isinstance(fault, CommandFailedError)
+    assert "is a symbolic link" in fault.message
+    assert tree(workspace) == {}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "{{ '..' }}{{ '\\x2f' }}x",
+        "{{ '\\x2f' }}tmp{{ '\\x2f' }}x",
+        "{{ '..' }}",
+        "{{ '' }}",
+        "a{{ '\\x5c' }}b",
+        "a{{ '\\n' }}b",
+        ".git{{ '\\x2f' }}hooks{{ '\\x2f' }}pre-commit",
+        "a{{ '\\x2f' }}..{{ '\\x2f' }}..{{ '\\x2f' }}x",
+    ],
+)
+def test_a_file_name_that_leads_out_is_refused(
+    mine: Path, workspace: Path, tree: Tree, name: str
+) -> None:
+    (mine / "package_py" / name).write_text("x")
+    fault = refused("controller", "foo", "--templates", str(mine))
+    assert "outside the package" in fault.message
+    assert str(mine) in fault.message
+    assert tree(workspace) == {}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{{ ''.__class__.__mro__[1].__subclasses__() }}",
+        "{{ package.__init__.__globals__ }}",
+        "{{ self.__init__.__globals__ }}",
+        "{{ cycler.__init__.__globals__.os.system('id') }}",
+        "{% set _ = dependencies.append('x') %}",
+        "{{ '{0.__class__}'.format(package) }}",
+        "{% include '/etc/passwd' %}",
+        "{{ undefined_thing }}",
+        "{% for x in %}",
+        "{{ 1 / 0 }}",
+        "{{ range(1000000000) }}",
+    ],
+)
+def test_a_text_that_reaches_out_or_is_broken_is_refused_with_its_file(
+    mine: Path, workspace: Path, tree: Tree, text: str
+) -> None:
+    bad = mine / "package_py" / "bad.jinja"
+    bad.write_text(text)
+    fault = refused("controller", "foo", "--templates", str(mine))
+    assert isinstance(fault, TemplateFaultError)
+    assert str(bad) in fault.message
+    assert tree(workspace) == {}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{{ 'x' * 10 ** 10 }}",
+        "{% macro again() %}{{ again() }}{% endmacro %}{{ again() }}",
+        "{{ 'x'|center(10 ** 10) }}",
+    ],
+)
+def test_a_text_that_asks_for_too_much_is_stopped(
+    mine: Path, workspace: Path, tree: Tree, text: str
+) -> None:
+    (mine / "package_py" / "bad.jinja").write_text(text)
+    fault = refused("controller", "foo", "--templates", str(mine))
+    assert isinstance(fault, TemplateFaultError)
+    assert str(mine) in fault.message
+    assert tree(workspace) == {}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"{% for a in range(99999) %}{% for b in range(99999) %}{% endfor %}{% endfor %}",
+        b"{{ 9 ** (9 ** 9) }}",
+    ],
+)
+def test_a_text_without_end_is_stopped(text: bytes) -> None:
+    template = Template(name="a.jinja", content=text, folder="/mine")
+    with pytest.raises(TemplateFaultError, match=r"^/mine: a template wants more than 1 s"):
+        render_bounded([template], {}, cpu_s=1)
+
+
+def test_a_template_of_senseless_size_is_refused(mine: Path) -> None:
+    (mine / "package_py" / "big").write_bytes(b"x" * (1024 * 1024 + 1))
+    assert "1048577 bytes" in refused("controller", "foo", "--templates", str(mine)).message
+
+
+def test_two_templates_of_one_file_are_refused(mine: Path, workspace: Path, tree: Tree) -> None:
+    (mine / "package_py" / "{{package}}").mkdir()
+    (mine / "package_py" / "{{package}}" / "__init__.py").write_text("")
+    fault = refused("controller", "foo", "--templates", str(mine))
+    assert fault.message == "two templates would make `foo/__init__.py`"
+    assert tree(workspace) == {}
+
+
+def test_rendering_within_bounds_gives_the_same_files() -> None:
+    templates = [
+        Template(name="{{ a }}/b.jinja", content=b"{{ a }} \xc3\xa9\n"),
+        Template(name="raw", content=bytes(range(256))),
+    ]
+    assert render_bounded(templates, {"a": "x"}) == render_templates(templates, {"a": "x"})
