@@ -341,7 +341,7 @@ def test_a_callback_that_raises_fails_its_own_node_only(compose: Callable[..., C
     told = [line for line in composed.lines if lines.owner(line) == "/b"]
     assert told[0].endswith("[b]: Raising.act: ValueError: no such motor")
     assert told[-1].strip() == "ValueError: no such motor"
-    assert composed.end(signal.SIGINT) == 0
+    assert composed.end(signal.SIGINT) == 0, composed.text
 
 
 @pytest.mark.parametrize(

@@ -162,6 +162,21 @@ def test_fail_may_be_called_from_any_thread() -> None:
         assert str(node.last_fault) == "watchdog: the bus is dead"
 
 
+def test_a_fault_where_nothing_runs_is_told_and_fails_no_later_transition() -> None:
+    answers = []
+
+    def fail_and_shut_down(node: Controller) -> None:
+        node.fail("late", "a callback of its own")
+        answers.append(node.trigger_shutdown())
+
+    with spinning(Controller) as node:
+        assert node.executor is not None
+        node.executor.create_task(fail_and_shut_down, node)
+        eventually(lambda: node.state_label == "finalized", "the end")
+        assert answers == [SUCCESS]
+        assert str(node.last_fault) == "a callback of its own: late"
+
+
 def test_missing_settings_are_named_all_at_once() -> None:
     with spinning(lambda: Controller(pub_ctrl_setting="", timer_ctrl_setting="")) as node:
         assert not request(node, "configure")

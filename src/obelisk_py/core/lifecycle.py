@@ -162,6 +162,7 @@ class GuardedLifecycleNode(LifecycleNode):
 
     def _settled(self, trigger: Callable[[], TransitionCallbackReturn]) -> TransitionCallbackReturn:
         with self._transition_lock:
+            self._forget_fault_at_rest()
             result = trigger()
             state = self.state_label
             try:
@@ -169,8 +170,7 @@ class GuardedLifecycleNode(LifecycleNode):
             except Exception as error:
                 self._keep(error, f"settling in '{state}'")
                 self._is_unrecoverable = True
-            if state in ("unconfigured", "finalized"):
-                self._is_failing = False
+            self._forget_fault_at_rest()
             self._end_if_unrecoverable()
             return result
 
@@ -187,8 +187,13 @@ class GuardedLifecycleNode(LifecycleNode):
                 return
             if self.state_label in begin:
                 begin[self.state_label]()
-            elif self.state_label in ("unconfigured", "finalized"):
-                self._is_failing = False
+            else:
+                self._forget_fault_at_rest()
+
+    def _forget_fault_at_rest(self) -> None:
+        """Where nothing runs there is no error processing that a fault could wait for."""
+        if self.state_label in ("unconfigured", "finalized"):
+            self._is_failing = False
 
     def _keep(self, cause: BaseException | str, where: str) -> None:
         self.last_fault = fault_of(cause, where)
