@@ -107,6 +107,27 @@ def test_without_a_keyframe_a_reset_goes_to_the_models_own_start(dummy):
     assert simulation.data.qpos.tolist() == [0.0]
 
 
+def test_after_a_hundred_thousand_steps_the_time_is_exact_where_that_of_mujoco_has_drifted(dummy):
+    simulation, _ = _simulation(dummy)
+    simulation.reset("ic")
+    simulation.advance(100_000)
+    assert simulation.time_ns == 100_000_000_000
+    assert simulation.data.time != 100.0
+    simulation.reset("ic")
+    assert simulation.time_ns == 0
+
+
+def test_time_begins_at_that_of_the_keyframe():
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><keyframe><key name='later' time='2.5'/></keyframe></mujoco>"
+    )
+    simulation, _ = _simulation(model)
+    simulation.reset("later")
+    assert simulation.time_ns == 2_500_000_000
+    simulation.advance(2)
+    assert simulation.time_ns == 2_504_000_000
+
+
 def test_a_control_acts_on_the_next_step_and_stays_until_there_is_a_newer_one(everything):
     simulation, inbox = _simulation(everything)
     simulation.reset(None)

@@ -1,10 +1,23 @@
 """When steps are due and what follows which step, with times that the test makes up."""
 
-import pytest
+from fractions import Fraction
+from math import ceil
 
-from obelisk_py.core.sim.mujoco.stepping import MonotonicClock, Pace, SampleTimes
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from obelisk_py.core.sim.mujoco.stepping import (
+    MonotonicClock,
+    Pace,
+    SampleTimes,
+    StepTime,
+    whole_steps,
+)
 
 MS = 1_000_000
+HOUR_S = 3_600
+SECONDS = st.builds(Fraction, st.integers(1, 5_000), st.integers(1, 100_000))
 
 
 def test_an_hour_of_late_wakings_does_not_drift():
@@ -88,6 +101,47 @@ def test_steps_that_were_taken_together_are_sampled_once():
     times = SampleTimes(period_s=0.002, step_s=0.001)
     times.pass_step(7)
     assert times.next_step == 8
+
+
+@pytest.mark.parametrize(
+    ("step", "period"),
+    [
+        (Fraction(1, 1_000), Fraction(1, 50)),
+        (Fraction(1, 1_000), Fraction(1, 30)),
+        (Fraction(1, 1_000), Fraction(7, 200)),
+        (Fraction(1, 240), Fraction(1, 60)),
+        (Fraction(1, 3_000), Fraction(1, 100)),
+    ],
+)
+def test_in_an_hour_no_sample_is_missing_and_no_stamp_is_off(step, period):
+    times = SampleTimes(period_s=float(period), step_s=float(step))
+    step_time = StepTime(float(step))
+    last = int(HOUR_S / step)
+    count = 0
+    while times.next_step <= last:
+        count += 1
+        times.pass_step(times.next_step)
+    assert count == HOUR_S // period
+    assert step_time.ns(last) == HOUR_S * 1_000 * MS
+
+
+@given(step=SECONDS, period=SECONDS, after=st.integers(0, 10**9))
+def test_the_next_sample_follows_the_first_step_that_reaches_a_multiple(step, period, after):
+    times = SampleTimes(period_s=float(period), step_s=float(step))
+    times.pass_step(after)
+    passed = after * step // period
+    assert times.next_step == max(after + 1, ceil((passed + 1) * period / step))
+
+
+@given(step=SECONDS, steps=st.integers(0, 10**9))
+def test_the_time_of_a_step_is_right_to_the_nanosecond(step, steps):
+    exact_ns = steps * step * 1_000 * MS
+    assert abs(StepTime(float(step)).ns(steps) - exact_ns) <= Fraction(1, 2)
+
+
+@given(step=SECONDS, duration=SECONDS)
+def test_a_duration_is_rounded_up_to_steps(step, duration):
+    assert whole_steps(float(duration), float(step)) == ceil(duration / step)
 
 
 def test_the_clock_does_not_wait_for_a_time_that_has_passed():

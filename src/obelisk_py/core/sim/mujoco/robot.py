@@ -202,7 +202,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         assert self._stepper is not None
         assert self._simulation is not None
         self._stepper.step()
-        return Answer(is_done=True, text=f"at {self._simulation.data.time:g} s")
+        return Answer(is_done=True, text=f"at {self._simulation.time_ns / NS_PER_S:.12g} s")
 
     def _realtime_factor(self) -> float:
         factor = self.get_parameter("realtime_factor").value
@@ -257,7 +257,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def _simulation_stamp(self) -> Time:
         assert self._simulation is not None
-        seconds, nanoseconds = divmod(round(self._simulation.data.time * NS_PER_S), NS_PER_S)
+        seconds, nanoseconds = divmod(self._simulation.time_ns, NS_PER_S)
         return Time(sec=seconds, nanosec=nanoseconds)
 
     def _copy_state(self, stamp: Time) -> None:

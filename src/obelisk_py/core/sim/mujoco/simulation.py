@@ -11,6 +11,7 @@ import mujoco
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.faults import StepWarnings
 from obelisk_py.core.sim.mujoco.model import reset_state
+from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, StepTime
 
 __all__ = ["DivergenceError", "Simulation"]
 
@@ -52,11 +53,18 @@ class Simulation:
         self._ctrl = self.data.ctrl
         self._warnings = StepWarnings(model, self.data)
         self._split = int(model.opt.integrator) in _SPLIT_INTEGRATORS
+        self._step_time = StepTime(self.step_s)
+        self._start_ns = 0
 
     @property
     def step_s(self) -> float:
         """Simulation time of a step [s]."""
         return float(self.model.opt.timestep)
+
+    @property
+    def time_ns(self) -> int:
+        """Simulation time [ns]; `data.time` is a sum of floats and drifts."""
+        return self._start_ns + self._step_time.ns(self.steps)
 
     def reset(self, keyframe: str | None) -> None:
         """Go to a keyframe, with its control, or to the model's own start; controls are dropped."""
@@ -64,6 +72,7 @@ class Simulation:
         self._applied = None
         reset_state(self.model, self.data, keyframe)
         self.steps = 0
+        self._start_ns = round(self.data.time * NS_PER_S)
         self._warnings.restart()
 
     def advance(self, count: int = 1) -> tuple[str, ...]:

@@ -4,14 +4,15 @@ In: a clock, a period, the times at which the caller woke. Out: deadlines, and c
 missed. Never reads a clock of its own and never waits, `MonotonicClock` aside.
 """
 
-import math
 import time
 from collections.abc import Callable
+from fractions import Fraction
 from typing import Final, Protocol
 
-__all__ = ["Clock", "MonotonicClock", "Pace", "SampleTimes"]
+__all__ = ["Clock", "MonotonicClock", "Pace", "SampleTimes", "StepTime", "whole_steps"]
 
 NS_PER_S: Final = 1_000_000_000
+_LARGEST_DENOMINATOR: Final = 1_000_000_000
 CATCH_UP_S: Final = 0.05
 """Lateness that is made up for by steps in quick succession [s]; the scheduler's hiccups are
 shorter, a machine that is too slow is soon beyond it."""
@@ -89,15 +90,24 @@ class Pace:
         return now_ns
 
 
+class StepTime:
+    """The simulation time of a step, by counting: nothing adds up, so nothing drifts."""
+
+    def __init__(self, step_s: float) -> None:
+        """Take the step's simulation time [s], > 0."""
+        self._ns, self._per = (_meant(step_s) * NS_PER_S).as_integer_ratio()
+
+    def ns(self, steps: int) -> int:
+        """Simulation time of `steps` steps [ns], to the nearest."""
+        return (2 * steps * self._ns + self._per) // (2 * self._per)
+
+
 class SampleTimes:
     """The steps after which something is sampled: those that reach a multiple of its period.
 
     A period that is no whole number of steps keeps its mean rate: each multiple is rounded up to
     a step for itself. A period shorter than the step is sampled at every step.
     """
-
-    _TOLERANCE = 1e-6
-    """Of a step: 0.002 / 0.001 may come out a hair above 2."""
 
     def __init__(self, *, period_s: float, step_s: float) -> None:
         """Start at step 0.
@@ -106,13 +116,26 @@ class SampleTimes:
             period_s: simulation time between two samples [s], > 0.
             step_s: simulation time of a step [s], > 0.
         """
-        self._steps_per_sample = period_s / step_s
+        self._steps, self._per = (_meant(period_s) / _meant(step_s)).as_integer_ratio()
         self.next_step = 0
         """The step after which the next sample is taken; steps count from 1."""
         self.pass_step(0)
 
     def pass_step(self, step: int) -> None:
         """Look for the next sample after `step`."""
-        multiple = math.floor(step / self._steps_per_sample + self._TOLERANCE) + 1
-        reached = math.ceil(multiple * self._steps_per_sample - self._TOLERANCE)
+        multiple = step * self._per // self._steps + 1
+        reached = -(-multiple * self._steps // self._per)
         self.next_step = max(step + 1, reached)
+
+
+def whole_steps(duration_s: float, step_s: float) -> int:
+    """How many steps it takes to reach a duration [s]; both > 0."""
+    return -int(-_meant(duration_s) // _meant(step_s))
+
+
+def _meant(seconds: float) -> Fraction:
+    """The number that a float stands for: 0.001 is a thousandth, 1 / 3 a third.
+
+    In exact arithmetic 0.002 is then twice 0.001, which the two floats only are by luck.
+    """
+    return Fraction(seconds).limit_denominator(_LARGEST_DENOMINATOR) or Fraction(seconds)

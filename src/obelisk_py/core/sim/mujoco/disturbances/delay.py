@@ -4,16 +4,15 @@ In: messages with the step that they were sampled after. Out: the same messages 
 after the step that reaches their time plus the delay. Their stamps stay those of the sample.
 """
 
-import math
 import sys
 from collections import deque
 from typing import Any, Final
 
+from obelisk_py.core.sim.mujoco.stepping import whole_steps
+
 __all__ = ["DelayLine"]
 
 _NEVER: Final = sys.maxsize
-_TOLERANCE: Final = 1e-6
-"""Of a step: 0.002 / 0.001 may come out a hair above 2."""
 
 
 class DelayLine:
@@ -26,7 +25,7 @@ class DelayLine:
             delay_s: how long a message is held back [s], > 0.
             step_s: simulation time of a step [s].
         """
-        self._steps = max(1, math.ceil(delay_s / step_s - _TOLERANCE))
+        self._steps = whole_steps(delay_s, step_s)
         self._held: deque[tuple[int, Any]] = deque()
 
     @property
