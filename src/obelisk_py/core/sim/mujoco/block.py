@@ -33,6 +33,7 @@ PARAMETER: Final = "mujoco_setting"
 """The ROS parameter that carries the block."""
 _DEFAULT_DEPTH: Final = 10
 _DEFAULT_GEOMS_PERIOD_S: Final = 1.0
+_DEFAULT_STEPS_PER_VIEW: Final = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +64,8 @@ class SimBlock:
     """Geom name -> geom type, a key of `GEOM_KINDS`."""
     geoms_period_s: float
     """Simulation time between two messages [s]."""
+    steps_per_view: int
+    """How many steps lie between two states that onlookers get."""
 
 
 def read_block(text: str) -> Mapping[str, Any]:
@@ -139,6 +142,7 @@ def typed_block(block: Mapping[str, Any]) -> SimBlock:
         groups=tuple(_group(group) for group in block.get("sensor_settings") or ()),
         geoms=geoms,
         geoms_period_s=period_s,
+        steps_per_view=block.get("num_steps_per_viz") or _DEFAULT_STEPS_PER_VIEW,
     )
 
 

@@ -36,6 +36,8 @@ from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output, Stepper, StepReport
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.true_state import StateCopy, TrueStateReader
+from obelisk_py.core.sim.mujoco.viewing.onlookers import PARAMETERS, onlooker_outputs, wishes_of
+from obelisk_py.core.sim.mujoco.viewing.words import Severity
 
 __all__ = ["ObeliskMujocoRobot"]
 
@@ -45,10 +47,11 @@ _PAUSE_S: Final = 0.05
 
 
 class ObeliskMujocoRobot(ObeliskSimRobot):
-    """A simulated robot.
+    """A simulated robot, and whoever looks at it.
 
     ROS parameters: `mujoco_setting` (the sim block), `ic_keyframe` (default `ic` where the model
-    has it), `realtime_factor` (simulation time over wall time; 0: as fast as possible).
+    has it), `realtime_factor` (simulation time over wall time; 0: as fast as possible), `viewer`
+    (`none`, `native`, `web`), `viewer_port` (of the web viewer; 0: a free one).
     """
 
     def __init__(
@@ -69,6 +72,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self.declare_parameter("ic_keyframe", "")
         # A config may write 0 or 1 as well as 0.5.
         self.declare_parameter("realtime_factor", 1.0, ParameterDescriptor(dynamic_typing=True))
+        for name, default in PARAMETERS.items():
+            self.declare_parameter(name, default)
         self._simulation: Simulation | None = None
         self._inbox: ControlInbox | None = None
         self._stepper: Stepper | None = None
@@ -89,6 +94,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         """
         result = super().on_configure(state)
         factor = self._realtime_factor()
+        wishes = wishes_of(lambda name: self.get_parameter(name).value)
         loaded = load_model(
             str(self.get_parameter(PARAMETER).value),
             keyframe=str(self.get_parameter("ic_keyframe").value),
@@ -114,7 +120,16 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             on_close=self._closing.callback,
             is_paced=factor > 0,
         )
-        outputs = outputs_of(self._simulation, loaded.block, surroundings)
+        outputs = (
+            *outputs_of(self._simulation, loaded.block, surroundings),
+            *onlooker_outputs(
+                self._simulation,
+                wishes,
+                loaded.block.steps_per_view,
+                tell=self._tell,
+                on_close=self._closing.callback,
+            ),
+        )
         self._stepper = self._make_stepper(self._simulation, factor, outputs)
         self._request_services = make_services(
             self.create_service,
@@ -282,6 +297,12 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def _warn(self, text: str) -> None:
         self.get_logger().warning(text)
+
+    def _tell(self, severity: Severity, text: str) -> None:
+        if severity == "info":
+            self.get_logger().info(text)
+        else:
+            self._warn(text)
 
     def _free(self) -> None:
         self._closing.close()

@@ -1,0 +1,116 @@
+"""An onlooker as the robot sees it: a process below it that is fed with states.
+
+In: a kind of `program.KINDS`, its arguments, the model. Out: a `StateSender` for the stepping
+thread, and what the process says, as sentences for the user. Whatever becomes of the process, the
+simulation goes on; it ends when the link to the robot does, however the robot ended.
+"""
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Final
+
+import mujoco
+
+from obelisk_py.core.sim.mujoco.viewing.states import StateSender
+from obelisk_py.core.sim.mujoco.viewing.words import Tell, hear
+
+__all__ = ["TOLD", "Onlooker"]
+
+PROGRAM: Final = "obelisk_py.core.sim.mujoco.viewing"
+TOLD: Final = 3
+"""Exit code of an onlooker that has said itself why it ends."""
+_ROOM: Final = 1 << 22
+"""For states on their way [bytes]; the kernel gives what it allows."""
+
+
+class Onlooker:
+    """One process that looks at a simulation."""
+
+    def __init__(
+        self,
+        kind: str,
+        arguments: Sequence[str],
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        *,
+        tell: Tell,
+        end_s: float,
+    ) -> None:
+        """Start it; what it draws and whether it can is told later.
+
+        Args:
+            kind: a key of `program.KINDS`.
+            arguments: of that kind.
+            model: handed to the process as it is now.
+            data: its state, that `states` sends.
+            tell: takes what the process says and how it ended; called on a thread of its own.
+            end_s: how long it may take to end once it is asked to [s].
+        """
+        self._kind = kind
+        self._tell = tell
+        self._end_s = end_s
+        self._is_closing = False
+        self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _ROOM)
+        with theirs, _saved(model) as model_fd:
+            inherited = (theirs.fileno(), model_fd)
+            self._process = subprocess.Popen(
+                # -P: what lies in the working folder is no library.
+                [sys.executable, "-P", "-m", PROGRAM, kind, *map(str, inherited), *arguments],
+                pass_fds=inherited,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                # Signals for the robot's group are not for it.
+                start_new_session=True,
+            )
+        self.states = StateSender(model, data, self._link, tell)
+        """For the stepping thread."""
+        self._listener = threading.Thread(target=self._listen, name=f"{kind} onlooker", daemon=True)
+        self._listener.start()
+
+    @property
+    def pid(self) -> int:
+        """The number of the process."""
+        return self._process.pid
+
+    def close(self) -> None:
+        """Tell it that there are no more states, and wait for its end; kill it where it must be."""
+        self._is_closing = True
+        self._link.shutdown(socket.SHUT_WR)
+        self._listener.join(self._end_s)
+        if self._listener.is_alive():
+            self._tell("warning", f"the {self._kind} viewer did not end in {self._end_s:g} s")
+            self._process.kill()
+            self._listener.join()
+        self._link.close()
+
+    def _listen(self) -> None:
+        while (said := hear(self._link)) is not None:
+            self._tell(*said)
+        code = self._process.wait()
+        if code not in (0, TOLD) and not self._is_closing:
+            self._tell(
+                "warning",
+                f"the {self._kind} viewer has ended ({_how(code)}); the simulation goes on "
+                "without it, and brings it back when it is configured again",
+            )
+
+
+@contextmanager
+def _saved(model: mujoco.MjModel) -> Iterator[int]:
+    """A file without a name that holds a model; its descriptor."""
+    descriptor = os.memfd_create("model")
+    try:
+        mujoco.mj_saveModel(model, f"/proc/self/fd/{descriptor}")
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def _how(code: int) -> str:
+    return f"signal {-code}" if code < 0 else f"exit code {code}"

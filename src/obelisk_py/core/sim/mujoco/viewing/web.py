@@ -1,0 +1,87 @@
+"""A page in the browser: mjviser, which draws a MuJoCo model with viser, on this machine only.
+
+In: the port, 0 for a free one near 8080. Out: `http://127.0.0.1:PORT`, the library's own page with
+all that it needs; nothing is fetched from elsewhere.
+
+Source: https://github.com/mujocolab/mjviser, https://viser.studio
+"""
+
+import os
+import socket
+import time
+from collections.abc import Sequence
+from typing import Final
+
+import viser
+from mjviser import ViserMujocoScene
+
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.sim.mujoco.viewing.states import States
+from obelisk_py.core.sim.mujoco.viewing.words import Tell
+
+__all__ = ["look"]
+
+_HOST: Final = "127.0.0.1"
+_PORT: Final = 8080
+_PERIOD_S: Final = 1 / 30
+"""Between two states that the browser gets [s]."""
+_WAIT_S: Final = 0.1
+"""How long a setting changed in the page waits where nothing moves [s]."""
+
+
+class _Server(viser.ViserServer):
+    """A server whose page nobody can have tunnelled to another machine."""
+
+    def request_share_url(self, verbose: bool = True) -> None:
+        """Refuse."""
+
+
+def look(states: States, tell: Tell, arguments: Sequence[str]) -> None:
+    """Serve the page until the states are over.
+
+    Raises:
+        ObeliskConfigError: the port is taken.
+    """
+    (port,) = map(int, arguments)
+    # It would win over the port that was asked for.
+    os.environ.pop("_VISER_PORT_OVERRIDE", None)
+    if port:
+        _refuse_taken(port)
+    server = _Server(host=_HOST, port=port or _PORT, verbose=False)
+    scene = _scene(server, states)
+    tell("info", f"the simulation is shown at http://{_HOST}:{server.get_port()}")
+    while not states.is_over:
+        due_s = time.monotonic() + _PERIOD_S
+        if states.take_newest(_WAIT_S) or scene.needs_update:
+            scene.needs_update = False
+            scene.update_from_mjdata(states.data)
+            time.sleep(max(0.0, due_s - time.monotonic()))
+    server.stop()
+
+
+def _scene(server: viser.ViserServer, states: States) -> ViserMujocoScene:
+    """The model in the page, at the state that `states` is at, with what can be chosen there."""
+    server.gui.configure_theme(show_share_button=False, show_logo=False)
+    scene = ViserMujocoScene(server, states.model, num_envs=1)
+    # What is chosen in the page is drawn by this thread, the only one that touches the data.
+    scene.set_refresh_handler(_nothing)
+    scene.create_visualization_gui()
+    scene.update_from_mjdata(states.data)
+    return scene
+
+
+def _refuse_taken(port: int) -> None:
+    # Viser would take the next free one.
+    with socket.socket() as trial:
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            trial.bind((_HOST, port))
+        except OSError as error:
+            raise ObeliskConfigError(
+                f"the web viewer cannot have port {port} (`viewer_port`): {error.strerror}; "
+                "another one, or 0 for a free one, would do"
+            ) from error
+
+
+def _nothing() -> None:
+    """Leaves it to the next turn of the loop."""
