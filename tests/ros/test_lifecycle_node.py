@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from obelisk_py.core.control import ObeliskController
-from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskHardwareError
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.sensing import ObeliskSensor
 
@@ -120,6 +120,64 @@ def test_a_failure_leaves_the_node_where_it_was_and_says_so() -> None:
         assert node.state_label == "unconfigured"
         assert node.last_fault is not None
         assert node.last_fault.text == "returned FAILURE"
+
+
+def test_what_a_callback_told_before_it_answers_error_is_what_is_kept() -> None:
+    class Telling(ObeliskNode):
+        def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+            super().on_configure(state)
+            self.fail("no such motor", "the bus")
+            return TransitionCallbackReturn.ERROR
+
+    with spinning(lambda: Telling("telling")) as node:
+        assert not request(node, "configure")
+        assert node.state_label == "unconfigured"
+        assert str(node.last_fault) == "the bus: no such motor"
+
+
+def test_a_fault_of_the_hardware_is_told_by_its_sentence_alone() -> None:
+    with spinning(lambda: Misbehaving(ObeliskHardwareError("no such motor"))) as node:
+        assert not request(node, "configure")
+        assert str(node.last_fault) == "on_configure: no such motor"
+
+
+class Opening(ObeliskNode):
+    """Opens something at configure, and keeps a list of what became of it."""
+
+    def __init__(self) -> None:
+        super().__init__("opening")
+        self.told: list[str] = []
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        result = super().on_configure(state)
+        self.told.append("opened")
+        self.opened.callback(lambda: self.told.append("closed"))
+        return result
+
+
+@pytest.mark.parametrize(
+    "way", [["cleanup"], ["shutdown"], ["activate", "shutdown"], ["activate", "deactivate"]]
+)
+def test_what_configure_opened_is_closed_once_the_node_is_not_configured_any_more(
+    way: list[str],
+) -> None:
+    with spinning(Opening) as node:
+        assert isinstance(node, Opening)
+        for label in ("configure", *way):
+            assert request(node, label)
+        is_inactive = node.state_label == "inactive"
+        assert node.told == (["opened"] if is_inactive else ["opened", "closed"])
+    assert node.told == ["opened", "closed"]
+
+
+def test_what_configure_opened_is_closed_at_an_error_and_opened_again_afterwards() -> None:
+    with spinning(Opening) as node:
+        assert isinstance(node, Opening)
+        for told in (["opened", "closed"], ["opened", "closed"] * 2):
+            assert request(node, "configure")
+            node.fail("the bus is dead", "watchdog")
+            eventually(lambda: node.state_label == "unconfigured", "error processing")
+            assert node.told == told
 
 
 def test_a_node_whose_error_processing_fails_is_finalized_and_ended() -> None:

@@ -1,6 +1,9 @@
-"""The errors that the run-time library raises."""
+"""The errors that the run-time library raises, and those that nodes raise for it to tell.
 
-__all__ = ["ObeliskConfigError", "ObeliskError", "ObeliskMsgError"]
+What a callback raises of these is told by its sentence, without a traceback.
+"""
+
+__all__ = ["ObeliskConfigError", "ObeliskError", "ObeliskHardwareError", "ObeliskMsgError"]
 
 
 class ObeliskError(Exception):
@@ -9,6 +12,10 @@ class ObeliskError(Exception):
 
 class ObeliskConfigError(ObeliskError):
     """The node's settings cannot be used: something is missing, unknown or contradicts the code."""
+
+
+class ObeliskHardwareError(ObeliskError):
+    """A device does not answer, or not as it should; raised by nodes that drive hardware."""
 
 
 class ObeliskMsgError(ObeliskError):

@@ -34,7 +34,7 @@ def fault_of(cause: BaseException | str, where: str) -> Fault:
     if isinstance(cause, str):
         return Fault(where=where, text=cause, traceback="")
     if isinstance(cause, ObeliskError):
-        # What is wrong with the settings stands in the sentence, not in the library's code.
+        # What is wrong stands in the sentence, not in the code that found it.
         return Fault(where=where, text=str(cause), traceback="")
     return Fault(
         where=where,

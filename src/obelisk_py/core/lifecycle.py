@@ -229,7 +229,8 @@ class GuardedLifecycleNode(LifecycleNode):
                     where,
                 )
                 return failed
-            if result != SUCCESS:
+            # A callback that told what is wrong by `fail` has said more than its answer does.
+            if result != SUCCESS and not self.is_failing():
                 self._keep(f"returned {result.name}", where)
             return result
 

@@ -5,6 +5,7 @@ them, deactivate stops them, cleanup destroys them, so that configure can run ag
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from typing import Any
 
 from rclpy.callback_groups import (
@@ -21,8 +22,8 @@ from rclpy.timer import Timer
 
 from obelisk_py.core.components import Component, ComponentKind, ComponentTable, spellings
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError, ObeliskMsgError
-from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.messages import message_class, message_name
+from obelisk_py.core.rates.node import RatedNode
 from obelisk_py.core.settings import (
     NodeSettings,
     entry_names,
@@ -31,7 +32,7 @@ from obelisk_py.core.settings import (
     timer_settings,
     topic_settings,
 )
-from obelisk_spec.components import CALLBACK_GROUP_TYPES
+from obelisk_spec.components import CALLBACK_GROUP_TYPES, component_identity
 
 __all__ = ["ObeliskNode"]
 
@@ -43,7 +44,7 @@ CALLBACK_GROUPS: dict[str, Callable[[], CallbackGroup]] = {
 Default = str | Mapping[str, Any] | None
 
 
-class ObeliskNode(GuardedLifecycleNode):
+class ObeliskNode(RatedNode):
     """A life-cycle node wired by an Obelisk config."""
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
@@ -64,6 +65,9 @@ class ObeliskNode(GuardedLifecycleNode):
         )
         self.obk_timers: ComponentTable[Timer] = ComponentTable(ComponentKind.TIMER)
         self.obk_callback_groups: dict[str, CallbackGroup] = {}
+        self.opened = ExitStack()
+        """Holds what `on_configure` opens once it has called super's: closed, last opened first,
+        at cleanup, shutdown and error, before the publishers go."""
         self._components: list[Component] = []
         self._registration_open = True
         self._is_built = False
@@ -219,6 +223,11 @@ class ObeliskNode(GuardedLifecycleNode):
         self._release()
         return super().on_cleanup(state)
 
+    def destroy_node(self) -> None:
+        """Close what is open, as cleanup does, and destroy the node."""
+        self.opened.close()
+        super().destroy_node()
+
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop and destroy what configure built, whatever the state."""
         self._hold(state)
@@ -278,7 +287,7 @@ class ObeliskNode(GuardedLifecycleNode):
         names = component.names | spellings(config_key)
         name = component.key or str(config_key or parameter).removesuffix("_setting")
         if component.kind is ComponentKind.TIMER:
-            self.obk_timers.add(name, names, self._timer(component, raw))
+            self.obk_timers.add(name, names, self._timer(name, component, raw))
         elif component.kind is ComponentKind.PUBLISHER:
             self.obk_publishers.add(name, names, self._publisher(component, raw))
         else:
@@ -315,15 +324,15 @@ class ObeliskNode(GuardedLifecycleNode):
             callback_group=self._group(component, settings.callback_group),
         )
 
-    def _timer(self, component: Component, raw: Mapping[str, Any]) -> Timer:
+    def _timer(self, name: str, component: Component, raw: Mapping[str, Any]) -> Timer:
         settings = timer_settings(component, raw)
         assert component.callback is not None
-        return self.create_timer(
+        return self.create_promised_timer(
+            component_identity(str(raw.get("ros_parameter") or name)),
             settings.period_s,
             component.callback,
-            callback_group=self._group(component, settings.callback_group),
+            group=self._group(component, settings.callback_group),
             clock=self._timer_clock(),
-            autostart=False,
         )
 
     def _timer_clock(self) -> Clock:
@@ -374,6 +383,7 @@ class ObeliskNode(GuardedLifecycleNode):
 
     def _release(self) -> None:
         self._is_built = False
+        self.opened.close()
         for timer in self.obk_timers.values():
             self.destroy_timer(timer)
         for subscription in self.obk_subscriptions.values():

@@ -69,6 +69,9 @@ def test_it_passes_ruff_by_its_own_rules_and_by_the_projects(
 @pytest.mark.parametrize("kind", ["controller", "estimator", "robot", "sensor"])
 def test_it_passes_mypy_by_its_own_rules(package: Package, tmp_path: Path, kind: str) -> None:
     root = write(package(kind, "foo"), tmp_path / "foo")
+    with (root / "foo" / "foo.py").open("a") as node:
+        node.write(f"\n\ndef tell(node: Foo{kind.capitalize()}) -> None:\n")
+        node.write("    node.get_logger().info('here')\n")
     run("mypy", "--cache-dir", os.devnull, cwd=root)
 
 
