@@ -22,7 +22,7 @@ from obk_cli.cli.config_options import (
 from obk_cli.errors import EXIT_FAILED, MisuseError
 from obk_cli.launch.order import UNTIL, Until
 from obk_cli.pipeline import Outcome, compile_config
-from obk_cli.plan import OnCrash, Plan
+from obk_cli.plan import OnCrash, ParameterValue, Plan
 from obk_cli.read.nodes import LOG_LEVELS
 from obk_cli.recording.choice import Wish
 from obk_cli.report.text import report_text, summary
@@ -33,8 +33,10 @@ EXAMPLE = """\b
 Example: obk launch examples/dummy/dummy.yaml --duration 20
          obk launch config.yaml --set 'robot[0].sim[0].time_step=0.001'
          obk launch config.yaml --record --duration 60
+         obk launch config.yaml --viewer web
 """
 FORMATS = ("text", "json")
+VIEWERS = ("none", "native", "web")
 
 
 def command(
@@ -83,6 +85,13 @@ def command(
         list[str] | None,
         typer.Option(metavar="PATTERN", help="Record these topics instead; may be repeated."),
     ] = None,
+    viewer: Annotated[
+        str | None,
+        typer.Option(
+            metavar="|".join(VIEWERS),
+            help="Look at the simulated robot in a window or in a page of the browser.",
+        ),
+    ] = None,
     network: Annotated[
         str | None,
         typer.Option(metavar="localhost|lan", help="Who can discover the stack."),
@@ -110,6 +119,8 @@ def command(
     _check_word("--until", until, tuple(UNTIL))
     _check_word("--on-crash", on_crash, get_args(OnCrash))
     _check_word("--format", format, FORMATS)
+    if viewer is not None:
+        _check_word("--viewer", viewer, VIEWERS)
     if timeout <= 0 or hang_after < 0 or keep < 1 or (duration is not None and duration < 0):
         raise MisuseError(
             "`--timeout` is seconds above 0, `--duration` and `--hang-after` of at least 0, "
@@ -128,11 +139,13 @@ def command(
     from obk_cli.launch.doors import Limits
     from obk_cli.running.options import LaunchOptions
     from obk_cli.running.run import run_plan
+    from obk_cli.running.simulated import with_simulator_parameters
     from obk_cli.running.surface import open_surface
 
     if network is not None:
         _check_word("--network", network, get_args(Network))
     share = share_of(plan, device, lead)
+    plan = with_simulator_parameters(plan, share, _viewing(viewer), f"--viewer {viewer}")
     environment = ros_environment(cast(Network | None, network), devices_are_split=share.is_part)
     _warn(environment.notes)
     working_folder = Path.cwd()
@@ -188,6 +201,10 @@ def _warn(notes: Sequence[str]) -> None:
 def _recording(patterns: Sequence[str] | None) -> Wish:
     require_extra("mcap", "record")
     return Wish(patterns=tuple(patterns or ()))
+
+
+def _viewing(viewer: str | None) -> dict[str, ParameterValue]:
+    return {} if viewer is None else {"viewer": viewer}
 
 
 def _with_log_level(plan: Plan, level: str | None) -> Plan:

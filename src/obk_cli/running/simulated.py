@@ -1,0 +1,47 @@
+"""What a launch asks of the simulated robots of a stack, past its config: parameters of theirs."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from obk_cli.errors import MisuseError
+from obk_cli.launch.devices import Share
+from obk_cli.plan import ParameterValue, Plan, Process
+
+__all__ = ["with_simulator_parameters"]
+
+
+def with_simulator_parameters(
+    plan: Plan, share: Share, parameters: Mapping[str, ParameterValue], option: str
+) -> Plan:
+    """The plan with these parameters of every simulated robot that runs here.
+
+    Args:
+        plan: a whole stack.
+        share: what of it runs here.
+        parameters: they win over those of the config; none: the plan stays as it is.
+        option: what asks for them, for the message.
+
+    Raises:
+        MisuseError: no simulated robot runs here.
+    """
+    if not parameters:
+        return plan
+    if not any(_is_meant(node, share) for node in plan.processes):
+        where = f"on {', '.join(sorted(share.devices))}" if share.is_part else f"in `{plan.name}`"
+        raise MisuseError(
+            f"`{option}`: there is no simulated robot {where}",
+            help="a robot is simulated if its node has a `sim` block and no `is_simulated: False`",
+        )
+    return replace(
+        plan,
+        processes=tuple(
+            replace(node, parameters={**node.parameters, **parameters})
+            if _is_meant(node, share)
+            else node
+            for node in plan.processes
+        ),
+    )
+
+
+def _is_meant(node: Process, share: Share) -> bool:
+    return node.model is not None and node.device in share.devices
