@@ -70,7 +70,7 @@ def run(everything):
         heard = {}
 
         def make_publisher(_type, topic, _depth):
-            sent = heard.setdefault(topic, SimpleNamespace(messages=[], steps=[]))
+            sent = heard.setdefault(topic, SimpleNamespace(messages=[], steps=[], counted=[]))
 
             def publish(message):
                 sent.messages.append(message)
@@ -78,8 +78,15 @@ def run(everything):
 
             return SimpleNamespace(publish=publish)
 
+        def promise(topic, period_s):
+            return lambda: heard[topic].counted.append(period_s)
+
         surroundings = Surroundings(
-            make_publisher=make_publisher, warn=pytest.fail, on_close=pytest.fail, is_paced=False
+            make_publisher=make_publisher,
+            warn=pytest.fail,
+            on_close=pytest.fail,
+            is_paced=False,
+            promise=promise,
         )
         stepper = Stepper(
             simulation,
@@ -104,6 +111,15 @@ def run(everything):
 
 def _xyz(messages, get):
     return np.array([[get(m).x, get(m).y, get(m).z] for m in messages])
+
+
+def test_a_message_that_is_dropped_or_delayed_on_purpose_breaks_no_promise(run):
+    for more in ({}, {"dropout": 0.3}, {"delay": 0.01}, {"dropout": 1.0}):
+        assert run([{**IMU, "dt": 0.004, **more}])["/imu"].counted == [0.004] * 200, more
+
+
+def test_a_group_promises_no_more_than_one_sample_a_step(run):
+    assert run([{**IMU, "dt": 0.0005}], 10)["/imu"].counted == [0.002] * 10
 
 
 def test_noise_has_the_spread_and_the_bias_that_were_written(run):

@@ -2,6 +2,7 @@
 
 import pytest
 
+from obelisk_py.core.rates.counter import TickCounter, late_ns_of
 from obelisk_py.core.sim.mujoco.stepper import Output, Stepper
 from obelisk_py.core.sim.mujoco.stepping import Pace, SampleTimes
 
@@ -48,6 +49,7 @@ class _Run:
         self.published = [[] for _ in periods_s]
         self.warnings = []
         self.reports = []
+        self.ticks = TickCounter()
         outputs = [
             Output(times=SampleTimes(period_s=period, step_s=0.001), publish=self._keep(kept))
             for period, kept in zip(periods_s, self.published, strict=True)
@@ -60,6 +62,7 @@ class _Run:
             stamp=lambda: self.simulation.steps,
             warn=self.warnings.append,
             report=self.reports.append,
+            ticks=self.ticks,
         ).run(lambda: until(self))
 
     def _keep(self, kept):
@@ -114,6 +117,19 @@ def test_every_second_is_reported_with_the_measured_factor():
     run = _Run(factor=0.5, until=lambda run: run.clock.ns >= 3_500 * MS)
     assert [report.realtime_factor for report in run.reports] == pytest.approx([0.5] * 3, rel=2e-3)
     assert {report.overruns for report in run.reports} == {0}
+
+
+def test_paced_steps_are_counted_with_their_lateness():
+    run = _Run(factor=1.0, until=lambda run: run.simulation.steps >= 1_000)
+    assert (run.ticks.ticks, late_ns_of(run.ticks.buckets, (1.0,))) == (1_000, (0.0,))
+    late = _Run(factor=1.0, until=lambda run: run.simulation.steps >= 10, cost_ns=3 * MS)
+    (longest_ns,) = late_ns_of(late.ticks.buckets, (1.0,))
+    assert 18 * MS <= longest_ns <= 18 * MS * 17 / 16
+
+
+def test_steps_without_a_pace_are_not_counted():
+    run = _Run(factor=0.0, until=lambda run: run.simulation.steps >= 100)
+    assert run.ticks.ticks == 0
 
 
 def test_a_machine_that_is_too_slow_is_reported_and_does_not_race():

@@ -20,9 +20,14 @@ Publish = Callable[[Any], None]
 
 
 def group_outputs(
-    simulation: Simulation, group: SensorGroup, sample: Sampler, publish: Publish
+    simulation: Simulation,
+    group: SensorGroup,
+    sample: Sampler,
+    publish: Publish,
+    *,
+    dropped: Callable[[], None],
 ) -> Iterator[Output]:
-    """The outputs of a group."""
+    """The outputs of a group; `dropped` is called for each message that its dropout takes."""
     times = SampleTimes(period_s=group.period_s, step_s=simulation.step_s)
     settings = group.disturbances
     line = None
@@ -38,7 +43,10 @@ def group_outputs(
     dropout = Dropout(settings.dropout, chance)
 
     def disturbed(stamp: Any) -> Any:
-        message = None if dropout.strikes() else sample(stamp)
+        if dropout.strikes():
+            dropped()
+            return None
+        message = sample(stamp)
         if message is not None:
             noise.add(message)
         return message

@@ -19,7 +19,7 @@ from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output
 from obelisk_py.core.sim.mujoco.stepping import SampleTimes
 
-__all__ = ["GEOM_TOPICS", "MakePublisher", "Surroundings", "outputs_of"]
+__all__ = ["GEOM_TOPICS", "MakePublisher", "Surroundings", "outputs_of", "promise_nothing"]
 
 GEOM_TOPICS: Final = ("~/viz_geoms", "obelisk/sim/mujoco_scene_viz")
 """Topics of the markers; the second is where a visualiser looks without knowing the node."""
@@ -37,6 +37,15 @@ MakePublisher = Callable[[type[Any], str, int], Publisher]
 """Message type, topic, history depth -> publisher."""
 
 
+Promise = Callable[[str, float], Callable[[], None]]
+"""Topic, simulation time between two samples [s] -> what is to be called at each sample."""
+
+
+def promise_nothing(_topic: str, _period_s: float) -> Callable[[], None]:
+    """Nobody counts."""
+    return lambda: None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Surroundings:
     """What outputs need of the node that has the simulation."""
@@ -49,6 +58,8 @@ class Surroundings:
     """Takes what has to be called when the simulation is freed."""
     is_paced: bool
     """Whether steps are due at times."""
+    promise: Promise = promise_nothing
+    """Called once per sensor group."""
 
 
 def outputs_of(
@@ -79,6 +90,12 @@ def _group(
     kind = SENSOR_KINDS[group.msg_type]
     publisher = surroundings.make_publisher(kind.message_type, group.topic, group.history_depth)
     publish = publisher.publish
+    count = surroundings.promise(group.topic, max(group.period_s, simulation.step_s))
+
+    def deliver(message: Any) -> None:
+        count()
+        publish(message)
+
     sample = kind.build(
         SensorSource(
             model=simulation.model,
@@ -86,13 +103,19 @@ def _group(
             names=group.sensor_names,
             rays=group.rays,
             warn=surroundings.warn,
-            deliver=publish,
+            deliver=deliver,
             on_close=surroundings.on_close,
             is_paced=surroundings.is_paced,
         )
     )
 
-    return group_outputs(simulation, group, sample, publish)
+    def counted(stamp: Any) -> Any:
+        message = sample(stamp)
+        if message is not None:
+            count()
+        return message
+
+    return group_outputs(simulation, group, counted, publish, dropped=count)
 
 
 def _geoms(simulation: Simulation, block: SimBlock, make_publisher: MakePublisher) -> Output:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
+from obelisk_py.core.rates.counter import TickCounter
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, Clock, Pace
 
@@ -66,6 +67,7 @@ class Stepper:
         stamp: Callable[[], Any],
         warn: Callable[[str], None],
         report: Callable[[StepReport], None],
+        ticks: TickCounter | None = None,
     ) -> None:
         """Make a stepper that stands still.
 
@@ -77,6 +79,7 @@ class Stepper:
             stamp: makes the stamp of the present step.
             warn: takes MuJoCo's warnings.
             report: called about once per second of wall time.
+            ticks: counts the steps of `pace`, by `clock`.
         """
         self._simulation = simulation
         self._pace = pace
@@ -85,6 +88,7 @@ class Stepper:
         self._stamp = stamp
         self._warn = warn
         self._report = report
+        self._ticks = ticks or TickCounter()
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Step until `stopped`, from where the simulation is.
@@ -93,6 +97,7 @@ class Stepper:
             DivergenceError: the state is no longer finite.
         """
         simulation, pace, clock = self._simulation, self._pace, self._clock
+        tick = self._ticks.tick
         now_ns = clock.now_ns()
         if pace is not None:
             pace.start(now_ns)
@@ -105,9 +110,11 @@ class Stepper:
                 before_ns, now_ns = now_ns, clock.now_ns()
                 count = min(_next_batch(count, now_ns - before_ns), due - simulation.steps)
             else:
-                now_ns = clock.sleep_until_ns(pace.next_deadline_ns(now_ns), stopped)
+                deadline_ns = pace.next_deadline_ns(now_ns)
+                now_ns = clock.sleep_until_ns(deadline_ns, stopped)
                 if stopped():
                     break
+                tick(now_ns, now_ns - deadline_ns)
             for warning in simulation.advance(count):
                 self._warn(warning)
             if simulation.steps >= due:
