@@ -25,11 +25,12 @@ from std_msgs.msg import Float64
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
+from obelisk_py.core.rates.counter import TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
 from obelisk_py.core.sim.mujoco.block import PARAMETER
 from obelisk_py.core.sim.mujoco.control import ControlInbox, control_field
 from obelisk_py.core.sim.mujoco.loading import load_model
-from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of
+from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of, promise_nothing
 from obelisk_py.core.sim.mujoco.requests import Answer, StepRequests
 from obelisk_py.core.sim.mujoco.services import make_services
 from obelisk_py.core.sim.mujoco.simulation import Simulation
@@ -38,6 +39,7 @@ from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace, 
 from obelisk_py.core.sim.mujoco.true_state import StateCopy, TrueStateReader
 from obelisk_py.core.sim.mujoco.viewing.onlookers import PARAMETERS, onlooker_outputs, wishes_of
 from obelisk_py.core.sim.mujoco.viewing.words import Severity
+from obelisk_spec.rates import STEPS
 
 __all__ = ["ObeliskMujocoRobot"]
 
@@ -119,6 +121,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             warn=self._warn,
             on_close=self._closing.callback,
             is_paced=factor > 0,
+            promise=self._promise_samples if factor else promise_nothing,
         )
         outputs = (
             *outputs_of(self._simulation, loaded.block, surroundings),
@@ -234,8 +237,12 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self, simulation: Simulation, factor: float, outputs: tuple[Output, ...]
     ) -> Stepper:
         rtf = self._own_publisher(Float64, "~/rtf", _DEPTH)
+        ticks = TickCounter()
+        if factor:
+            self.rates.promise(STEPS, factor / simulation.step_s, ticks, self._time_of_steps_ns)
 
         def report(measured: StepReport) -> None:
+            ticks.overruns += measured.overruns
             rtf.publish(Float64(data=measured.realtime_factor))
             self._report(measured)
 
@@ -247,7 +254,18 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             stamp=self._stamp,
             warn=self._warn,
             report=report,
+            ticks=ticks,
         )
+
+    def _time_of_steps_ns(self) -> int | None:
+        """The clock of the promise to keep up; a paused simulation promises nothing."""
+        return None if self._requests.is_paused else time.monotonic_ns()
+
+    def _promise_samples(self, topic: str, period_s: float) -> Callable[[], None]:
+        simulation = self._simulation
+        assert simulation is not None
+        name = self.resolve_topic_name(topic)
+        return self.rates.promise_samples(name, period_s, lambda: simulation.time_ns)
 
     def _every_step(self, simulation: Simulation) -> list[Output]:
         """What follows each step, before the sensors: the clock, the copy for `TrueSimState`."""
