@@ -8,8 +8,11 @@ from typing import Final
 
 __all__ = [
     "CALLBACK_GROUP_TYPES",
+    "CONTROL_SUBSCRIPTION",
     "DEFAULT_HISTORY_DEPTH",
+    "DEFAULT_STALE_ACTION",
     "SETTING_SUFFIX",
+    "STALE_ACTIONS",
     "STANDARD_COMPONENTS",
     "component_identity",
     "component_spellings",
@@ -20,6 +23,13 @@ SETTING_SUFFIX: Final = "_setting"
 DEFAULT_HISTORY_DEPTH: Final = 10
 
 CALLBACK_GROUP_TYPES: Final = ("MutuallyExclusiveCallbackGroup", "ReentrantCallbackGroup")
+
+CONTROL_SUBSCRIPTION: Final = "sub_ctrl"
+"""The component by which a robot gets its commands; the one that `max_age_sec` belongs to."""
+
+STALE_ACTIONS: Final = ("zero", "hold", "damp")
+"""What a robot does once its newest command is too old."""
+DEFAULT_STALE_ACTION: Final = "zero"
 
 STANDARD_COMPONENTS: Final = (
     "pub_ctrl",

@@ -104,6 +104,9 @@ class Component:
     qos: Qos = field(default_factory=Qos)
     callback_group: Spanned[str] | None = None
     timer_period_s: Spanned[float] | None = None
+    max_age_s: Spanned[float] | None = None
+    """How old a robot's newest command may become [s]."""
+    stale_action: Spanned[str] | None = None
 
     @property
     def name(self) -> Spanned[str] | None:

@@ -3,16 +3,24 @@
 Components, the simulator's sensor groups and the joystick alike, names made absolute as ROS does.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from obelisk_spec.messages import resolve_msg_type
 from obelisk_spec.sensors import sensor_group
-from obk_cli.config import Component, Node, Qos, SensorGroup, Stack
+from obk_cli.config import Component, Node, Qos, SensorGroup, Spanned, Stack
 from obk_cli.source import Span
 
-__all__ = ["TopicEnd", "absolute_topic", "may_be_one", "node_ends", "stack_ends"]
+__all__ = [
+    "TopicEnd",
+    "absolute_topic",
+    "may_be_one",
+    "node_ends",
+    "sending_period_s",
+    "stack_ends",
+    "timers_of",
+]
 
 _TYPE_OF_STANDARD = {"pub_true_sim_state": "obelisk_sensor_msgs/msg/TrueSimState"}
 
@@ -79,11 +87,11 @@ def stack_ends(stack: Stack) -> Iterator[TopicEnd]:
 
 def node_ends(node: Node) -> Iterator[TopicEnd]:
     """The ends of one node: its components', and its sensor groups' if it simulates."""
-    timers = {c.identity: c.timer_period_s for c in node.components if c.kind == "timer"}
+    timers = timers_of(node)
     for component in node.components:
         if component.kind == "timer" or component.topic is None:
             continue
-        timer = timers.get(f"timer_{(component.identity or '').removeprefix('pub_')}")
+        period = sending_period_s(component, timers)
         publishes = component.kind == "publisher"
         yield TopicEnd(
             direction="publishes" if publishes else "subscribes",
@@ -95,7 +103,7 @@ def node_ends(node: Node) -> Iterator[TopicEnd]:
             type_span=component.msg_type.span if component.msg_type else None,
             code_type=component.code_type,
             qos=component.qos,
-            rate_hz=1 / timer.value if timer and publishes else None,
+            rate_hz=1 / period.value if period else None,
             component=component.identity,
         )
     if node.runs_simulation:
@@ -103,6 +111,20 @@ def node_ends(node: Node) -> Iterator[TopicEnd]:
             for group in sim.sensor_groups:
                 if group.topic.value:
                     yield _sensor_end(group, node)
+
+
+def timers_of(node: Node) -> Mapping[str | None, Spanned[float] | None]:
+    """The periods [s] of a node's timers by their identity."""
+    return {c.identity: c.timer_period_s for c in node.components if c.kind == "timer"}
+
+
+def sending_period_s(
+    component: Component, timers: Mapping[str | None, Spanned[float] | None]
+) -> Spanned[float] | None:
+    """The period of the timer that makes a publisher send; None where the config sets none."""
+    if component.kind != "publisher":
+        return None
+    return timers.get(f"timer_{(component.identity or '').removeprefix('pub_')}")
 
 
 def _component_type(component: Component) -> str | None:

@@ -45,7 +45,8 @@ SHAPE_CODES = frozenset(f"OBK{n}" for n in (*range(101, 107), 109, 110, 111, 113
 KEYS = st.sampled_from(
     "name namespace qos env respawn on_crash log_level remappings device params callback_groups "
     "key msg_type topic foo sim is_simulated deadzone device_id time_step n_u viz_geoms obk dt "
-    "publishers timer_period_sec history_depth callback_key impl sensor_type sensor_names".split()
+    "publishers timer_period_sec max_age_sec stale_action history_depth callback_key "
+    "impl sensor_type sensor_names".split()
 )
 WORDS = st.sampled_from(
     ["x", "", "a b", "None", "/a/b", "1", "a/b/c", "~/x", "/", "a/", "é", "on", "pkg/msg/Foo"]

@@ -13,6 +13,7 @@ from obk_cli.check.packages import check_executables, check_files
 from obk_cli.check.style import check_defaults, check_homes
 from obk_cli.check.topics import check_dangling, check_qos
 from obk_cli.check.types import check_types
+from obk_cli.check.watchdog import check_watchdogs
 from obk_cli.config import Stack
 from obk_cli.diagnostics import Diagnostic
 from obk_cli.surroundings import Surroundings
@@ -30,6 +31,7 @@ CHECKS: tuple[Check, ...] = (
     check_qos,
     check_control_topics,
     check_timers,
+    check_watchdogs,
     check_models,
     check_controls,
     check_executables,

@@ -84,6 +84,24 @@ RULES: tuple[Rule, ...] = (
         cure="Nothing, if that is wanted; else make the timer as slow as what it works on.",
     ),
     Rule(
+        code="OBK212",
+        severity="error",
+        title="commands are not watched where the config says so",
+        cause="`max_age_sec` and `stale_action` are read for a robot's subscriber `sub_ctrl` only, "
+        "and the second with the first only. Whoever wrote them here counts on a robot that "
+        "stops, and it would not.",
+        cure="Move them to the robot's `sub_ctrl`, both together, or remove them.",
+    ),
+    Rule(
+        code="OBK213",
+        severity="warning",
+        title="a command is too old before the next one is due",
+        cause="`max_age_sec` leaves no time for a command that is a little late, so the robot "
+        "stops while its controller runs.",
+        cure="Make `max_age_sec` at least two periods of the controller's timer; five to ten are "
+        "usual.",
+    ),
+    Rule(
         code="OBK215",
         severity="warning",
         title="a sensor faster than the simulation",

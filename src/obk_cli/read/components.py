@@ -1,6 +1,6 @@
 """Publishers, subscribers, timers and callback groups of a node."""
 
-from obelisk_spec.components import CALLBACK_GROUP_TYPES
+from obelisk_spec.components import CALLBACK_GROUP_TYPES, STALE_ACTIONS
 from obk_cli.config import CallbackGroup, Component, ComponentKind, Qos, Spanned
 from obk_cli.diagnostics import found
 from obk_cli.read.fields import Faults, Fields
@@ -53,6 +53,8 @@ def _read_component(tree: TreeMap, kind: ComponentKind, faults: Faults) -> Compo
         msg_type=fields.text("msg_type"),
         history_depth=fields.count("history_depth"),
         qos=_read_qos(fields.mapping("qos"), faults),
+        max_age_s=fields.period_s("max_age_sec"),
+        stale_action=fields.one_of("stale_action", STALE_ACTIONS),
     )
 
 

@@ -58,6 +58,8 @@ COMPONENT_KEYS: Final = (
     "history_depth",
     "qos",
     "callback_group",
+    "max_age_sec",
+    "stale_action",
     "callback_key",
     "non_obelisk",
 )

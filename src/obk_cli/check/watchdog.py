@@ -1,0 +1,104 @@
+"""OBK212, OBK213: how old a robot's commands may become."""
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+
+from obelisk_spec.components import CONTROL_SUBSCRIPTION, standard_component
+from obk_cli.config import Component, Node, Spanned, Stack
+from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.surroundings import Surroundings
+from obk_cli.tree import plain_value
+from obk_cli.wiring import absolute_topic, sending_period_s, timers_of
+
+__all__ = ["check_watchdogs"]
+
+_LEAST_PERIODS = 2
+"""A command may be late by one period before it is missed."""
+
+Senders = Mapping[str, list[Spanned[float]]]
+"""Topic -> the periods of the timers that send on it."""
+
+
+def check_watchdogs(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+    """Ages are watched where commands come in, and allow for the pace at which they are sent."""
+    watched: list[tuple[Component, Node]] = []
+    for node in stack.nodes:
+        for component in node.components:
+            if component.max_age_s is None and component.stale_action is None:
+                continue
+            if _obeys(component, node):
+                watched.append((component, node))
+            else:
+                yield _nothing_to_watch(component, node)
+    senders = _senders(stack) if watched else {}
+    for component, node in watched:
+        if not _has_age(component):
+            yield _no_age(component)
+        elif component.max_age_s is not None and component.topic is not None:
+            topic = absolute_topic(component.topic.value, node)
+            yield from _check_age(component.max_age_s, topic, senders)
+
+
+def _obeys(component: Component, node: Node) -> bool:
+    return (
+        node.section == "robot"
+        and component.kind == "subscriber"
+        and component.identity is not None
+        and standard_component(component.identity) == CONTROL_SUBSCRIPTION
+    )
+
+
+def _has_age(component: Component) -> bool:
+    """Whether an age is written, though it may be none that can be used."""
+    entry = component.tree.get("max_age_sec")
+    return component.max_age_s is not None or (
+        entry is not None and plain_value(entry.value) is not None
+    )
+
+
+def _nothing_to_watch(component: Component, node: Node) -> Diagnostic:
+    written = component.max_age_s or component.stale_action
+    assert written is not None  # what the caller looked for
+    key = "max_age_sec" if component.max_age_s else "stale_action"
+    name = f" `{component.identity}`" if component.identity else ""
+    return found(
+        "OBK212",
+        f"`{key}` means nothing to the {component.kind}{name} of `{node.node_name}`",
+        written.entry_span,
+        help=f"it belongs to a robot's subscriber `{CONTROL_SUBSCRIPTION}`, which takes the "
+        "commands",
+    )
+
+
+def _no_age(component: Component) -> Diagnostic:
+    assert component.stale_action is not None  # what the caller looked for
+    return found(
+        "OBK212",
+        "`stale_action` means nothing without `max_age_sec`",
+        component.stale_action.entry_span,
+        help="add `max_age_sec`, the seconds after which a command is too old",
+    )
+
+
+def _senders(stack: Stack) -> Senders:
+    periods: dict[str, list[Spanned[float]]] = defaultdict(list)
+    for node in stack.nodes:
+        timers = timers_of(node)
+        for component in node.components:
+            period = sending_period_s(component, timers)
+            if period is not None and component.topic is not None:
+                periods[absolute_topic(component.topic.value, node)].append(period)
+    return periods
+
+
+def _check_age(age: Spanned[float], topic: str, senders: Senders) -> Iterator[Diagnostic]:
+    for period in senders.get(topic, ()):
+        if age.value < _LEAST_PERIODS * period.value * (1 - 1e-9):
+            yield found(
+                "OBK213",
+                f"`max_age_sec` is {age.value:g} s, `{topic}` is published every "
+                f"{period.value:g} s: one late command counts as none",
+                age.span,
+                help=f"expected at least {_LEAST_PERIODS * period.value:g} s, two periods",
+                related=(Related(message="the timer that publishes", span=period.span),),
+            )
