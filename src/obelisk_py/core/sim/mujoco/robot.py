@@ -37,6 +37,11 @@ from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output, Stepper, StepReport
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.true_state import StateCopy, TrueStateReader
+from obelisk_py.core.sim.mujoco.viewing.film_robot import (
+    FILM_PARAMETERS,
+    film_outputs,
+    film_wanted,
+)
 from obelisk_py.core.sim.mujoco.viewing.onlookers import PARAMETERS, onlooker_outputs, wishes_of
 from obelisk_py.core.sim.mujoco.viewing.words import Severity
 from obelisk_spec.rates import STEPS
@@ -53,7 +58,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     ROS parameters: `mujoco_setting` (the sim block), `ic_keyframe` (default `ic` where the model
     has it), `realtime_factor` (simulation time over wall time; 0: as fast as possible), `viewer`
-    (`none`, `native`, `web`), `viewer_port` (of the web viewer; 0: a free one).
+    (`none`, `native`, `web`), `viewer_port` (of the web viewer; 0: a free one), `render` (a film),
+    `render_camera`, `render_size`, `render_fps` (empty, 0: as camera and kind of file have it).
     """
 
     def __init__(
@@ -74,7 +80,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self.declare_parameter("ic_keyframe", "")
         # A config may write 0 or 1 as well as 0.5.
         self.declare_parameter("realtime_factor", 1.0, ParameterDescriptor(dynamic_typing=True))
-        for name, default in PARAMETERS.items():
+        for name, default in {**PARAMETERS, **FILM_PARAMETERS}.items():
             self.declare_parameter(name, default)
         self._simulation: Simulation | None = None
         self._inbox: ControlInbox | None = None
@@ -97,6 +103,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         result = super().on_configure(state)
         factor = self._realtime_factor()
         wishes = wishes_of(lambda name: self.get_parameter(name).value)
+        film = film_wanted(lambda name: self.get_parameter(name).value)
         loaded = load_model(
             str(self.get_parameter(PARAMETER).value),
             keyframe=str(self.get_parameter("ic_keyframe").value),
@@ -132,6 +139,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
                 tell=self._tell,
                 on_close=self._closing.callback,
             ),
+            *film_outputs(self._simulation, film, tell=self._tell, on_close=self._closing.callback),
         )
         self._stepper = self._make_stepper(self._simulation, factor, outputs)
         self._request_services = make_services(

@@ -1,7 +1,7 @@
-"""One camera of a model, drawn off screen.
+"""One view of a model, drawn off screen.
 
-In: a model, the number of a camera, the state at `update`. Out: pictures. `update` may be called on
-any thread; everything else belongs to the thread that made the view, as OpenGL wants it.
+In: a model, the number of a camera or none, the state at `update`. Out: pictures. `update` may be
+called on any thread; everything else belongs to the thread that made the view, as OpenGL wants it.
 """
 
 import mujoco
@@ -18,8 +18,10 @@ _UNSET = 1
 """What MuJoCo has as width and height where the model says none."""
 
 
-def picture_size(model: mujoco.MjModel, camera: int) -> tuple[int, int]:
+def picture_size(model: mujoco.MjModel, camera: int | None) -> tuple[int, int]:
     """Width and height of a camera's pictures [pixels]: its `resolution`, else 640 x 480."""
+    if camera is None:
+        return _DEFAULT_SIZE
     width, height = (int(length) for length in model.cam_resolution[camera])
     return _DEFAULT_SIZE if width == height == _UNSET else (width, height)
 
@@ -27,20 +29,35 @@ def picture_size(model: mujoco.MjModel, camera: int) -> tuple[int, int]:
 class CameraView:
     """Draws one camera; `update`, then `draw`, one after the other."""
 
-    def __init__(self, model: mujoco.MjModel, camera: int, back_end: str) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        camera: int | None,
+        back_end: str,
+        size: tuple[int, int] | None = None,
+    ) -> None:
         """Open OpenGL and hand the model to it.
+
+        Args:
+            model: the model.
+            camera: its number; None: the view that shows the whole model.
+            back_end: as `choose_back_end` has it.
+            size: width and height [pixels]; None: the camera's.
 
         Raises:
             ObeliskConfigError: OpenGL does not work.
         """
-        width, height = picture_size(model, camera)
+        width, height = size or picture_size(model, camera)
         self._model = model
         self._scene = mujoco.MjvScene(model, maxgeom=_most_geoms(model))
         self._option = mujoco.MjvOption()
         self._perturbation = mujoco.MjvPerturb()
         self._camera = mujoco.MjvCamera()
-        self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        self._camera.fixedcamid = camera
+        if camera is None:
+            mujoco.mjv_defaultFreeCamera(model, self._camera)
+        else:
+            self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+            self._camera.fixedcamid = camera
         self._context = open_context(back_end, width, height)
         self._drawing = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_resizeOffscreen(width, height, self._drawing)

@@ -24,6 +24,7 @@ __all__ = ["TOLD", "Onlooker"]
 PROGRAM: Final = "obelisk_py.core.sim.mujoco.viewing"
 TOLD: Final = 3
 """Exit code of an onlooker that has said itself why it ends."""
+_LOSS: Final = "the simulation goes on without it, and brings it back when it is configured again"
 _ROOM: Final = 1 << 22
 """For states on their way [bytes]; the kernel gives what it allows."""
 
@@ -40,6 +41,7 @@ class Onlooker:
         *,
         tell: Tell,
         end_s: float,
+        loss: str = _LOSS,
     ) -> None:
         """Start it; what it draws and whether it can is told later.
 
@@ -50,8 +52,10 @@ class Onlooker:
             data: its state, that `states` sends.
             tell: takes what the process says and how it ended; called on a thread of its own.
             end_s: how long it may take to end once it is asked to [s].
+            loss: what it means that it has ended by itself.
         """
         self._kind = kind
+        self._loss = loss
         self._tell = tell
         self._end_s = end_s
         self._is_closing = False
@@ -96,8 +100,7 @@ class Onlooker:
         if code not in (0, TOLD) and not self._is_closing:
             self._tell(
                 "warning",
-                f"the {self._kind} viewer has ended ({_how(code)}); the simulation goes on "
-                "without it, and brings it back when it is configured again",
+                f"the {self._kind} viewer has ended ({_how(code)}); {self._loss}",
             )
 
 

@@ -111,7 +111,7 @@ class GifFile:
         if self._waiting is None:
             return
         part, corner, number = self._waiting
-        if number == 0 or self._file.tell() == 0:
+        if self._file.tell() == 0:
             header, _ = getheader(part.copy(), info={"loop": 0})
             self._file.writelines(header)
         # Each time is rounded by itself, so that the errors do not add up.

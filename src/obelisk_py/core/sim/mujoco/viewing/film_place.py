@@ -7,20 +7,23 @@ replaced.
 Source: open(2), O_TMPFILE.
 """
 
+import errno
 import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
+from typing import IO, Final
 
 __all__ = ["UnfinishedFile", "free_name", "unfinished"]
+
+_UNKNOWN: Final = (errno.EOPNOTSUPP, errno.EISDIR)
+"""What file systems say that have no files without a name."""
 
 
 def free_name(path: Path) -> Path:
     """`path`, or where that is taken `name-2.mp4`, `name-3.mp4`, ..."""
     number, name = 1, path
-    while name.exists():
+    while os.path.lexists(name):
         number += 1
         name = path.with_stem(f"{path.stem}-{number}")
     return name
@@ -31,17 +34,32 @@ class UnfinishedFile:
 
     def __init__(self, file: IO[bytes], name: Path | None) -> None:
         self.file = file
-        """To be written to, and read."""
+        """To be written to."""
         self._name = name
 
-    def finish(self, path: Path) -> None:
-        """Put the file at `path`.
+    def finish(self, path: Path) -> Path:
+        """Put the file at `path`, or beside a file that is there.
+
+        Returns:
+            Where it is.
 
         Raises:
-            OSError: it does not get there; `FileExistsError` where another one is.
+            OSError: it does not get there.
         """
         self.file.flush()
-        os.link(self._name or f"/proc/self/fd/{self.file.fileno()}", path, follow_symlinks=True)
+        while True:
+            free = free_name(path)
+            with suppress(FileExistsError):  # made in this moment
+                self._link(free)
+                return free
+
+    def _link(self, path: Path) -> None:
+        if self._name is not None:
+            self._name.rename(path)
+            return
+        file_fd = self.file.fileno()
+        # Only with a descriptor beside it does Python follow the link that /proc has.
+        os.link(f"/proc/self/fd/{file_fd}", path, src_dir_fd=file_fd)
 
 
 @contextmanager
@@ -51,17 +69,17 @@ def unfinished(folder: Path) -> Iterator[UnfinishedFile]:
     Raises:
         OSError: none can be made there.
     """
+    name = None
     try:
-        descriptor, name = os.open(folder, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o666), None
-    except (IsADirectoryError, FileNotFoundError, OSError) as error:
-        if not _is_unknown(error):
+        file_fd = os.open(folder, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        if error.errno not in _UNKNOWN:
             raise
-        descriptor, text = tempfile.mkstemp(dir=folder, prefix=".film-")
-        name = Path(text)
+        name = folder / f".film-{os.getpid()}"
+        file_fd = os.open(name, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_CLOEXEC, 0o666)
     try:
-        with os.fdopen(descriptor, "w+b") as file:
+        with os.fdopen(file_fd, "w+b") as file:
             yield UnfinishedFile(file, name)
     finally:
         if name is not None:
-            with suppress(FileNotFoundError):
-                name.unlink()
+            name.unlink(missing_ok=True)

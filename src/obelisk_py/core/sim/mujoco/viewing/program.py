@@ -19,7 +19,7 @@ from obelisk_py.core.sim.mujoco.viewing.child import TOLD
 from obelisk_py.core.sim.mujoco.viewing.states import States
 from obelisk_py.core.sim.mujoco.viewing.words import Severity, Tell, say
 
-__all__ = ["KINDS", "Kind", "Looking", "run"]
+__all__ = ["KINDS", "NICENESS", "Kind", "Looking", "run"]
 
 _HERE: Final = "obelisk_py.core.sim.mujoco.viewing"
 
@@ -32,15 +32,22 @@ class Kind:
     """The module whose `look` it is."""
     extra: str
     """The extra of the distribution that brings the libraries it needs."""
+    loss: str = "the simulation goes on without it"
+    """What it means that it cannot look."""
+    is_awaited: bool = False
+    """Whether the robot waits for it before it steps; makes way for it itself, after that."""
 
 
 KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
     {
         "native": Kind(module=f"{_HERE}.native", extra="sim"),
         "web": Kind(module=f"{_HERE}.web", extra="viewer"),
+        "film": Kind(
+            module=f"{_HERE}.film", extra="render", loss="there is no film", is_awaited=True
+        ),
     }
 )
-_NICENESS: Final = 10
+NICENESS: Final = 10
 """The robot comes first."""
 
 
@@ -62,7 +69,8 @@ class Looking(Protocol):
 
 def run(kind: str, link_fd: int, model_fd: int, arguments: Sequence[str]) -> int:
     """Be an onlooker; the exit code of the process."""
-    os.nice(_NICENESS)
+    if not KINDS[kind].is_awaited:
+        os.nice(NICENESS)
     # MuJoCo would write its warnings into a file in the working directory.
     mujoco.set_mju_user_warning(_drop)
     with socket.socket(fileno=link_fd) as link:
@@ -75,7 +83,7 @@ def run(kind: str, link_fd: int, model_fd: int, arguments: Sequence[str]) -> int
             os.close(model_fd)
             _module(kind).look(States(model, link), tell, arguments)
         except ObeliskError as error:
-            tell("warning", f"{error}; the simulation goes on without it")
+            tell("warning", f"{error}; {KINDS[kind].loss}")
             return TOLD
         except (BrokenPipeError, ConnectionResetError):
             # The robot is gone; there is nobody to tell.
