@@ -1,0 +1,38 @@
+"""Switches the simulated drive on, runs the stack for a while, and switches the drive off again.
+
+`python examples/hardware/demo.py [SECONDS]`. The same by hand takes two terminals: see README.md.
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+
+
+def launch(seconds: float) -> int:
+    """Run the stack to its end; gives `obk launch`'s exit code."""
+    obk = Path(sys.executable).with_name("obk")
+    config = HERE / "hardware.yaml"
+    with subprocess.Popen([obk, "launch", config, "--duration", f"{seconds:g}"]) as stack:
+        try:
+            return stack.wait()
+        except KeyboardInterrupt:
+            # Ctrl-C goes to the whole terminal: the stack is on its way down already.
+            return stack.wait()
+
+
+def main() -> int:
+    """Drive on, stack up, stack down, drive off."""
+    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 20.0
+    # In a session of its own, so that Ctrl-C ends the stack first and the drive last.
+    with subprocess.Popen([sys.executable, HERE / "device.py"], start_new_session=True) as drive:
+        try:
+            code = launch(seconds)
+        finally:
+            drive.terminate()
+    return code or drive.returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,194 @@
+"""Stands for a motor drive: one joint on 127.0.0.1, spoken to by the datagrams of `protocol.py`.
+
+    python examples/hardware/device.py [--port 47001]
+
+Until Ctrl-C. It is no part of the stack: it knows nothing of ROS and of Obelisk, and like a real
+drive it looks after itself. No command for 50 ms, and the motor is off; too fast, and it stays off
+until it is told to rest. Who commands it has it to himself until he falls silent.
+"""
+
+import argparse
+import math
+import select
+import signal
+import socket
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent / "src" / "udp_motor_robot"))
+
+from udp_motor_robot.protocol import PORT, SEQUENCES, Command, Fault, Mode, State, steps_ahead
+
+STEP_S = 0.001
+"""The period of the drive's own loop [s]."""
+WATCHDOG_S = 0.05
+"""Without a command for so long the motor is switched off [s]."""
+LISTENER_S = 1.0
+"""States go to whoever was heard last, for so long [s]."""
+LONGEST_CATCH_UP_S = 0.1
+"""After a longer time without the processor the drive does not make up for the rest [s]."""
+OVERSPEED = 50.0
+"""The motor is switched off beyond this speed [rad/s]."""
+
+Sender = tuple[str, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motor:
+    """A joint with inertia and friction, as numbers: J dv/dt = torque - d v."""
+
+    inertia: float = 0.01
+    """J [kg m^2]."""
+    damping: float = 0.02
+    """d [N m s/rad]."""
+    stiffness: float = 20.0
+    """Of the drive's own position loop [N m/rad]."""
+    loop_damping: float = 0.8
+    """Of the drive's own position loop [N m s/rad]."""
+    largest_torque: float = 2.0
+    """[N m]."""
+
+    def torque(self, mode: Mode, value: float, position: float, velocity: float) -> float:
+        """What the drive gives to the motor for a command [N m]."""
+        wanted = value
+        if mode is Mode.POSITION:
+            wanted = self.stiffness * (value - position) - self.loop_damping * velocity
+        return max(-self.largest_torque, min(wanted, self.largest_torque))
+
+    def step(self, position: float, velocity: float, torque: float) -> tuple[float, float]:
+        """Position and velocity one step later (semi-implicit Euler)."""
+        velocity += (torque - self.damping * velocity) / self.inertia * STEP_S
+        return position + velocity * STEP_S, velocity
+
+
+class Drive:
+    """The motor and what watches over it; times are the drive's own, in steps."""
+
+    def __init__(self, motor: Motor | None = None) -> None:
+        self.motor = motor or Motor()
+        self.position = 0.0
+        self.velocity = 0.0
+        self.faults = Fault.WATCHDOG
+        self.listener: Sender | None = None
+        self.commands = 0
+        self._step = 0
+        self._mode, self._value = Mode.TORQUE, 0.0
+        self._master: Sender | None = None
+        self._last_sequence = 0
+        self._commanded_at = self._heard_at = -math.inf
+        self._next_sequence = 0
+
+    def take(self, data: bytes, sender: Sender) -> None:
+        """Take a datagram; what is no command, comes late or from a stranger is dropped."""
+        command = Command.unpack(data)
+        if command is None:
+            return
+        is_held = not self._is_off
+        if is_held and sender != self._master:
+            return
+        self.listener, self._heard_at = sender, self._step
+        if command.mode is Mode.LISTEN:
+            return
+        if is_held and steps_ahead(command.sequence, self._last_sequence) < 1:
+            return
+        self._master, self._last_sequence = sender, command.sequence
+        self._mode, self._value = command.mode, command.value
+        self._commanded_at = self._step
+        self.commands += 1
+        self.faults &= ~Fault.WATCHDOG
+        if command.mode is Mode.TORQUE and command.value == 0.0:
+            self.faults = Fault.NONE
+
+    def step(self) -> None:
+        """Go on by one step."""
+        self._step += 1
+        if (self._step - self._commanded_at) * STEP_S > WATCHDOG_S:
+            self.faults |= Fault.WATCHDOG
+        if (self._step - self._heard_at) * STEP_S > LISTENER_S:
+            self.listener = None
+        if abs(self.velocity) > OVERSPEED:
+            self.faults |= Fault.OVERSPEED
+        torque = 0.0
+        if not self.faults:
+            torque = self.motor.torque(self._mode, self._value, self.position, self.velocity)
+        self.position, self.velocity = self.motor.step(self.position, self.velocity, torque)
+
+    def state(self) -> State:
+        """What the drive says of itself, with the next sequence number."""
+        sequence = self._next_sequence
+        self._next_sequence = (sequence + 1) % SEQUENCES
+        return State(
+            sequence=sequence,
+            time_s=self._step * STEP_S,
+            position=self.position,
+            velocity=self.velocity,
+            faults=self.faults,
+        )
+
+    @property
+    def _is_off(self) -> bool:
+        return bool(self.faults & Fault.WATCHDOG)
+
+
+def serve(drive: Drive, line: socket.socket, is_over: threading.Event) -> None:
+    """Run the drive in real time until it is over."""
+    next_step_s = time.monotonic()
+    while not is_over.is_set():
+        select.select([line], [], [], max(0.0, next_step_s - time.monotonic()))
+        take_all(drive, line)
+        now_s = time.monotonic()
+        next_step_s = max(next_step_s, now_s - LONGEST_CATCH_UP_S)
+        is_due = next_step_s <= now_s
+        while next_step_s <= now_s:
+            drive.step()
+            next_step_s += STEP_S
+        if is_due and drive.listener is not None:
+            tell(line, drive.state(), drive.listener)
+
+
+def take_all(drive: Drive, line: socket.socket) -> None:
+    """Take all datagrams that have come."""
+    while True:
+        try:
+            drive.take(*line.recvfrom(1500))
+        except BlockingIOError:
+            return
+        except ConnectionError:  # a listener has gone
+            continue
+
+
+def tell(line: socket.socket, state: State, listener: Sender) -> None:
+    """Send a state; one that cannot be sent is lost, as on a real line."""
+    try:
+        line.sendto(state.pack(), listener)
+    except OSError:
+        return
+
+
+def main() -> int:
+    """Be a drive until SIGINT or SIGTERM."""
+    parser = argparse.ArgumentParser(description="A simulated motor drive on 127.0.0.1.")
+    parser.add_argument("--port", type=int, default=PORT, help="0: any that is free")
+    wanted = parser.parse_args().port
+    is_over = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: is_over.set())
+    drive = Drive()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+        try:
+            line.bind(("127.0.0.1", wanted))
+        except (OSError, OverflowError) as error:
+            print(f"device: port {wanted} cannot be had: {error}", file=sys.stderr)
+            return 1
+        line.setblocking(False)
+        print(f"device: listening on 127.0.0.1:{line.getsockname()[1]}", flush=True)
+        serve(drive, line, is_over)
+    print(f"device: off after {drive.commands} commands, at {drive.position:.3f} rad")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

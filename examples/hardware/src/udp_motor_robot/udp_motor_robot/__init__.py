@@ -1,0 +1,1 @@
+"""A robot of one motor whose drive is spoken to over UDP."""

@@ -1,0 +1,116 @@
+"""The datagrams between a computer and the drive: commands to it, states from it.
+
+Little endian, without padding:
+
+| command | bytes | state | bytes |
+|---|---|---|---|
+| magic `OBMC` | 4 | magic `OBMS` | 4 |
+| sequence, uint32 | 4 | sequence, uint32 | 4 |
+| mode, uint32 | 4 | time since the drive was switched on [s], float64 | 8 |
+| value, float64 | 8 | position [rad], float64 | 8 |
+| | | velocity [rad/s], float64 | 8 |
+| | | faults, uint32 | 4 |
+
+Each side counts its datagrams; after 4294967295 comes 0. Needs neither ROS nor a socket.
+"""
+
+import math
+import struct
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+__all__ = ["PORT", "Command", "Fault", "Mode", "State", "steps_ahead"]
+
+PORT = 47001
+"""Where the drive listens, unless it is told otherwise."""
+SEQUENCES = 1 << 32
+COMMAND = struct.Struct("<4sIId")
+COMMAND_MAGIC = b"OBMC"
+STATE = struct.Struct("<4sIdddI")
+STATE_MAGIC = b"OBMS"
+
+
+class Mode(IntEnum):
+    """What a command asks for."""
+
+    LISTEN = 0
+    """Send me your states; the motor is left as it is, and the watchdog is not fed."""
+    TORQUE = 1
+    """The value is a torque [N m]; zero also clears faults."""
+    POSITION = 2
+    """The value is a position to go to [rad]."""
+
+
+class Fault(IntFlag):
+    """Why the motor is off."""
+
+    NONE = 0
+    WATCHDOG = 1
+    """No command came for too long; the next one is obeyed."""
+    OVERSPEED = 2
+    """It turned too fast; it stays off until a command of zero torque."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Command:
+    """A datagram to the drive."""
+
+    sequence: int
+    mode: Mode
+    value: float = 0.0
+    """Torque [N m] or position [rad], by the mode; finite."""
+
+    def pack(self) -> bytes:
+        """The datagram."""
+        return COMMAND.pack(COMMAND_MAGIC, self.sequence, self.mode, self.value)
+
+    @classmethod
+    def unpack(cls, data: bytes) -> "Command | None":
+        """The command that a datagram holds; None if it is none."""
+        if len(data) != COMMAND.size:
+            return None
+        magic, sequence, mode, value = COMMAND.unpack(data)
+        if magic != COMMAND_MAGIC or mode not in list(Mode) or not math.isfinite(value):
+            return None
+        return cls(sequence=sequence, mode=Mode(mode), value=value)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class State:
+    """A datagram from the drive."""
+
+    sequence: int
+    time_s: float
+    """Since the drive was switched on [s]."""
+    position: float
+    """[rad]."""
+    velocity: float
+    """[rad/s]."""
+    faults: Fault
+
+    def pack(self) -> bytes:
+        """The datagram."""
+        numbers = (self.time_s, self.position, self.velocity)
+        return STATE.pack(STATE_MAGIC, self.sequence, *numbers, self.faults)
+
+    @classmethod
+    def unpack(cls, data: bytes) -> "State | None":
+        """The state that a datagram holds; None if it is none."""
+        if len(data) != STATE.size:
+            return None
+        magic, sequence, time_s, position, velocity, faults = STATE.unpack(data)
+        if magic != STATE_MAGIC or not all(map(math.isfinite, (time_s, position, velocity))):
+            return None
+        return cls(
+            sequence=sequence,
+            time_s=time_s,
+            position=position,
+            velocity=velocity,
+            faults=Fault(faults),
+        )
+
+
+def steps_ahead(sequence: int, last: int) -> int:
+    """How far a sequence number is ahead of another: 1 for the next; below 1: not newer."""
+    ahead = (sequence - last) % SEQUENCES
+    return ahead if ahead < SEQUENCES // 2 else ahead - SEQUENCES
