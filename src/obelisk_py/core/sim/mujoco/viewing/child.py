@@ -84,6 +84,8 @@ class Onlooker:
 
     def close(self) -> None:
         """Tell it that there are no more states, and wait for its end; kill it where it must be."""
+        if self._is_closing:
+            return
         self._is_closing = True
         self._link.shutdown(socket.SHUT_WR)
         self._listener.join(self._end_s)

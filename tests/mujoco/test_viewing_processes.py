@@ -1,0 +1,182 @@
+"""Onlookers as processes: what they say, whom they let in, and that they end with the robot."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import mujoco
+import psutil
+import pytest
+
+from obelisk_py.core.sim.mujoco.viewing.child import Onlooker
+
+pytestmark = pytest.mark.mujoco
+
+DEADLINE_S = 60.0
+ROBOT = """
+import sys, time, mujoco
+from obelisk_py.core.sim.mujoco.viewing.child import Onlooker
+
+model = mujoco.MjModel.from_xml_path(sys.argv[1])
+data = mujoco.MjData(model)
+web = Onlooker("web", ("0",), model, data, tell=lambda _, text: print(text, flush=True), end_s=3)
+print(web.pid, flush=True)
+while True:
+    web.states.send()
+    time.sleep(0.01)
+"""
+
+
+def eventually(condition: Callable[[], object], what: str) -> None:
+    end = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < end, f"never came: {what}"
+        time.sleep(0.02)
+
+
+class Looked:
+    """An onlooker and what it has said so far."""
+
+    def __init__(self, model: mujoco.MjModel, kind: str, *arguments: str) -> None:
+        self.said: list[tuple[str, str]] = []
+        self.onlooker = Onlooker(
+            kind,
+            arguments,
+            model,
+            mujoco.MjData(model),
+            tell=lambda *said: self.said.append(said),
+            end_s=DEADLINE_S,
+        )
+
+    @property
+    def port(self) -> int:
+        """Of the web viewer, once it says it."""
+        eventually(lambda: self.said, "a sentence of the onlooker")
+        severity, text = self.said[0]
+        assert severity == "info", text
+        assert text.startswith("the simulation is shown at http://127.0.0.1:"), text
+        return int(text.rpartition(":")[2])
+
+
+@pytest.fixture
+def looking(dummy: mujoco.MjModel) -> Iterator[Callable[..., Looked]]:
+    with ExitStack() as closing:
+
+        def look(kind: str, *arguments: str) -> Looked:
+            looked = Looked(dummy, kind, *arguments)
+            closing.callback(looked.onlooker.close)
+            return looked
+
+        yield look
+
+
+def the_port_is_free(port: int) -> bool:
+    with socket.socket() as trial:
+        return trial.connect_ex(("127.0.0.1", port)) != 0
+
+
+def listens_on(pid: int) -> set[str]:
+    connections = psutil.Process(pid).net_connections("inet")
+    return {c.laddr.ip for c in connections if c.status == psutil.CONN_LISTEN}
+
+
+def test_a_page_on_this_machine_only_behind_the_robot_gone_when_it_is_closed(
+    looking: Callable[..., Looked],
+) -> None:
+    pytest.importorskip("mjviser")
+    looked = looking("web", "0")
+    pid = looked.onlooker.pid
+    with urllib.request.urlopen(f"http://127.0.0.1:{looked.port}", timeout=DEADLINE_S) as page:
+        assert b"<html" in page.read().lower()
+    assert listens_on(pid) == {"127.0.0.1"}
+    assert psutil.Process(pid).nice() > psutil.Process().nice()
+    looked.onlooker.close()
+    assert not psutil.pid_exists(pid)
+    assert the_port_is_free(looked.port)
+    assert len(looked.said) == 1
+
+
+def test_two_at_once_have_a_port_each(looking: Callable[..., Looked]) -> None:
+    pytest.importorskip("mjviser")
+    one, other = looking("web", "0"), looking("web", "0")
+    assert one.port != other.port
+
+
+def test_a_port_that_is_taken_is_told(looking: Callable[..., Looked]) -> None:
+    pytest.importorskip("mjviser")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        looked = looking("web", str(port))
+        eventually(lambda: looked.said, "the refusal")
+    assert looked.said == [
+        (
+            "warning",
+            f"the web viewer cannot have port {port} (`viewer_port`): Address already in use; "
+            "another one, or 0 for a free one, would do; the simulation goes on without it",
+        )
+    ]
+
+
+def test_a_library_that_is_not_installed_is_told_with_the_extra_that_brings_it(
+    looking: Callable[..., Looked], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    missing = 'raise ModuleNotFoundError("No module named \'viser\'", name="viser")\n'
+    (tmp_path / "viser.py").write_text(missing)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    looked = looking("web", "0")
+    eventually(lambda: looked.said, "the refusal")
+    assert looked.said == [
+        (
+            "warning",
+            "the web viewer needs the library `viser`, which is not installed; the extra `viewer` "
+            "brings it: obelisk-cli[viewer]; the simulation goes on without it",
+        )
+    ]
+
+
+def test_a_window_without_a_display_is_told_and_sending_goes_on(
+    looking: Callable[..., Looked], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    looked = looking("native")
+    eventually(lambda: looked.said, "the refusal")
+    ((severity, text),) = looked.said
+    assert severity == "warning"
+    assert text.startswith("the native viewer needs a display")
+    assert text.endswith("; the simulation goes on without it")
+    looked.onlooker.states.send()
+
+
+def test_one_that_dies_is_told_once(looking: Callable[..., Looked]) -> None:
+    pytest.importorskip("mjviser")
+    looked = looking("web", "0")
+    assert looked.port
+    os.kill(looked.onlooker.pid, signal.SIGKILL)
+    eventually(lambda: len(looked.said) == 2, "the news of its end")
+    severity, text = looked.said[1]
+    assert severity == "warning"
+    assert text.startswith("the web viewer has ended (signal 9); the simulation goes on without it")
+    for _ in range(3):
+        looked.onlooker.states.send()
+    looked.onlooker.close()
+    assert len(looked.said) == 2
+
+
+def test_it_ends_with_a_robot_that_is_killed(dummy_xml: Path) -> None:
+    pytest.importorskip("mjviser")
+    with subprocess.Popen(
+        [sys.executable, "-c", ROBOT, dummy_xml], stdout=subprocess.PIPE, text=True
+    ) as robot:
+        assert robot.stdout is not None
+        onlooker = psutil.Process(int(robot.stdout.readline()))
+        assert "shown at" in robot.stdout.readline()
+        robot.kill()
+    eventually(lambda: not onlooker.is_running(), "its end")
