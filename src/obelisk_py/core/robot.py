@@ -1,20 +1,36 @@
 """`ObeliskRobot` and `ObeliskSimRobot`: the system that is controlled, real or simulated."""
 
 import threading
+import time
 from abc import ABC, abstractmethod
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Final
 
 from obelisk_sensor_msgs.msg import TrueSimState
 from rclpy.lifecycle import LifecycleState
+from rclpy.subscription import Subscription
 
+from obelisk_py.core.command_age import CommandAge, StalePolicy
+from obelisk_py.core.components import Component
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
+from obelisk_py.core.lookout import Lookout
+from obelisk_py.core.message_numbers import non_finite_number, zeroed
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
+from obelisk_py.core.refusals import Refusals
+from obelisk_py.core.settings import stale_policy
+from obelisk_spec.components import CONTROL_SUBSCRIPTION
 
 __all__ = ["ObeliskRobot", "ObeliskSimRobot"]
 
 LONGEST_STOP_S = 5.0
-"""How long `run_simulator` may take to return once it is asked to [s]."""
+"""How long `run_simulator`, or a robot's action on old commands, may take to return [s]."""
+
+_TOLD: Final = {
+    "zero": "every number of the control is set to zero",
+    "hold": "the last one stays",
+    "damp": "the robot brakes",
+}
 
 
 class ObeliskRobot(ABC, ObeliskNode):
@@ -22,6 +38,9 @@ class ObeliskRobot(ABC, ObeliskNode):
 
     Registers the subscription `sub_ctrl` -> `apply_control` with the ROS parameter
     `sub_ctrl_setting`. The inheriting class registers its sensors' publishers.
+
+    With `max_age_sec` in the settings of that subscription, what `stale_action` says is done when
+    no command was accepted for so long, by the steady clock, whatever the executor is busy with.
     """
 
     def __init__(
@@ -35,22 +54,143 @@ class ObeliskRobot(ABC, ObeliskNode):
             kwargs: handed to `rclpy.node.Node`.
         """
         super().__init__(node_name, **kwargs)
+        self._age: CommandAge | None = None
+        self._lookout: Lookout | None = None
+        self._newest_control: Any = None
+        self._refused_controls = Refusals("control refused", time.monotonic)
+        # apply_control has one caller at a time: the executor's thread or the lookout's.
+        self._applying = threading.Lock()
         self.register_obk_subscription(
-            "sub_ctrl_setting", self._take_control, key="sub_ctrl", msg_type=ctrl_msg_type
+            "sub_ctrl_setting", self._take_control, key=CONTROL_SUBSCRIPTION, msg_type=ctrl_msg_type
+        )
+
+    @abstractmethod
+    def apply_control(self, control_msg: ObeliskControlMsg) -> bool | None:
+        """Apply a control message to the system; called only while the node is active.
+
+        Called on the executor's thread, or with `max_age_sec` on another, never on both at once.
+
+        Args:
+            control_msg: the newest control.
+
+        Returns:
+            False if it was refused, so that it does not count as a command; else nothing.
+        """
+
+    def apply_damping(self) -> None:
+        """Brake, because no command has come for too long; called once, until one comes again.
+
+        With `stale_action: damp`, instead of `apply_control` and under the same lock.
+
+        Raises:
+            ObeliskConfigError: the inheriting class does not implement it.
+        """
+        raise ObeliskConfigError(
+            f"{type(self).__name__} does not implement apply_damping, "
+            "but the config sets `stale_action: damp`"
         )
 
     def _take_control(self, control_msg: ObeliskControlMsg) -> None:
         # A robot that is not active must not move, whoever still publishes.
-        if self.state_label == "active":
+        if self.state_label != "active":
+            return
+        if self._age is None:
             self.apply_control(control_msg)
+            return
+        refusal = self._refusal_of(control_msg)
+        if refusal is not None:
+            told = self._refused_controls.add(refusal)
+            if told is not None:
+                self.get_logger().warning(told)
+            return
+        with self._applying:
+            if self.apply_control(control_msg) is False:
+                return
+            self._newest_control = control_msg
+            was_idle = self._age.deadline_s is None
+            silent_s = self._age.accept(time.monotonic())
+        if was_idle and self._lookout is not None:
+            self._lookout.wake()
+        if silent_s is not None:
+            self.get_logger().warning(f"commands come again, after {silent_s:.3f} s without")
 
-    @abstractmethod
-    def apply_control(self, control_msg: ObeliskControlMsg) -> None:
-        """Apply a control message to the system; called only while the node is active.
+    def _refusal_of(self, control_msg: ObeliskControlMsg) -> str | None:
+        """Why a command is kept from `apply_control` and does not count."""
+        return non_finite_number(control_msg)
 
-        Args:
-            control_msg: the newest control.
-        """
+    def _can_damp(self) -> bool:
+        return type(self).apply_damping is not ObeliskRobot.apply_damping
+
+    def _is_stale(self) -> bool:
+        """Whether the newest command is too old by now; tells when it has become so."""
+        assert self._age is not None
+        age_s = self._age.look(time.monotonic())
+        if age_s is not None:
+            policy = self._age.policy
+            self.get_logger().error(
+                f"no command for {age_s:.3f} s, more than `max_age_sec` of {policy.max_age_s:g} s: "
+                f"{_TOLD[policy.action]} (`stale_action: {policy.action}`)"
+            )
+        return self._age.is_stale
+
+    def _act_if_stale(self) -> None:
+        if self._is_stale():
+            self.guarded(self._act_on_old_commands)()
+
+    def _act_on_old_commands(self) -> None:
+        assert self._age is not None
+        with self._applying:
+            # A command may have come meanwhile, or the node may be on its way down.
+            if not self._age.is_stale or self.state_label != "active":
+                return
+            if self._age.policy.action == "zero":
+                control = zeroed(self._newest_control)
+                if hasattr(control, "header"):
+                    control.header.stamp = self.get_clock().now().to_msg()
+                self.apply_control(control)
+            elif self._age.policy.action == "damp":
+                self.apply_damping()
+
+    def _subscription(self, component: Component, raw: Mapping[str, Any]) -> Subscription:
+        if component.key == CONTROL_SUBSCRIPTION:
+            self._age = self._age_of(stale_policy(component, raw))
+        return super()._subscription(component, raw)
+
+    def _age_of(self, policy: StalePolicy | None) -> CommandAge | None:
+        if policy is None:
+            return None
+        if policy.action == "damp" and not self._can_damp():
+            self.apply_damping()  # the one that says what is missing
+        return CommandAge(policy)
+
+    def _start(self) -> None:
+        super()._start()
+        self._look_out()
+
+    def _hold(self, state: LifecycleState) -> None:
+        self._stop_lookout()
+        super()._hold(state)
+
+    def destroy_node(self) -> None:
+        """Stop the lookout before what it may act on goes."""
+        self._stop_lookout()
+        super().destroy_node()
+
+    def _look_out(self) -> None:
+        if self._age is not None and self._lookout is None:
+            self._age.forget()
+            self._lookout = Lookout(self._age, self._act_if_stale)
+            self._lookout.start()
+
+    def _stop_lookout(self) -> None:
+        if self._lookout is None:
+            return
+        if not self._lookout.stop(LONGEST_STOP_S):
+            raise ObeliskError(
+                f"the robot's action on old commands went on for {LONGEST_STOP_S:g} s after "
+                "it was to stop"
+            )
+        self._lookout = None
 
 
 class ObeliskSimRobot(ObeliskRobot):

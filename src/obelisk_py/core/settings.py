@@ -11,9 +11,15 @@ from typing import Any, TypeVar
 
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 
+from obelisk_py.core.command_age import StalePolicy
 from obelisk_py.core.components import Component, ComponentKind, spellings
 from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_spec.components import CALLBACK_GROUP_TYPES, DEFAULT_HISTORY_DEPTH
+from obelisk_spec.components import (
+    CALLBACK_GROUP_TYPES,
+    DEFAULT_HISTORY_DEPTH,
+    DEFAULT_STALE_ACTION,
+    STALE_ACTIONS,
+)
 from obelisk_spec.settings import parse_component_setting, parse_mapping
 
 __all__ = [
@@ -23,6 +29,7 @@ __all__ = [
     "entry_names",
     "find_settings",
     "parse_node_settings",
+    "stale_policy",
     "timer_settings",
     "topic_settings",
 ]
@@ -155,17 +162,39 @@ def timer_settings(component: Component, raw: Mapping[str, Any]) -> TimerSetting
     Raises:
         ObeliskConfigError: no period, or one that a ROS timer cannot hold.
     """
-    period = raw.get("timer_period_sec")
+    period_s = _seconds(component, "timer_period_sec", raw.get("timer_period_sec"))
+    return TimerSettings(period_s=period_s, callback_group=_named(raw.get("callback_group")))
+
+
+def stale_policy(component: Component, raw: Mapping[str, Any]) -> StalePolicy | None:
+    """What is to become of old commands, None where the settings say nothing of it.
+
+    Raises:
+        ObeliskConfigError: no age, one that no clock can hold, or an unknown action.
+    """
+    age, action = raw.get("max_age_sec"), raw.get("stale_action")
+    if age is None and action is None:
+        return None
+    if action not in (None, *STALE_ACTIONS):
+        raise ObeliskConfigError(
+            f"the {component}: 'stale_action' is '{action}'; there are: {', '.join(STALE_ACTIONS)}"
+        )
+    return StalePolicy(
+        max_age_s=_seconds(component, "max_age_sec", age), action=action or DEFAULT_STALE_ACTION
+    )
+
+
+def _seconds(component: Component, key: str, value: Any) -> float:
     if (
-        isinstance(period, bool)
-        or not isinstance(period, int | float)
-        or not SHORTEST_PERIOD_S <= period < LONGEST_PERIOD_S
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not SHORTEST_PERIOD_S <= value < LONGEST_PERIOD_S
     ):
         raise ObeliskConfigError(
-            f"the {component}: 'timer_period_sec' is {period!r}, expected seconds above 0, "
+            f"the {component}: '{key}' is {value!r}, expected seconds above 0, "
             f"from {SHORTEST_PERIOD_S:g} to {LONGEST_PERIOD_S:g}"
         )
-    return TimerSettings(period_s=float(period), callback_group=_named(raw.get("callback_group")))
+    return float(value)
 
 
 def _policy(

@@ -1,15 +1,18 @@
 """Settings of components: where they come from, and what is wrong with them."""
 
+import re
 from typing import Any
 
 import pytest
 from rclpy.qos import QoSReliabilityPolicy
 
+from obelisk_py.core.command_age import StalePolicy
 from obelisk_py.core.components import Component, ComponentKind, ComponentTable
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.settings import (
     find_settings,
     parse_node_settings,
+    stale_policy,
     timer_settings,
     topic_settings,
 )
@@ -88,6 +91,41 @@ def test_a_period_is_a_number_above_zero(period: object) -> None:
     )
     with pytest.raises(ObeliskConfigError, match="expected seconds above 0"):
         timer_settings(timer, {"timer_period_sec": period})
+
+
+@pytest.mark.parametrize(
+    ("raw", "policy"),
+    [
+        ({}, None),
+        ({"max_age_sec": 1}, StalePolicy(max_age_s=1.0, action="zero")),
+        ({"max_age_sec": 0.1, "stale_action": "damp"}, StalePolicy(max_age_s=0.1, action="damp")),
+    ],
+)
+def test_how_old_a_command_may_become_is_taken(
+    raw: dict[str, object], policy: StalePolicy | None
+) -> None:
+    assert stale_policy(publisher(), raw) == policy
+
+
+@pytest.mark.parametrize(
+    ("raw", "fault"),
+    [
+        ({"max_age_sec": 0}, "'max_age_sec' is 0, expected seconds above 0"),
+        ({"max_age_sec": -1.0}, "'max_age_sec' is -1.0, expected seconds above 0"),
+        ({"max_age_sec": True}, "'max_age_sec' is True, expected seconds above 0"),
+        ({"max_age_sec": float("nan")}, "'max_age_sec' is nan, expected seconds above 0"),
+        ({"stale_action": "hold"}, "'max_age_sec' is None, expected seconds above 0"),
+        (
+            {"max_age_sec": 1, "stale_action": "explode"},
+            "'stale_action' is 'explode'; there are: zero, hold, damp",
+        ),
+    ],
+)
+def test_an_age_or_an_action_that_is_none_is_named(raw: dict[str, object], fault: str) -> None:
+    with pytest.raises(
+        ObeliskConfigError, match=re.escape(f"the publisher 'pub_ctrl_setting': {fault}")
+    ):
+        stale_policy(publisher(), raw)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,55 @@
+"""A thread that wakes when a robot's newest command becomes too old.
+
+In: a `CommandAge`. Out: a call at its deadline, on this thread, whatever the node's executor is
+busy with. It sleeps from one deadline to the next, so commands that come in time cost nothing.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+
+from obelisk_py.core.command_age import CommandAge
+
+__all__ = ["Lookout"]
+
+
+class Lookout:
+    """Looks after one run of a robot, from `start` to `stop`."""
+
+    def __init__(self, age: CommandAge, look: Callable[[], None]) -> None:
+        """Make a lookout that does not run yet.
+
+        Args:
+            age: gives the deadlines, in times of `time.monotonic`.
+            look: called at each deadline; it has `age.look` say whether the command is too old.
+        """
+        self._age = age
+        self._look = look
+        self._woken = threading.Event()
+        self._is_ended = False
+        self._thread = threading.Thread(target=self._run, name="lookout", daemon=True)
+
+    def start(self) -> None:
+        """Begin to look."""
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Have a deadline noticed where there was none before."""
+        self._woken.set()
+
+    def stop(self, timeout_s: float) -> bool:
+        """End the thread; whether it ended in time."""
+        self._is_ended = True
+        self._woken.set()
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        while not self._is_ended:
+            deadline_s = self._age.deadline_s
+            left_s = None if deadline_s is None else deadline_s - time.monotonic()
+            if left_s is None or left_s > 0:
+                self._woken.wait(None if left_s is None else min(left_s, threading.TIMEOUT_MAX))
+                self._woken.clear()
+            else:
+                self._look()

@@ -1,0 +1,184 @@
+"""A real robot whose commands stop: what it is told to do, and when."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from obelisk_control_msgs.msg import PDFeedForward
+from std_srvs.srv import Trigger
+
+from obelisk_py.core.robot import ObeliskRobot
+
+from .stack import DEADLINE_S, eventually, parameters, request, spinning
+
+pytestmark = pytest.mark.ros
+
+COMMAND = PDFeedForward(
+    pos_target=[1.0, 2.0],
+    feed_forward=[3.0, 4.0],
+    joint_names=["hip", "knee"],
+    kp=[5.0, 6.0],
+    kd=[7.0, 8.0],
+)
+
+
+class Arm(ObeliskRobot):
+    """A robot that notes what it is told."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("arm", PDFeedForward, **kwargs)
+        self.applied: list[PDFeedForward] = []
+        self.is_busy = threading.Event()
+        self.is_free = threading.Event()
+        self.create_service(Trigger, "~/be_busy", self._be_busy)
+
+    def apply_control(self, control_msg: PDFeedForward) -> bool | None:
+        if len(control_msg.kp) != 2:
+            return False
+        self.applied.append(control_msg)
+        return None
+
+    def _be_busy(self, _request: Any, response: Any) -> Any:
+        self.is_busy.set()
+        self.is_free.wait(DEADLINE_S)
+        return response
+
+
+class BrakingArm(Arm):
+    """One that can brake."""
+
+    dampings = 0
+
+    def apply_damping(self) -> None:
+        self.dampings += 1
+
+
+@contextmanager
+def arm(kind: type[Arm] = Arm, **settings: object) -> Iterator[Any]:
+    """An active robot whose commands may become half a second old."""
+    written = {"topic": "/ctrl", "max_age_sec": 0.5, **settings}
+    text = ", ".join(f"{key}: {value}" for key, value in written.items())
+    with spinning(lambda: kind(**parameters(sub_ctrl_setting=f"{{{text}}}"))) as node:
+        node.told = []
+        for level in ("error", "warning"):
+            setattr(node.get_logger(), level, node.told.append)
+        yield node
+
+
+def active(node: Any) -> Any:
+    """Take the robot to active; the publisher of its commands."""
+    publisher = node.create_publisher(PDFeedForward, "/ctrl", 10)
+    assert request(node, "configure")
+    assert request(node, "activate")
+    eventually(publisher.get_subscription_count, "the subscription of the robot")
+    return publisher
+
+
+def test_zeros_are_applied_once_and_the_next_command_goes_through() -> None:
+    with arm() as node:
+        publisher = active(node)
+        publisher.publish(COMMAND)
+        eventually(lambda: len(node.applied) == 2, "the command and the zeros")
+        zeros = node.applied[1]
+        assert [*zeros.kp, *zeros.kd, *zeros.pos_target, *zeros.feed_forward] == [0.0] * 8
+        assert zeros.joint_names == ["hip", "knee"]
+        assert zeros.header.stamp.sec > 0
+        publisher.publish(COMMAND)
+        eventually(lambda: len(node.applied) >= 3, "the next command")
+        assert node.applied[2] == COMMAND
+        old, again, *_ = node.told
+        assert old.startswith("no command for 0.")
+        assert old.endswith(
+            "s, more than `max_age_sec` of 0.5 s: every number of the control is set to zero "
+            "(`stale_action: zero`)"
+        )
+        assert again.startswith("commands come again, after ")
+
+
+def test_no_command_at_all_is_not_an_old_one_and_neither_is_that_of_the_last_run() -> None:
+    with arm(max_age_sec=0.01) as node:
+        publisher = active(node)
+        publisher.publish(COMMAND)
+        eventually(lambda: len(node.applied) == 2, "the command and the zeros")
+        assert request(node, "deactivate")
+        assert request(node, "activate")
+        assert node._age.deadline_s is None
+        assert not node._age.is_stale
+        assert request(node, "deactivate")
+        assert len(node.applied) == 2
+        assert not [thread for thread in threading.enumerate() if thread.name == "lookout"]
+
+
+def test_a_busy_executor_does_not_keep_the_robot_from_being_made_safe() -> None:
+    with arm() as node:
+        publisher = active(node)
+        publisher.publish(COMMAND)
+        eventually(lambda: node.applied, "the command")
+        client = node.create_client(Trigger, "~/be_busy")
+        eventually(client.service_is_ready, "the service")
+        client.call_async(Trigger.Request())
+        assert node.is_busy.wait(DEADLINE_S)
+        eventually(lambda: len(node.applied) == 2, "the zeros")
+        assert not node.is_free.is_set()
+        node.is_free.set()
+
+
+@pytest.mark.parametrize(
+    ("refused", "told"),
+    [
+        (PDFeedForward(kp=[1.0]), []),
+        (
+            PDFeedForward(kp=[1.0, float("nan")]),
+            ["control refused: `kp[1]` is nan (1x); 1 since the start"],
+        ),
+    ],
+)
+def test_a_refused_command_counts_for_nothing(refused: PDFeedForward, told: list[str]) -> None:
+    with arm(max_age_sec=100.0) as node:
+        publisher = active(node)
+        publisher.publish(COMMAND)
+        eventually(lambda: node.applied, "the command")
+        before = node._age.deadline_s
+        node._take_control(refused)
+        assert node._age.deadline_s == before
+        assert node.applied == [COMMAND]
+        assert node.told == told
+
+
+def test_to_hold_is_only_to_tell() -> None:
+    with arm(stale_action="hold", max_age_sec=0.01) as node:
+        active(node).publish(COMMAND)
+        eventually(lambda: node.told, "what is told")
+        assert "the last one stays (`stale_action: hold`)" in node.told[0]
+        assert node.applied == [COMMAND]
+
+
+def test_a_robot_that_can_brake_brakes_once() -> None:
+    with arm(BrakingArm, stale_action="damp", max_age_sec=0.01) as node:
+        active(node).publish(COMMAND)
+        eventually(lambda: node.dampings, "the damping")
+        assert request(node, "deactivate")
+        assert node.dampings == 1
+        assert node.applied == [COMMAND]
+
+
+def test_a_robot_that_cannot_brake_is_not_configured_to() -> None:
+    with arm(stale_action="damp") as node:
+        assert not request(node, "configure")
+        assert node.last_fault.text == (
+            "Arm does not implement apply_damping, but the config sets `stale_action: damp`"
+        )
+
+
+def test_what_the_action_raises_takes_the_robot_to_error_processing() -> None:
+    class Broken(Arm):
+        def apply_control(self, control_msg: PDFeedForward) -> None:
+            if not any(control_msg.kp):
+                raise OSError("the bus is gone")
+
+    with arm(Broken, max_age_sec=0.01) as node:
+        active(node).publish(COMMAND)
+        eventually(lambda: node.state_label == "unconfigured", "error processing")
+        assert "the bus is gone" in str(node.last_fault)
