@@ -33,7 +33,9 @@ def look(states: States, tell: Tell, _arguments: Sequence[str]) -> None:
             "the native viewer needs a display, and neither DISPLAY nor WAYLAND_DISPLAY is set; "
             "`web` (a page in the browser) needs none"
         )
-    with mujoco.viewer.launch_passive(states.model, states.data) as window:
+    with mujoco.viewer.launch_passive(
+        states.model, states.data, show_left_ui=False, show_right_ui=False
+    ) as window:
         while not states.is_over and window.is_running():
             due_s = time.monotonic() + _PERIOD_S
             with window.lock():

@@ -1,0 +1,67 @@
+"""A headless Chromium for the tests of pages: no GPU, no traffic of its own."""
+
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import pytest
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+__all__ = ["chromium", "opened", "seen"]
+
+DEADLINE_S: Final = 240.0
+"""What a page may take; WebGL without a GPU is slow on a loaded machine [s]."""
+DEADLINE_MS: Final = DEADLINE_S * 1000
+NAMES: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+ARGUMENTS: Final = (
+    "--no-sandbox",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+)
+
+
+def chromium() -> Path:
+    """The browser of this machine; skips the test where there is none."""
+    pytest.importorskip("playwright", reason="playwright is in the `dev` extra: make setup")
+    found = next(filter(None, map(shutil.which, NAMES)), None)
+    if found is None:
+        pytest.skip("there is no Chromium on this machine: apt install chromium")
+    return Path(found)
+
+
+@contextmanager
+def opened(url: str, *, width: int = 640, height: int = 480) -> Iterator["Page"]:
+    """A page of this size [pixels], at `url`, in a browser of its own."""
+    browser_path = chromium()
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=browser_path, args=list(ARGUMENTS), timeout=DEADLINE_MS
+        )
+        try:
+            page = browser.new_page(viewport={"width": width, "height": height})
+            page.set_default_timeout(DEADLINE_MS)
+            page.goto(url)
+            yield page
+        finally:
+            browser.close()
+
+
+def seen(condition: Callable[[], object], what: str) -> None:
+    """Wait until a page shows something; fails the test after a deadline."""
+    end = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < end, f"never seen: {what}"
+        time.sleep(0.2)

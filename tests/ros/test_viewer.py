@@ -1,0 +1,80 @@
+"""A simulated robot of a running stack, looked at in a browser."""
+
+import io
+from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ..browser import chromium, opened, seen  # noqa: TID252 - shared by folders of tests
+from .stack import DUMMY, Launched, launched
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+pytestmark = [pytest.mark.ros, pytest.mark.mujoco, pytest.mark.timeout(600)]
+
+SHOWN = "the simulation is shown at "
+
+
+def address(run: Launched) -> str:
+    """Where the launch says that the page is."""
+    run.wait_for_line(SHOWN)
+    line = next(line for line in run.lines if SHOWN in line)
+    return line.partition(SHOWN)[2].split()[0]
+
+
+def picture(page: "Page") -> NDArray[np.int16]:
+    """What the page's canvas shows, shape `(height, width, 3)`."""
+    image = pytest.importorskip("PIL.Image")
+    shot = page.locator("canvas").first.screenshot()
+    return np.asarray(image.open(io.BytesIO(shot)).convert("RGB"), np.int16)
+
+
+def reddish(pixels: NDArray[np.int16]) -> int:
+    """How many pixels have about the colour of the dummy's ball."""
+    red, green, blue = np.moveaxis(pixels, -1, 0)
+    return int(np.count_nonzero((red - green > 40) & (red - blue > 30)))
+
+
+def test_the_page_shows_the_model_and_that_it_moves() -> None:
+    chromium()
+    pytest.importorskip("mjviser")
+    with launched(DUMMY, "--viewer", "web") as run:
+        url = address(run)
+        assert urlsplit(url).hostname == "127.0.0.1"
+        asked: list[str] = []
+        with opened(url, width=480, height=360) as page:
+            page.on("request", lambda request: asked.append(request.url))
+            page.reload()
+            page.wait_for_selector("canvas")
+            seen(lambda: reddish(picture(page)) > 30, "the ball")
+            first = picture(page)
+            seen(lambda: np.abs(picture(page) - first).max() > 60, "that the rod moves")
+        hosts = {urlsplit(url.removeprefix("blob:")).hostname for url in asked}
+        assert hosts == {"127.0.0.1"}
+    assert run.left_over() == []
+
+
+def test_a_viewer_that_is_killed_is_told_and_the_stack_goes_on() -> None:
+    pytest.importorskip("mjviser")
+    with launched(DUMMY, "--viewer", "web") as run:
+        address(run)
+        run.wait_for("active")
+        viewer = next(p for p in run.descendants if "web" in p.cmdline())
+        viewer.kill()
+        run.wait_for_line("the web viewer has ended (signal 9); the simulation goes on without it")
+        assert run.process.poll() is None
+    assert run.left_over() == []
+
+
+def test_without_a_display_the_stack_runs_and_says_what_would_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with launched(DUMMY, "--viewer", "native") as run:
+        run.wait_for_line("the native viewer needs a display")
+        assert run.process.poll() is None
