@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from obelisk_sensor_msgs.msg import ObkJointEncoders
+from rclpy.serialization import deserialize_message
 
 from obelisk_py.core.sim.mujoco.block import typed_block
 from obelisk_py.core.sim.mujoco.control import ControlInbox
@@ -51,7 +53,8 @@ def _trajectory(model, seed):
     simulation = Simulation(model, inbox)
     states, steps = [], []
 
-    def control(message):
+    def control(data):
+        message = deserialize_message(data, ObkJointEncoders)
         states.append(np.concatenate([simulation.data.qpos, simulation.data.qvel]))
         steps.append(simulation.steps)
         swing = np.sin(0.05 * simulation.steps + np.arange(2))
@@ -72,18 +75,12 @@ def _trajectory(model, seed):
         pace=None,
         clock=_IrregularClock(seed),
         outputs=outputs_of(simulation, block, surroundings),
-        stamp=lambda: _stamp(simulation),
+        stamp=lambda: simulation.time_ns,
         warn=pytest.fail,
         report=lambda _: None,
     ).run(lambda: simulation.steps >= STEPS)
     assert simulation.data.ncon > 0, "contacts are part of the comparison"
     return np.array(states), steps
-
-
-def _stamp(simulation):
-    from builtin_interfaces.msg import Time
-
-    return Time(nanosec=round(simulation.data.time % 1 * 1e9))
 
 
 def test_two_runs_of_a_scripted_controller_are_the_same_to_the_bit(everything):

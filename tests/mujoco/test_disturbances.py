@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
+from rclpy.serialization import deserialize_message
 
 from obelisk_py.core.sim.mujoco.block import typed_block
 from obelisk_py.core.sim.mujoco.control import ControlInbox
@@ -69,11 +69,11 @@ def run(everything):
         )
         heard = {}
 
-        def make_publisher(_type, topic, _depth):
+        def make_publisher(message_type, topic, _depth):
             sent = heard.setdefault(topic, SimpleNamespace(messages=[], steps=[], counted=[]))
 
             def publish(message):
-                sent.messages.append(message)
+                sent.messages.append(deserialize_message(message, message_type))
                 sent.steps.append(simulation.steps)
 
             return SimpleNamespace(publish=publish)
@@ -93,7 +93,7 @@ def run(everything):
             pace=None,
             clock=MonotonicClock(),
             outputs=outputs_of(simulation, block, surroundings),
-            stamp=lambda: Time(nanosec=round(simulation.data.time * 1e9)),
+            stamp=lambda: simulation.time_ns,
             warn=pytest.fail,
             report=lambda _: None,
         )

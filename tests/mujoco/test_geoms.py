@@ -3,8 +3,8 @@
 import mujoco
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
-from visualization_msgs.msg import Marker
+from rclpy.serialization import deserialize_message
+from visualization_msgs.msg import Marker, MarkerArray
 
 from obelisk_py.core.sim.mujoco.geoms import marker_sampler
 
@@ -14,7 +14,9 @@ pytestmark = pytest.mark.mujoco
 @pytest.fixture
 def markers(everything, moving):
     def make(**geoms):
-        return marker_sampler(everything, moving, geoms)(Time(sec=5)).markers
+        sampler = marker_sampler(everything, moving, geoms)
+        sampler.take()
+        return deserialize_message(sampler.message.to_bytes(5_000_000_000), MarkerArray).markers
 
     return make
 

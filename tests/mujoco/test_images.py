@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.cameras import choose_back_end, open_context, picture_size
@@ -57,8 +56,9 @@ def feed(scene):
             on_close=closing.append,
             is_paced=is_paced,
         )
-        sample = SENSOR_KINDS["ObkImage"].build(source)
-        return SimpleNamespace(sample=sample, messages=messages, warnings=warnings, data=data)
+        sampler = SENSOR_KINDS["ObkImage"].build(source)
+        assert sampler.message is None
+        return SimpleNamespace(take=sampler.take, messages=messages, warnings=warnings, data=data)
 
     start.closing = closing
     yield start
@@ -111,11 +111,11 @@ def test_a_camera_sees_colours_where_they_are_or_says_why_it_cannot(scene, feed)
         assert camera.startswith("camera `above`: cameras need OpenGL, and ")
         assert "obk doctor" in camera
         return
-    assert camera.sample(Time()) is None
+    camera.take()
     camera.data.qpos[2] = 1.0
     mujoco.mj_forward(scene, camera.data)
-    camera.sample(Time())
-    camera.sample(Time())
+    camera.take()
+    camera.take()
     before, after = (multiarray_to_numpy(message.y) for message in camera.messages)
     assert before.shape == (30, 40, 3)
     assert [dim.label for dim in camera.messages[0].y.layout.dim] == ["height", "width", "channels"]
@@ -137,7 +137,7 @@ def test_as_fast_as_possible_no_picture_is_left_out(feed):
     camera = feed()
     for height in range(5):
         camera.data.qpos[2] = height
-        camera.sample(Time())
+        camera.take()
     feed.closing.pop()()
     assert _greys(camera) == [0, 1, 2, 3, 4]
     assert camera.warnings == []
@@ -149,7 +149,7 @@ def test_at_a_pace_a_picture_is_left_out_while_the_last_one_is_drawn(feed):
     _PaintedView.newest.may_draw.clear()
     for height in range(1, 4):
         camera.data.qpos[2] = height
-        camera.sample(Time())
+        camera.take()
     _PaintedView.newest.may_draw.set()
     feed.closing.pop()()
     assert _greys(camera) == [1]
@@ -187,9 +187,9 @@ def test_a_fault_while_drawing_ends_the_run(feed, painted, monkeypatch):
 
     monkeypatch.setattr(_PaintedView, "draw", fail)
     camera = feed()
-    camera.sample(Time())
+    camera.take()
     with pytest.raises(RuntimeError, match="the driver is gone"):
-        camera.sample(Time())
+        camera.take()
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """What a block publishes, how often in simulation time, and with which numbers."""
 
 import pytest
+from rclpy.serialization import deserialize_message
 
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.loading import load_model
@@ -20,8 +21,7 @@ class _Publisher:
         self.messages = []
 
     def publish(self, message):
-        assert type(message) is self.message_type
-        self.messages.append(message)
+        self.messages.append(deserialize_message(message, self.message_type))
 
 
 @pytest.fixture
@@ -60,19 +60,13 @@ def example(repository):
                     is_paced=False,
                 ),
             ),
-            stamp=lambda: _time(simulation),
+            stamp=lambda: simulation.time_ns,
             warn=pytest.fail,
             report=lambda _: None,
         ).run(lambda: simulation.steps >= steps)
         return publishers
 
     return run
-
-
-def _time(simulation):
-    from builtin_interfaces.msg import Time
-
-    return Time(nanosec=round(simulation.data.time * 1e9))
 
 
 def test_rates_are_exact_in_simulation_time(example):

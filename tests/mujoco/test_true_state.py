@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
 
 from obelisk_py.core.sim.mujoco.true_state import StateCopy, TrueStateReader
 
@@ -10,7 +9,7 @@ pytestmark = pytest.mark.mujoco
 
 
 def _message(model, data):
-    copy = StateCopy(stamp=Time(sec=3), qpos=data.qpos.copy(), qvel=data.qvel.copy())
+    copy = StateCopy(stamp_ns=3_000_000_000, qpos=data.qpos.copy(), qvel=data.qvel.copy())
     return TrueStateReader(model).message(copy)
 
 

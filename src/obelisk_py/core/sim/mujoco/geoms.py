@@ -14,12 +14,11 @@ from typing import Final
 
 import mujoco
 import numpy as np
-from builtin_interfaces.msg import Time
-from numpy.typing import NDArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obelisk_py.core.sim.mujoco.sensors.fields import set_quaternion, set_xyz
-from obelisk_py.core.sim.mujoco.sensors.kind import WORLD
+from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.sim.mujoco.sensors.fields import Copy, in_turn, set_quaternion
+from obelisk_py.core.sim.mujoco.sensors.kind import WORLD, Sampler
 
 __all__ = ["GEOM_KINDS", "MARKER_NAMESPACE", "marker_sampler"]
 
@@ -80,10 +79,8 @@ GEOM_KINDS: Final[Mapping[str, Callable[[float, float, float], tuple[_Part, ...]
 """Geom type -> its markers, from MuJoCo's three sizes."""
 
 
-def marker_sampler(
-    model: mujoco.MjModel, data: mujoco.MjData, geoms: Mapping[str, str]
-) -> Callable[[Time], MarkerArray]:
-    """What makes the markers of the present state; the argument is their stamp.
+def marker_sampler(model: mujoco.MjModel, data: mujoco.MjData, geoms: Mapping[str, str]) -> Sampler:
+    """What takes the markers of the present state.
 
     Args:
         model: the model.
@@ -95,40 +92,42 @@ def marker_sampler(
         for name, kind in geoms.items()
         for part in GEOM_KINDS[kind](*model.geom(name).size.tolist())
     ]
-    colours = [_colour(model, geom) for geom, _ in parts]
-
-    def sample(stamp: Time) -> MarkerArray:
-        message = MarkerArray()
-        message.markers = [
-            _marker(data, geom, part, colour, number, stamp)
-            for number, ((geom, part), colour) in enumerate(zip(parts, colours, strict=True))
-        ]
-        return message
-
-    return sample
+    markers = [
+        _marker(number, part, _colour(model, geom)) for number, (geom, part) in enumerate(parts)
+    ]
+    packed = PackedMessage(MarkerArray(markers=markers))
+    placings = [
+        _placing(data, geom, part.along_z, packed, f"markers.{number}.pose")
+        for number, (geom, part) in enumerate(parts)
+    ]
+    return Sampler(message=packed, take=in_turn(placings))
 
 
-def _marker(
-    data: mujoco.MjData,
-    geom: int,
-    part: _Part,
-    colour: Iterable[float],
-    number: int,
-    stamp: Time,
-) -> Marker:
-    marker = Marker()
-    marker.header.stamp = stamp
+def _marker(number: int, part: _Part, colour: Iterable[float]) -> Marker:
+    marker = Marker(ns=MARKER_NAMESPACE, id=number, type=part.marker_type, action=Marker.ADD)
     marker.header.frame_id = WORLD
-    marker.ns, marker.id = MARKER_NAMESPACE, number
-    marker.type, marker.action = part.marker_type, Marker.ADD
-    axis_z: NDArray[np.float64] = data.geom_xmat[geom][2::3]
-    set_xyz(marker.pose.position, data.geom_xpos[geom] + part.along_z * axis_z)
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, data.geom_xmat[geom])
-    set_quaternion(marker.pose.orientation, quaternion)
     marker.scale.x, marker.scale.y, marker.scale.z = part.scale
     marker.color.r, marker.color.g, marker.color.b, marker.color.a = colour
     return marker
+
+
+def _placing(
+    data: mujoco.MjData, geom: int, along_z: float, message: PackedMessage, pose: str
+) -> Copy:
+    """Puts a marker where its geom is."""
+    position, orientation = (
+        message.numbers(f"{pose}.{part}") for part in ("position", "orientation")
+    )
+    centre, rotation = data.geom_xpos[geom], data.geom_xmat[geom]
+    axis_z = rotation[2::3]
+    wxyz = np.empty(4)
+
+    def place() -> None:
+        position[:] = centre + along_z * axis_z
+        mujoco.mju_mat2Quat(wxyz, rotation)
+        set_quaternion(orientation, wxyz)
+
+    return place
 
 
 def _colour(model: mujoco.MjModel, geom: int) -> list[float]:

@@ -14,7 +14,7 @@ from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output
 from obelisk_py.core.sim.mujoco.stepping import SampleTimes
 
-__all__ = ["group_outputs"]
+__all__ = ["group_outputs", "sampled"]
 
 Publish = Callable[[Any], None]
 
@@ -22,7 +22,7 @@ Publish = Callable[[Any], None]
 def group_outputs(
     simulation: Simulation,
     group: SensorGroup,
-    sample: Sampler,
+    sampler: Sampler,
     publish: Publish,
     *,
     dropped: Callable[[], None],
@@ -36,33 +36,44 @@ def group_outputs(
         yield Output(times=line, publish=_release(line, publish), restart=line.restart)
     send = publish if line is None else _hold(line, simulation)
     if not settings.noise and settings.dropout == 0.0:
-        yield Output(times=times, publish=_sampled(sample, send))
+        yield Output(times=times, publish=sampled(sampler, send))
         return
-    noise = Noise(group.msg_type, settings, group.topic)
     chance = Chance(seed=settings.seed, topic=group.topic, purpose="dropout")
     dropout = Dropout(settings.dropout, chance)
+    noise = None
+    if sampler.message is not None:
+        noise = Noise(group.msg_type, settings, group.topic, sampler.message)
 
-    def disturbed(stamp: Any) -> Any:
+    def take() -> None:
+        sampler.take()
+        if noise is not None:
+            noise.add()
+
+    disturbed = sampled(Sampler(message=sampler.message, take=take), send)
+
+    def publish_unless_lost(stamp_ns: int) -> None:
         if dropout.strikes():
             dropped()
-            return None
-        message = sample(stamp)
-        if message is not None:
-            noise.add(message)
-        return message
+        else:
+            disturbed(stamp_ns)
 
     def restart() -> None:
         dropout.restart()
-        noise.restart()
+        if noise is not None:
+            noise.restart()
 
-    yield Output(times=times, publish=_sampled(disturbed, send), restart=restart)
+    yield Output(times=times, publish=publish_unless_lost, restart=restart)
 
 
-def _sampled(sample: Sampler, send: Publish) -> Publish:
-    def publish(stamp: Any) -> None:
-        message = sample(stamp)
-        if message is not None:
-            send(message)
+def sampled(sampler: Sampler, send: Publish) -> Callable[[int], None]:
+    """Takes a sample and sends it with the stamp [ns] that it is called with."""
+    take, message = sampler.take, sampler.message
+    if message is None:
+        return lambda _stamp_ns: take()
+
+    def publish(stamp_ns: int) -> None:
+        take()
+        send(message.to_bytes(stamp_ns))
 
     return publish
 
@@ -71,5 +82,5 @@ def _hold(line: DelayLine, simulation: Simulation) -> Publish:
     return lambda message: line.hold(message, simulation.steps)
 
 
-def _release(line: DelayLine, publish: Publish) -> Publish:
-    return lambda _stamp: publish(line.release())
+def _release(line: DelayLine, publish: Publish) -> Callable[[int], None]:
+    return lambda _stamp_ns: publish(line.release())

@@ -13,8 +13,9 @@ from visualization_msgs.msg import MarkerArray
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.block import SensorGroup, SimBlock
 from obelisk_py.core.sim.mujoco.geoms import marker_sampler
-from obelisk_py.core.sim.mujoco.groups import group_outputs
-from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, SensorSource
+from obelisk_py.core.sim.mujoco.groups import group_outputs, sampled
+from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, Sampler, SensorSource
+from obelisk_py.core.sim.mujoco.sensors.fields import in_turn
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output
 from obelisk_py.core.sim.mujoco.stepping import SampleTimes
@@ -30,7 +31,7 @@ class Publisher(Protocol):
     """Sends messages."""
 
     def publish(self, message: Any) -> None:
-        """Send a message."""
+        """Send a message, or the bytes of a packed one."""
 
 
 MakePublisher = Callable[[type[Any], str, int], Publisher]
@@ -96,7 +97,7 @@ def _group(
         count()
         publish(message)
 
-    sample = kind.build(
+    sampler = kind.build(
         SensorSource(
             model=simulation.model,
             data=simulation.data,
@@ -109,25 +110,20 @@ def _group(
         )
     )
 
-    def counted(stamp: Any) -> Any:
-        message = sample(stamp)
-        if message is not None:
-            count()
-        return message
-
-    return group_outputs(simulation, group, counted, publish, dropped=count)
+    if sampler.message is not None:
+        sampler = Sampler(message=sampler.message, take=in_turn((sampler.take, count)))
+    return group_outputs(simulation, group, sampler, publish, dropped=count)
 
 
 def _geoms(simulation: Simulation, block: SimBlock, make_publisher: MakePublisher) -> Output:
-    sample = marker_sampler(simulation.model, simulation.data, block.geoms)
+    sampler = marker_sampler(simulation.model, simulation.data, block.geoms)
     publishers = [make_publisher(MarkerArray, topic, GEOM_DEPTH) for topic in GEOM_TOPICS]
 
-    def publish(stamp: Any) -> None:
-        markers = sample(stamp)
+    def send(markers: bytes) -> None:
         for publisher in publishers:
             publisher.publish(markers)
 
     return Output(
         times=SampleTimes(period_s=block.geoms_period_s, step_s=simulation.step_s),
-        publish=publish,
+        publish=sampled(sampler, send),
     )

@@ -15,7 +15,6 @@ from typing import Any, Final
 
 import mujoco
 from ament_index_python.packages import PackageNotFoundError, get_package_share_path
-from builtin_interfaces.msg import Time
 from obelisk_sensor_msgs.msg import TrueSimState
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -23,6 +22,7 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
+from obelisk_py.core.cdr import PackedMessage
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.rates.counter import TickCounter
@@ -87,7 +87,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._stepper: Stepper | None = None
         self._true_state: TrueStateReader | None = None
         self._state_copy: StateCopy | None = None
-        self._stamp: Callable[[], Time] = self._ros_stamp
+        self._stamp_ns: Callable[[], int] = self._ros_time_ns
         self._keyframe: str | None = None
         self._own_publishers: list[LifecyclePublisher] = []
         self._closing = ExitStack()
@@ -122,7 +122,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         # read from the state after each step.
         mujoco.set_mju_user_warning(_drop)
         self._simulation = Simulation(loaded.model, self._inbox)
-        self._stamp = self._simulation_stamp if self._uses_simulation_time() else self._ros_stamp
+        is_simulated = self._uses_simulation_time()
+        self._stamp_ns = self._simulation_time_ns if is_simulated else self._ros_time_ns
         surroundings = Surroundings(
             make_publisher=self._own_publisher,
             warn=self._warn,
@@ -212,7 +213,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     def _reset(self) -> Answer:
         assert self._simulation is not None
         self._simulation.reset(self._keyframe)
-        self._copy_state(self._stamp())
+        self._copy_state(self._stamp_ns())
         return Answer(is_done=True, text=f"at {self._keyframe or 'the start of the model'}")
 
     def _reset_to_parameter(self) -> Answer:
@@ -259,7 +260,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             pace=Pace(simulation.step_s / factor) if factor else None,
             clock=MonotonicClock(),
             outputs=(*self._every_step(simulation), *outputs),
-            stamp=self._stamp,
+            stamp=self._stamp_ns,
             warn=self._warn,
             report=report,
             ticks=ticks,
@@ -277,10 +278,10 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def _every_step(self, simulation: Simulation) -> list[Output]:
         """What follows each step, before the sensors: the clock, the copy for `TrueSimState`."""
-        calls = []
+        calls: list[Callable[[int], None]] = []
         if self._uses_simulation_time():
-            clock = self._own_publisher(Clock, "/clock", _DEPTH)
-            calls.append(lambda stamp: clock.publish(Clock(clock=stamp)))
+            clock, message = self._own_publisher(Clock, "/clock", _DEPTH), PackedMessage(Clock())
+            calls.append(lambda stamp_ns: clock.publish(message.to_bytes(stamp_ns)))
         if "pub_true_sim_state" in self.obk_publishers:
             self._true_state = TrueStateReader(simulation.model)
             calls.append(self._copy_state)
@@ -293,18 +294,19 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     def _uses_simulation_time(self) -> bool:
         return bool(self.get_parameter("use_sim_time").value)
 
-    def _ros_stamp(self) -> Time:
-        return self.get_clock().now().to_msg()
+    def _ros_time_ns(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
 
-    def _simulation_stamp(self) -> Time:
+    def _simulation_time_ns(self) -> int:
         assert self._simulation is not None
-        seconds, nanoseconds = divmod(self._simulation.time_ns, NS_PER_S)
-        return Time(sec=seconds, nanosec=nanoseconds)
+        return self._simulation.time_ns
 
-    def _copy_state(self, stamp: Time) -> None:
+    def _copy_state(self, stamp_ns: int) -> None:
         assert self._simulation is not None
         data = self._simulation.data
-        self._state_copy = StateCopy(stamp=stamp, qpos=data.qpos.copy(), qvel=data.qvel.copy())
+        self._state_copy = StateCopy(
+            stamp_ns=stamp_ns, qpos=data.qpos.copy(), qvel=data.qvel.copy()
+        )
 
     def _report(self, report: StepReport) -> None:
         refused = self._inbox.report() if self._inbox is not None else None

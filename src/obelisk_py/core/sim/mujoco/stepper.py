@@ -6,7 +6,7 @@ that runs the loop, a report each second of wall time. Knows no ROS and starts n
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 from obelisk_py.core.rates.counter import TickCounter
 from obelisk_py.core.sim.mujoco.simulation import Simulation
@@ -36,8 +36,8 @@ class Output:
     """Something that is published from time to time."""
 
     times: Times
-    publish: Callable[[Any], None]
-    """Called after a step that `times` names; the argument is the stamp of that step."""
+    publish: Callable[[int], None]
+    """Called after a step that `times` names; the argument is the stamp of that step [ns]."""
     restart: Callable[[], None] | None = None
     """Called before the first step after a reset; None where nothing is carried over."""
 
@@ -64,7 +64,7 @@ class Stepper:
         pace: Pace | None,
         clock: Clock,
         outputs: Sequence[Output],
-        stamp: Callable[[], Any],
+        stamp: Callable[[], int],
         warn: Callable[[str], None],
         report: Callable[[StepReport], None],
         ticks: TickCounter | None = None,
@@ -76,7 +76,7 @@ class Stepper:
             pace: when steps are due; None: one after another, as fast as possible.
             clock: the wall clock of `pace`.
             outputs: what is published.
-            stamp: makes the stamp of the present step.
+            stamp: gives the stamp of the present step [ns].
             warn: takes MuJoCo's warnings.
             report: called about once per second of wall time.
             ticks: counts the steps of `pace`, by `clock`.
@@ -146,10 +146,10 @@ class Stepper:
 
     def _publish_due(self) -> None:
         step = self._simulation.steps
-        stamp = self._stamp()
+        stamp_ns = self._stamp()
         for output in self._outputs:
             if output.times.next_step <= step:
-                output.publish(stamp)
+                output.publish(stamp_ns)
                 output.times.pass_step(step)
 
 

@@ -6,6 +6,7 @@ the hinge and slide joints in the order of the model. `v_base` is as MuJoCo has 
 in the world, angular velocity in the base's own frame.
 """
 
+from array import array
 from dataclasses import dataclass
 
 import mujoco
@@ -14,8 +15,8 @@ from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from obelisk_sensor_msgs.msg import TrueSimState
 
-from obelisk_py.core.sim.mujoco.sensors.fields import doubles
 from obelisk_py.core.sim.mujoco.sensors.kind import WORLD
+from obelisk_py.core.sim.mujoco.stepping import NS_PER_S
 
 __all__ = ["StateCopy", "TrueStateReader"]
 
@@ -29,7 +30,7 @@ _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 class StateCopy:
     """The state at one time, safe to read while the simulation goes on."""
 
-    stamp: Time
+    stamp_ns: int
     qpos: Array
     """Shape `(nq,)`."""
     qvel: Array
@@ -54,15 +55,21 @@ class TrueStateReader:
     def message(self, state: StateCopy) -> TrueSimState:
         """The message of a state."""
         message = TrueSimState()
-        message.header.stamp = state.stamp
+        seconds, nanoseconds = divmod(state.stamp_ns, NS_PER_S)
+        message.header.stamp = Time(sec=seconds, nanosec=nanoseconds)
         message.header.frame_id = WORLD
-        message.y = doubles(np.concatenate((state.qpos, state.qvel)))
+        message.y = _doubles(np.concatenate((state.qpos, state.qvel)))
         message.base_link_name = self._base_name
         if self._base_qpos is not None and self._base_qvel is not None:
             pose = state.qpos[self._base_qpos : self._base_qpos + 7]
-            message.q_base = doubles(pose[[0, 1, 2, 4, 5, 6, 3]])
-            message.v_base = doubles(state.qvel[self._base_qvel : self._base_qvel + 6])
-        message.q_joints = doubles(state.qpos[self._joint_qpos])
-        message.v_joints = doubles(state.qvel[self._joint_qvel])
+            message.q_base = _doubles(pose[[0, 1, 2, 4, 5, 6, 3]])
+            message.v_base = _doubles(state.qvel[self._base_qvel : self._base_qvel + 6])
+        message.q_joints = _doubles(state.qpos[self._joint_qpos])
+        message.v_joints = _doubles(state.qvel[self._joint_qvel])
         message.joint_names = self._joint_names
         return message
+
+
+def _doubles(values: Array) -> "array[float]":
+    # In this form rclpy keeps numbers as they are; anything else it converts one by one.
+    return array("d", values.tobytes())

@@ -1,29 +1,29 @@
 """Noise added to the fields of a message.
 
-In: a message of a sensor group, freshly made. Out: the same message with other numbers. A vector
+In: the packed message of a sensor group, with a new sample. Out: other numbers in it. A vector
 gets its noise element by element, in its unit; an orientation is turned about its own axes, by
 angles in radians; what is NaN stays so.
 """
 
-from array import array
 from collections.abc import Callable, Mapping
 from functools import partial
-from operator import attrgetter
 from typing import Any, Final, assert_never
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from obelisk_py.core.cdr import PackedMessage
 from obelisk_py.core.sim.mujoco.disturbances.chance import Chance
 from obelisk_py.core.sim.mujoco.disturbances.settings import Disturbances, FieldNoise
-from obelisk_py.core.sim.mujoco.sensors.fields import set_quaternion, set_xyz
+from obelisk_py.core.sim.mujoco.sensors.fields import set_quaternion
 from obelisk_spec.disturbances import NOISY_FIELDS, FieldKind
 
 __all__ = ["Noise", "field_place"]
 
 Array = NDArray[np.float64]
-_Add = Callable[[Any], None]
+_Draw = Callable[[int], Array]
+"""Makes so many random numbers."""
 
 _PLACES: Final[Mapping[str, Mapping[str, str]]] = {
     "PoseStamped": {"position": "pose.position", "orientation": "pose.orientation"},
@@ -46,21 +46,23 @@ def field_place(msg_type: str, field: str) -> str:
 class Noise:
     """Adds the noise of one sensor group."""
 
-    def __init__(self, msg_type: str, settings: Disturbances, topic: str) -> None:
-        """Find the fields of a bare `msg_type`."""
+    def __init__(
+        self, msg_type: str, settings: Disturbances, topic: str, message: PackedMessage
+    ) -> None:
+        """Find the fields of a bare `msg_type` in the message."""
         self._chances = []
-        self._adders: list[_Add] = []
+        self._adders: list[Callable[[], None]] = []
         for field, noise in settings.noise.items():
             chance = Chance(seed=settings.seed, topic=topic, purpose=field)
-            place = field_place(msg_type, field)
+            numbers = message.numbers(field_place(msg_type, field))
             draw = partial(_draw, noise, chance)
             self._chances.append(chance)
-            self._adders.append(_adder(NOISY_FIELDS[msg_type][field], place, draw))
+            self._adders.append(_adder(NOISY_FIELDS[msg_type][field], numbers, draw))
 
-    def add(self, message: Any) -> None:
+    def add(self) -> None:
         """Change the message's numbers."""
         for add in self._adders:
-            add(message)
+            add()
 
     def restart(self) -> None:
         """Begin the same noise anew."""
@@ -75,35 +77,24 @@ def _draw(noise: FieldNoise, chance: Chance, count: int) -> Array:
     return values
 
 
-def _adder(kind: FieldKind, place: str, draw: Callable[[int], Array]) -> _Add:
+def _adder(kind: FieldKind, numbers: NDArray[Any], draw: _Draw) -> Callable[[], None]:
     match kind:
         case "vector":
-            return partial(_add_to_vector, attrgetter(place), draw)
+            return partial(_add_to_numbers, numbers, draw)
         case "rotation":
-            return partial(_add_to_rotation, attrgetter(place), draw)
+            return partial(_turn, numbers, draw)
         case "array":
-            return partial(_add_to_array, place, draw)
+            # Clouds and images hold their 32-bit numbers as bytes.
+            is_raw = numbers.dtype == np.uint8
+            return partial(_add_to_numbers, numbers.view(np.float32) if is_raw else numbers, draw)
     assert_never(kind)
 
 
-def _add_to_vector(get: Callable[[Any], Any], draw: Callable[[int], Array], message: Any) -> None:
-    field = get(message)
-    values = draw(_AXES)
-    values += (field.x, field.y, field.z)
-    set_xyz(field, values)
+def _add_to_numbers(numbers: NDArray[Any], draw: _Draw) -> None:
+    numbers[:] = numbers + draw(len(numbers))
 
 
-def _add_to_rotation(get: Callable[[Any], Any], draw: Callable[[int], Array], message: Any) -> None:
-    field = get(message)
-    wxyz = np.array((field.w, field.x, field.y, field.z))
+def _turn(xyzw: Array, draw: _Draw) -> None:
+    wxyz = xyzw[[3, 0, 1, 2]]
     mujoco.mju_quatIntegrate(wxyz, draw(_AXES), 1.0)
-    set_quaternion(field, wxyz)
-
-
-def _add_to_array(place: str, draw: Callable[[int], Array], message: Any) -> None:
-    held = getattr(message, place)
-    # Clouds and images hold their 32-bit numbers as bytes.
-    code = "f" if held.typecode == "B" else held.typecode
-    values = np.frombuffer(held, dtype=code).astype(np.float64)
-    values += draw(len(values))
-    setattr(message, place, array(held.typecode, values.astype(code).tobytes()))
+    set_quaternion(xyzw, wxyz)

@@ -5,12 +5,14 @@ the position, or `world`. An orientation that the model gives in another frame i
 is, with a warning at configure.
 """
 
-from builtin_interfaces.msg import Time
+from typing import Any
+
 from geometry_msgs.msg import PoseStamped
 from obelisk_sensor_msgs.msg import ObkFramePose
 
-from obelisk_py.core.sim.mujoco.sensors.fields import set_quaternion, set_xyz
-from obelisk_py.core.sim.mujoco.sensors.kind import Array, Sampler, SensorKind, SensorSource
+from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.sim.mujoco.sensors.fields import copy_all, copy_quaternion, in_turn
+from obelisk_py.core.sim.mujoco.sensors.kind import Sampler, SensorKind, SensorSource
 
 __all__ = ["FRAME_POSE", "POSE_STAMPED", "pose_reference"]
 
@@ -27,39 +29,28 @@ def pose_reference(source: SensorSource, position: str, orientation: str) -> str
     return of_position
 
 
-def _sensors(source: SensorSource) -> tuple[Array, Array, str, str]:
-    position, orientation = source.of_type("framepos")[0], source.of_type("framequat")[0]
-    reference = pose_reference(source, position, orientation)
-    return source.view(position), source.view(orientation), reference, source.frame(position)
-
-
 def _build_obk(source: SensorSource) -> Sampler:
-    position, orientation, reference, frame = _sensors(source)
-
-    def sample(stamp: Time) -> ObkFramePose:
-        message = ObkFramePose()
-        message.header.stamp = stamp
-        message.header.frame_id = reference
-        message.frame_name = frame
-        set_xyz(message.position, position)
-        set_quaternion(message.orientation, orientation)
-        return message
-
-    return sample
+    return _sampler(source, ObkFramePose(frame_name=source.frame(_sensors(source)[0])), "")
 
 
 def _build_stamped(source: SensorSource) -> Sampler:
-    position, orientation, reference, _ = _sensors(source)
+    return _sampler(source, PoseStamped(), "pose.")
 
-    def sample(stamp: Time) -> PoseStamped:
-        message = PoseStamped()
-        message.header.stamp = stamp
-        message.header.frame_id = reference
-        set_xyz(message.pose.position, position)
-        set_quaternion(message.pose.orientation, orientation)
-        return message
 
-    return sample
+def _sensors(source: SensorSource) -> tuple[str, str]:
+    return source.of_type("framepos")[0], source.of_type("framequat")[0]
+
+
+def _sampler(source: SensorSource, message: Any, place: str) -> Sampler:
+    """Takes the pose into the fields `position` and `orientation` behind `place`."""
+    position, orientation = _sensors(source)
+    message.header.frame_id = pose_reference(source, position, orientation)
+    packed = PackedMessage(message)
+    copies = (
+        copy_all(packed.numbers(f"{place}position"), source.view(position)),
+        copy_quaternion(packed.numbers(f"{place}orientation"), source.view(orientation)),
+    )
+    return Sampler(message=packed, take=in_turn(copies))
 
 
 FRAME_POSE = SensorKind(message_type=ObkFramePose, build=_build_obk)

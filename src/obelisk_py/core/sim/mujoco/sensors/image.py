@@ -1,8 +1,8 @@
 """Pictures of a camera: `ObkImage`.
 
 In: one camera of the model. The picture is drawn on a thread of the camera's own, for drawing takes
-longer than a step: the sampler takes over where everything is and gives no message; that comes
-through `deliver` when it is drawn. At a pace, a picture that is due while the last one is still
+longer than a step: the sampler takes over where everything is, and the message comes through
+`deliver` when it is drawn. At a pace, a picture that is due while the last one is still
 being drawn is left out and counted; as fast as possible, the simulation waits for it.
 """
 
@@ -10,7 +10,6 @@ import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Final
 
-from builtin_interfaces.msg import Time
 from obelisk_sensor_msgs.msg import ObkImage
 
 from obelisk_py.core.exceptions import ObeliskConfigError
@@ -31,7 +30,7 @@ _REPORT_S: Final = 1.0
 def _build(source: SensorSource) -> Sampler:
     feed = _Feed(source)
     source.on_close(feed.close)
-    return feed.sample
+    return Sampler(message=None, take=feed.sample)
 
 
 class _Feed:
@@ -57,7 +56,7 @@ class _Feed:
             self._thread.shutdown()
             raise ObeliskConfigError(f"camera `{self._name}`: {error}") from error
 
-    def sample(self, _stamp: Time) -> None:
+    def sample(self) -> None:
         """Have the present state drawn; the message has no stamp."""
         if self._pending is not None:
             if self._source.is_paced and not self._pending.done():

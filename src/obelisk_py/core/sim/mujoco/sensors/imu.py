@@ -10,44 +10,38 @@ Source: sensor_msgs/Imu.msg.
 from collections.abc import Callable
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from obelisk_sensor_msgs.msg import ObkImu
 from sensor_msgs.msg import Imu
 
-from obelisk_py.core.sim.mujoco.sensors.fields import set_quaternion, set_xyz
+from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.sim.mujoco.sensors.fields import copy_all, copy_quaternion, in_turn
 from obelisk_py.core.sim.mujoco.sensors.kind import WORLD, Sampler, SensorKind, SensorSource
 
 __all__ = ["IMU", "OBK_IMU"]
 
 _PARTS = (
-    ("accelerometer", "linear_acceleration", set_xyz),
-    ("gyro", "angular_velocity", set_xyz),
-    ("framequat", "orientation", set_quaternion),
+    ("accelerometer", "linear_acceleration", copy_all),
+    ("gyro", "angular_velocity", copy_all),
+    ("framequat", "orientation", copy_quaternion),
 )
 
 
 def _builder(message_type: type[Any]) -> Callable[[SensorSource], Sampler]:
     def build(source: SensorSource) -> Sampler:
         named = {kind: source.first(kind) for kind, _, _ in _PARTS}
-        parts = [
-            (field, put, source.view(sensor))
-            for kind, field, put in _PARTS
+        message = message_type()
+        frames = [source.frame(sensor) for sensor in named.values() if sensor is not None]
+        message.header.frame_id = next(iter(frames), WORLD)
+        for kind, field, _ in _PARTS:
+            if named[kind] is None:
+                getattr(message, f"{field}_covariance")[0] = -1.0
+        packed = PackedMessage(message)
+        copies = [
+            copy(packed.numbers(field), source.view(sensor))
+            for kind, field, copy in _PARTS
             if (sensor := named[kind]) is not None
         ]
-        missing = [f"{field}_covariance" for kind, field, _ in _PARTS if named[kind] is None]
-        frame = next((source.frame(sensor) for sensor in named.values() if sensor), WORLD)
-
-        def sample(stamp: Time) -> Any:
-            message = message_type()
-            message.header.stamp = stamp
-            message.header.frame_id = frame
-            for field, put, values in parts:
-                put(getattr(message, field), values)
-            for covariance in missing:
-                getattr(message, covariance)[0] = -1.0
-            return message
-
-        return sample
+        return Sampler(message=packed, take=in_turn(copies))
 
     return build
 

@@ -8,59 +8,45 @@ some joints have both sensors and others one, the missing numbers are the simula
 stay as long as `joint_names`, and no filler is taken for a measurement.
 """
 
-from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Final
 
 import numpy as np
-from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
 from obelisk_sensor_msgs.msg import JointEncoders, ObkJointEncoders
 
-from obelisk_py.core.sim.mujoco.sensors.fields import doubles
-from obelisk_py.core.sim.mujoco.sensors.kind import (
-    WORLD,
-    Array,
-    Sampler,
-    SensorKind,
-    SensorSource,
-)
+from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.sim.mujoco.sensors.fields import Copy, copy_picked, in_turn
+from obelisk_py.core.sim.mujoco.sensors.kind import WORLD, Sampler, SensorKind, SensorSource
 
 __all__ = ["JOINT_ENCODERS", "OBK_JOINT_ENCODERS"]
 
-Reader = Callable[[], "array[float]"]
+_FIELDS: Final[Mapping[str, str]] = MappingProxyType(
+    {"jointpos": "joint_pos", "jointvel": "joint_vel"}
+)
+"""Sensor type -> field of the message."""
 
 
 def _build_obk(source: SensorSource) -> Sampler:
     joints = _joints(source)
-    names = [source.model.joint(joint).name for joint in joints]
-    read_pos = _reader(source, joints, "jointpos", source.data.qpos, source.model.jnt_qposadr)
-    read_vel = _reader(source, joints, "jointvel", source.data.qvel, source.model.jnt_dofadr)
-
-    def sample(stamp: Time) -> ObkJointEncoders:
-        message = ObkJointEncoders()
-        message.header.stamp = stamp
-        message.header.frame_id = WORLD
-        message.stamp = stamp
-        message.joint_pos = read_pos()
-        message.joint_vel = read_vel()
-        message.joint_names = names
-        return message
-
-    return sample
+    message = ObkJointEncoders(joint_names=[source.model.joint(joint).name for joint in joints])
+    message.header.frame_id = WORLD
+    kinds = [kind for kind in _FIELDS if source.of_type(kind)]
+    for kind in kinds:
+        setattr(message, _FIELDS[kind], np.zeros(len(joints)))
+    packed = PackedMessage(message)
+    copies = [_copy(source, joints, kind, packed.numbers(_FIELDS[kind])) for kind in kinds]
+    return Sampler(message=packed, take=in_turn(copies))
 
 
 def _build_plain(source: SensorSource) -> Sampler:
-    sensors = (*source.of_type("jointpos"), *source.of_type("jointvel"))
-    values = source.data.sensordata
-    index = np.array([_address(source, name) for name in sensors], dtype=np.intp)
-
-    def sample(stamp: Time) -> JointEncoders:
-        message = JointEncoders()
-        message.header.stamp = stamp
-        message.header.frame_id = WORLD
-        message.y = doubles(values[index])
-        return message
-
-    return sample
+    index = _addresses(source, (*source.of_type("jointpos"), *source.of_type("jointvel")))
+    message = JointEncoders(y=np.zeros(len(index)))
+    message.header.frame_id = WORLD
+    packed = PackedMessage(message)
+    copy = copy_picked(packed.numbers("y"), source.data.sensordata, index)
+    return Sampler(message=packed, take=copy)
 
 
 def _joints(source: SensorSource) -> tuple[int, ...]:
@@ -68,35 +54,32 @@ def _joints(source: SensorSource) -> tuple[int, ...]:
     return tuple(dict.fromkeys(source.object(name)[1] for name in source.names))
 
 
-def _reader(
-    source: SensorSource,
-    joints: Sequence[int],
-    sensor_type: str,
-    state: Array,
-    state_address: Mapping[int, int],
-) -> Reader:
-    """Reads one number per joint: its sensor's, or the state's where it has none."""
+def _copy(
+    source: SensorSource, joints: Sequence[int], sensor_type: str, numbers: NDArray[Any]
+) -> Copy:
+    """Copies one number per joint: its sensor's, or the state's where it has none."""
     sensors = {source.object(name)[1]: name for name in source.of_type(sensor_type)}
-    if not sensors:
-        return lambda: array("d")
-    measured = np.array([joint in sensors for joint in joints])
     values = source.data.sensordata
-    index = np.array([_address(source, sensors[j]) for j in joints if j in sensors], dtype=np.intp)
+    index = _addresses(source, [sensors[joint] for joint in joints if joint in sensors])
+    measured = np.array([joint in sensors for joint in joints])
     if measured.all():
-        return lambda: doubles(values[index])
-    state_index = np.array([state_address[j] for j in joints if j not in sensors], dtype=np.intp)
+        return copy_picked(numbers, values, index)
+    model, data = source.model, source.data
+    state, address = {
+        "jointpos": (data.qpos, model.jnt_qposadr),
+        "jointvel": (data.qvel, model.jnt_dofadr),
+    }[sensor_type]
+    state_index = address[[joint for joint in joints if joint not in sensors]].astype(np.intp)
 
-    def read() -> "array[float]":
-        both = np.empty(len(joints))
-        both[measured] = values[index]
-        both[~measured] = state[state_index]
-        return doubles(both)
+    def copy() -> None:
+        numbers[measured] = values[index]
+        numbers[~measured] = state[state_index]
 
-    return read
+    return copy
 
 
-def _address(source: SensorSource, sensor: str) -> int:
-    return int(source.model.sensor_adr[source.model.sensor(sensor).id])
+def _addresses(source: SensorSource, sensors: Iterable[str]) -> NDArray[np.intp]:
+    return np.concatenate([source.addresses(sensor) for sensor in sensors])
 
 
 OBK_JOINT_ENCODERS = SensorKind(message_type=ObkJointEncoders, build=_build_obk)

@@ -1,7 +1,7 @@
 """What every kind of sensor group has in common: where its numbers come from, what it makes.
 
 In: a model, its data, the names of a group's sensors. Out: views of MuJoCo's own sensor memory and
-names of frames, found once, so that a sample costs no look-up.
+names of frames, found once, so that a sample costs no look-up and makes no message.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,18 +10,15 @@ from typing import Any, Final
 
 import mujoco
 import numpy as np
-from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 
+from obelisk_py.core.cdr import PackedMessage
 from obelisk_py.core.sim.mujoco.scans import RayCaster
 from obelisk_py.core.sim.mujoco.scans.frames import WORLD
 
 __all__ = ["WORLD", "Array", "Sampler", "SensorKind", "SensorSource"]
 
 Array = NDArray[np.float64]
-
-Sampler = Callable[[Time], Any]
-"""Makes the message of the present state; the argument is its stamp. None: it comes later."""
 
 _NAMED_OBJECTS: Final = {
     int(mujoco.mjtObj.mjOBJ_BODY),
@@ -31,6 +28,16 @@ _NAMED_OBJECTS: Final = {
     int(mujoco.mjtObj.mjOBJ_CAMERA),
 }
 """Types of objects that are frames."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sampler:
+    """Takes samples of the present state."""
+
+    message: PackedMessage | None
+    """What a sample is taken into; None: a sample is delivered when it is ready."""
+    take: Callable[[], None]
+    """Takes a sample."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,14 +8,18 @@ they measure is brought to the object. Covariances are 0, which means unknown.
 Source: nav_msgs/Odometry.msg.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import mujoco
 import numpy as np
-from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
 
-from obelisk_py.core.sim.mujoco.sensors.fields import set_quaternion, set_xyz
+from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.sim.mujoco.sensors.fields import Copy, copy_all, copy_quaternion, in_turn
 from obelisk_py.core.sim.mujoco.sensors.frame_pose import pose_reference
 from obelisk_py.core.sim.mujoco.sensors.kind import (
     WORLD,
@@ -59,34 +63,43 @@ def _build(source: SensorSource) -> Sampler:
     reference = source.reference(pose_sensor) if pose_sensor else WORLD
     if position and orientation:
         reference = pose_reference(source, position, orientation)
-    at, turn = _view(source, position), _view(source, orientation)
-    speed, rate = _view(source, velocimeter), _view(source, gyro)
-    twist = _twist(source, pose_sensor, velocimeter, gyro)
-
-    def sample(stamp: Time) -> Odometry:
-        message = Odometry()
-        message.header.stamp = stamp
-        message.header.frame_id = reference
-        message.child_frame_id = frame
-        if at is not None:
-            set_xyz(message.pose.pose.position, at)
-        if turn is not None:
-            set_quaternion(message.pose.pose.orientation, turn)
-        if speed is not None:
-            linear = speed if twist.linear is None else twist.linear @ speed
-            if twist.lever is not None and rate is not None:
-                linear = linear + twist.lever @ rate
-            set_xyz(message.twist.twist.linear, linear)
-        if rate is not None:
-            angular = rate if twist.angular is None else twist.angular @ rate
-            set_xyz(message.twist.twist.angular, angular)
-        return message
-
-    return sample
+    message = Odometry(child_frame_id=frame)
+    message.header.frame_id = reference
+    packed = PackedMessage(message)
+    copies = [
+        copy(packed.numbers(field), source.view(sensor))
+        for field, sensor, copy in (
+            ("pose.pose.position", position, copy_all),
+            ("pose.pose.orientation", orientation, copy_quaternion),
+        )
+        if sensor is not None
+    ]
+    copies += _twist_copies(source, packed, _twist(source, pose_sensor, velocimeter, gyro))
+    return Sampler(message=packed, take=in_turn(copies))
 
 
-def _view(source: SensorSource, sensor: str | None) -> Array | None:
-    return None if sensor is None else source.view(sensor)
+def _twist_copies(source: SensorSource, message: PackedMessage, twist: _Twist) -> Iterator[Copy]:
+    velocimeter, gyro = source.first("velocimeter"), source.first("gyro")
+    speed = None if velocimeter is None else source.view(velocimeter)
+    rate = None if gyro is None else source.view(gyro)
+    linear = message.numbers("twist.twist.linear")
+    angular = message.numbers("twist.twist.angular")
+    if speed is not None:
+        yield _turned(linear, twist.linear, speed)
+        if twist.lever is not None and rate is not None:
+            yield partial(_add_turned, linear, twist.lever, rate)
+    if rate is not None:
+        yield _turned(angular, twist.angular, rate)
+
+
+def _turned(numbers: NDArray[Any], matrix: Array | None, source: Array) -> Copy:
+    if matrix is None:
+        return copy_all(numbers, source)
+    return partial(np.matmul, matrix, source, numbers)
+
+
+def _add_turned(numbers: NDArray[Any], matrix: Array, source: Array) -> None:
+    numbers += matrix @ source
 
 
 def _twist(

@@ -11,11 +11,10 @@ from array import array
 from typing import Final
 
 import numpy as np
-from builtin_interfaces.msg import Time
-from numpy.typing import NDArray
 from obelisk_sensor_msgs.msg import ObkScan
 from sensor_msgs.msg import Image, PointCloud2, PointField
 
+from obelisk_py.core.cdr import PackedMessage
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.scans import RayCaster, Scan, make_caster
 from obelisk_py.core.sim.mujoco.scans.frames import find_frame
@@ -30,18 +29,16 @@ _POINT_BYTES: Final = 3 * _FLOAT_BYTES
 
 def _build_scan(source: SensorSource) -> Sampler:
     settings, scan = _scan(source)
-    frame, numbers = settings.frame or settings.site, _floats(scan)
+    message = ObkScan(data=array("f", bytes(_FLOAT_BYTES * len(scan.distances))))
+    message.header.frame_id = settings.frame or settings.site
+    packed = PackedMessage(message)
+    numbers = packed.numbers("data")
 
-    def sample(stamp: Time) -> ObkScan:
+    def take() -> None:
         scan.cast()
         np.copyto(numbers, scan.distances, casting="same_kind")
-        message = ObkScan()
-        message.header.stamp = stamp
-        message.header.frame_id = frame
-        message.data = array("f", numbers.tobytes())
-        return message
 
-    return sample
+    return Sampler(message=packed, take=take)
 
 
 def _build_cloud(source: SensorSource) -> Sampler:
@@ -49,14 +46,24 @@ def _build_cloud(source: SensorSource) -> Sampler:
     name = settings.frame or settings.site
     frame = find_frame(source.model, source.data, name)
     rows, columns = scan.rays.rows, scan.rays.columns
-    fields = [
-        PointField(name=axis, offset=place * _FLOAT_BYTES, datatype=PointField.FLOAT32, count=1)
-        for place, axis in enumerate("xyz")
-    ]
+    message = PointCloud2(
+        height=rows,
+        width=columns,
+        fields=[
+            PointField(name=axis, offset=place * _FLOAT_BYTES, datatype=PointField.FLOAT32, count=1)
+            for place, axis in enumerate("xyz")
+        ],
+        is_bigendian=sys.byteorder == "big",
+        point_step=_POINT_BYTES,
+        row_step=_POINT_BYTES * columns,
+        data=bytes(_POINT_BYTES * rows * columns),
+    )
+    message.header.frame_id = name
+    packed = PackedMessage(message)
+    numbers = packed.numbers("data").view(np.float32).reshape(-1, 3)
     points = np.empty((rows * columns, 3))
-    numbers = np.empty((rows * columns, 3), np.float32)
 
-    def sample(stamp: Time) -> PointCloud2:
+    def take() -> None:
         scan.cast()
         np.multiply(scan.directions, scan.distances[:, None], out=points)
         np.add(points, scan.starts, out=points)
@@ -65,40 +72,33 @@ def _build_cloud(source: SensorSource) -> Sampler:
         else:
             np.subtract(points, frame.position, out=points)
             np.copyto(numbers, points @ frame.rotation, casting="same_kind")
-        message = PointCloud2()
-        message.header.stamp = stamp
-        message.header.frame_id = name
-        message.height, message.width = rows, columns
-        message.fields = fields
-        message.is_bigendian = sys.byteorder == "big"
-        message.point_step, message.row_step = _POINT_BYTES, _POINT_BYTES * columns
-        message.data = array("B", numbers.tobytes())
-        return message
 
-    return sample
+    return Sampler(message=packed, take=take)
 
 
 def _build_image(source: SensorSource) -> Sampler:
     settings, scan = _scan(source)
-    frame, numbers = settings.frame or settings.site, _floats(scan)
+    rows, columns = scan.rays.rows, scan.rays.columns
+    message = Image(
+        height=rows,
+        width=columns,
+        encoding="32FC1",
+        is_bigendian=int(sys.byteorder == "big"),
+        step=_FLOAT_BYTES * columns,
+        data=bytes(_FLOAT_BYTES * rows * columns),
+    )
+    message.header.frame_id = settings.frame or settings.site
+    packed = PackedMessage(message)
+    numbers = packed.numbers("data").view(np.float32)
     is_camera = isinstance(settings.pattern, DepthCamera)
     # Of a unit vector, the x component is the part of a distance that lies along the axis.
     along_axis = scan.rays.directions[:, 0] if is_camera else np.ones(len(numbers))
 
-    def sample(stamp: Time) -> Image:
+    def take() -> None:
         scan.cast()
         np.multiply(scan.distances, along_axis, out=numbers, casting="same_kind")
-        message = Image()
-        message.header.stamp = stamp
-        message.header.frame_id = frame
-        message.height, message.width = scan.rays.rows, scan.rays.columns
-        message.encoding = "32FC1"
-        message.is_bigendian = int(sys.byteorder == "big")
-        message.step = _FLOAT_BYTES * scan.rays.columns
-        message.data = array("B", numbers.tobytes())
-        return message
 
-    return sample
+    return Sampler(message=packed, take=take)
 
 
 def _scan(source: SensorSource) -> tuple[RayCaster, Scan]:
@@ -108,10 +108,6 @@ def _scan(source: SensorSource) -> tuple[RayCaster, Scan]:
             "a sensor group that casts rays has neither `scan_config` nor `config_path`"
         )
     return settings, make_caster(source.model, source.data, settings)
-
-
-def _floats(scan: Scan) -> NDArray[np.float32]:
-    return np.empty(len(scan.distances), np.float32)
 
 
 OBK_SCAN = SensorKind(message_type=ObkScan, build=_build_scan)
