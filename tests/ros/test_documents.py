@@ -17,6 +17,7 @@ DOCUMENTS = (
     ROOT / "examples" / "dummy" / "README.md",
     ROOT / "docs" / "compile.md",
     ROOT / "docs" / "doctor.md",
+    ROOT / "docs" / "looking.md",
     ROOT / "docs" / "messages.md",
     ROOT / "docs" / "running.md",
 )
