@@ -17,7 +17,7 @@ from obk_cli.config import (
     Sim,
     Stack,
 )
-from obk_cli.plan import Endpoint, OnCrash, Origin, Plan, Process, SensorGroup
+from obk_cli.plan import Endpoint, OnCrash, Origin, Plan, Process, Promise, SensorGroup
 from obk_cli.source import Span
 from obk_cli.tree import plain_value
 from obk_cli.wiring import TopicEnd, absolute_topic, node_ends, stack_ends
@@ -62,8 +62,19 @@ def _lower_node(node: Node) -> Process:
         subscribes=_endpoints(ends, "subscribes"),
         model=next(models, None) if node.runs_simulation else None,
         sensor_groups=tuple(_sensor_groups(node)) if node.runs_simulation else (),
+        promises=tuple(_promises(node)),
         on_crash=_on_crash(node),
     )
+
+
+def _promises(node: Node) -> Iterator[Promise]:
+    periods = [(c.identity, c.timer_period_s) for c in node.components if c.kind == "timer"]
+    if node.runs_simulation:
+        groups = (group for sim in node.sims for group in sim.sensor_groups)
+        periods += [(absolute_topic(group.topic.value, node), group.period_s) for group in groups]
+    for name, period in periods:
+        if name and period is not None:
+            yield Promise(name=name, period_s=period.value, origin=_origin(period.span))
 
 
 def _on_crash(node: Node) -> OnCrash | None:

@@ -19,6 +19,7 @@ __all__ = [
     "ParameterValue",
     "Plan",
     "Process",
+    "Promise",
     "SensorGroup",
 ]
 
@@ -64,6 +65,18 @@ class SensorGroup:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Promise:
+    """A rate that a node is to keep."""
+
+    name: str
+    """A timer's key, or the absolute topic of a sensor group."""
+    period_s: float
+    """Of a sensor group in simulation time [s]."""
+    origin: Origin
+    """The place of the period."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Process:
     """One node and the process that runs it."""
 
@@ -85,6 +98,7 @@ class Process:
     model: str | None = None
     """Path of the MuJoCo model that stands in for the robot."""
     sensor_groups: tuple[SensorGroup, ...] = ()
+    promises: tuple[Promise, ...] = ()
     on_crash: OnCrash | None = None
     """What the launcher does when it crashes; None: what the launch says."""
     has_lifecycle: bool = True

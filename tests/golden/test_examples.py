@@ -71,7 +71,8 @@ def test_both_spellings_come_to_the_same_but_for_places(form: str) -> None:
     if form == "plan":
         plans = [json.loads(text) for text in (old, new)]
         for process in (process for plan in plans for process in plan["processes"]):
-            assert process.pop("origin")["path"].startswith("examples/dummy/")
+            for made in (process, *process["promises"]):
+                assert made.pop("origin")["path"].startswith("examples/dummy/")
         assert plans[0] == plans[1]
     else:
         assert old == new

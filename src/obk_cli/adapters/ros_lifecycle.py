@@ -15,6 +15,7 @@ from typing import Any, Final, Self
 from obk_cli.adapters.ros_clients import NodeClients
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_graph import RosGraph
+from obk_cli.adapters.ros_rates import listen_to_rates
 from obk_cli.adapters.ros_watch import NodeWatch
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.events import Answered, Heard, StateAnswered
@@ -112,6 +113,10 @@ class RosLifecycle:
     def listen(self, hear: Callable[[Heard], None]) -> None:
         """Send what nodes answer and tell to `hear`, from a thread."""
         self._hear = hear
+
+    def listen_to_rates(self, nodes: Iterable[str]) -> None:
+        """Hear of the rates of these nodes: `RatesHeard` once a second for each that tells."""
+        listen_to_rates(self._node, nodes, self._pass_on)
 
     def watch(self, nodes: Iterable[str]) -> None:
         """Listen for these nodes: `Ready` when their services answer, and what they tell later.

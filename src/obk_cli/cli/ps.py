@@ -86,6 +86,7 @@ def _node(node: NodeStatus) -> str:
         parts.append("HANGS")
     if node.restarts:
         parts.append(f"started again {node.restarts} time{'s' if node.restarts > 1 else ''}")
+    parts += [plain(str(rate)) for rate in node.rates if rate.standing != "kept"]
     return "  ".join(parts)
 
 

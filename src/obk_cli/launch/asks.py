@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from obelisk_spec.rates import Rate
+
 __all__ = [
     "ChangeAnswer",
     "ChangeAsked",
@@ -77,6 +79,8 @@ class NodeStatus:
     """None: not running, or on another device."""
     restarts: int
     hangs: bool
+    rates: tuple[Rate, ...] = ()
+    """The node's promises as it reported them last, while it is active."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,6 +3,7 @@
 import signal
 from dataclasses import dataclass
 
+from obelisk_spec.rates import Rate
 from obk_cli.launch.asks import ChangeAsked, Result, StatusAsked
 
 __all__ = [
@@ -17,6 +18,10 @@ __all__ = [
     "Phase",
     "ProcessEnded",
     "ProcessStarted",
+    "RateBroken",
+    "RateKept",
+    "RateMoved",
+    "RatesHeard",
     "Ready",
     "Restarted",
     "Restarting",
@@ -115,6 +120,14 @@ class Failed:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RatesHeard:
+    """A node reported how it keeps its promises."""
+
+    node: str
+    rates: tuple[Rate, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StrangerSeen:
     """A node that is not the stack's publishes on a topic that moves its robot."""
 
@@ -140,6 +153,7 @@ Heard = (
     | StateSeen
     | TransitionBegun
     | Failed
+    | RatesHeard
     | ChangeAsked
     | StatusAsked
     | StrangerSeen
@@ -217,6 +231,45 @@ class GoesOnWithout:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RateBroken:
+    """A promised rate has been missed for 2 s, or nothing is said of it any more."""
+
+    node: str
+    rate: Rate
+    origin: str
+    """The place of the period in the config, `file:line:column`; empty where it has none."""
+    silent_s: float = 0.0
+    """How long the node has not reported [s]; 0: it has just done so."""
+
+    @property
+    def how(self) -> str:
+        """What is wrong in words."""
+        rate = self.rate
+        if self.silent_s:
+            how = f"{rate.name} is promised at {rate.wanted_hz:.4g} Hz, "
+            how += f"and nothing was reported for {self.silent_s:.1f} s"
+        else:
+            how = f"{rate}, 99 % of its ticks at most {rate.late_p99_us / 1e3:.3g} ms late"
+        return f"{how}; promised at {self.origin}" if self.origin else how
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RateKept:
+    """A promise that was broken is kept again."""
+
+    node: str
+    rate: Rate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RateMoved:
+    """A rate is off or broken and not what it was, or it is no longer off."""
+
+    node: str
+    rate: Rate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class WaitingFor:
     """The bring-up waits for nodes of other devices, which are started elsewhere."""
 
@@ -258,6 +311,9 @@ Told = (
     | Restarting
     | Restarted
     | GoesOnWithout
+    | RateBroken
+    | RateKept
+    | RateMoved
     | WaitingFor
     | Evidence
     | Ended

@@ -22,6 +22,8 @@ from obk_cli.launch.events import (
     Hung,
     ProcessEnded,
     ProcessStarted,
+    RateBroken,
+    RatesHeard,
     Ready,
     StateAnswered,
     StateSeen,
@@ -34,6 +36,7 @@ from obk_cli.launch.events import (
 from obk_cli.launch.failures import Crash, Failure
 from obk_cli.launch.newer_lines import newer_lines
 from obk_cli.launch.pulse import Pulse
+from obk_cli.launch.rates import RateWatch
 from obk_cli.launch.roster import Roster
 from obk_cli.launch.story import Story
 from obk_cli.launch.transitions import FINALIZED, TRANSITIONS, UNCONFIGURED
@@ -60,6 +63,7 @@ class Hearing:
         clock: Callable[[], float],
         tell: Callable[[Told], None],
         limits: Limits,
+        strict_rates: bool,
     ) -> None:
         """Begin to hear; see `Supervisor` for the arguments."""
         self.roster = roster
@@ -85,6 +89,8 @@ class Hearing:
         self._condemned: set[str] = set()
         """Units that are killed on purpose."""
         self.echoes = Echoes()
+        self._rates = RateWatch(roster)
+        self._strict_rates = strict_rates
 
     @property
     def may_go_on(self) -> bool:
@@ -181,7 +187,15 @@ class Hearing:
         hung = [self._hangs(node, seconds) for node, seconds in self.pulse.late(now)]
         for node in self.pulse.due(now):
             self.lifecycle.ask_state(node)
+        self._tell_rates(self._rates.silence(now))
         return next((event for event in hung if event is not None), None)
+
+    def _tell_rates(self, news: Iterable[Told]) -> None:
+        """Tell news of rates; where promises are strict, one that is broken ends the run."""
+        for event in news if not self.is_going_down else ():
+            self.story.tell(event)
+            if self._strict_rates and isinstance(event, RateBroken):
+                self.fail(f"{event.node}: {event.how}", event.node)
 
     def _hangs(self, node: str, seconds: float) -> Hung | None:
         """Take note of a hang; None: it is known."""
@@ -225,6 +239,8 @@ class Hearing:
                 self._seen(heard)
             case Failed(node=node) if node != self.lead:
                 self._failed(heard)
+            case RatesHeard():
+                self._tell_rates(self._rates.heard(heard, self.clock()))
             case _:
                 self._note_request(heard)
 

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable
 from typing import Final
 
+from obelisk_spec.rates import Rate
 from obk_cli.launch.asks import NodeStatus
 from obk_cli.launch.events import ProcessEnded
 from obk_cli.launch.transitions import ACTIVE, FINALIZED, INACTIVE, RESTING, UNCONFIGURED
@@ -57,6 +58,8 @@ class Roster:
         self.hung: set[str] = set()
         self.in_transition: set[str] = set()
         """Nodes that were asked for a transition and have not answered yet."""
+        self.rates: dict[str, tuple[Rate, ...]] = {}
+        """What nodes that are active said last of their promises."""
         self.restarts: Counter[str] = Counter()
         self.moving = ""
         """What a transition of the whole stack is called while it is under way."""
@@ -126,6 +129,11 @@ class Roster:
         names = self.units[ended.process].node_names
         return next((name for name in names if name in ended.text), ended.process)
 
+    def origin_of_promise(self, node: str, name: str) -> str:
+        """The place of a promised period, `file:line:column`; empty where the config has none."""
+        places = (p.origin for p in self.nodes[node].promises if p.name == name)
+        return str(next(places, ""))
+
     def is_resting(self, node: str) -> bool:
         """Whether a node is known to wait for a request, not to be in the middle of something."""
         return self.states.get(node) in RESTING
@@ -161,4 +169,5 @@ class Roster:
             pid=self.pids.get(unit),
             restarts=self.restarts[unit],
             hangs=name in self.hung,
+            rates=self.rates.get(name, ()) if self.states.get(name) == ACTIVE else (),
         )

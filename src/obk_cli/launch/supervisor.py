@@ -49,6 +49,7 @@ class Supervisor:
         limits: Limits | None = None,
         on_crash: OnCrash = "stop",
         lead: str | None = None,
+        strict_rates: bool = False,
     ) -> None:
         """Make a supervisor; `run` does everything.
 
@@ -64,6 +65,7 @@ class Supervisor:
             on_crash: for nodes whose config does not say.
             lead: full name of the state node of the launch that takes the nodes through their
                 transitions; None: this one does, those of other devices too.
+            strict_rates: whether the stack comes down for a promised rate that is broken.
         """
         self._roster = Roster(plan, units, leads=lead is None, on_crash=on_crash)
         self._hearing = Hearing(
@@ -74,6 +76,7 @@ class Supervisor:
             clock=clock,
             tell=tell,
             limits=limits or Limits(),
+            strict_rates=strict_rates,
         )
         self._hearing.lead = lead
         self._recovery = Recovery(self._hearing)

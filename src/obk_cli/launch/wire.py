@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Final
 
+from obelisk_spec.rates import Rate
 from obk_cli.launch.asks import ChangeAnswer, Member, NodeStatus, StackStatus
 from obk_cli.launch.transitions import TRANSITIONS
 
@@ -131,10 +132,15 @@ def parse_status(line: bytes) -> StackStatus | None:
     """The stack's state in an answer; None where there is none."""
     data = _object(line) or {}
     try:
-        nodes = tuple(NodeStatus(**_known(NodeStatus, node)) for node in data["nodes"])
+        nodes = tuple(map(_node, data["nodes"]))
         return StackStatus(**{**_known(StackStatus, data), "nodes": nodes})
     except (KeyError, TypeError):
         return None
+
+
+def _node(data: Mapping[str, Any]) -> NodeStatus:
+    rates = tuple(Rate(**_known(Rate, rate)) for rate in data.get("rates", ()))
+    return NodeStatus(**{**_known(NodeStatus, data), "rates": rates})
 
 
 def parse_change(line: bytes) -> ChangeAnswer | None:
@@ -154,7 +160,7 @@ def is_stop_heard(line: bytes) -> bool:
     return line == HEARD
 
 
-def _known(kind: type[NodeStatus | StackStatus | Member], data: Mapping[str, Any]) -> Any:
+def _known(kind: type[NodeStatus | Rate | StackStatus | Member], data: Mapping[str, Any]) -> Any:
     """Of a JSON object what this version knows."""
     return {field.name: data[field.name] for field in fields(kind) if field.name in data}
 

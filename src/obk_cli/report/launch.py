@@ -13,6 +13,9 @@ from obk_cli.launch.events import (
     Phase,
     ProcessEnded,
     ProcessStarted,
+    RateBroken,
+    RateKept,
+    RateMoved,
     Restarted,
     Restarting,
     StackState,
@@ -100,6 +103,8 @@ class LaunchReport:
                 yield from self._process(event)
             case GoesOnWithout() | Restarting() | Restarted():
                 yield self._after_a_crash(event)
+            case RateBroken() | RateKept() | RateMoved():
+                yield from self._rate(event)
             case _:
                 yield from self._node(event)
 
@@ -138,6 +143,15 @@ class LaunchReport:
                     yield from (f"    {plain(line)}" for line in event.lines)
             case _:
                 assert_never(event)
+
+    def _rate(self, event: RateBroken | RateKept | RateMoved) -> Iterator[str]:
+        """Only when it breaks and when it is kept again."""
+        name = short_name(event.node)
+        match event:
+            case RateBroken():
+                yield self._paint(_RED, f"  {name}: RATE: {plain(event.how)}")
+            case RateKept():
+                yield self._paint(_GREEN, f"  {name}: {plain(str(event.rate))} again")
 
     def _after_a_crash(self, event: GoesOnWithout | Restarting | Restarted) -> str:
         names = _names(event.nodes)

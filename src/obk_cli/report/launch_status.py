@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Final
 
+from obelisk_spec.rates import Rate
 from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.events import (
     AnswersAgain,
@@ -15,13 +16,16 @@ from obk_cli.launch.events import (
     Phase,
     ProcessEnded,
     ProcessStarted,
+    RateBroken,
+    RateKept,
+    RateMoved,
     Restarting,
     StackState,
     StateSeen,
     Told,
     TransitionEnded,
 )
-from obk_cli.launch.transitions import FINALIZED, TRANSITIONS, UNCONFIGURED
+from obk_cli.launch.transitions import ACTIVE, FINALIZED, TRANSITIONS, UNCONFIGURED
 from obk_cli.launch.units import Unit
 from obk_cli.plan import Plan
 from obk_cli.report.launch import LaunchReport
@@ -69,7 +73,18 @@ def with_event(status: StackStatus, event: Told) -> StackStatus:
             return replace(status, state=event.state)
         case _:
             pass
-    return replace(status, nodes=tuple(_node_after(node, event) for node in status.nodes))
+    return replace(status, nodes=tuple(_with_rates(node, event) for node in status.nodes))
+
+
+def _with_rates(node: NodeStatus, event: Told) -> NodeStatus:
+    """A node after an event; it has the rates that are not kept, while it is active."""
+    after = _node_after(node, event)
+    return replace(after, rates=()) if after.rates and after.state != ACTIVE else after
+
+
+def _with_rate(rates: tuple[Rate, ...], rate: Rate) -> tuple[Rate, ...]:
+    others = tuple(other for other in rates if other.name != rate.name)
+    return others if rate.standing == "kept" else (*others, rate)
 
 
 def _node_after(node: NodeStatus, event: Told) -> NodeStatus:
@@ -89,6 +104,8 @@ def _node_after(node: NodeStatus, event: Told) -> NodeStatus:
             return replace(node, state=_state_after(event, node.state))
         case Hung(node=node.node) | AnswersAgain(node=node.node):
             return replace(node, hangs=isinstance(event, Hung))
+        case RateBroken(node=node.node) | RateKept(node=node.node) | RateMoved(node=node.node):
+            return replace(node, rates=_with_rate(node.rates, event.rate))
         case Restarting() if node.node in event.nodes:
             unknown = UNKNOWN if node.state else ""
             return replace(node, state=unknown, restarts=node.restarts + 1, hangs=False)

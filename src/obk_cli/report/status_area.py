@@ -102,6 +102,8 @@ def _troubles(nodes: Sequence[NodeStatus]) -> Iterator[Text]:
         yield Text(_counted(restarts, "restart"), "yellow")
     if hanging := sum(node.hangs for node in nodes):
         yield Text(f"{hanging} hanging", "bold red")
+    if rates := sum(len(node.rates) for node in nodes):
+        yield Text(f"{_counted(rates, 'rate')} off", "yellow")
 
 
 def _node_rows(status: StackStatus, paper: _Paper, room: int) -> list[str]:
@@ -128,6 +130,9 @@ def _entry(node: NodeStatus, phase: str) -> Text:
     )
     if node.restarts and word != _RESTARTING:
         entry.append(f" (restarted {node.restarts}x)", "yellow")
+    for rate in node.rates:
+        told = f" {rate.name} {rate.measured_hz:.4g}/{rate.wanted_hz:.4g} Hz"
+        entry.append(told, "bold red" if rate.standing == "broken" else "yellow")
     return entry
 
 

@@ -31,6 +31,8 @@ class LaunchOptions:
     """For nodes whose config does not say."""
     is_composed: bool = False
     """Whether the nodes that can share one process do."""
+    strict_rates: bool = False
+    """Whether the stack comes down for a promised rate that is broken."""
     replaces: bool = False
     """Whether a launch that is in the way is ended."""
     allows_foreign: bool = False

@@ -88,9 +88,8 @@ def run_plan(
         recorder.start(processes)
         ros = stack.enter_context(open_ros("obk_launch", environment))
         stack.enter_context(_alone(plan, units, ros, environment, options, inbox))
-        ros.listen(inbox.put)
-        if share.leads:
-            output.also_to(_shown_by(StateNode(ros, plan.name, inbox.put, output.note)))
+        _listen_to_nodes(ros, units, inbox)
+        _serve_ros(share.leads, plan, ros, inbox, output)
         _serve_others(claim.folder, inbox, output, stack)
         supervisor = Supervisor(
             plan,
@@ -102,6 +101,7 @@ def run_plan(
             tell=recorder.telling(output.event),
             limits=options.limits,
             on_crash=options.on_crash,
+            strict_rates=options.strict_rates,
             lead=None if share.leads else _state_node(plan),
         )
         recorder.wait_until_begun()
@@ -140,8 +140,24 @@ def _alone(
         yield
 
 
+def _listen_to_nodes(
+    ros: RosLifecycle, units: tuple[Unit, ...], inbox: "SimpleQueue[Heard]"
+) -> None:
+    """Hear what nodes answer, and of the rates of those that run here."""
+    ros.listen(inbox.put)
+    ros.listen_to_rates(name for unit in units for name in unit.node_names)
+
+
 def _state_node(plan: Plan) -> str:
     return f"/{state_node_name(plan.name)}"
+
+
+def _serve_ros(
+    leads: bool, plan: Plan, ros: RosLifecycle, inbox: "SimpleQueue[Heard]", output: Output
+) -> None:
+    """Offer the state node, where this launch leads."""
+    if leads:
+        output.also_to(_shown_by(StateNode(ros, plan.name, inbox.put, output.note)))
 
 
 def _shown_by(node: StateNode) -> Callable[[Told], None]:

@@ -143,6 +143,18 @@ def test_components_that_share_a_key_have_no_parameter_of_their_own() -> None:
     assert set(process.parameters) == {"obelisk_settings"}
 
 
+def test_timers_and_sensor_groups_are_promises_with_the_places_of_their_periods(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "arm.xml").touch()
+    robot, control, _ = lower(tmp_path).processes
+    assert [(p.name, p.period_s, str(p.origin)) for p in robot.promises] == [
+        ("timer_true_sim_state", 0.01, "arm.yaml:15:71"),
+        ("/q", 0.002, "arm.yaml:20:25"),
+    ]
+    assert control.promises == ()
+
+
 def test_a_simulator_tells_what_it_reads_from_its_model(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").touch()
     robot, control, joystick = lower(tmp_path).processes

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from obelisk_spec.rates import Rate
 from obk_cli.launch.asks import ChangeAnswer, Member, NodeStatus, StackStatus
 from obk_cli.launch.wire import (
     ChangeRequest,
@@ -34,6 +35,18 @@ STATUS = StackStatus(
             pid=7,
             restarts=1,
             hangs=True,
+            rates=(
+                Rate(
+                    name="timer",
+                    wanted_hz=100.0,
+                    measured_hz=99.5,
+                    ticks=7,
+                    overruns=1,
+                    late_p50_us=1.0,
+                    late_p99_us=2.0,
+                    late_max_us=3.0,
+                ),
+            ),
         ),
     ),
 )

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from queue import Empty
 
+from obelisk_spec.rates import Rate, Standing
 from obk_cli.launch.doors import Limits
 from obk_cli.launch.events import (
     Answered,
@@ -15,6 +16,7 @@ from obk_cli.launch.events import (
     Phase,
     ProcessEnded,
     ProcessStarted,
+    RatesHeard,
     Ready,
     StateAnswered,
     StateSeen,
@@ -39,6 +41,22 @@ def process(section: str, index: int = 0, device: str = "onboard") -> Process:
         executable="e",
         origin=Origin(path="c.yaml", line=1, column=1),
     )
+
+
+def rates(node: str, measured_hz: float, standing: Standing = "kept") -> RatesHeard:
+    """A report of a node with one timer of 100 Hz."""
+    rate = Rate(
+        name="timer",
+        wanted_hz=100.0,
+        measured_hz=measured_hz,
+        ticks=1,
+        overruns=0,
+        late_p50_us=10.0,
+        late_p99_us=2500.0,
+        late_max_us=3000.0,
+        standing=standing,
+    )
+    return RatesHeard(node=node, rates=(rate,))
 
 
 PLAN = Plan(name="s", processes=tuple(map(process, ("control", "estimation", "robot"))))
@@ -68,6 +86,7 @@ class World:
     together: frozenset[str] = frozenset()
     devices: frozenset[str] = frozenset({"onboard"})
     lead: str | None = None
+    strict_rates: bool = False
     started: list[str] = field(default_factory=list)
     dumped: list[str] = field(default_factory=list)
     now: float = 0.0
@@ -159,6 +178,7 @@ class World:
             units=units_of(self.plan, devices=self.devices, together=self.together),
             on_crash=self.on_crash,
             lead=self.lead,
+            strict_rates=self.strict_rates,
             processes=self,
             lifecycle=self,
             inbox=self,

@@ -2,6 +2,7 @@
 
 import pytest
 
+from obelisk_spec.rates import Rate
 from obk_cli.launch.asks import Result
 from obk_cli.launch.events import (
     AnswersAgain,
@@ -13,6 +14,9 @@ from obk_cli.launch.events import (
     Phase,
     ProcessEnded,
     ProcessStarted,
+    RateBroken,
+    RateKept,
+    RateMoved,
     Restarted,
     Restarting,
     StackState,
@@ -109,6 +113,31 @@ def test_the_first_cause_comes_first_then_its_origin_then_the_count_of_what_foll
 def test_every_end_of_a_transition_has_its_word(result: Result, told: str) -> None:
     event = TransitionEnded(node=ROBOT, transition="configure", result=result, seconds=0.0721)
     assert lines_of(event) == [f"  robot_0: configure {told}"]
+
+
+def test_a_rate_is_told_when_it_breaks_and_when_it_is_kept_again() -> None:
+    rate = Rate(
+        name="timer_ctrl",
+        wanted_hz=1000.0,
+        measured_hz=187.4567,
+        ticks=1,
+        overruns=0,
+        late_p50_us=1.0,
+        late_p99_us=5120.0,
+        late_max_us=9000.0,
+    )
+    origin = "c.yaml:7:21"
+    assert lines_of(
+        RateMoved(node=CONTROL, rate=rate),
+        RateBroken(node=CONTROL, rate=rate, origin=origin),
+        RateBroken(node=CONTROL, rate=rate, origin="", silent_s=3.21),
+        RateKept(node=CONTROL, rate=rate),
+    ) == [
+        "  control_0: RATE: timer_ctrl runs at 187.5 of 1000 Hz, 99 % of its ticks at most "
+        "5.12 ms late; promised at c.yaml:7:21",
+        "  control_0: RATE: timer_ctrl is promised at 1000 Hz, and nothing was reported for 3.2 s",
+        "  control_0: timer_ctrl runs at 187.5 of 1000 Hz again",
+    ]
 
 
 def test_hangs_and_restarts_are_told() -> None:

@@ -3,6 +3,7 @@
 import pytest
 from rich.cells import cell_len
 
+from obelisk_spec.rates import Rate, Standing
 from obk_cli.launch.asks import Result, StackStatus
 from obk_cli.launch.events import (
     AnswersAgain,
@@ -11,6 +12,9 @@ from obk_cli.launch.events import (
     Phase,
     ProcessEnded,
     ProcessStarted,
+    RateBroken,
+    RateKept,
+    RateMoved,
     Restarting,
     StackState,
     StateSeen,
@@ -117,6 +121,39 @@ def test_a_steady_stack_shows_its_state_and_what_is_out_of_order() -> None:
     assert "control_0 inactive (restarted 1x)" in " ".join(
         shown(status_after(*events, ended(CONTROL, "configure")))
     )
+
+
+def measured(hz: float, standing: Standing, name: str = "timer_ctrl") -> Rate:
+    return Rate(
+        name=name,
+        wanted_hz=1000.0,
+        measured_hz=hz,
+        ticks=1,
+        overruns=0,
+        late_p50_us=1.0,
+        late_p99_us=2.0,
+        late_max_us=3.0,
+        standing=standing,
+    )
+
+
+def test_a_rate_that_is_off_stands_beside_its_node_until_it_is_kept_or_the_node_rests() -> None:
+    up = [*started(PLAN), StateSeen(node=CONTROL, state="active"), Phase(name="active", seconds=1)]
+    off = RateMoved(node=CONTROL, rate=measured(880, "off"))
+    broken = RateBroken(node=CONTROL, rate=measured(512.34, "broken"), origin="")
+    other = RateMoved(node=CONTROL, rate=measured(700, "off", "timer_log"))
+    for events, told in (
+        ((off,), "control_0 active timer_ctrl 880/1000 Hz"),
+        ((off, broken), "control_0 active timer_ctrl 512.3/1000 Hz"),
+        ((broken, other), "active timer_ctrl 512.3/1000 Hz timer_log 700/1000 Hz"),
+        ((off, RateKept(node=CONTROL, rate=measured(999, "kept"))), ""),
+        ((off, RateMoved(node=CONTROL, rate=measured(999, "kept"))), ""),
+        ((broken, StateSeen(node=CONTROL, state="inactive")), ""),
+    ):
+        text = "\n".join(shown(status_after(*up, *events), 160, 50))
+        assert told in text
+        assert ("Hz" in text) == bool(told)
+    assert "2 rates off" in shown(status_after(*up, broken, other), 160, 50)[0]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,84 @@
+"""What the nodes of a run say of their rates, and what of that is news.
+
+In: reports of nodes, a second apart, and the time. Out: events, one when a rate breaks and one when
+it is kept again, and in between where it has moved.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Final
+
+from obelisk_spec.rates import Rate
+from obk_cli.launch.events import RateBroken, RateKept, RateMoved, RatesHeard, Told
+from obk_cli.launch.roster import Roster
+from obk_cli.launch.transitions import ACTIVE
+
+__all__ = ["SILENT_S", "RateWatch"]
+
+SILENT_S: Final = 3.0
+"""Without a report after others; they come once a second, and one may be late [s]."""
+MOVED: Final = 0.05
+"""Of the promised rate; less is no news."""
+
+
+class RateWatch:
+    """Follows the promises of the nodes that run here."""
+
+    def __init__(self, roster: Roster) -> None:
+        """Begin with nothing heard."""
+        self._roster = roster
+        self._heard: dict[str, float] = {}
+        """When each node that is active was heard of last [s]."""
+        self._told: dict[tuple[str, str], Rate] = {}
+        """By node and name, what was told last of rates that are not kept."""
+
+    def heard(self, heard: RatesHeard, now: float) -> Iterator[Told]:
+        """A node reported; those of other stacks, and late reports, are left aside."""
+        node = heard.node
+        if not self._roster.is_here(node) or self._roster.states.get(node) != ACTIVE:
+            return
+        self._heard[node] = now
+        self._roster.rates[node] = heard.rates
+        for rate in heard.rates:
+            yield from self._news(node, rate)
+
+    def silence(self, now: float) -> Iterator[Told]:
+        """The rates of nodes that are active and have stopped to report."""
+        for node, heard in list(self._heard.items()):
+            if self._roster.states.get(node) != ACTIVE:
+                self._forget(node)
+            elif node in self._roster.hung or node in self._roster.in_transition:
+                self._heard[node] = now  # That is dealt with elsewhere.
+            elif now - heard > SILENT_S:
+                silent = tuple(
+                    replace(rate, measured_hz=0.0, standing="broken")
+                    for rate in self._roster.rates[node]
+                )
+                self._roster.rates[node] = silent
+                for rate in silent:
+                    yield from self._news(node, rate, now - heard)
+
+    def _news(self, node: str, rate: Rate, silent_s: float = 0.0) -> Iterator[Told]:
+        told = self._told.get((node, rate.name))
+        was_broken = told is not None and told.standing == "broken"
+        if rate.standing == "kept":
+            if told is not None:
+                del self._told[node, rate.name]
+                yield (RateKept if was_broken else RateMoved)(node=node, rate=rate)
+            return
+        breaks = rate.standing == "broken" and not was_broken
+        moved_hz = abs(rate.measured_hz - told.measured_hz) if told else rate.wanted_hz
+        if not breaks and moved_hz <= MOVED * rate.wanted_hz:
+            return
+        self._told[node, rate.name] = rate
+        if breaks:
+            origin = self._roster.origin_of_promise(node, rate.name)
+            yield RateBroken(node=node, rate=rate, origin=origin, silent_s=silent_s)
+        else:
+            yield RateMoved(node=node, rate=rate)
+
+    def _forget(self, node: str) -> None:
+        del self._heard[node]
+        self._roster.rates.pop(node, None)
+        for told in [key for key in self._told if key[0] == node]:
+            del self._told[told]

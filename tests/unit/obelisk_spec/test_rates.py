@@ -1,0 +1,61 @@
+"""A rate as keys and values, and back."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from obelisk_spec.rates import STANDINGS, Rate, parse_rate, rate_name, rate_values
+
+RATE = Rate(
+    name="timer_ctrl",
+    wanted_hz=1000.0,
+    measured_hz=187.5,
+    ticks=4211,
+    overruns=3,
+    late_p50_us=81.9,
+    late_p99_us=2752.5,
+    late_max_us=130023.4,
+    standing="broken",
+)
+
+
+def test_a_rate_is_read_as_it_was_told() -> None:
+    name = rate_name("/arm/controller", RATE.name)
+    assert name == "arm/controller: timer_ctrl"
+    assert parse_rate(name, 2, dict(rate_values(RATE))) == RATE
+
+
+def test_the_period_is_told_too() -> None:
+    assert dict(rate_values(RATE))["period_sec"] == "0.001"
+
+
+@pytest.mark.parametrize("standing", STANDINGS)
+def test_the_level_is_the_standing(standing: str) -> None:
+    rate = parse_rate("a: b", STANDINGS.index(standing), dict(rate_values(RATE)))  # type: ignore[arg-type]
+    assert rate is not None
+    assert rate.standing == standing
+
+
+@pytest.mark.parametrize(
+    ("name", "level", "more"),
+    [
+        ("motor temperature", 0, {}),
+        ("a: b", 3, {}),
+        ("a: b", 0, {"wanted_hz": "much"}),
+        ("a: b", 0, {"wanted_hz": "0"}),
+        ("a: b", 0, {"measured_hz": "nan"}),
+        ("a: b", 0, {"late_p99_us": "inf"}),
+        ("a: b", 0, {"ticks": "1.5"}),
+    ],
+)
+def test_what_is_no_rate_is_none(name: str, level: int, more: dict[str, str]) -> None:
+    assert parse_rate(name, level, {**dict(rate_values(RATE)), **more}) is None
+
+
+def test_a_status_of_other_tools_is_none() -> None:
+    assert parse_rate("lidar: temperature", 1, {"celsius": "41"}) is None
+
+
+@given(st.text(), st.integers(), st.dictionaries(st.text(), st.text()))
+def test_whatever_others_tell_is_read(name: str, level: int, values: dict[str, str]) -> None:
+    assert parse_rate(name, level, values) is None

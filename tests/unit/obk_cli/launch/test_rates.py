@@ -1,0 +1,155 @@
+"""What a run tells of its nodes' rates, and what it does about them, in a world of tables."""
+
+from collections import deque
+from dataclasses import replace
+
+from obk_cli.launch.asks import StackStatus, StatusAsked
+from obk_cli.launch.events import (
+    Heard,
+    ProcessEnded,
+    RateBroken,
+    RateKept,
+    RateMoved,
+    RatesHeard,
+    StateSeen,
+    Told,
+)
+from obk_cli.plan import Origin, Promise
+
+from .world import CONTROLLER, ESTIMATOR, PLAN, World, rates
+
+PERIOD = Promise(name="timer", period_s=0.01, origin=Origin(path="c.yaml", line=7, column=21))
+PROMISED = replace(
+    PLAN,
+    processes=tuple(
+        replace(p, promises=(PERIOD,)) if p.section == "control" else p for p in PLAN.processes
+    ),
+)
+OFF, BROKEN = rates(CONTROLLER, 80, "off"), rates(CONTROLLER, 50, "broken")
+KEPT = rates(CONTROLLER, 100)
+
+
+def seconds(*reports: RatesHeard | None) -> deque[Heard | float]:
+    """A report a second, None for a second without."""
+    return deque(step for report in reports for step in ([report] if report else []) + [1.0])
+
+
+def told_of_rates(world: World) -> list[Told]:
+    return [e for e in world.told if isinstance(e, RateBroken | RateKept | RateMoved)]
+
+
+def test_a_rate_that_is_kept_is_no_news() -> None:
+    world = World(plan=PROMISED, later=seconds(KEPT, KEPT, KEPT))
+    assert world.run(duration_s=3).exit_code == 0
+    assert told_of_rates(world) == []
+
+
+def test_a_rate_that_breaks_is_told_once_and_once_when_it_is_kept_again() -> None:
+    world = World(plan=PROMISED, later=seconds(KEPT, OFF, BROKEN, BROKEN, BROKEN, KEPT, KEPT))
+    assert world.run(duration_s=7).exit_code == 0
+    moved, broken, kept = told_of_rates(world)
+    assert isinstance(moved, RateMoved)
+    assert isinstance(broken, RateBroken)
+    assert isinstance(kept, RateKept)
+    assert broken.how == (
+        "timer runs at 50 of 100 Hz, 99 % of its ticks at most 2.5 ms late; promised at c.yaml:7:21"
+    )
+
+
+def test_a_broken_rate_is_told_anew_only_where_it_has_moved() -> None:
+    later = seconds(BROKEN, rates(CONTROLLER, 54, "broken"), rates(CONTROLLER, 57, "broken"))
+    world = World(plan=PROMISED, later=later)
+    world.run(duration_s=3)
+    assert [event.rate.measured_hz for event in told_of_rates(world)] == [50, 57]  # type: ignore[union-attr]
+
+
+def test_a_moment_off_is_told_without_being_broken() -> None:
+    world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT, OFF, KEPT))
+    assert world.run(duration_s=3).exit_code == 0
+    assert [type(event) for event in told_of_rates(world)] == [RateMoved, RateMoved]
+
+
+def test_where_promises_are_strict_a_broken_one_ends_the_run_and_is_named() -> None:
+    world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT, OFF, BROKEN, KEPT))
+    ended = world.run(duration_s=9)
+    assert ended.exit_code == 1
+    assert ended.cause == (
+        "/obelisk_control_0: timer runs at 50 of 100 Hz, 99 % of its ticks at most 2.5 ms late; "
+        "promised at c.yaml:7:21"
+    )
+    assert world.transitions_of(CONTROLLER) == [
+        *("configure", "activate"),
+        *("deactivate", "cleanup", "shutdown"),
+    ]
+
+
+def test_a_node_that_does_not_report_any_more_breaks_its_promises() -> None:
+    world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT, *[None] * 6))
+    ended = world.run(duration_s=6)
+    assert ended.exit_code == 1
+    assert ended.cause.startswith(
+        "/obelisk_control_0: timer is promised at 100 Hz, and nothing was reported for 3."
+    )
+
+
+def test_one_late_report_breaks_nothing() -> None:
+    world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT, None, KEPT, None, KEPT))
+    assert world.run(duration_s=5).exit_code == 0
+
+
+def test_a_node_that_never_reported_has_promised_nothing() -> None:
+    world = World(plan=PROMISED, strict_rates=True)
+    assert world.run(duration_s=9).exit_code == 0
+
+
+def test_a_node_that_reports_again_after_a_silence_is_told() -> None:
+    world = World(plan=PROMISED, later=seconds(KEPT, *[None] * 5, KEPT))
+    world.run(duration_s=7)
+    assert [type(event) for event in told_of_rates(world)] == [RateBroken, RateKept]
+
+
+def test_a_node_that_is_not_active_promises_nothing() -> None:
+    inactive = StateSeen(node=CONTROLLER, state="inactive", transition="deactivate")
+    world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT))
+    world.later += [inactive, BROKEN, *[1.0] * 6]
+    assert world.run(duration_s=6).exit_code == 0
+    assert told_of_rates(world) == []
+
+
+def test_a_node_that_crashed_is_no_broken_promise() -> None:
+    world = World(plan=PROMISED, strict_rates=True, on_crash="ignore", later=seconds(KEPT))
+    world.later += [ProcessEnded(process=CONTROLLER, code=1), *[1.0] * 6]
+    assert world.run(duration_s=6).exit_code == 0
+
+
+def test_a_node_that_hangs_is_left_to_the_watch_over_hangs() -> None:
+    world = World(plan=PROMISED, strict_rates=True, on_crash="ignore", later=seconds(KEPT))
+    world.later += [lambda: world.mute.add(CONTROLLER), *[1.0] * 8]
+    assert world.run(duration_s=8).exit_code == 0
+    assert told_of_rates(world) == []
+
+
+def test_nodes_of_other_stacks_and_devices_are_left_aside() -> None:
+    stranger = rates("/somebody", 10, "broken")
+    world = World(plan=PROMISED, strict_rates=True, later=seconds(stranger, stranger))
+    assert world.run(duration_s=2).exit_code == 0
+    assert told_of_rates(world) == []
+
+
+def test_a_rate_without_a_place_in_the_config_is_told_without() -> None:
+    broken = rates(ESTIMATOR, 50, "broken")
+    world = World(plan=PROMISED, strict_rates=True, later=seconds(broken))
+    ended = world.run(duration_s=5)
+    assert ended.cause.endswith("at most 2.5 ms late")
+    assert ended.origin == "c.yaml:1:1"
+
+
+def test_who_asks_for_the_status_is_told_the_rates_of_active_nodes() -> None:
+    answers: list[StackStatus] = []
+    world = World(plan=PROMISED, later=seconds(KEPT, OFF))
+    world.later += [StatusAsked(reply=answers.append)]
+    world.later += [StateSeen(node=CONTROLLER, state="inactive", transition="deactivate")]
+    world.later += [StatusAsked(reply=answers.append)]
+    world.run(duration_s=5)
+    rates_told = [{n.node: n.rates for n in answer.nodes}[CONTROLLER] for answer in answers]
+    assert rates_told == [OFF.rates, ()]
