@@ -62,7 +62,7 @@ def run(everything):
     """Runs a model that stands still in the air; gives each group's messages and their steps."""
     everything.opt.gravity[:] = 0
 
-    def run(groups, steps=400, *, runs=1, paused_at=None):
+    def run(groups, steps=400, *, runs=1, paused_at=None, listeners=1):
         block = typed_block({"model_xml_path": "m", "sensor_settings": groups})
         simulation = Simulation(
             everything, ControlInbox(field="u", size=everything.nu, monotonic_s=lambda: 0.0)
@@ -76,7 +76,7 @@ def run(everything):
                 sent.messages.append(deserialize_message(message, message_type))
                 sent.steps.append(simulation.steps)
 
-            return SimpleNamespace(publish=publish)
+            return SimpleNamespace(publish=publish, get_subscription_count=lambda: listeners)
 
         def promise(topic, period_s):
             return lambda: heard[topic].counted.append(period_s)
@@ -232,6 +232,18 @@ def test_noise_and_dropout_are_the_same_in_every_run_of_a_seed(run):
     assert rates(runs=2) == rates() + rates(), "a run after a reset is the same again"
     assert rates(seed=1) != rates(seed=2)
     assert rates(topic="/other_imu") != rates()
+
+
+def test_random_numbers_do_not_depend_on_who_listens(run):
+    group = {**IMU, "noise": {"angular_velocity": {"sigma": 1.0}}, "dropout": 0.5}
+    heard, unheard = (run([group], 50, listeners=count)["/imu"].steps for count in (1, 0))
+    assert heard == unheard
+
+
+def test_samples_that_nobody_hears_count_towards_the_rate(run):
+    sent = run([IMU], 50, listeners=0)["/imu"]
+    assert sent.messages == []
+    assert len(sent.counted) == 50
 
 
 def test_noise_of_one_field_does_not_depend_on_that_of_another(run):

@@ -3,6 +3,7 @@
 import pytest
 from rclpy.serialization import deserialize_message
 
+from obelisk_py.core.cdr import PackedMessage
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.loading import load_model
 from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of
@@ -16,9 +17,13 @@ pytestmark = pytest.mark.mujoco
 
 
 class _Publisher:
-    def __init__(self, message_type, topic, depth):
+    def __init__(self, message_type, topic, depth, listeners):
         self.message_type, self.topic, self.depth = message_type, topic, depth
         self.messages = []
+        self.listeners = listeners
+
+    def get_subscription_count(self):
+        return self.listeners
 
     def publish(self, message):
         self.messages.append(deserialize_message(message, self.message_type))
@@ -30,7 +35,7 @@ def example(repository):
     folder = repository / "examples" / "dummy"
     config = load_yaml_core((folder / "dummy_new.yaml").read_text())
 
-    def run(steps):
+    def run(steps, listeners=1):
         loaded = load_model(
             format_setting(config["robot"]["sim"]),
             keyframe=config["robot"]["params"]["ic_keyframe"],
@@ -44,7 +49,7 @@ def example(repository):
         publishers = {}
 
         def make_publisher(message_type, topic, depth):
-            return publishers.setdefault(topic, _Publisher(message_type, topic, depth))
+            return publishers.setdefault(topic, _Publisher(message_type, topic, depth, listeners))
 
         Stepper(
             simulation,
@@ -99,3 +104,11 @@ def test_both_joint_encoder_messages_say_the_same(example):
     named = sent["/obelisk/dummy/obk_joint_encoders"].messages[-1]
     assert named.joint_names == ["joint1"]
     assert plain.y.tolist() == list(named.joint_pos)
+
+
+def test_nothing_is_sampled_for_nobody(example, monkeypatch):
+    def fail(*_):
+        pytest.fail("a message was made")
+
+    monkeypatch.setattr(PackedMessage, "to_bytes", fail)
+    assert not any(publisher.messages for publisher in example(1_500, listeners=0).values())

@@ -11,9 +11,10 @@ from typing import Any, Final, Protocol
 from visualization_msgs.msg import MarkerArray
 
 from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.sim.mujoco.audience import Audience
 from obelisk_py.core.sim.mujoco.block import SensorGroup, SimBlock
 from obelisk_py.core.sim.mujoco.geoms import marker_sampler
-from obelisk_py.core.sim.mujoco.groups import group_outputs, sampled
+from obelisk_py.core.sim.mujoco.groups import group_outputs, if_heard, sampled
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, Sampler, SensorSource
 from obelisk_py.core.sim.mujoco.sensors.fields import in_turn
 from obelisk_py.core.sim.mujoco.simulation import Simulation
@@ -32,6 +33,9 @@ class Publisher(Protocol):
 
     def publish(self, message: Any) -> None:
         """Send a message, or the bytes of a packed one."""
+
+    def get_subscription_count(self) -> int:
+        """How many listen."""
 
 
 MakePublisher = Callable[[type[Any], str, int], Publisher]
@@ -112,12 +116,19 @@ def _group(
 
     if sampler.message is not None:
         sampler = Sampler(message=sampler.message, take=in_turn((sampler.take, count)))
-    return group_outputs(simulation, group, sampler, publish, dropped=count)
+    audience = Audience(publisher.get_subscription_count)
+    return group_outputs(
+        simulation, group, sampler, publish, is_heard=audience.is_there, left_out=count
+    )
 
 
 def _geoms(simulation: Simulation, block: SimBlock, make_publisher: MakePublisher) -> Output:
     sampler = marker_sampler(simulation.model, simulation.data, block.geoms)
     publishers = [make_publisher(MarkerArray, topic, GEOM_DEPTH) for topic in GEOM_TOPICS]
+    audiences = [Audience(publisher.get_subscription_count) for publisher in publishers]
+
+    def is_heard() -> bool:
+        return any(audience.is_there() for audience in audiences)
 
     def send(markers: bytes) -> None:
         for publisher in publishers:
@@ -125,5 +136,5 @@ def _geoms(simulation: Simulation, block: SimBlock, make_publisher: MakePublishe
 
     return Output(
         times=SampleTimes(period_s=block.geoms_period_s, step_s=simulation.step_s),
-        publish=sampled(sampler, send),
+        publish=if_heard(is_heard, sampled(sampler, send), lambda: None),
     )

@@ -39,7 +39,7 @@ def copy_picked(numbers: NDArray[Any], source: Array, index: NDArray[np.intp]) -
 
 def copy_quaternion(xyzw: NDArray[Any], wxyz: Array) -> Copy:
     """Copies a quaternion of MuJoCo's into a message's."""
-    return lambda: set_quaternion(xyzw, wxyz)
+    return in_turn((copy_all(xyzw[:3], wxyz[1:]), copy_all(xyzw[3:], wxyz[:1])))
 
 
 def in_turn(copies: Iterable[Copy]) -> Copy:

@@ -1,0 +1,387 @@
+"""How exactly the simulator keeps time, and what it costs beyond MuJoCo.
+
+    python benchmarks/simulator.py [--hour-steps N] [--schedule-s S] [--realtime-s S] [--rounds N]
+
+Four parts, on the model and the sensor groups of the dummy example, with real publishers:
+
+- hour: as fast as possible through an hour of simulation time; samples and drift of the stamps.
+- schedule: ten times as fast as the wall clock; drift of the schedule against the clock.
+- realtime: at real time; factor, lateness of the steps, CPU against that of the work alone.
+- cost: of stepping over a bare loop of `mj_step`, and of one message of 30 joints. In CPU time of
+  the stepping thread, which other work on the machine disturbs least; parts in alternation.
+
+Writes `benchmarks/results/simulator.json`; exit code 1 where a sample is missing or a stamp is off.
+"""
+
+import argparse
+import json
+import math
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import time
+from array import array
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import rclpy
+from obelisk_sensor_msgs.msg import ObkImu, ObkJointEncoders
+from rclpy.lifecycle import LifecycleNode
+from rclpy.serialization import deserialize_message
+
+from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.sim.mujoco.control import ControlInbox
+from obelisk_py.core.sim.mujoco.loading import load_model
+from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of
+from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.stepper import Stepper
+from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace
+from obelisk_spec.settings import format_setting
+from obelisk_spec.yaml_core import load_yaml_core
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULT = ROOT / "benchmarks" / "results" / "simulator.json"
+DUMMY = ROOT / "examples" / "dummy" / "dummy_new.yaml"
+JOINTS = 30
+STEP_NS = 1_000_000
+HEARD_S = 3.0
+"""For a listener to find the publishers [s]."""
+SCHEDULE_FACTOR = 10
+
+
+class Counted:
+    """A publisher that counts, and keeps what it sent last."""
+
+    def __init__(self, publisher: Any, *, is_always_heard: bool) -> None:
+        self._publish = publisher.publish
+        self.get_subscription_count = publisher.get_subscription_count
+        if is_always_heard:
+            self.get_subscription_count = lambda: 1
+        self.count = 0
+        self.newest = b""
+
+    def publish(self, data: bytes) -> None:
+        """Count and publish."""
+        self.count += 1
+        self.newest = data
+        self._publish(data)
+
+
+class NotingClock(MonotonicClock):
+    """A clock that notes how late each sleep ended, and when the newest one did."""
+
+    def __init__(self) -> None:
+        self.late_ns = array("q")
+        self.woke_ns = 0
+
+    def sleep_until_ns(self, deadline_ns: int, stopped: Callable[[], bool]) -> int:
+        """Sleep and note."""
+        self.woke_ns = super().sleep_until_ns(deadline_ns, stopped)
+        self.late_ns.append(self.woke_ns - deadline_ns)
+        return self.woke_ns
+
+
+class Rig:
+    """The simulator of the dummy with the sensor groups that are asked for."""
+
+    def __init__(
+        self,
+        node: LifecycleNode,
+        block: Mapping[str, Any],
+        prefix: str,
+        *,
+        is_always_heard: bool = True,
+    ) -> None:
+        """Make it; topics begin with `prefix`. What nobody hears is not sampled, unless forced."""
+        loaded = load_model(
+            format_setting(dict(block)),
+            keyframe="ic",
+            folder=DUMMY.parent,
+            share_of=lambda _: None,
+            warn=print,
+        )
+        inbox = ControlInbox(field="u", size=loaded.model.nu, monotonic_s=time.monotonic)
+        self.simulation = Simulation(loaded.model, inbox)
+        self.simulation.reset(loaded.keyframe)
+        self.publishers: dict[str, Counted] = {}
+        self.periods_s = {group.topic: group.period_s for group in loaded.block.groups}
+
+        def make_publisher(message: type[Any], topic: str, depth: int) -> Counted:
+            publisher = node.create_lifecycle_publisher(
+                message, prefix + topic.replace("~", ""), depth
+            )
+            publisher.on_activate(None)
+            counted = Counted(publisher, is_always_heard=is_always_heard)
+            return self.publishers.setdefault(topic, counted)
+
+        self._outputs = outputs_of(
+            self.simulation,
+            loaded.block,
+            Surroundings(
+                make_publisher=make_publisher,
+                warn=print,
+                on_close=lambda _: None,
+                is_paced=False,
+            ),
+        )
+
+    def run(self, steps: int, pace: Pace | None = None) -> NotingClock:
+        """Take steps."""
+        clock = NotingClock()
+        simulation = self.simulation
+        last = simulation.steps + steps
+        Stepper(
+            simulation,
+            pace=pace,
+            clock=clock,
+            outputs=self._outputs,
+            stamp=lambda: simulation.time_ns,
+            warn=print,
+            report=lambda _: None,
+        ).run(lambda: simulation.steps >= last)
+        return clock
+
+
+def dummy_block() -> dict[str, Any]:
+    """The `sim` block of the example."""
+    block: dict[str, Any] = load_yaml_core(DUMMY.read_text(encoding="utf-8"))["robot"]["sim"]
+    return block
+
+
+def three_groups() -> dict[str, Any]:
+    """Encoders, IMU and pose after each step, and no markers."""
+    groups = [{**group, "dt": 0.001} for group in dummy_block()["sensor_settings"][1:]]
+    return {**_bare_block(), "sensor_settings": groups}
+
+
+def _bare_block() -> dict[str, Any]:
+    return {"model_xml_path": dummy_block()["model_xml_path"]}
+
+
+def hour(node: LifecycleNode, steps: int) -> dict[str, Any]:
+    """Part one: what an hour of simulation time loses."""
+    rig = Rig(node, dummy_block(), "/hour")
+    begin_s = time.monotonic()
+    rig.run(steps)
+    took_s = time.monotonic() - begin_s
+    sent = {topic: rig.publishers[topic].count for topic in rig.periods_s}
+    wanted = {
+        topic: steps // round(period_s * NS_PER_S / STEP_NS)
+        for topic, period_s in rig.periods_s.items()
+    }
+    stamp = deserialize_message(rig.publishers["/obelisk/dummy/imu"].newest, ObkImu).header.stamp
+    last_ns = stamp.sec * NS_PER_S + stamp.nanosec
+    return {
+        "steps": steps,
+        "samples": sent,
+        "missing": {topic: wanted[topic] - sent[topic] for topic in sent},
+        "last_stamp_ns": last_ns,
+        "drift_ns": last_ns - steps * STEP_NS,
+        "drift_of_mujocos_own_time_ns": rig.simulation.data.time * NS_PER_S - steps * STEP_NS,
+        "realtime_factor": steps * STEP_NS / NS_PER_S / took_s,
+    }
+
+
+def schedule(node: LifecycleNode, seconds: float) -> dict[str, Any]:
+    """Part two: ten steps where the wall clock has one millisecond."""
+    rig = Rig(node, dummy_block(), "/schedule")
+    pace = Pace(rig.simulation.step_s / SCHEDULE_FACTOR)
+    steps = round(seconds * SCHEDULE_FACTOR * NS_PER_S / STEP_NS)
+    begin_ns = time.monotonic_ns()
+    clock = rig.run(steps, pace)
+    due_ns = begin_ns + steps * STEP_NS // SCHEDULE_FACTOR
+    return {
+        "seconds": seconds,
+        "simulated_s": rig.simulation.time_ns / NS_PER_S,
+        # The last step may have been late; the schedule is where its deadline was.
+        "drift_us": (clock.woke_ns - clock.late_ns[-1] - due_ns) / 1e3,
+        "overruns": pace.overruns,
+        "given_up_s": pace.lost_s,
+        "late_us": _late_us(clock),
+    }
+
+
+def realtime(node: LifecycleNode, seconds: float) -> dict[str, Any]:
+    """Part three: at real time; the work alone is the same steps with no pace."""
+    steps = round(seconds * NS_PER_S / STEP_NS)
+    paced, free = Rig(node, dummy_block(), "/paced"), Rig(node, dummy_block(), "/free")
+    pace = Pace(paced.simulation.step_s)
+    before_s, begin_ns = time.process_time(), time.monotonic_ns()
+    clock = paced.run(steps, pace)
+    took_ns, used_s = time.monotonic_ns() - begin_ns, time.process_time() - before_s
+    before_s = time.process_time()
+    free.run(steps)
+    alone_s = time.process_time() - before_s
+    return {
+        "seconds": seconds,
+        "realtime_factor": steps * STEP_NS / took_ns,
+        "overruns": pace.overruns,
+        "late_us": _late_us(clock),
+        "cpu_share": used_s / (took_ns / NS_PER_S),
+        "cpu_of_the_work_alone_share": alone_s / (took_ns / NS_PER_S),
+        "cpu_over_the_work_alone": used_s / alone_s,
+    }
+
+
+def _late_us(clock: NotingClock) -> dict[str, float]:
+    late = sorted(clock.late_ns)
+    found = {f"p{share}": late[len(late) * share // 100] / 1e3 for share in (50, 99)}
+    return {**found, "max": late[-1] / 1e3}
+
+
+def cost(node: LifecycleNode, rounds: int, steps: int) -> dict[str, Any]:
+    """Part four: CPU time of a step and of a message, in alternation; medians."""
+    bare, silent = Rig(node, _bare_block(), "/bare"), Rig(node, _bare_block(), "/silent")
+    unheard = Rig(node, three_groups(), "/unheard", is_always_heard=False)
+    sent, heard = Rig(node, three_groups(), "/sent"), Rig(node, three_groups(), "/heard")
+    messages = {
+        "unheard": _encoders(node, "/unheard/encoders"),
+        "heard": _encoders(node, "/heard/encoders"),
+    }
+    model, data = bare.simulation.model, bare.simulation.data
+
+    def step_bare() -> None:
+        for _ in range(steps):
+            mujoco.mj_step(model, data)
+
+    parts: dict[str, Callable[[], object]] = {
+        "mj_step_us": step_bare,
+        "no_sensors_us": lambda: silent.run(steps),
+        "three_groups_unheard_us": lambda: unheard.run(steps),
+        "three_groups_sent_to_nobody_us": lambda: sent.run(steps),
+        "three_groups_heard_us": lambda: heard.run(steps),
+        **{
+            f"encoders_of_{JOINTS}_joints_{name}_us": lambda publish=publish: publish(steps)
+            for name, publish in messages.items()
+        },
+    }
+    times: dict[str, list[float]] = {name: [] for name in parts}
+    with _listener("/heard"):
+        for _ in range(rounds):
+            for name, part in parts.items():
+                before_ns = time.thread_time_ns()
+                part()
+                times[name].append((time.thread_time_ns() - before_ns) / steps / 1e3)
+    medians = {name: statistics.median(each) for name, each in times.items()}
+    bare_us = medians["mj_step_us"]
+    return {
+        "rounds": rounds,
+        "steps": steps,
+        **{name: _figures(each) for name, each in times.items()},
+        **{
+            f"{name}_over_mj_step": medians[f"{name}_us"] / bare_us
+            for name in ("no_sensors", "three_groups_unheard", "three_groups_heard")
+        },
+    }
+
+
+def _encoders(node: LifecycleNode, topic: str) -> Callable[[int], None]:
+    """Publishes so many messages of 30 joints, each with other numbers."""
+    message = ObkJointEncoders(
+        joint_names=[f"joint_{number}" for number in range(JOINTS)],
+        joint_pos=[0.0] * JOINTS,
+        joint_vel=[0.0] * JOINTS,
+    )
+    packed = PackedMessage(message)
+    positions, velocities = packed.numbers("joint_pos"), packed.numbers("joint_vel")
+    source = positions + 1.0
+    publisher = node.create_lifecycle_publisher(ObkJointEncoders, topic, 10)
+    publisher.on_activate(None)
+
+    def publish(count: int) -> None:
+        for number in range(count):
+            positions[:] = source
+            velocities[:] = source
+            publisher.publish(packed.to_bytes(number))
+
+    return publish
+
+
+def _figures(values: list[float]) -> dict[str, float]:
+    return {"median": statistics.median(values), "min": min(values), "max": max(values)}
+
+
+class _listener:  # noqa: N801  (used as a statement)
+    """A process that subscribes to what is published below a prefix."""
+
+    def __init__(self, prefix: str) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, __file__, "--listen", prefix], stdin=subprocess.PIPE
+        )
+
+    def __enter__(self) -> None:
+        time.sleep(HEARD_S)
+
+    def __exit__(self, *_: object) -> None:
+        self._process.communicate()
+
+
+def listen(prefix: str) -> None:
+    """Subscribe to the three groups and the encoders, until standard input ends."""
+    from obelisk_sensor_msgs.msg import ObkFramePose
+
+    rclpy.init()
+    node = rclpy.create_node("listener")
+    for message, topic in (
+        (ObkJointEncoders, "/encoders"),
+        (ObkJointEncoders, "/obelisk/dummy/obk_joint_encoders"),
+        (ObkImu, "/obelisk/dummy/imu"),
+        (ObkFramePose, "/obelisk/dummy/framepose"),
+    ):
+        # Nobody takes what comes: the writer's side is what is measured.
+        node.create_subscription(message, prefix + topic, print, 10)
+    sys.stdin.read()
+
+
+def rounded(value: Any) -> Any:
+    """The same with numbers of six digits."""
+    if isinstance(value, dict):
+        return {name: rounded(inner) for name, inner in value.items()}
+    if isinstance(value, float) and math.isfinite(value):
+        return float(f"{value:.6g}")
+    return value
+
+
+def main() -> int:
+    """Measure, print, keep."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--hour-steps", type=int, default=3_600_000)
+    parser.add_argument("--schedule-s", type=float, default=360.0)
+    parser.add_argument("--realtime-s", type=float, default=60.0)
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--steps", type=int, default=5_000, help="of a round")
+    parser.add_argument("--only", choices=["hour", "schedule", "realtime", "cost"])
+    parser.add_argument("--listen", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.listen:
+        listen(options.listen)
+        return 0
+    rclpy.init()
+    node = LifecycleNode("simulator_benchmark")
+    parts: dict[str, Callable[[], dict[str, Any]]] = {
+        "cost": lambda: cost(node, options.rounds, options.steps),
+        "realtime": lambda: realtime(node, options.realtime_s),
+        "hour": lambda: hour(node, options.hour_steps),
+        "schedule": lambda: schedule(node, options.schedule_s),
+    }
+    # What was measured apart stays.
+    result = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {}
+    result["machine"] = f"{platform.machine()}, {os.cpu_count()} processors"
+    for name, part in parts.items():
+        if options.only in (None, name):
+            load = os.getloadavg()[0]
+            result[name] = rounded({**part(), "load_average": [load, os.getloadavg()[0]]})
+    text = json.dumps(result, indent=1)
+    RESULT.write_text(text + "\n", encoding="utf-8")
+    print(text)
+    rclpy.shutdown()
+    exact = result.get("hour", {"missing": {}, "drift_ns": 0})
+    return 1 if any(exact["missing"].values()) or exact["drift_ns"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
