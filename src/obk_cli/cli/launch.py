@@ -58,6 +58,9 @@ def command(
     hang_after: Annotated[
         float, typer.Option(help="Seconds without an answer after which a node hangs; 0: never.")
     ] = 1.3,
+    strict_rates: Annotated[
+        bool, typer.Option("--strict-rates", help="End with 1 when a rate is broken for 2 s.")
+    ] = False,
     composed: Annotated[
         bool, typer.Option("--composed", help="Run the Python nodes in one process.")
     ] = False,
@@ -114,23 +117,17 @@ def command(
 
     Message packages of the workspace that are not compiled, or were changed since, are first.
     Ends on Ctrl-C, on SIGTERM, after --duration, or when a node fails. No process of the stack
-    outlives this one. Exit code 0: ended in order; 1: the config has errors, or a node failed.
+    outlives this one. Exit code 0: ended in order; 1: the config has errors, a node failed, or a
+    rate was broken with --strict-rates.
     """
     _check_word("--until", until, tuple(UNTIL))
     _check_word("--on-crash", on_crash, get_args(OnCrash))
     _check_word("--format", format, FORMATS)
     if viewer is not None:
         _check_word("--viewer", viewer, VIEWERS)
-    if timeout <= 0 or hang_after < 0 or keep < 1 or (duration is not None and duration < 0):
-        raise MisuseError(
-            "`--timeout` is seconds above 0, `--duration` and `--hang-after` of at least 0, "
-            "`--keep` a number of at least 1"
-        )
+    _check_numbers(timeout, hang_after, keep, duration)
     outcome = compile_config(config, make_options(set_, ignore))
-    _show_findings(outcome, colour=wants_colour(color, to_stderr=True))
-    if outcome.plan is None:
-        raise typer.Exit(EXIT_FAILED)
-    plan = _with_log_level(outcome.plan, log_level)
+    plan = _with_log_level(_sound_plan(outcome, color), log_level)
     _check_devices(plan, device, lead)
 
     from obk_cli.adapters.ros_environment import Network, ros_environment
@@ -159,6 +156,7 @@ def command(
         duration_s=duration,
         limits=Limits(transition_s=timeout, hang_s=hang_after or float("inf")),
         on_crash=cast(OnCrash, on_crash),
+        strict_rates=strict_rates,
         is_composed=composed,
         replaces=replace_,
         allows_foreign=allow_foreign,
@@ -182,6 +180,22 @@ def _check_word(option: str, word: str, words: Sequence[str]) -> None:
             f"`{option} {word}`: expected one of {', '.join(words)}",
             help=did_you_mean(word, words),
         )
+
+
+def _check_numbers(timeout: float, hang_after: float, keep: int, duration: float | None) -> None:
+    if timeout <= 0 or hang_after < 0 or keep < 1 or (duration is not None and duration < 0):
+        raise MisuseError(
+            "`--timeout` is seconds above 0, `--duration` and `--hang-after` of at least 0, "
+            "`--keep` a number of at least 1"
+        )
+
+
+def _sound_plan(outcome: Outcome, color: str) -> Plan:
+    """The plan of a config without errors; its findings are shown."""
+    _show_findings(outcome, colour=wants_colour(color, to_stderr=True))
+    if outcome.plan is None:
+        raise typer.Exit(EXIT_FAILED)
+    return outcome.plan
 
 
 def _check_devices(plan: Plan, device: str | None, lead: str | None) -> None:
