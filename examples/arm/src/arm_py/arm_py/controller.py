@@ -1,0 +1,83 @@
+"""The controller's node: a state estimate in, torques with all that they are made of out."""
+
+from pathlib import Path
+
+import numpy as np
+from obelisk_control_msgs.msg import PDFeedForward
+from obelisk_estimator_msgs.msg import EstimatedState
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+
+from arm_py.law import Gravity, Motion, pd_torques
+from obelisk_py.core.control import ObeliskController
+from obelisk_py.core.utils.ros import spin_obelisk
+
+__all__ = ["ArmController", "main"]
+
+JOINTS = 6
+
+
+class ArmController(ObeliskController):
+    """Goes from pose to pose; `params_path` is the model that knows the arm's weight."""
+
+    x_hat: EstimatedState | None = None
+    """The newest estimate."""
+    began: tuple[float, Motion] | None = None
+    """When the motion began [s], and the motion."""
+
+    def __init__(self, node_name: str = "arm_controller") -> None:
+        """Make the node; its topics and rates come from the config."""
+        super().__init__(node_name, ctrl_msg_type=PDFeedForward, est_msg_type=EstimatedState)
+        self.declare_parameter("kp", [100.0] * JOINTS)
+        self.declare_parameter("kd", [5.0] * JOINTS)
+        self.declare_parameter("poses", [0.0] * JOINTS)
+        self.declare_parameter("move_s", 2.5)
+        self.declare_parameter("rest_s", 1.0)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Take the parameters and read the model."""
+        self.kp, self.kd, poses = (
+            np.array(self.get_parameter(name).value) for name in ("kp", "kd", "poses")
+        )
+        self.poses = poses.reshape(-1, JOINTS)
+        self.gravity = Gravity(Path(self.params_path))
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin anew, from wherever the arm is."""
+        self.x_hat = self.began = None
+        return super().on_activate(state)
+
+    def update_x_hat(self, x_hat_msg: EstimatedState) -> None:
+        """Keep the newest state estimate."""
+        self.x_hat = x_hat_msg
+
+    def compute_control(self) -> PDFeedForward | None:
+        """Publish torques and where they lead to; nothing before the first estimate."""
+        if self.x_hat is None:
+            return None
+        q, v = np.array(self.x_hat.q_joints), np.array(self.x_hat.v_joints)
+        began_s, motion = self.began = self.began or (self.t, self._motion_from(q))
+        angles, speeds = motion.at(self.t - began_s)
+        weight = self.gravity.torques(q)
+        torques = weight + pd_torques((angles, speeds), (q, v), self.kp, self.kd)
+        msg = PDFeedForward(
+            u_mujoco=torques.tolist(),
+            joint_names=self.x_hat.joint_names,
+            pos_target=angles.tolist(),
+            vel_target=speeds.tolist(),
+            feed_forward=weight.tolist(),
+            kp=self.kp.tolist(),
+            kd=self.kd.tolist(),
+        )
+        msg.header.stamp = self.get_clock().now().to_msg()
+        self.obk_publishers["pub_ctrl"].publish(msg)
+        return msg
+
+    def _motion_from(self, angles: np.ndarray) -> Motion:
+        times = {name: float(self.get_parameter(name).value) for name in ("move_s", "rest_s")}
+        return Motion(start=angles, poses=self.poses, **times)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node until it is told to stop."""
+    spin_obelisk(args, ArmController)

@@ -1,0 +1,72 @@
+"""The law of the arm: from pose to pose, by torques that hold the joints to the way and carry them.
+
+No ROS. Vectors have an element for each joint, from the table to the hand.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Gravity", "Motion", "pd_torques", "smoothed"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """Goes through poses again and again, and rests at each."""
+
+    start: Array
+    """Where the joints are at the beginning [rad], shape (6,)."""
+    poses: Array
+    """Where it goes [rad], shape (n, 6)."""
+    move_s: float
+    rest_s: float
+
+    def at(self, time_s: float) -> tuple[Array, Array]:
+        """Where the joints are to be [rad], and how fast they are to move [rad/s].
+
+        The way between two poses is a polynomial that starts and ends with neither speed nor
+        acceleration (minimum jerk).
+        """
+        leg, within_s = divmod(time_s, self.move_s + self.rest_s)
+        last, goal = int(leg) - 1, self.poses[int(leg) % len(self.poses)]
+        origin = self.start if last < 0 else self.poses[last % len(self.poses)]
+        x = min(within_s / self.move_s, 1.0)
+        share = x**3 * (10 - 15 * x + 6 * x**2)
+        share_per_s = 30 * x**2 * (1 - x) ** 2 / self.move_s
+        return origin + share * (goal - origin), share_per_s * (goal - origin)
+
+
+class Gravity:
+    """What the weight of the arm asks of the motors, by a model of the arm."""
+
+    def __init__(self, model: Path) -> None:
+        """Read the model."""
+        self._model = mujoco.MjModel.from_xml_path(str(model))
+        self._data = mujoco.MjData(self._model)
+
+    def torques(self, angles: Array) -> Array:
+        """The torques that hold the joints still [N m], shape (6,)."""
+        self._data.qpos[:] = angles
+        mujoco.mj_forward(self._model, self._data)
+        torques: Array = self._data.qfrc_bias.copy()
+        return torques
+
+
+def pd_torques(
+    wanted: tuple[Array, Array], state: tuple[Array, Array], kp: Array, kd: Array
+) -> Array:
+    """Torques [N m] that pull angles [rad] and speeds [rad/s] to what is wanted, shape (6,)."""
+    (angles, speeds), (q, v) = wanted, state
+    return kp * (angles - q) + kd * (speeds - v)
+
+
+def smoothed(last: Array, measured: Array, period_s: float, time_constant_s: float) -> Array:
+    """A low-pass filter of the first order, one step further."""
+    share = 1 - math.exp(-period_s / time_constant_s)
+    return last + share * (measured - last)

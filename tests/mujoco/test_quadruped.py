@@ -1,0 +1,147 @@
+"""The example quadruped: a model that can be, and laws under which it stays on its feet."""
+
+import mujoco
+import numpy as np
+import pytest
+from quadruped_py.gait import Gait, Trunk, wanted_angles
+from quadruped_py.legs import LEGS, foot_jacobians, foot_positions, joint_angles
+from quadruped_py.odometry import Odometry, Reading, rotation_matrix
+
+pytestmark = pytest.mark.mujoco
+
+ONE_ROUND_S = 14.0
+"""Getting up, swaying, trotting."""
+STEPS_PER_CONTROL = 2
+
+
+@pytest.fixture(scope="module")
+def model(repository):
+    return mujoco.MjModel.from_xml_path(
+        str(repository / "examples" / "quadruped" / "model" / "quadruped.xml")
+    )
+
+
+def at_keyframe(model, name):
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key(name).id)
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def poses():
+    random = np.random.default_rng(3)
+    return random.uniform((-0.7, 0.0, -2.2), (0.7, 1.4, -0.7), (20, 4, 3))
+
+
+def test_the_masses_are_those_of_a_robot_of_this_size(model):
+    assert 11 < mujoco.mj_getTotalmass(model) < 13
+    moving = model.body_mass[1:]
+    assert (moving > 0.1).all()
+    assert (moving < 7).all()
+
+
+@pytest.mark.parametrize("keyframe", ["ic", "home"])
+def test_it_stays_as_a_keyframe_has_it(model, keyframe):
+    data = at_keyframe(model, keyframe)
+    assert min((contact.dist for contact in data.contact), default=0.0) > -0.001
+    within = (model.jnt_range[1:, 0] < data.qpos[7:]) & (data.qpos[7:] < model.jnt_range[1:, 1])
+    assert within.all()
+    start = data.qpos.copy()
+    mujoco.mj_step(model, data, 1000)
+    assert np.abs(data.qpos - start).max() < 0.06
+    assert np.abs(data.qvel).max() < 0.05
+
+
+def test_the_feet_are_where_the_model_has_them(model):
+    data = mujoco.MjData(model)
+    for angles in poses():
+        data.qpos[:7] = (0, 0, 0, 1, 0, 0, 0)
+        data.qpos[7:] = angles.ravel()
+        mujoco.mj_forward(model, data)
+        feet = np.array([data.site(f"{leg}_foot").xpos for leg in LEGS])
+        assert foot_positions(angles) == pytest.approx(feet, abs=1e-9)
+        for leg, jacobian in enumerate(foot_jacobians(angles)):
+            expected = np.zeros((3, model.nv))
+            site = model.site(f"{LEGS[leg]}_foot").id
+            mujoco.mj_jacSite(model, data, expected, None, site)
+            assert jacobian == pytest.approx(expected[:, 6 + 3 * leg : 9 + 3 * leg], abs=1e-9)
+
+
+def test_the_angles_are_those_that_put_the_feet_there():
+    for angles in poses():
+        assert joint_angles(foot_positions(angles)) == pytest.approx(angles, abs=1e-9)
+
+
+def test_a_foot_out_of_reach_is_put_as_near_as_the_leg_gets():
+    feet = foot_positions(np.tile([0.0, 0.5, -1.0], (4, 1)))
+    far = joint_angles(feet - [0, 0, 1.0])
+    assert far[:, 2] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_quaternion_becomes_the_matrix_that_mujoco_makes_of_it():
+    x, y, z, w = quaternion = np.array([0.1, 0.2, -0.3, 0.9]) / np.sqrt(0.95)
+    expected = np.zeros(9)
+    mujoco.mju_quat2Mat(expected, np.array([w, x, y, z]))
+    assert rotation_matrix(quaternion).ravel() == pytest.approx(expected)
+
+
+def read(model, data):
+    """The sensors that the config names."""
+    value = {model.sensor(i).name: data.sensor(i).data for i in range(model.nsensor)}
+    joints = [f"{leg}_{joint}" for leg in LEGS for joint in ("hip", "thigh", "knee")]
+    return Reading(
+        angles=np.reshape([value[f"{joint}_pos"] for joint in joints], (4, 3)),
+        speeds=np.reshape([value[f"{joint}_vel"] for joint in joints], (4, 3)),
+        rotation=rotation_matrix(value["trunk_quat"][[1, 2, 3, 0]]),
+        turning=value["trunk_gyro"].copy(),
+        forces=np.array([value[f"{leg}_touch"][0] for leg in LEGS]),
+    )
+
+
+@pytest.fixture(scope="module", params=[0, 5], ids=["at once", "20 ms late"])
+def walked(request, model):
+    """What one round is like: times, true positions, estimates, tilts, heights of the feet.
+
+    Controls arrive by so many periods late.
+    """
+    data = at_keyframe(model, "ic")
+    odometry, gait = Odometry.at_the_beginning(), Gait()
+    period_s = STEPS_PER_CONTROL * model.opt.timestep
+    start = data.qpos[7:].reshape(4, 3).copy()
+    controls = [data.ctrl.copy()] * request.param
+    rows = []
+    for time_s in np.arange(0, ONE_ROUND_S, period_s):
+        reading = read(model, data)
+        odometry.update(reading, period_s)
+        trunk = Trunk(place=odometry.position[:2], rotation=reading.rotation)
+        controls.append(wanted_angles(float(time_s), start, trunk, gait).ravel())
+        data.ctrl[:] = controls.pop(0)
+        mujoco.mj_step(model, data, STEPS_PER_CONTROL)
+        feet = [data.site(f"{leg}_foot").xpos[2] for leg in LEGS]
+        tilt = np.arccos(min(1.0, reading.rotation[2, 2]))
+        rows.append([time_s, *data.qpos[:3], *odometry.position, tilt, *feet])
+    return np.array(rows)
+
+
+def test_it_gets_up_and_stays_on_its_feet(walked):
+    stands = walked[walked[:, 0] > 2.5]
+    assert stands[:, 3].min() > 0.25
+    assert stands[:, 3].max() < 0.34
+    assert np.degrees(walked[:, 7].max()) < 5
+
+
+def test_it_stays_on_its_spot(walked):
+    assert np.abs(walked[:, 1:3]).max() < 0.2
+
+
+def test_it_sways_and_then_lifts_every_foot(walked):
+    sways, trots = (walked[(walked[:, 0] > s) & (walked[:, 0] < s + 5)] for s in (2.5, 8.5))
+    assert np.ptp(sways[:, 2]) > 0.04
+    assert sways[:, 8:].max() < 0.03
+    assert (trots[:, 8:].max(axis=0) > 0.04).all()
+
+
+def test_the_estimate_follows_the_trunk(walked):
+    off = np.abs(walked[:, 4:7] - walked[:, 1:4])
+    assert off[:, :2].max() < 0.05
+    assert off[walked[:, 0] > 2.5, 2].max() < 0.015
