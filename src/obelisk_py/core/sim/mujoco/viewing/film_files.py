@@ -50,6 +50,8 @@ class Mp4File:
         self._stream.pix_fmt = "yuv420p"
         context = self._stream.codec_context
         context.time_base = Fraction(1, rate_hz)
+        # What is drawn is encoded where it was drawn, beside nothing else.
+        context.thread_count = 1
         # Players guess from the size what is not written down.
         context.colorspace = Colorspace.ITU709
         context.color_primaries = ColorPrimaries.BT709

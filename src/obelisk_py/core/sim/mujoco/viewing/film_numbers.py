@@ -25,19 +25,7 @@ class FrameNumbers:
         self._begin_s: float | None = None
         self._newest_s = 0.0
         self.count = 0
-        """Frames up to the last state, those that it is too late for among them."""
-        self.shown = 0
-        """Frames that got a number from `take`."""
-
-    @property
-    def dropped(self) -> int:
-        """Frames that show the state before theirs."""
-        return self.count - self.shown
-
-    @property
-    def seconds(self) -> float:
-        """Length of the film [s]."""
-        return self.count / self._rate_hz
+        """Frames up to that of the newest state."""
 
     def take(self, time_s: float) -> int | None:
         """The frame for a state.
@@ -55,5 +43,4 @@ class FrameNumbers:
         if number < self.count:
             return None
         self.count = number + 1
-        self.shown += 1
         return number

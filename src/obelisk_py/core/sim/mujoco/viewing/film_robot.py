@@ -100,7 +100,9 @@ def film_order(model: mujoco.MjModel, settings: FilmSettings) -> FilmOrder:
     try:
         check_film_size(settings.path.suffix, size)
     except FilmError as error:
-        raise ObeliskConfigError(f"camera `{settings.camera}`: {error}; `render_size`") from error
+        raise ObeliskConfigError(
+            f"camera `{settings.camera}`: {error}; set `render_size`"
+        ) from error
     # Between two steps there is nothing to see.
     steps_hz = int(1 / model.opt.timestep + 1e-6)
     return FilmOrder(
@@ -144,6 +146,8 @@ class _Film:
             loss=_LOSS,
         )
         self.send = self._onlooker.states.send
+        # A film has a first picture, whatever comes after it.
+        self.send()
         try:
             severity, text = self._first.result(_OPEN_S)
         except TimeoutError:

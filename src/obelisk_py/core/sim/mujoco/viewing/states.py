@@ -11,6 +11,7 @@ Source: https://mujoco.readthedocs.io/en/stable/computation/index.html#the-state
 """
 
 import errno
+import select
 import socket
 from typing import Final
 
@@ -115,6 +116,12 @@ class States:
             pass
         self._show()
         return True
+
+    def wait_until_over(self) -> None:
+        """Wait until no more states will come; those that have come are still to be taken."""
+        poll = select.poll()
+        poll.register(self._link, select.POLLRDHUP)
+        poll.poll()
 
     def _receive(self, timeout_s: float | None) -> bool:
         self._link.settimeout(timeout_s)
