@@ -113,7 +113,7 @@ def test_stages_import_the_spine_and_never_each_other() -> None:
     for path in in_area("joining"):
         assert areas_imported(path) <= SPINE_MODULES | beside_the_pipeline, path
     for path in in_area("report"):
-        voiced = {"launch", "rehearsal", "doctor", "recording"}
+        voiced = {"launch", "rehearsal", "doctor", "recording", "looking"}
         assert areas_imported(path) <= SPINE_MODULES | voiced, path
 
 
@@ -136,6 +136,13 @@ def test_what_is_recorded_is_decided_without_ros_and_without_the_file_format() -
     for path in of("obk_cli"):
         if area(dotted(path)) != "adapters":
             assert not tops(path) & {"mcap", "mcap_ros2", "matplotlib"}, path
+
+
+def test_looking_into_a_stack_is_pure_but_for_what_finds_and_asks() -> None:
+    for path in in_area("looking"):
+        asking = {"adapters"} if path.stem in ("place", "finding", "nodes") else set()
+        allowed = SPINE_MODULES | {"launch", "recording"} | asking
+        assert areas_imported(path) <= allowed, path
 
 
 def test_the_build_of_messages_knows_the_adapters_only() -> None:

@@ -13,8 +13,9 @@ from typing import Any, Final
 
 from obk_cli.adapters.bag_writer import FLUSH_S, BagWriter
 from obk_cli.adapters.definitions import installed_definition
+from obk_cli.adapters.raw_topics import RawTopic
 from obk_cli.recording.choice import Wish, chosen_topics
-from obk_cli.recording.qos import Offer, Request, offers_text, request_for
+from obk_cli.recording.qos import offers_text
 from obk_cli.recording.schema_text import schema_text
 from obk_cli.recording.tally import Tally
 
@@ -26,22 +27,15 @@ LOOK_S: Final = 0.1
 """Between two looks at the ROS graph [s]."""
 TELL_S: Final = 5.0
 """Between two words on messages that were lost [s]."""
-DEPTH: Final = 1000
-"""Messages of a topic that may wait here: a second of one at 1 kHz."""
 
 
 @dataclass(slots=True, kw_only=True)
 class _Topic:
     """One topic that is recorded."""
 
-    name: str
-    msg_type: str
-    python_type: Any
-    request: Request
-    subscription: Any
+    raw: RawTopic
     tally: Tally = field(default_factory=Tally)
     channel: int | None = None
-    publishers: int = 0
 
 
 class RosRecorder:
@@ -71,7 +65,7 @@ class RosRecorder:
     @property
     def tallies(self) -> Mapping[str, Tally]:
         """How much of each topic was recorded."""
-        return {topic.name: topic.tally for topic in self._topics.values()}
+        return {name: topic.tally for name, topic in self._topics.items()}
 
     @property
     def dropped(self) -> int:
@@ -104,19 +98,10 @@ class RosRecorder:
             OSError: the file takes no more.
         """
         for topic in self._topics.values():
-            take, tally, kind = (
-                topic.subscription.handle.take_message,
-                topic.tally,
-                topic.python_type,
-            )
-            # No more than may wait, so that one topic does not keep the others waiting.
-            for _ in range(DEPTH):
-                taken = take(kind, True)
-                if taken is None:
-                    break
-                data, info = taken
+            tally, publishers = topic.tally, topic.raw.publishers
+            for data, info in topic.raw.take():
                 sequence = info["publication_sequence_number"]
-                tally.take(sequence, topic.publishers)
+                tally.take(sequence, publishers)
                 self._writer.add_message(
                     self._channel(topic) if topic.channel is None else topic.channel,
                     data,
@@ -132,16 +117,7 @@ class RosRecorder:
             if name not in self._topics and name not in self._refused:
                 self._begin(name, msg_type)
         for topic in self._topics.values():
-            ends = self._node.get_publishers_info_by_topic(topic.name)
-            topic.publishers = len(ends)
-            request = request_for([_offer(end.qos_profile) for end in ends])
-            # What was published before is asked for only while nothing has come: no doubles.
-            is_weaker = topic.request.is_reliable and not request.is_reliable
-            is_latched = request.is_transient_local and not topic.request.is_transient_local
-            if ends and (is_weaker or (is_latched and not topic.tally.count)):
-                self._node.destroy_subscription(topic.subscription)
-                topic.request = request
-                topic.subscription = self._subscribe(topic.name, topic.python_type, request)
+            topic.raw.look()
 
     def finish(self) -> None:
         """Write what is still there; topics without a message are in the recording too.
@@ -159,47 +135,26 @@ class RosRecorder:
         try:
             package, _, kind = msg_type.split("/")
             python_type = getattr(importlib.import_module(f"{package}.msg"), kind)
-            request = Request()
-            subscription = self._subscribe(name, python_type, request)
+            raw = RawTopic(self._node.handle, name, msg_type, python_type)
         except Exception as error:  # whatever a generated package may raise
             self._refused.add(name)
             self._tell(f"warning: {name} is not recorded: no type `{msg_type}` here ({error})")
             return
-        self._topics[name] = _Topic(
-            name=name,
-            msg_type=msg_type,
-            python_type=python_type,
-            request=request,
-            subscription=subscription,
-        )
-
-    def _subscribe(self, name: str, python_type: Any, request: Request) -> Any:
-        from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-
-        reliability = ReliabilityPolicy
-        durability = DurabilityPolicy
-        qos = QoSProfile(  # type: ignore[no-untyped-call]
-            depth=DEPTH,
-            reliability=reliability.RELIABLE if request.is_reliable else reliability.BEST_EFFORT,
-            durability=(
-                durability.TRANSIENT_LOCAL if request.is_transient_local else durability.VOLATILE
-            ),
-        )
-        return self._node.create_subscription(python_type, name, _nobody, qos, raw=True)
+        self._topics[name] = _Topic(raw=raw)
 
     def _channel(self, topic: _Topic) -> int:
-        ends = self._node.get_publishers_info_by_topic(topic.name)
-        hashes = {str(end.topic_type_hash) for end in ends}
-        definition = schema_text(topic.msg_type, installed_definition)
+        raw = topic.raw
+        raw.learn()
+        definition = schema_text(raw.msg_type, installed_definition)
         if definition is None:
-            self._tell(f"warning: {topic.name}: the definition of {topic.msg_type} is not found")
+            self._tell(f"warning: {raw.name}: the definition of {raw.msg_type} is not found")
         topic.channel = self._writer.add_topic(
-            topic.name,
-            topic.msg_type,
+            raw.name,
+            raw.msg_type,
             definition or "",
             {
-                "offered_qos_profiles": offers_text(_offer(end.qos_profile) for end in ends),
-                "topic_type_hash": min(hashes, default=""),
+                "offered_qos_profiles": offers_text(raw.offers),
+                "topic_type_hash": min(raw.hashes, default=""),
             },
         )
         return topic.channel
@@ -207,22 +162,5 @@ class RosRecorder:
     def _tell_drops(self) -> None:
         if self.dropped > self._told_drops:
             self._told_drops = self.dropped
-            names = [t.name for t in self._topics.values() if t.tally.dropped]
+            names = [name for name, topic in self._topics.items() if topic.tally.dropped]
             self._tell(f"warning: {self.dropped} messages were lost so far, of {', '.join(names)}")
-
-
-def _nobody(_: bytes) -> None:
-    """The callback that a subscription must have; nobody spins it."""
-
-
-def _offer(qos: Any) -> Offer:
-    return Offer(
-        history=qos.history.name.lower(),
-        depth=qos.depth,
-        reliability=qos.reliability.name.lower(),
-        durability=qos.durability.name.lower(),
-        liveliness=qos.liveliness.name.lower(),
-        deadline_ns=qos.deadline.nanoseconds,
-        lifespan_ns=qos.lifespan.nanoseconds,
-        lease_ns=qos.liveliness_lease_duration.nanoseconds,
-    )

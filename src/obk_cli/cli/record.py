@@ -9,14 +9,11 @@ from typing import Annotated
 import typer
 
 from obk_cli.adapters.clock import local_time
-from obk_cli.adapters.overlay import overlay_prefixes
-from obk_cli.adapters.overlay_environment import import_from, with_overlays
-from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.process_start import working_folder
-from obk_cli.adapters.ros_environment import RosEnvironment, ros_environment
+from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.asking.stacks import runs_meant
+from obk_cli.cli.type_paths import with_run_types
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.launch.runs import read_run, runs_folder
+from obk_cli.launch.runs import runs_folder
 from obk_cli.recording.choice import Wish
 from obk_cli.recording.job import Job
 from obk_cli.recording.made_from import Background, background_of, run_topics
@@ -66,7 +63,7 @@ def command(
     for note in environment.notes:
         print(f"warning: {note}", file=sys.stderr)
     folder = _stack(run, environment.domain, is_needed=not (topics or all_))
-    _with_overlays(environment, folder).put_into_effect()
+    with_run_types(environment, folder).put_into_effect()
     wish = _wish(topics or [], folder, every=all_)
     background = background_of(folder) if folder else Background()
     stamp = f"{local_time():%Y%m%d_%H%M%S}"
@@ -96,20 +93,6 @@ def _stack(name: str | None, domain: int, *, is_needed: bool) -> Path | None:
             help="name the topics, or record every one with `--all`",
         )
     return next(iter(runs)) if len(runs) == 1 else None
-
-
-def _with_overlays(environment: RosEnvironment, run_folder: Path | None) -> RosEnvironment:
-    """The environment in which message types of the workspace are found, here too.
-
-    The workspace is that of the run's config, as its launcher was called, and the one around here.
-    """
-    run = read_run(run_folder) if run_folder else None
-    launched_in = working_folder(run.pid) if run else None
-    folder = (launched_in / run.config).parent if run and launched_in else Path.cwd()
-    index = PackageIndex.around(folder, Path.cwd(), environment.variables)
-    overlays = overlay_prefixes(index.workspaces)
-    import_from(overlays)
-    return replace(environment, variables=with_overlays(environment.variables, overlays))
 
 
 def _wish(topics: list[str], folder: Path | None, *, every: bool) -> Wish:

@@ -6,18 +6,23 @@ Text is always in double quotes, so that the ROS parser never takes `on` or `1e3
 import json
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from obk_cli.plan import ParameterValue, Process
 
-__all__ = ["emit_params", "params_file_name"]
+__all__ = ["emit_node_params", "emit_params", "emit_value", "params_file_name"]
 
 _UNWRITABLE = re.compile("[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]")
 
 
 def emit_params(processes: Iterable[Process]) -> str:
     """The text of one parameter file for these processes, keyed by the nodes' full names."""
-    return "".join(line for process in processes for line in _node_lines(process))
+    return "".join(emit_node_params(process.full_name, process.parameters) for process in processes)
+
+
+def emit_node_params(full_name: str, parameters: Mapping[str, ParameterValue]) -> str:
+    """One node's part of a parameter file."""
+    return "".join(_node_lines(full_name, parameters))
 
 
 def params_file_name(process: Process) -> str:
@@ -25,18 +30,19 @@ def params_file_name(process: Process) -> str:
     return f"{process.full_name.strip('/').replace('/', '.')}.yaml"
 
 
-def _node_lines(process: Process) -> Iterator[str]:
-    if not process.parameters:
-        yield f"{process.full_name}:\n  ros__parameters: {{}}\n"
+def _node_lines(full_name: str, parameters: Mapping[str, ParameterValue]) -> Iterator[str]:
+    if not parameters:
+        yield f"{full_name}:\n  ros__parameters: {{}}\n"
         return
-    yield f"{process.full_name}:\n  ros__parameters:\n"
-    for name, value in process.parameters.items():
-        yield f"    {_text(name)}: {_value(value)}\n"
+    yield f"{full_name}:\n  ros__parameters:\n"
+    for name, value in parameters.items():
+        yield f"    {_text(name)}: {emit_value(value)}\n"
 
 
-def _value(value: ParameterValue) -> str:
+def emit_value(value: ParameterValue) -> str:
+    """A value as parameter files have it."""
     if isinstance(value, tuple):
-        return f"[{', '.join(_value(item) for item in value)}]"
+        return f"[{', '.join(emit_value(item) for item in value)}]"
     if isinstance(value, str):
         return _text(value)
     if isinstance(value, bool):

@@ -12,7 +12,7 @@ from typing import Any, Final
 from obelisk_spec.near import did_you_mean, list_names
 from obk_cli.errors import CommandFailedError, MisuseError
 
-__all__ = ["MOST_LINES", "FieldName", "Line", "Lines", "parse_field", "topic_meant"]
+__all__ = ["MOST_LINES", "FieldName", "Line", "Lines", "field_steps", "parse_field", "topic_meant"]
 
 MOST_LINES: Final = 32
 """Of one field: more cannot be told apart in a picture."""
@@ -48,17 +48,21 @@ def parse_field(text: str) -> FieldName:
         MisuseError: it is not of that form.
     """
     topic, dot, rest = text.partition(".")
-    steps = [*_STEP.finditer(dot + rest)]
-    if not topic or not steps or sum(len(step[0]) for step in steps) != len(dot + rest):
+    steps = field_steps(dot + rest)
+    if not topic or not steps:
         raise MisuseError(
             f"`{text}` names no field",
             help="expected TOPIC.FIELD, such as /arm/joints.position[0] or imu.gyro.x",
         )
-    return FieldName(
-        topic=topic,
-        steps=tuple(step["name"] or int(step["index"]) for step in steps),
-        text=text,
-    )
+    return FieldName(topic=topic, steps=steps, text=text)
+
+
+def field_steps(text: str) -> tuple[str | int, ...]:
+    """Names and places in arrays, outermost first, of `.position[0]`; empty where it is no such."""
+    steps = [*_STEP.finditer(text)]
+    if sum(len(step[0]) for step in steps) != len(text):
+        return ()
+    return tuple(step["name"] or int(step["index"]) for step in steps)
 
 
 def topic_meant(name: str, topics: Collection[str]) -> str:

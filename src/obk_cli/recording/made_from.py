@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-__all__ = ["Background", "background_of", "run_topics"]
+__all__ = ["Background", "background_of", "run_plan", "run_topics"]
 
 PLAN_FILE: Final = "plan.json"
 
@@ -38,10 +38,16 @@ def background_of(folder: Path) -> Background:
 def run_topics(folder: Path) -> Mapping[str, str | None]:
     """The topics of a run's plan with the types that it knows, read from what the run keeps."""
     found: dict[str, str | None] = {}
-    for process in _read(folder).get("plan", {}).get("processes", ()):
+    for process in run_plan(folder).get("processes", ()):
         for end in (*process["publishes"], *process["subscribes"]):
             found[end["topic"]] = found.get(end["topic"]) or end["msg_type"]
     return found
+
+
+def run_plan(folder: Path) -> Mapping[str, Any]:
+    """The config of a run as compiled; empty where its folder does not tell."""
+    plan: Mapping[str, Any] = _read(folder).get("plan", {})
+    return plan
 
 
 def _read(folder: Path) -> Mapping[str, Any]:

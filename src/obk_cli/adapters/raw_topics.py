@@ -1,0 +1,125 @@
+"""Topics whose messages are taken as they are sent, not deserialized, whenever somebody asks.
+
+Needs no executor: what has come waits in the subscription until it is taken. The subscription asks
+for the most that all publishers offer, and is made anew when a weaker one comes.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from obk_cli.recording.qos import Offer, Request, request_for
+
+__all__ = ["DEPTH", "RawTopic", "offer_of"]
+
+DEPTH: Final = 1000
+"""Messages of a topic that may wait: a second of one at 1 kHz."""
+
+
+class RawTopic:
+    """One topic that is listened to."""
+
+    def __init__(self, node: Any, name: str, msg_type: str, python_type: Any) -> None:
+        """Subscribe.
+
+        Args:
+            node: rclpy's handle of a node.
+            name: full.
+            msg_type: full, `pkg/msg/Name`.
+            python_type: the message's class.
+
+        Raises:
+            Exception: whatever a generated package raises whose libraries cannot be loaded.
+        """
+        from rclpy.impl.implementation_singleton import rclpy_implementation
+        from rclpy.topic_endpoint_info import TopicEndpointInfo
+        from rclpy.type_support import check_is_valid_msg_type
+
+        check_is_valid_msg_type(python_type)  # type: ignore[no-untyped-call]
+        self.name: Final = name
+        self.msg_type: Final = msg_type
+        self.python_type: Final = python_type
+        self.publishers = 0
+        """How many there were at the last look."""
+        self.hashes: tuple[str, ...] = ()
+        """Of the publishers' types."""
+        self.offers: tuple[Offer, ...] = ()
+        self._node = node
+        self._functions = rclpy_implementation
+        self._end: Any = TopicEndpointInfo
+        self._has_taken = False
+        self.learn()
+        self._request = request_for(self.offers)
+        self._subscription = self._subscribe()
+
+    def learn(self) -> None:
+        """Learn of publishers."""
+        with self._node:
+            told = self._functions.rclpy_get_publishers_info_by_topic(self._node, self.name, False)
+        ends = [self._end(**info) for info in told]
+        self.publishers = len(ends)
+        self.offers = tuple(offer_of(end.qos_profile) for end in ends)
+        self.hashes = tuple(str(end.topic_type_hash) for end in ends)
+
+    def look(self) -> None:
+        """Learn of publishers, and subscribe anew where what they offer asks for it.
+
+        Not while what has come is being taken.
+        """
+        self.learn()
+        request = request_for(self.offers)
+        # What was published before is asked for only while nothing has come: no doubles.
+        is_weaker = self._request.is_reliable and not request.is_reliable
+        is_latched = request.is_transient_local and not self._request.is_transient_local
+        if self.offers and (is_weaker or (is_latched and not self._has_taken)):
+            self._subscription.destroy_when_not_in_use()
+            self._request = request
+            self._subscription = self._subscribe()
+
+    def take(self) -> Iterator[tuple[bytes, Mapping[str, int]]]:
+        """What has come: serialized messages, each with its times and number.
+
+        No more than may wait, so that one topic does not keep others waiting.
+        """
+        take, kind = self._subscription.take_message, self.python_type
+        for _ in range(DEPTH):
+            taken = take(kind, True)
+            if taken is None:
+                return
+            self._has_taken = True
+            yield taken
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._subscription.destroy_when_not_in_use()
+
+    def _subscribe(self) -> Any:
+        qos = _profile(self._request).get_c_qos_profile()
+        with self._node:
+            return self._functions.Subscription(self._node, self.python_type, self.name, qos)
+
+
+def _profile(request: Request) -> Any:
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+    reliability, durability = ReliabilityPolicy, DurabilityPolicy
+    return QoSProfile(  # type: ignore[no-untyped-call]
+        depth=DEPTH,
+        reliability=reliability.RELIABLE if request.is_reliable else reliability.BEST_EFFORT,
+        durability=(
+            durability.TRANSIENT_LOCAL if request.is_transient_local else durability.VOLATILE
+        ),
+    )
+
+
+def offer_of(qos: Any) -> Offer:
+    """A profile of rclpy as a value."""
+    return Offer(
+        history=qos.history.name.lower(),
+        depth=qos.depth,
+        reliability=qos.reliability.name.lower(),
+        durability=qos.durability.name.lower(),
+        liveliness=qos.liveliness.name.lower(),
+        deadline_ns=qos.deadline.nanoseconds,
+        lifespan_ns=qos.lifespan.nanoseconds,
+        lease_ns=qos.liveliness_lease_duration.nanoseconds,
+    )

@@ -1,0 +1,63 @@
+"""Service calls from a bare participant: asked, then polled for; each has a deadline.
+
+A request to a node that dies is never answered.
+"""
+
+import time
+from typing import Any, Final
+
+from obk_cli.adapters.ros_look import RosLook
+from obk_cli.errors import CommandFailedError
+
+__all__ = ["ServiceClient"]
+
+POLL_S: Final = 0.001
+
+
+class ServiceClient:
+    """One service's client."""
+
+    def __init__(self, look: RosLook, name: str, python_type: Any) -> None:
+        """Make the client.
+
+        Args:
+            look: whose participant asks.
+            name: full, of the service.
+            python_type: the service's class.
+        """
+        from rclpy.impl.implementation_singleton import rclpy_implementation
+        from rclpy.qos import qos_profile_services_default
+        from rclpy.type_support import check_is_valid_srv_type
+
+        check_is_valid_srv_type(python_type)  # type: ignore[no-untyped-call]
+        self._name = name
+        self._type = python_type
+        self._look = look
+        profile: Any = qos_profile_services_default
+        with look.node:
+            self._client: Any = rclpy_implementation.Client(
+                look.node, python_type, name, profile.get_c_qos_profile()
+            )
+
+    def call(self, request: Any, timeout_s: float) -> Any:
+        """The response to a request.
+
+        Raises:
+            CommandFailedError: none came in time, or there is no server.
+        """
+        end = time.monotonic() + timeout_s
+        is_there = self._look.wait_for(
+            lambda: self._client.service_server_is_available() or None, timeout_s
+        )
+        if is_there is None:
+            raise CommandFailedError(f"nobody serves {self._name} within {timeout_s:g} s")
+        number = self._client.send_request(request)
+        while time.monotonic() < end:
+            header, response = self._client.take_response(self._type.Response)
+            if header is not None and header.request_id.sequence_number == number:
+                return response
+            time.sleep(POLL_S)
+        raise CommandFailedError(
+            f"{self._name} gave no answer within {timeout_s:g} s",
+            help="its node may hang; `obk lifecycle get` asks for its state",
+        )

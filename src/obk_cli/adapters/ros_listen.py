@@ -1,0 +1,56 @@
+"""Messages of a topic as objects, one after another; waiting has a deadline."""
+
+import time
+from collections.abc import Iterator
+from typing import Any, Final
+
+from obk_cli.adapters.raw_topics import RawTopic
+from obk_cli.errors import CommandFailedError
+from obk_cli.recording.tally import Tally
+
+__all__ = ["arrived", "messages"]
+
+POLL_S: Final = 0.002
+LOOK_S: Final = 0.1
+"""Between two looks at the publishers [s]."""
+
+
+def messages(raw: RawTopic, tally: Tally, timeout_s: float, *, each: bool) -> Iterator[Any]:
+    """The messages that come, without end.
+
+    Args:
+        raw: the topic.
+        tally: counts them, and those that were lost.
+        timeout_s: for the first message [s].
+        each: whether the deadline is for every later one too.
+
+    Raises:
+        CommandFailedError: none came in time.
+    """
+    from rclpy.serialization import deserialize_message
+
+    heard = looked = time.monotonic()
+    while True:
+        for data, info in raw.take():
+            tally.take(info["publication_sequence_number"], raw.publishers)
+            heard = time.monotonic()
+            yield deserialize_message(data, raw.python_type)
+        now = time.monotonic()
+        if now > heard + timeout_s and (each or not tally.count):
+            raise CommandFailedError(
+                f"no message came on {raw.name} within {timeout_s:g} s",
+                help=f"it has {raw.publishers} publishers: `obk topic info {raw.name}` shows "
+                "them, `obk lifecycle get` whether their nodes are active",
+            )
+        if now > looked + LOOK_S:
+            looked = now
+            raw.look()
+        time.sleep(POLL_S)
+
+
+def arrived(raw: RawTopic) -> Iterator[tuple[int, Any]]:
+    """When each message that waits was received [ns since 1970], and the message."""
+    from rclpy.serialization import deserialize_message
+
+    for data, info in raw.take():
+        yield info["received_timestamp"], deserialize_message(data, raw.python_type)

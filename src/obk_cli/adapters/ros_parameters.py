@@ -1,0 +1,92 @@
+"""A node's parameters over its services: their names, values, types, and setting them.
+
+Source: rcl_interfaces/srv.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from obk_cli.adapters.ros_calls import ServiceClient
+from obk_cli.adapters.ros_look import RosLook
+from obk_cli.adapters.ros_types import find_type
+from obk_cli.looking.parameters import KINDS, NOT_SET, Parameter
+
+__all__ = ["NodeParameters"]
+
+PACKAGE: Final = "rcl_interfaces"
+
+
+class NodeParameters:
+    """The parameters of one node; every question has the same deadline."""
+
+    def __init__(self, look: RosLook, node: str, timeout_s: float) -> None:
+        """Ask nothing yet.
+
+        Args:
+            look: whose participant asks.
+            node: full name.
+            timeout_s: for each answer [s].
+        """
+        self._look = look
+        self._node = node
+        self._timeout_s = timeout_s
+
+    def names(self) -> tuple[str, ...]:
+        """The names of all.
+
+        Raises:
+            CommandFailedError: the node gives no answer.
+        """
+        response = self._call("ListParameters", "list_parameters", depth=0)
+        return tuple(sorted(response.result.names))
+
+    def values(self, names: Sequence[str]) -> Mapping[str, Parameter]:
+        """The values of these; `not set` where the node has none of that name.
+
+        Raises:
+            CommandFailedError: the node gives no answer.
+        """
+        response = self._call("GetParameters", "get_parameters", names=list(names))
+        # A node may refuse all of them for one; then it answers with nothing.
+        told = list(response.values) or [None] * len(names)
+        return {name: _parameter(value) for name, value in zip(names, told, strict=True)}
+
+    def set(self, name: str, parameter: Parameter) -> str | None:
+        """Set one; gives the node's reason where it refuses.
+
+        Raises:
+            CommandFailedError: the node gives no answer.
+        """
+        message = find_type(f"{PACKAGE}/msg/Parameter")(name=name)
+        message.value.type = KINDS.index(parameter.kind)
+        if parameter.kind != NOT_SET:
+            setattr(message.value, f"{parameter.kind}_value", _for_message(parameter))
+        response = self._call("SetParameters", "set_parameters", parameters=[message])
+        result = response.results[0]
+        return None if result.successful else str(result.reason) or "it gave no reason"
+
+    def _call(self, kind: str, service: str, **fields: Any) -> Any:
+        python_type = find_type(f"{PACKAGE}/srv/{kind}")
+        client = ServiceClient(self._look, f"{self._node}/{service}", python_type)
+        request = python_type.Request()
+        for name, value in fields.items():
+            setattr(request, name, value)
+        return client.call(request, self._timeout_s)
+
+
+def _parameter(message: Any) -> Parameter:
+    kind = KINDS[message.type] if message is not None else NOT_SET
+    if kind == NOT_SET:
+        return Parameter(kind=kind, value=None)
+    value = getattr(message, f"{kind}_value")
+    if kind == "byte_array":
+        return Parameter(kind=kind, value=tuple(byte[0] for byte in value))
+    return Parameter(kind=kind, value=tuple(value) if kind.endswith("_array") else value)
+
+
+def _for_message(parameter: Parameter) -> Any:
+    if not isinstance(parameter.value, tuple):
+        return parameter.value
+    if parameter.kind == "byte_array":
+        return [bytes([int(byte)]) for byte in parameter.value]
+    return list(parameter.value)

@@ -1,0 +1,86 @@
+"""Message and service types as Python classes, found by name; messages made from plain data.
+
+What a generated package raises is mapped here. The packages of overlays are found once this process
+imports from them (`overlay_environment.import_from`).
+"""
+
+import importlib
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from obelisk_spec.near import did_you_mean
+from obk_cli.errors import CommandFailedError
+from obk_cli.looking.field_types import ArrayType, FieldType, Message, Number, parse_type
+from obk_cli.looking.fill import Data, Now
+
+__all__ = ["fields_of", "find_type", "make_message", "short_type"]
+
+NS: int = 1_000_000_000
+
+
+def find_type(name: str) -> Any:
+    """The class of `pkg/msg/Name` or `pkg/srv/Name`.
+
+    Raises:
+        CommandFailedError: its package is not built for this Python, or has no such type.
+    """
+    package, _, rest = name.partition("/")
+    section, _, kind = rest.rpartition("/")
+    try:
+        module = importlib.import_module(f"{package}.{section or 'msg'}")
+    except Exception as error:  # whatever a generated package may raise
+        raise CommandFailedError(
+            f"the type {name} is not here ({error})",
+            help=f"where `{package}` is a package of a workspace: `obk build {package}` in it; "
+            "else install it, or source the workspace that has it",
+        ) from error
+    if not hasattr(module, kind):
+        known = [one for one in vars(module) if one[:1].isupper() and "_" not in one]
+        raise CommandFailedError(
+            f"the package {package} has no type {name}", help=did_you_mean(kind, known)
+        )
+    return getattr(module, kind)
+
+
+def short_type(name: str) -> str:
+    """`pkg/Name` of `pkg/msg/Name`, as fields name their types; others as they are."""
+    return name.replace("/msg/", "/")
+
+
+def fields_of(name: str) -> Mapping[str, str]:
+    """The names and types of a message's fields, by `pkg/Name` or a full name.
+
+    Raises:
+        CommandFailedError: see `find_type`.
+    """
+    fields: Mapping[str, str] = find_type(name).get_fields_and_field_types()
+    return fields
+
+
+def make_message(name: str, data: Data) -> Any:
+    """A message of a type with these fields, the others as they are by default.
+
+    Args:
+        name: `pkg/Name`, or a full name.
+        data: checked against the type; times that are to be the present are the present.
+    """
+    message = find_type(name)()
+    if data is Now.NOW:
+        message.sec, message.nanosec = divmod(time.time_ns(), NS)
+    elif isinstance(data, dict):
+        fields = fields_of(name)
+        for field, value in data.items():
+            setattr(message, field, _value(value, parse_type(fields[field])))
+    return message
+
+
+def _value(data: Data, kind: FieldType) -> Any:
+    match kind:
+        case Message(name):
+            return make_message(name, data)
+        case ArrayType(item) if isinstance(data, list):
+            return [_value(one, item) for one in data]
+        case Number("octet") if isinstance(data, int):
+            return bytes([data])
+    return data

@@ -1,0 +1,79 @@
+"""What the commands that look into a running stack share: where to look, how long, which types."""
+
+import json
+import sys
+from dataclasses import replace
+from typing import Annotated, Final
+
+import typer
+
+from obk_cli.adapters.ros_environment import ros_environment
+from obk_cli.cli.complete import complete_nodes, complete_topics
+from obk_cli.errors import MisuseError
+from obk_cli.looking.place import Place, place_of
+
+__all__ = [
+    "TIMEOUT_S",
+    "DomainOption",
+    "NodeArgument",
+    "TimeoutOption",
+    "TopicArgument",
+    "here",
+    "print_json",
+    "require_positive",
+    "with_types",
+]
+
+TIMEOUT_S: Final = 5.0
+"""Longer than any node takes to be found [s]."""
+
+DomainOption = Annotated[
+    int | None,
+    typer.Option(min=0, max=232, help="The ROS domain; else ROS_DOMAIN_ID, else a stack's here."),
+]
+TopicArgument = Annotated[
+    str, typer.Argument(help="Its name or the end.", autocompletion=complete_topics)
+]
+NodeArgument = Annotated[
+    str, typer.Argument(help="A node, full or in short.", autocompletion=complete_nodes)
+]
+TimeoutOption = Annotated[float, typer.Option(help="Seconds to wait for whoever is to answer.")]
+
+
+def here(domain: int | None, timeout_s: float) -> Place:
+    """Where to look, by these options of a command.
+
+    Raises:
+        CommandFailedError: ROS_DOMAIN_ID is no domain.
+        MisuseError: the time is none.
+    """
+    require_positive("--timeout", timeout_s)
+    environment = ros_environment()
+    for note in environment.notes:
+        print(f"warning: {note}", file=sys.stderr)
+    return place_of(environment, domain)
+
+
+def with_types(place: Place) -> Place:
+    """The place where the message types of its stacks are found, for this process too."""
+    from obk_cli.cli.type_paths import with_run_types
+
+    environment = place.environment
+    for folder in place.runs or (None,):
+        environment = with_run_types(environment, folder)
+    return replace(place, environment=environment)
+
+
+def require_positive(option: str, seconds: float | None) -> None:
+    """Refuse an option's number that is not above 0.
+
+    Raises:
+        MisuseError: it is not.
+    """
+    if seconds is not None and not seconds > 0:
+        raise MisuseError(f"`{option}` is a number above 0")
+
+
+def print_json(value: object) -> None:
+    """Print a result for a program."""
+    print(json.dumps(value, indent=1))

@@ -1,0 +1,87 @@
+"""`obk node list|info`: the nodes of a running stack."""
+
+from typing import Annotated
+
+import typer
+
+from obk_cli.cli.looking_options import (
+    TIMEOUT_S,
+    DomainOption,
+    NodeArgument,
+    TimeoutOption,
+    here,
+    print_json,
+)
+from obk_cli.cli.text_or_json import FormatOption, wants_json
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    add_completion=False,
+    rich_markup_mode=None,
+    no_args_is_help=True,
+    help="Look at the nodes of a running stack.",
+)
+
+
+@app.callback(epilog="Example: obk node info control_0")
+def _root() -> None:
+    """Look at nodes. A node may be named in short: control_0."""
+
+
+@app.command("list", epilog="Example: obk node list --format json")
+def list_(
+    wait: Annotated[
+        float | None,
+        typer.Option(help="Seconds to wait for nodes that nobody here knows of; 3.3 finds all."),
+    ] = None,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+    format: FormatOption = "text",
+) -> None:
+    """Show every node; of those that `obk launch` started here the state and the process too."""
+    is_json = wants_json(format)
+    place = here(domain, timeout)
+
+    from obk_cli.adapters.ros_look import open_look
+    from obk_cli.looking.finding import settle
+    from obk_cli.looking.nodes import known_nodes
+    from obk_cli.report.nodes import nodes_data, nodes_text
+
+    with open_look(place.environment) as look:
+        settle(look, place, timeout, wait_s=wait)
+        nodes = look.nodes()
+    known = known_nodes(place)
+    if is_json:
+        print_json(nodes_data(nodes, known))
+        return
+    print("\n".join(nodes_text(nodes, known)))
+
+
+@app.command(epilog="Example: obk node info control_0")
+def info(
+    node: NodeArgument,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+    format: FormatOption = "text",
+) -> None:
+    """Show a node's publishers, subscriptions, services, parameters, state and process.
+
+    The state is the launcher's word where `obk launch` started the node here, else the node's.
+    """
+    is_json = wants_json(format)
+    place = here(domain, timeout)
+
+    from obk_cli.adapters.ros_look import open_look
+    from obk_cli.looking.finding import find_node, settle
+    from obk_cli.looking.nodes import look_at_node
+    from obk_cli.report.nodes import node_data, node_text
+
+    with open_look(place.environment) as look:
+        name = find_node(look, place, node, timeout)
+        settle(look, place, timeout)
+        seen = look_at_node(look, place, name, timeout)
+    if is_json:
+        print_json(node_data(seen))
+        return
+    print("\n".join(node_text(seen)))

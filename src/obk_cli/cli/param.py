@@ -1,0 +1,214 @@
+"""`obk param list|get|set|dump`: the parameters of running nodes."""
+
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from obelisk_spec.near import did_you_mean
+from obk_cli.cli.complete import complete_nodes
+from obk_cli.cli.looking_options import (
+    TIMEOUT_S,
+    DomainOption,
+    NodeArgument,
+    TimeoutOption,
+    here,
+    print_json,
+)
+from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.emit.params import emit_node_params, emit_value
+from obk_cli.emit.write import write_text
+from obk_cli.errors import CommandFailedError
+from obk_cli.looking.parameters import NOT_SET, Parameter, fit_parameter, parse_parameter
+from obk_cli.report.escapes import plain
+
+if TYPE_CHECKING:
+    from obk_cli.adapters.ros_parameters import NodeParameters
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    add_completion=False,
+    rich_markup_mode=None,
+    no_args_is_help=True,
+    help="Look at and set the parameters of running nodes.",
+)
+
+
+@app.callback(epilog="Example: obk param get robot_0 use_sim_time")
+def _root() -> None:
+    """Ask nodes for their parameters, or set them. A node may be named in short: control_0."""
+
+
+@app.command("list", epilog="Example: obk param list control_0")
+def list_(
+    node: Annotated[
+        str | None,
+        typer.Argument(help="A node; else every one.", autocompletion=complete_nodes),
+    ] = None,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+    format: FormatOption = "text",
+) -> None:
+    """Show the names of a node's parameters, or of all nodes'."""
+    is_json = wants_json(format)
+    place = here(domain, timeout)
+
+    from obk_cli.adapters.ros_look import open_look
+    from obk_cli.adapters.ros_parameters import NodeParameters
+    from obk_cli.looking.finding import find_node, settle
+    from obk_cli.looking.graph import parameter_nodes
+
+    names: dict[str, tuple[str, ...]] = {}
+    silent: list[str] = []
+    with open_look(place.environment) as look:
+        if node is None:
+            settle(look, place, timeout)
+            meant = parameter_nodes(look.graph())
+        else:
+            meant = (find_node(look, place, node, timeout),)
+        for one in meant:
+            try:
+                names[one] = NodeParameters(look, one, timeout).names()
+            except CommandFailedError as error:
+                silent.append(error.message)
+    if is_json:
+        print_json(names)
+    elif node is not None:
+        print("\n".join(name for of_node in names.values() for name in of_node))
+    else:
+        for one, of_node in names.items():
+            print("\n".join([f"{one}:", *(f"  {name}" for name in of_node)]))
+    if silent:
+        raise CommandFailedError("; ".join(silent))
+
+
+@app.command(epilog="Example: obk param get robot_0 ic_keyframe")
+def get(
+    node: NodeArgument,
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME...]", help="Parameters; else all.")
+    ] = None,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+    format: FormatOption = "text",
+) -> None:
+    """Show the values of a node's parameters, with their types.
+
+    Exit code 1 where the node has none of a name.
+    """
+    is_json = wants_json(format)
+    with _asked(node, domain, timeout) as asked:
+        known = asked.parameters.names()
+        wanted = tuple(names or known)
+        _require_known(asked.node, wanted, known)
+        values = asked.parameters.values(wanted)
+    if is_json:
+        print_json({name: {"type": one.kind, "value": one.value} for name, one in values.items()})
+        return
+    print("\n".join(_lines(values)))
+
+
+@app.command("set", epilog="Example: obk param set control_0 gain 2.5")
+def set_(
+    node: NodeArgument,
+    name: Annotated[str, typer.Argument(help="The parameter.")],
+    value: Annotated[str, typer.Argument(help="As YAML: 2.5, true, on, [1, 2], 'a text'.")],
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+) -> None:
+    """Set a parameter of a running node.
+
+    VALUE is read as in a parameter file of ROS, then as the parameter's type wants it: 1 is 1.0 to
+    a double. A value that begins with a minus sign goes behind `--`. Exit code 1 where the node
+    refuses, with its reason.
+    """
+    given = parse_parameter(value)
+    with _asked(node, domain, timeout) as asked:
+        present = asked.parameters.values((name,))[name]
+        fitted = fit_parameter(value, given, present.kind)
+        reason = asked.parameters.set(name, fitted)
+        if reason is not None:
+            known = asked.parameters.names()
+            if name not in known:
+                _require_known(asked.node, (name,), known)
+            raise CommandFailedError(
+                f"{asked.node} refuses {name} = {_text(fitted)}: {reason}",
+                help=f"it is of the type {present.kind}, now {_text(present)}"
+                if present.kind != fitted.kind
+                else None,
+            )
+    print(f"{asked.node}: {name} = {_text(fitted)} ({fitted.kind}), before {_text(present)}")
+
+
+@app.command(epilog="Example: obk param dump control_0 --output control_0.yaml")
+def dump(
+    node: NodeArgument,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Else the terminal.")
+    ] = None,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+) -> None:
+    """Write a node's parameters as a file that `--params-file` takes, whole or not at all."""
+    with _asked(node, domain, timeout) as asked:
+        values = asked.parameters.values(asked.parameters.names())
+    written = {}
+    for name, one in values.items():
+        if one.value is None or one.kind == "byte_array":
+            print(f"warning: {name} is {one.kind}: left out", file=sys.stderr)
+        else:
+            written[name] = one.value
+    text = emit_node_params(asked.node, written)
+    if output is None:
+        print(text, end="")
+        return
+    try:
+        write_text(output, text)
+    except OSError as error:
+        raise CommandFailedError(f"{output} cannot be written: {error.strerror}") from error
+    print(f"{len(written)} parameters of {asked.node} in {output}", file=sys.stderr)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Asked:
+    """One node and its parameters."""
+
+    node: str
+    parameters: "NodeParameters"
+
+
+@contextmanager
+def _asked(node: str, domain: int | None, timeout_s: float) -> Iterator[_Asked]:
+    place = here(domain, timeout_s)
+
+    from obk_cli.adapters.ros_look import open_look
+    from obk_cli.adapters.ros_parameters import NodeParameters
+    from obk_cli.looking.finding import find_node
+
+    with open_look(place.environment) as look:
+        found = find_node(look, place, node, timeout_s)
+        yield _Asked(node=found, parameters=NodeParameters(look, found, timeout_s))
+
+
+def _require_known(node: str, wanted: Sequence[str], known: Sequence[str]) -> None:
+    unknown = [name for name in wanted if name not in known]
+    if unknown:
+        raise CommandFailedError(
+            f"{node} has no parameter `{unknown[0]}`", help=did_you_mean(unknown[0], known)
+        )
+
+
+def _lines(values: Mapping[str, Parameter]) -> Iterator[str]:
+    names = max(map(len, values), default=0)
+    kinds = max((len(one.kind) for one in values.values()), default=0)
+    for name, one in values.items():
+        yield f"{name:<{names}}  {one.kind:<{kinds}}  {_text(one)}"
+
+
+def _text(parameter: Parameter) -> str:
+    return NOT_SET if parameter.value is None else plain(emit_value(parameter.value))

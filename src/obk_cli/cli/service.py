@@ -1,0 +1,106 @@
+"""`obk service list|call`: the services of a running stack."""
+
+import json
+from typing import Annotated
+
+import typer
+
+from obk_cli.cli.looking_options import (
+    TIMEOUT_S,
+    DomainOption,
+    TimeoutOption,
+    here,
+    print_json,
+    with_types,
+)
+from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.errors import EXIT_FAILED
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    add_completion=False,
+    rich_markup_mode=None,
+    no_args_is_help=True,
+    help="Look at and call the services of a running stack.",
+)
+
+
+@app.callback(epilog="Example: obk service call robot_0/pause '{data: true}'")
+def _root() -> None:
+    """Look at services, and call them."""
+
+
+@app.command("list", epilog="Example: obk service list --node robot_0")
+def list_(
+    node: Annotated[str | None, typer.Option(metavar="NODE", help="Of this node only.")] = None,
+    all_: Annotated[
+        bool, typer.Option("--all", help="Those that every node has for its parameters, too.")
+    ] = False,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+    format: FormatOption = "text",
+) -> None:
+    """Show the services with their types."""
+    is_json = wants_json(format)
+    place = here(domain, timeout)
+
+    from obk_cli.adapters.ros_look import open_look
+    from obk_cli.looking.finding import find_node, settle
+    from obk_cli.looking.graph import special_services
+    from obk_cli.report.graph import services_text
+
+    with open_look(place.environment) as look:
+        of_node = None if node is None else find_node(look, place, node, timeout)
+        settle(look, place, timeout)
+        services = look.service_types() if of_node is None else look.services_of(of_node)
+    shown = services if all_ else special_services(services)
+    if is_json:
+        print_json({name: list(types) for name, types in shown.items()})
+        return
+    print("\n".join(services_text(shown)))
+
+
+@app.command(epilog="Example: obk service call obelisk_robot_0/step '{data: 10}'")
+def call(
+    service: Annotated[str, typer.Argument(help="Its name or the end: robot_0/reset.")],
+    request: Annotated[
+        str, typer.Argument(metavar="[REQUEST]", help="As YAML; else as it is by default.")
+    ] = "",
+    service_type: Annotated[
+        str | None,
+        typer.Option("--type", metavar="TYPE", help="As pkg/srv/Name, where nodes differ."),
+    ] = None,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+    format: FormatOption = "text",
+) -> None:
+    """Call a service and show the response.
+
+    Every field of REQUEST is checked against the type before anything is asked. Exit code 1 where
+    no answer comes in time, and where the response has `success: false`.
+    """
+    is_json = wants_json(format)
+    place = with_types(here(domain, timeout))
+
+    from obk_cli.adapters.ros_calls import ServiceClient
+    from obk_cli.adapters.ros_look import open_look
+    from obk_cli.adapters.ros_types import find_type, make_message
+    from obk_cli.cli.message_argument import parse_message
+    from obk_cli.looking.finding import find_service, the_type
+    from obk_cli.looking.plain_data import plain_data
+    from obk_cli.report.messages import json_line, message_text
+
+    with open_look(place.environment) as look:
+        name = find_service(look, place, service, timeout)
+        types = (service_type,) if service_type else look.service_types()[name]
+        kind = the_type("service", name, types)
+        data = parse_message(request, f"{kind}_Request")
+        client = ServiceClient(look, name, find_type(kind))
+        response = plain_data(client.call(make_message(f"{kind}_Request", data), timeout))
+    if is_json:
+        print(json.dumps(json.loads(json_line(response)), indent=1))
+    else:
+        print("\n".join(message_text(response, is_whole=True)))
+    if isinstance(response, dict) and response.get("success") is False:
+        raise typer.Exit(EXIT_FAILED)

@@ -1,0 +1,95 @@
+"""`obk topic list|info|echo|hz|delay|pub`: the topics of a running stack."""
+
+from typing import Annotated
+
+import typer
+
+from obk_cli.cli import topic_echo, topic_pub, topic_rates
+from obk_cli.cli.looking_options import (
+    TIMEOUT_S,
+    DomainOption,
+    TimeoutOption,
+    TopicArgument,
+    here,
+    print_json,
+)
+from obk_cli.cli.text_or_json import FormatOption, wants_json
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    add_completion=False,
+    rich_markup_mode=None,
+    no_args_is_help=True,
+    help="Look at the topics of a running stack.",
+)
+
+EXAMPLE = "Example: obk topic echo est q_joints[0]"
+
+
+@app.callback(epilog=EXAMPLE)
+def _root() -> None:
+    """Look at topics, hear and publish messages. A topic may be given by the end of its name."""
+
+
+@app.command("list", epilog="Example: obk topic list --format json")
+def list_(
+    all_: Annotated[bool, typer.Option("--all", help="Hidden ones too, as actions' are.")] = False,
+    wait: Annotated[
+        float | None,
+        typer.Option(help="Seconds to wait for nodes that nobody here knows of; 3.3 finds all."),
+    ] = None,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+    format: FormatOption = "text",
+) -> None:
+    """Show every topic with its type and how many publish and subscribe."""
+    is_json = wants_json(format)
+    place = here(domain, timeout)
+
+    from obk_cli.adapters.ros_look import open_look
+    from obk_cli.looking.finding import settle
+    from obk_cli.looking.graph import visible
+    from obk_cli.report.graph import topics_data, topics_text
+
+    with open_look(place.environment) as look:
+        settle(look, place, timeout, wait_s=wait)
+        graph = look.graph() if all_ else visible(look.graph())
+    if is_json:
+        print_json(topics_data(graph))
+        return
+    print("\n".join(topics_text(graph)))
+
+
+@app.command(epilog="Example: obk topic info est")
+def info(
+    topic: TopicArgument,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+    format: FormatOption = "text",
+) -> None:
+    """Show who publishes on a topic and who subscribes, each with quality of service.
+
+    Ends that do not hear each other, for their type or quality of service, are told.
+    """
+    is_json = wants_json(format)
+    place = here(domain, timeout)
+
+    from obk_cli.adapters.ros_look import open_look
+    from obk_cli.looking.finding import find_topic, settle
+    from obk_cli.report.graph import topic_data, topic_text
+
+    with open_look(place.environment) as look:
+        found = find_topic(look, place, topic, timeout, is_heard=False)
+        settle(look, place, timeout)
+        seen = look.topic(found.name)
+    if is_json:
+        print_json(topic_data(seen))
+        return
+    print("\n".join(topic_text(seen)))
+
+
+app.command("echo", epilog=topic_echo.EXAMPLE)(topic_echo.command)
+app.command("hz", epilog=topic_rates.HZ_EXAMPLE)(topic_rates.hz)
+app.command("delay", epilog=topic_rates.DELAY_EXAMPLE)(topic_rates.delay)
+app.command("pub", epilog=topic_pub.EXAMPLE)(topic_pub.command)

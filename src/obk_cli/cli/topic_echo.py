@@ -1,0 +1,86 @@
+"""`obk topic echo TOPIC [FIELD...]`: the messages of a topic as they come."""
+
+import sys
+from itertools import islice
+from typing import Annotated
+
+import typer
+
+from obk_cli.cli.looking_options import (
+    TIMEOUT_S,
+    DomainOption,
+    TimeoutOption,
+    TopicArgument,
+    here,
+    with_types,
+)
+from obk_cli.errors import MisuseError
+from obk_cli.recording.tally import Tally
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = """\b
+Example: obk topic echo est q_joints[0] --once
+         obk topic echo est --csv -n 1000 > est.csv
+"""
+
+
+def command(
+    topic: TopicArgument,
+    fields: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[FIELD...]", help="Only these: q_joints[0], header.stamp."),
+    ] = None,
+    field: Annotated[
+        list[str] | None, typer.Option(metavar="FIELD", help="The same; may be repeated.")
+    ] = None,
+    once: Annotated[bool, typer.Option("--once", help="One message.")] = False,
+    count: Annotated[
+        int | None, typer.Option("--count", "-n", min=1, help="As many messages.")
+    ] = None,
+    full: Annotated[bool, typer.Option("--full", help="Long arrays to their end.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="A row a message, names first.")] = False,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+    format: Annotated[
+        str, typer.Option(metavar="text|json|csv", help="How to show; json: an object a line.")
+    ] = "text",
+) -> None:
+    """Show the messages of a topic, until Ctrl-C.
+
+    The subscription asks for what the publishers offer: best effort is heard, and what was
+    published before, where they keep it. --timeout is for the topic to be there and for the first
+    message; with --once or --count for each. Rows of CSV have the columns of the first message.
+    """
+    if format not in ("text", "json", "csv"):
+        raise MisuseError(f"`--format {format}`: expected `text`, `json` or `csv`")
+    most = 1 if once else count
+
+    from obk_cli.adapters.ros_listen import messages
+    from obk_cli.adapters.ros_look import open_look
+    from obk_cli.adapters.ros_types import fields_of, find_type, short_type
+    from obk_cli.looking.finding import find_topic, the_type
+    from obk_cli.looking.selection import check_selection, parse_selection
+    from obk_cli.report.show import Shower
+
+    selections = [parse_selection(text) for text in (*(fields or ()), *(field or ()))]
+    place = with_types(here(domain, timeout))
+    with open_look(place.environment) as look:
+        seen = find_topic(look, place, topic, timeout)
+        msg_type = the_type("topic", seen.name, seen.msg_types)
+        python_type = find_type(msg_type)
+        for selection in selections:
+            check_selection(selection, short_type(msg_type), fields_of)
+        shower = Shower(selections, "csv" if csv else format, is_whole=full, warn=_warn)
+        raw = look.listen(seen.name, msg_type, python_type)
+        tally = Tally()
+        try:
+            for message in islice(messages(raw, tally, timeout, each=most is not None), most):
+                print("\n".join(shower.lines(message)), flush=True)
+        finally:
+            if tally.dropped:
+                _warn(f"{tally.dropped} messages were lost: they came faster than they were shown")
+
+
+def _warn(text: str) -> None:
+    print(f"warning: {text}", file=sys.stderr)

@@ -1,0 +1,152 @@
+"""`obk topic pub TOPIC [TYPE] [MESSAGE]`: messages written as YAML, published once or at a rate."""
+
+import sys
+import time
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from obelisk_spec.names import topic_name_fault
+from obelisk_spec.near import list_names
+from obk_cli.cli.looking_options import (
+    TIMEOUT_S,
+    DomainOption,
+    TimeoutOption,
+    TopicArgument,
+    here,
+    require_positive,
+    with_types,
+)
+from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.looking.graph import TopicSeen
+from obk_cli.looking.place import Place
+
+if TYPE_CHECKING:
+    from obk_cli.adapters.ros_look import RosLook
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = """\b
+Example: obk topic pub /gain std_msgs/msg/Float64 '{data: 0.5}' --once
+         obk topic pub goal '{header: auto, q_joints: [0.1, 0.2]}' --rate 10
+"""
+
+
+def command(
+    topic: TopicArgument,
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[TYPE] [MESSAGE]", help="As pkg/msg/Name, and as YAML."),
+    ] = None,
+    once: Annotated[bool, typer.Option("--once", help="One message, then end.")] = False,
+    count: Annotated[
+        int | None, typer.Option("--count", "-n", min=1, help="As many messages, then end.")
+    ] = None,
+    rate: Annotated[float, typer.Option(help="Messages per second.")] = 1.0,
+    wait_for: Annotated[
+        int, typer.Option(min=0, help="How many subscribers to wait for before the first.")
+    ] = 1,
+    allow_foreign: Annotated[
+        bool, typer.Option("--allow-foreign", help="Publish on a topic that moves a robot, too.")
+    ] = False,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+) -> None:
+    """Publish messages on a topic, until Ctrl-C.
+
+    TYPE may be left out where the topic has one. Fields that MESSAGE does not name are as they are
+    by default; `header: auto` and `stamp: now` are the time of publishing. Every field is checked
+    against the type before anything is sent. Topics that a running robot listens to are refused
+    unless --allow-foreign is given.
+    """
+    require_positive("--rate", rate)
+    msg_type, text = _type_and_text(words or [])
+    place = with_types(here(domain, timeout))
+    most = 1 if once else count
+
+    from obk_cli.adapters.ros_look import open_look
+    from obk_cli.adapters.ros_publisher import RosPublisher
+    from obk_cli.adapters.ros_types import find_type, make_message
+    from obk_cli.cli.message_argument import parse_message
+
+    with open_look(place.environment) as look:
+        seen = _topic(look, place, topic, msg_type, timeout)
+        full_type = msg_type or seen.msg_types[0]
+        data = parse_message(text, full_type)
+        _refuse_moving(seen, place, is_allowed=allow_foreign)
+        is_latched = any(e.qos.durability == "transient_local" for e in seen.subscriptions)
+        publisher = RosPublisher(
+            look, seen.name, find_type(full_type), is_transient_local=is_latched
+        )
+        if not look.wait_for(lambda: publisher.subscribers >= wait_for or None, timeout):
+            raise CommandFailedError(
+                f"{publisher.subscribers} of {wait_for} subscribers of {seen.name} came within "
+                f"{timeout:g} s",
+                help="`--wait-for 0` publishes without any",
+            )
+        begin, sent = time.monotonic(), 0
+        while most is None or sent < most:
+            publisher.until(begin + sent / rate)
+            publisher.publish(make_message(full_type, data))
+            sent += 1
+        if not publisher.rest():
+            print("warning: not every subscriber has confirmed the last message", file=sys.stderr)
+        print(f"published {sent} message{'s' if sent > 1 else ''} on {seen.name}")
+
+
+def _type_and_text(words: list[str]) -> tuple[str | None, str]:
+    """The type and the message among what follows the topic.
+
+    Raises:
+        MisuseError: there is more than the two.
+    """
+    is_type = bool(words) and words[0].count("/") == 2 and not set(words[0]) & set(" {}:[]")
+    rest = words[1:] if is_type else words
+    if len(rest) > 1:
+        raise MisuseError(
+            f"`{rest[1]}` is too much",
+            help="TOPIC [TYPE] [MESSAGE], the message in quotes",
+        )
+    return words[0] if is_type else None, rest[0] if rest else ""
+
+
+def _topic(
+    look: "RosLook", place: Place, name: str, msg_type: str | None, timeout_s: float
+) -> TopicSeen:
+    """The topic; one that nobody has yet needs a full name and a type.
+
+    Raises:
+        CommandFailedError: there is none of that name, or it has another type.
+        MisuseError: a new one's name is none.
+    """
+    from obk_cli.looking.finding import find_topic, the_type
+
+    if msg_type is None or not name.startswith("/"):
+        seen = find_topic(look, place, name, timeout_s, is_heard=False)
+        the_type("topic", seen.name, {msg_type} if msg_type else seen.msg_types)
+    else:
+        if fault := topic_name_fault(name):
+            raise MisuseError(f"`{name}` is no topic: {fault}")
+        # Who listens is to be known, for the sake of robots.
+        look.settle(place.nodes, 0.5, timeout_s if place.nodes else 0.5)
+        seen = look.topic(name)
+    if msg_type is not None and seen.msg_types and msg_type not in seen.msg_types:
+        raise CommandFailedError(
+            f"{seen.name} is of the type {' and '.join(seen.msg_types)}, not {msg_type}",
+            help="nobody would hear the messages",
+        )
+    return seen
+
+
+def _refuse_moving(topic: TopicSeen, place: Place, *, is_allowed: bool) -> None:
+    from obk_cli.looking.guard import moved_by
+
+    robots = moved_by(topic, place.plans)
+    if not robots:
+        return
+    if not is_allowed:
+        raise CommandFailedError(
+            f"{topic.name} moves {list_names(robots)}, which runs in the ROS domain {place.domain}",
+            help="publish there only on purpose, with `--allow-foreign`",
+        )
+    print(f"warning: {topic.name} moves {list_names(robots)}", file=sys.stderr)

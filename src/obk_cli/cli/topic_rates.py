@@ -1,0 +1,159 @@
+"""`obk topic hz TOPIC...` and `obk topic delay TOPIC`: how often and how late messages come."""
+
+import sys
+import time
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from obk_cli.cli.complete import complete_topics
+from obk_cli.cli.looking_options import (
+    TIMEOUT_S,
+    DomainOption,
+    TimeoutOption,
+    TopicArgument,
+    here,
+    require_positive,
+    with_types,
+)
+from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.errors import CommandFailedError
+
+if TYPE_CHECKING:
+    from obk_cli.looking.delays import DelayMeter
+
+__all__ = ["DELAY_EXAMPLE", "HZ_EXAMPLE", "delay", "hz"]
+
+HZ_EXAMPLE = "Example: obk topic hz est ctrl --duration 5"
+DELAY_EXAMPLE = "Example: obk topic delay est --duration 5"
+TELL_S: Final = 1.0
+"""Between two reports [s]."""
+POLL_S: Final = 0.001
+"""Delays are small: nobody waits longer than this for a message [s]."""
+
+DurationOption = Annotated[
+    float | None, typer.Option(help="Seconds after which to end, with one report.")
+]
+
+
+def hz(
+    topics: Annotated[
+        list[str],
+        typer.Argument(metavar="TOPIC...", help="Names or ends.", autocompletion=complete_topics),
+    ],
+    window: Annotated[float, typer.Option(help="Seconds that the figures go back.")] = 10.0,
+    duration: DurationOption = None,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+    format: FormatOption = "text",
+) -> None:
+    """Measure how often messages come, on messages as they are sent: a report each second.
+
+    Times are those at which the middleware received a message. min, max and std dev are of the time
+    between two messages; 99 % of these times are off their mean by at most the jitter. Losses are
+    gaps in the publisher's numbers, unknown where several publish. Ends on Ctrl-C or after
+    --duration; exit code 1 where no message came within --timeout.
+    """
+    is_json = wants_json(format)
+    require_positive("--window", window)
+    require_positive("--duration", duration)
+    place = with_types(here(domain, timeout))
+
+    from obk_cli.adapters.ros_look import open_look
+    from obk_cli.adapters.ros_meter import RosMeter
+    from obk_cli.adapters.ros_types import find_type
+    from obk_cli.looking.finding import find_topic, the_type
+
+    with open_look(place.environment) as look:
+        meter = RosMeter(look, duration or window)
+        for topic in topics:
+            seen = find_topic(look, place, topic, timeout)
+            msg_type = the_type("topic", seen.name, seen.msg_types)
+            meter.add(seen.name, msg_type, find_type(msg_type))
+        begin = told = time.monotonic()
+        while duration is None or time.monotonic() < begin + duration:
+            meter.turn()
+            if duration is None and time.monotonic() > told + TELL_S:
+                told = time.monotonic()
+                _tell_rates(meter.rates(), is_json=is_json)
+                _require_messages(meter.rates(), told - begin, timeout)
+        rates = meter.rates()
+    _tell_rates(rates, is_json=is_json)
+    _require_messages(rates, duration, duration)
+
+
+def delay(
+    topic: TopicArgument,
+    window: Annotated[int, typer.Option(min=1, help="Messages that the figures go back.")] = 10_000,
+    duration: DurationOption = None,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+    format: FormatOption = "text",
+) -> None:
+    """Measure how long messages were on their way, by the stamps in their headers.
+
+    From the stamp to the receipt by the middleware here. Stamps of another clock, such as a
+    simulator's, tell only how much later than the quickest message the others came.
+    """
+    is_json = wants_json(format)
+    require_positive("--duration", duration)
+    place = with_types(here(domain, timeout))
+
+    from obk_cli.adapters.ros_listen import arrived
+    from obk_cli.adapters.ros_look import open_look
+    from obk_cli.adapters.ros_types import fields_of, find_type, short_type
+    from obk_cli.looking.delays import DelayMeter
+    from obk_cli.looking.finding import find_topic, the_type
+    from obk_cli.looking.stamps import stamp_of
+
+    with open_look(place.environment) as look:
+        seen = find_topic(look, place, topic, timeout)
+        msg_type = the_type("topic", seen.name, seen.msg_types)
+        python_type = find_type(msg_type)
+        stamp = stamp_of(short_type(msg_type), fields_of)
+        raw = look.listen(seen.name, msg_type, python_type)
+        meter = DelayMeter(window)
+        begin = told = time.monotonic()
+        while duration is None or time.monotonic() < begin + duration:
+            for received_ns, message in arrived(raw):
+                meter.take(received_ns, stamp(message))
+            if duration is None and time.monotonic() > told + TELL_S:
+                told = time.monotonic()
+                _tell_delay(seen.name, meter, told - begin, timeout, is_json=is_json)
+            time.sleep(POLL_S)
+    if duration is not None:
+        _tell_delay(seen.name, meter, duration, duration, is_json=is_json)
+
+
+def _tell_rates(rates: Mapping[str, Any], *, is_json: bool) -> None:
+    from obk_cli.report.messages import json_line
+    from obk_cli.report.rates import rate_data, rate_text
+
+    width = max(map(len, rates))
+    for name, rate in rates.items():
+        text = f"{name:<{width}}  {rate_text(rate)}"
+        print(json_line(rate_data(name, rate)) if is_json else text, flush=True)
+
+
+def _require_messages(rates: Mapping[str, Any], passed_s: float | None, limit_s: float) -> None:
+    silent = [name for name, rate in rates.items() if not rate.count]
+    if silent and (passed_s is None or passed_s >= limit_s):
+        raise CommandFailedError(f"no message came on {', '.join(silent)} within {limit_s:g} s")
+
+
+def _tell_delay(
+    topic: str, meter: "DelayMeter", passed_s: float, limit_s: float, *, is_json: bool
+) -> None:
+    from obk_cli.report.messages import json_line
+    from obk_cli.report.rates import delay_data, delay_text
+
+    found = meter.delay()
+    if found is not None:
+        print(json_line(delay_data(topic, found)) if is_json else delay_text(found), flush=True)
+    elif meter.unstamped:
+        raise CommandFailedError(f"the stamps of the messages on {topic} are zero: never set")
+    elif passed_s >= limit_s:
+        raise CommandFailedError(f"no message came on {topic} within {limit_s:g} s")
+    else:
+        print(f"no message on {topic} yet", file=sys.stderr)

@@ -1,0 +1,27 @@
+"""Where the message types of a running stack are found: in the overlays of its workspace."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from obk_cli.adapters.overlay import overlay_prefixes
+from obk_cli.adapters.overlay_environment import import_from, with_overlays
+from obk_cli.adapters.packages import PackageIndex
+from obk_cli.adapters.process_start import working_folder
+from obk_cli.adapters.ros_environment import RosEnvironment
+from obk_cli.launch.runs import read_run
+
+__all__ = ["with_run_types"]
+
+
+def with_run_types(environment: RosEnvironment, run_folder: Path | None) -> RosEnvironment:
+    """The environment in which message types of the workspace are found, here too.
+
+    The workspace is that of the run's config, as its launcher was called, and the one around here.
+    """
+    run = read_run(run_folder) if run_folder else None
+    launched_in = working_folder(run.pid) if run else None
+    folder = (launched_in / run.config).parent if run and launched_in else Path.cwd()
+    index = PackageIndex.around(folder, Path.cwd(), environment.variables)
+    overlays = overlay_prefixes(index.workspaces)
+    import_from(overlays)
+    return replace(environment, variables=with_overlays(environment.variables, overlays))

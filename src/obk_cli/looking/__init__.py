@@ -1,0 +1,1 @@
+"""Looking into a running stack: topics, rates, parameters, services; asks ROS nothing itself."""

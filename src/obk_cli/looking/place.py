@@ -1,0 +1,78 @@
+"""Where a command looks: a ROS domain, and the stacks of this host that run in it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+from obk_cli.adapters.live_runs import live_folders
+from obk_cli.adapters.ros_environment import RosEnvironment
+from obk_cli.errors import CommandFailedError
+from obk_cli.launch.runs import Run, runs_folder
+from obk_cli.recording.made_from import run_plan, run_topics
+
+__all__ = ["Place", "place_of"]
+
+DOMAIN: Final = "ROS_DOMAIN_ID"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """A ROS domain, and what this host's run folders tell of it."""
+
+    environment: RosEnvironment
+    runs: Mapping[Path, Run]
+    """Folder -> live run of this host in the domain, newest first."""
+
+    @property
+    def domain(self) -> int:
+        """The ROS domain."""
+        return self.environment.domain
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """Full names of the nodes that are known to run."""
+        return tuple(node for run in self.runs.values() for node in run.all_nodes)
+
+    @property
+    def topics(self) -> Mapping[str, str | None]:
+        """The topics of the runs' plans, with their types where the plans tell."""
+        return {name: kind for folder in self.runs for name, kind in run_topics(folder).items()}
+
+    @property
+    def plans(self) -> tuple[Mapping[str, Any], ...]:
+        """The configs of the runs as compiled."""
+        return tuple(run_plan(folder) for folder in self.runs)
+
+    def nobody(self) -> CommandFailedError:
+        """The error that there is no node in the domain at all."""
+        live = live_folders(runs_folder(self.environment.variables)).values()
+        others = [f"{run.name} in {run.domain}" for run in live if run.domain != self.domain]
+        return CommandFailedError(
+            f"no stack runs in the ROS domain {self.domain}, and no other node was found in it",
+            help=(
+                f"in other domains there are: {', '.join(others)}; use `--domain`, see `obk ps`"
+                if others
+                else "start a stack with `obk launch`; one on another host needs "
+                "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET here and there"
+            ),
+        )
+
+
+def place_of(environment: RosEnvironment, domain: int | None) -> Place:
+    """Where to look.
+
+    Args:
+        environment: of ROS, as the user has it.
+        domain: as the user names it; None: that of ROS_DOMAIN_ID, else that of the stacks of this
+            host where all are in one, else 0.
+    """
+    variables = environment.variables
+    live = live_folders(runs_folder(variables))
+    if domain is None and not variables.get(DOMAIN):
+        domains = {run.domain for run in live.values()}
+        domain = domains.pop() if len(domains) == 1 else None
+    if domain is not None:
+        environment = replace(environment, variables={**variables, DOMAIN: str(domain)})
+    here = {folder: run for folder, run in live.items() if run.domain == environment.domain}
+    return Place(environment=environment, runs=here)

@@ -1,0 +1,78 @@
+"""Nodes for a person and for a program."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from obk_cli.launch.asks import NodeStatus
+from obk_cli.looking.graph import special_services
+from obk_cli.looking.nodes import NodeSeen
+from obk_cli.report.escapes import plain
+
+__all__ = ["node_data", "node_text", "nodes_data", "nodes_text"]
+
+
+def nodes_text(nodes: Iterable[str], known: Mapping[str, NodeStatus]) -> Iterator[str]:
+    """A line for each node."""
+    every = tuple(nodes)
+    width = max(map(len, every), default=0)
+    for node in every:
+        words = f"{node:<{width}}  {_status(known[node])}" if node in known else node
+        yield plain(words)
+
+
+def nodes_data(nodes: Iterable[str], known: Mapping[str, NodeStatus]) -> list[dict[str, Any]]:
+    """An object for each node."""
+    return [{"node": node, **_status_data(known.get(node))} for node in nodes]
+
+
+def node_text(seen: NodeSeen) -> Iterator[str]:
+    """The lines on one node."""
+    yield plain(f"{seen.node}{f': {seen.state}' if seen.state else ''}")
+    if seen.status is not None:
+        yield f"  run {plain(seen.run or '')}, {_status(seen.status)}"
+    yield f"  parameters: {'no answer' if seen.parameters is None else seen.parameters}"
+    own = special_services(seen.services)
+    for title, names in (
+        ("publishes", seen.publishes),
+        ("subscribes to", seen.subscribes),
+        ("serves", own),
+    ):
+        yield f"  {title}: {len(names)}"
+        width = max(map(len, names), default=0)
+        for name, types in names.items():
+            yield plain(f"    {name:<{width}}  {', '.join(types)}")
+    if len(own) < len(seen.services):
+        yield f"  and {len(seen.services) - len(own)} services for its parameters"
+
+
+def node_data(seen: NodeSeen) -> dict[str, Any]:
+    """One node as an object."""
+    return {
+        "node": seen.node,
+        "run": seen.run,
+        **_status_data(seen.status),
+        "state": seen.state,
+        "parameters": seen.parameters,
+        "publishes": {name: list(types) for name, types in seen.publishes.items()},
+        "subscribes": {name: list(types) for name, types in seen.subscribes.items()},
+        "services": {name: list(types) for name, types in seen.services.items()},
+    }
+
+
+def _status(node: NodeStatus) -> str:
+    parts = [
+        f"{node.state or 'no life cycle':<13}",
+        f"process {node.pid}" if node.pid is not None else "not running here",
+        *(["HANGS"] if node.hangs else ()),
+        *([f"restarts {node.restarts}"] if node.restarts else ()),
+    ]
+    return "  ".join(parts)
+
+
+def _status_data(node: NodeStatus | None) -> dict[str, Any]:
+    return {
+        "state": node.state if node else None,
+        "pid": node.pid if node else None,
+        "hangs": node.hangs if node else None,
+        "restarts": node.restarts if node else None,
+    }
