@@ -155,6 +155,22 @@ def test_a_window_without_a_display_is_told_and_sending_goes_on(
     looked.onlooker.states.send()
 
 
+def test_a_display_that_cannot_be_opened_is_told(
+    looking: Callable[..., Looked], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setenv("DISPLAY", ":9999")
+    looked = looking("native")
+    eventually(lambda: looked.said, "the refusal")
+    assert looked.said == [
+        (
+            "warning",
+            "the native viewer needs a display, and `:9999` cannot be opened; `web` (a page in "
+            "the browser) needs none; the simulation goes on without it",
+        )
+    ]
+
+
 def test_one_that_dies_is_told_once(looking: Callable[..., Looked]) -> None:
     pytest.importorskip("mjviser")
     looked = looking("web", "0")
