@@ -14,7 +14,9 @@ pytestmark = pytest.mark.ros
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = (
     ROOT / "README.md",
+    ROOT / "examples" / "arm" / "README.md",
     ROOT / "examples" / "dummy" / "README.md",
+    ROOT / "examples" / "quadruped" / "README.md",
     ROOT / "docs" / "compile.md",
     ROOT / "docs" / "doctor.md",
     ROOT / "docs" / "looking.md",

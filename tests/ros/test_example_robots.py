@@ -1,0 +1,103 @@
+"""The example quadruped and arm, launched for real: what they publish, and that they move."""
+
+import itertools
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from obelisk_estimator_msgs.msg import EstimatedState
+from obelisk_sensor_msgs.msg import ObkForceSensor, ObkImage, ObkImu, ObkJointEncoders, ObkScan
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+
+from .stack import DEADLINE_S, launched
+
+pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+# Stamps are simulation time then, so the rates do not depend on this machine.
+ON_SIMULATION_TIME = ("--quiet", "--set", "robot.params.use_sim_time=true")
+
+
+@contextmanager
+def hearing(
+    topics: dict[str, type[Any]],
+) -> Iterator[tuple[dict[str, list[Any]], Callable[..., None]]]:
+    """What comes on topics, and a way to wait until it is enough."""
+    rclpy.init()
+    node = rclpy.create_node("listener")
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    heard: dict[str, list[Any]] = {topic: [] for topic in topics}
+    for topic, kind in topics.items():
+        node.create_subscription(kind, topic, heard[topic].append, QoSProfile(depth=1000))
+
+    def wait(is_enough: Callable[[], object], what: str) -> None:
+        end = time.monotonic() + DEADLINE_S
+        while not is_enough():
+            assert time.monotonic() < end, f"never came: {what}"
+            executor.spin_once(timeout_sec=0.1)
+
+    try:
+        yield heard, wait
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def period_s(messages: list[Any]) -> float:
+    """The shortest time between two messages; some may have been lost on a busy machine."""
+    stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages]
+    return min(b - a for a, b in itertools.pairwise(stamps))
+
+
+def test_the_quadruped_stands_up() -> None:
+    topics = {
+        "/quadruped/encoders": ObkJointEncoders,
+        "/quadruped/imu": ObkImu,
+        "/quadruped/feet": ObkForceSensor,
+        "/quadruped/heights": ObkScan,
+        "/quadruped/est": EstimatedState,
+    }
+    config = EXAMPLES / "quadruped" / "quadruped.yaml"
+    with hearing(topics) as (heard, wait), launched(config, *ON_SIMULATION_TIME) as run:
+        wait(lambda: all(len(messages) > 2 for messages in heard.values()), "all topics")
+        estimates = heard["/quadruped/est"]
+        wait(lambda: estimates[-1].q_base[2] > 0.25, "that it stands")
+        assert estimates[0].q_base[2] < 0.2
+        assert len(heard["/quadruped/heights"][0].data) == 17 * 11
+        assert np.sum(heard["/quadruped/feet"][-1].forces) > 50.0
+        for name in ("encoders", "imu", "feet"):
+            assert period_s(heard[f"/quadruped/{name}"]) == pytest.approx(0.002)
+        assert period_s(heard["/quadruped/heights"]) == pytest.approx(0.1)
+    assert run.process.returncode == 0, run.text
+
+
+def test_the_arm_reaches_its_first_pose_and_sees_the_table() -> None:
+    topics = {
+        "/arm/encoders": ObkJointEncoders,
+        "/arm/wrist_force": ObkForceSensor,
+        "/arm/wrist_camera": ObkImage,
+        "/arm/est": EstimatedState,
+    }
+    above_the_red_box = [-0.11, 0.80, 1.19, 0.0, 1.14, 0.0]
+    with (
+        hearing(topics) as (heard, wait),
+        launched(EXAMPLES / "arm" / "arm.yaml", *ON_SIMULATION_TIME) as run,
+    ):
+        wait(lambda: all(len(messages) > 2 for messages in heard.values()), "all topics")
+        estimates = heard["/arm/est"]
+        wait(lambda: np.allclose(estimates[-1].q_joints, above_the_red_box, atol=0.02), "the pose")
+        assert np.abs(np.subtract(estimates[0].q_joints, above_the_red_box)).max() > 0.2
+        picture = heard["/arm/wrist_camera"][-1].y
+        assert [dim.size for dim in picture.layout.dim] == [120, 160, 3]
+        assert np.std(picture.data) > 5.0
+        assert period_s(heard["/arm/encoders"]) == pytest.approx(0.002)
+        assert period_s(heard["/arm/wrist_force"]) == pytest.approx(0.01)
+    assert run.process.returncode == 0, run.text
