@@ -154,3 +154,13 @@ def test_words_cross_the_same_link_until_it_ends(model: mujoco.MjModel) -> None:
         assert hear(ours) == ("info", "shown at http://127.0.0.1:8080")
         assert hear(ours) == ("warning", "größer: als")
         assert hear(ours) is None
+
+
+def test_the_last_words_of_one_that_ends_with_states_unread_are_heard() -> None:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours:
+        with theirs:
+            ours.send(b"a state")
+            say(theirs, "warning", "no display")
+        assert hear(ours) == ("warning", "no display")
+        assert hear(ours) is None

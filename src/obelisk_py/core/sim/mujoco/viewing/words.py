@@ -31,9 +31,9 @@ def hear(link: socket.socket) -> tuple[Severity, str] | None:
     """Wait for a sentence; None: there will be no more."""
     try:
         packet = link.recv(_LARGEST)
-    # Whoever is killed with packets unread resets the link.
+    # Whoever ends with packets unread resets the link, and Linux tells so before the last words.
     except ConnectionResetError:
-        return None
+        packet = link.recv(_LARGEST)
     if not packet:
         return None
     severity, _, text = packet.partition(_SEPARATOR)
