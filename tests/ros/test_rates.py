@@ -1,0 +1,287 @@
+"""Rates as promises on real nodes: what is throttled is marked and named, what is healthy is not.
+
+The broken promises are broken by construction: a callback that takes five of its periods. The kept
+ones are of timers so slow that no load matters.
+"""
+
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
+
+from obelisk_py.core.executors import EventLoopExecutor
+from obelisk_py.core.node import ObeliskNode
+from obelisk_spec.rates import DIAGNOSTICS_TOPIC, Rate
+from obk_cli.adapters.ros_rates import listen_to_rates, rates_told
+from obk_cli.launch.events import RatesHeard
+
+from .stack import eventually, launched, marked, obk, parameters, request
+from .test_failures import with_faulty_controller
+
+pytestmark = pytest.mark.ros
+
+SLOW_PERIOD_S, FAST_PERIOD_S = 0.5, 0.001
+
+
+class Two(ObeliskNode):
+    """A timer that is kept, and one whose callback takes longer than its period."""
+
+    def __init__(self, **given: Any) -> None:
+        settings = {
+            "timer_slow_setting": f"{{timer_period_sec: {SLOW_PERIOD_S}}}",
+            "timer_fast_setting": f"{{timer_period_sec: {FAST_PERIOD_S}}}",
+            **given,
+        }
+        super().__init__("two", namespace="/arm", **parameters(**settings))
+        self.register_obk_timer("timer_slow_setting", self.pass_by)
+        self.register_obk_timer("timer_fast_setting", self.dawdle)
+        self.create_timer(0.1, self.pass_by)
+
+    def pass_by(self) -> None:
+        """Nothing."""
+
+    def dawdle(self) -> None:
+        """Take five periods."""
+        time.sleep(5 * FAST_PERIOD_S)
+
+
+class Awaiting(Two):
+    """Callbacks that are coroutines."""
+
+    async def pass_by(self) -> None:  # type: ignore[override]
+        """Nothing."""
+
+    async def dawdle(self) -> None:  # type: ignore[override]
+        """Nothing."""
+
+
+@contextmanager
+def listening(
+    make: Callable[[], ObeliskNode], executor_type: Callable[[], Executor]
+) -> Iterator[tuple[ObeliskNode, list[RatesHeard]]]:
+    """A node that is active, and what it tells of its rates."""
+    rclpy.init()
+    listener = rclpy.create_node("listener")
+    node = make()
+    heard: list[RatesHeard] = []
+    listen_to_rates(listener, (node.get_fully_qualified_name(),), heard.append)
+    executor = executor_type()
+    for each in (node, listener):
+        executor.add_node(each)
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    try:
+        assert request(node, "configure")
+        assert request(node, "activate")
+        yield node, heard
+    finally:
+        executor.shutdown()
+        thread.join()
+        node.destroy_node()
+        listener.destroy_node()
+        rclpy.try_shutdown()
+
+
+NONE = Rate(
+    name="",
+    wanted_hz=1.0,
+    measured_hz=0.0,
+    ticks=0,
+    overruns=0,
+    late_p50_us=0.0,
+    late_p99_us=0.0,
+    late_max_us=0.0,
+)
+
+
+def newest(heard: list[RatesHeard], name: str) -> Rate | None:
+    return next((r for told in heard[-1:] for r in told.rates if r.name == name), None)
+
+
+def is_broken(heard: list[RatesHeard], name: str) -> bool:
+    rate = newest(heard, name)
+    return rate is not None and rate.standing == "broken"
+
+
+@pytest.mark.parametrize(
+    "executor_type",
+    [
+        EventLoopExecutor,
+        lambda: EventLoopExecutor(3),
+        SingleThreadedExecutor,
+        MultiThreadedExecutor,
+    ],
+    ids=["own", "own, threads", "rclpy's, one thread", "rclpy's, threads"],
+)
+@pytest.mark.usefixtures("ros_domain")
+def test_a_throttled_timer_is_marked_with_every_executor(
+    executor_type: Callable[[], Executor],
+) -> None:
+    with listening(Two, executor_type) as (_, heard):
+        eventually(lambda: is_broken(heard, "timer_fast"), f"a broken rate: {heard}")
+        rate = newest(heard, "timer_fast")
+    assert {told.node for told in heard} == {"/arm/two"}
+    assert [rate.name for rate in heard[0].rates] == ["timer_slow", "timer_fast"]
+    first = newest(heard[:1], "timer_fast")
+    assert first is not None
+    assert first.standing == "kept"  # the first second is forgiven
+    assert rate is not None
+    assert rate.wanted_hz == 1000
+    # It sleeps for five periods: one tick in five or fewer, the next at least four late.
+    assert rate.measured_hz < 205
+    assert rate.overruns >= 3.9 * rate.ticks
+    assert rate.late_p50_us >= 3_900
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_coroutines_of_the_configs_timers_are_counted() -> None:
+    with listening(Awaiting, EventLoopExecutor) as (_, heard):
+        eventually(lambda: (newest(heard, "timer_slow") or NONE).ticks >= 3, f"ticks: {heard}")
+        assert (newest(heard, "timer_fast") or NONE).ticks >= 3
+        assert (newest(heard, "timer_slow") or NONE).wanted_hz == 2
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_only_an_active_node_tells_of_its_rates() -> None:
+    with listening(Two, EventLoopExecutor) as (node, heard):
+        eventually(lambda: len(heard) >= 2, "reports")
+        assert request(node, "deactivate")
+        time.sleep(0.3)  # for one that is under way
+        before = len(heard)
+        time.sleep(1.5)
+        assert len(heard) == before
+        assert request(node, "cleanup")
+        assert request(node, "configure")
+        assert request(node, "activate")
+        eventually(lambda: len(heard) > before, "reports again")
+        assert [rate.name for rate in heard[before].rates] == ["timer_slow", "timer_fast"]
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_a_node_is_silenced_by_its_parameter() -> None:
+    def make() -> ObeliskNode:
+        return Two(diagnostics=False)
+
+    with listening(make, EventLoopExecutor) as (node, heard):
+        assert node.count_publishers(DIAGNOSTICS_TOPIC) == 0
+        time.sleep(1.5)
+        assert heard == []
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_a_status_says_whose_it_is_and_what_is_wrong() -> None:
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    with listening(Two, EventLoopExecutor) as (node, _):
+        arrays: list[Any] = []
+        node.create_subscription(DiagnosticArray, DIAGNOSTICS_TOPIC, arrays.append, 10)
+        eventually(lambda: arrays and arrays[-1].status[1].level == b"\x02", "an error")
+        status = arrays[-1].status[1]
+        assert (status.name, status.hardware_id) == ("arm/two: timer_fast", "/arm/two")
+        assert status.message.startswith("broken: ")
+        assert status.message.endswith(" of 1000 Hz")
+        assert arrays[-1].header.stamp.sec > 0
+        assert rates_told(arrays[-1]) is not None
+
+
+DAWDLE = (
+    "compute_control(self):\n        import time\n\n        time.sleep(0.005)\n\n    def unused"
+)
+FAST, SLOW = "timer_period_sec: 0.001", "timer_period_sec: 0.5"
+
+
+@pytest.fixture
+def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The dummy with a controller of 1 kHz whose callback takes 5 ms; the others promise nothing.
+
+    Their rates are such that a loaded machine does not keep them either.
+    """
+    monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
+    config = with_faulty_controller(tmp_path, DAWDLE, "pass")
+    text = config.read_text()
+    for once in ("jointencoders_passthrough_estimator\n", "obelisk_mujoco_robot\n      params:\n"):
+        assert text.count(once) == 1
+    text = text.replace("passthrough_estimator\n", f"passthrough_estimator\n      params:\n{MUTE}")
+    text = text.replace("mujoco_robot\n      params:\n", f"mujoco_robot\n      params:\n{MUTE}")
+    config.write_text(text)
+    return config
+
+
+MUTE = "        diagnostics: False\n"
+
+
+@pytest.mark.mujoco
+@pytest.mark.usefixtures("ros_domain")
+def test_strict_rates_end_a_stack_whose_node_is_throttled_and_name_it(config: Path) -> None:
+    result = obk("launch", config, "--strict-rates", "--quiet", "--duration", 60)
+    assert result.returncode == 1, result.stdout
+    (failed,) = [line for line in result.stdout.splitlines() if line.startswith("failed: ")]
+    assert "/obelisk_control_0: timer_ctrl runs at " in failed
+    assert " of 1000 Hz, 99 % of its ticks at most " in failed
+    lines = config.read_text().splitlines()
+    number = next(n for n, line in enumerate(lines, start=1) if FAST in line)
+    assert f"promised at {config}:{number}:" in failed
+    assert "control_0: deactivate ok" in result.stdout
+    assert not marked()
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize("how", [(), ("--composed",)])
+@pytest.mark.usefixtures("ros_domain")
+def test_a_throttled_node_is_told_once_and_shown_by_ps(config: Path, how: tuple[str, ...]) -> None:
+    with launched(config, "--quiet", *how) as run:
+        run.wait_for_line("control_0: RATE: timer_ctrl runs at ")
+        (stack,) = json.loads(obk("ps", "--format", "json").stdout)["stacks"]
+        shown = obk("ps").stdout
+    assert run.process.returncode == 0
+    assert run.text.count("RATE") == 1
+    rates = {node["node"]: node["rates"] for node in stack["nodes"]}
+    assert [rate["name"] for rate in rates["/obelisk_control_0"]] == ["timer_ctrl"]
+    assert rates["/obelisk_control_0"][0]["standing"] == "broken"
+    assert rates["/obelisk_estimation_0"] == rates["/obelisk_robot_0"] == []
+    assert "timer_ctrl runs at " in shown
+
+
+@pytest.mark.mujoco
+@pytest.mark.usefixtures("ros_domain")
+def test_a_stack_that_keeps_its_promises_runs_on_with_strict_rates(config: Path) -> None:
+    config.write_text(config.read_text().replace(FAST, SLOW))
+    options = ("--strict-rates", "--quiet", "--duration", 5, "--format", "json")
+    result = obk("launch", config, *options)
+    assert result.returncode == 0, result.stdout
+    events = [json.loads(line) for line in result.stdout.splitlines() if line.startswith("{")]
+    assert not [event for event in events if event["event"] in ("RateBroken", "RateKept")]
+    assert (events[-1]["event"], events[-1]["cause"]) == ("Ended", "")
+
+
+@pytest.mark.mujoco
+@pytest.mark.usefixtures("ros_domain")
+def test_a_simulator_promises_its_steps_and_its_sensors(config: Path) -> None:
+    config.write_text(config.read_text().replace(MUTE, "", 2))
+    with launched(config, "--quiet"):
+        eventually(lambda: rates_of_robot(), "rates of the robot")
+        assert [rate["name"] for rate in rates_of_robot()] == [
+            "/obelisk/dummy/joint_encoders",
+            "/obelisk/dummy/obk_joint_encoders",
+            "/obelisk/dummy/imu",
+            "/obelisk/dummy/framepose",
+            "steps",
+        ]
+        wanted = [rate["wanted_hz"] for rate in rates_of_robot()]
+        assert wanted == [1000, 1000, 500, 500, 1000]
+        # In simulation time, which no load changes.
+        for rate in rates_of_robot()[:-1]:
+            assert rate["standing"] == "kept"
+
+
+def rates_of_robot() -> list[dict[str, Any]]:
+    """What `obk ps` tells of the robot's rates."""
+    (stack,) = json.loads(obk("ps", "--format", "json").stdout)["stacks"]
+    return next(node["rates"] for node in stack["nodes"] if node["node"] == "/obelisk_robot_0")
