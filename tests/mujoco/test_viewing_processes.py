@@ -26,7 +26,7 @@ from obelisk_py.core.sim.mujoco.viewing.child import Onlooker
 
 model = mujoco.MjModel.from_xml_path(sys.argv[1])
 data = mujoco.MjData(model)
-web = Onlooker("web", ("0",), model, data, tell=lambda _, text: print(text, flush=True), end_s=3)
+web = Onlooker("web", ("0",), model, data, tell=lambda _, text: print(text, flush=True))
 print(web.pid, flush=True)
 while True:
     web.states.send()
@@ -52,7 +52,6 @@ class Looked:
             model,
             mujoco.MjData(model),
             tell=lambda *said: self.said.append(said),
-            end_s=DEADLINE_S,
         )
 
     @property

@@ -40,7 +40,7 @@ class Onlooker:
         data: mujoco.MjData,
         *,
         tell: Tell,
-        end_s: float,
+        end_s: float | None = None,
         loss: str = _LOSS,
     ) -> None:
         """Start it; what it draws and whether it can is told later.
@@ -51,7 +51,7 @@ class Onlooker:
             model: handed to the process as it is now.
             data: its state, that `states` sends.
             tell: takes what the process says and how it ended; called on a thread of its own.
-            end_s: how long it may take to end once it is asked to [s].
+            end_s: how long it may take to finish what it has begun [s]; None: there is nothing.
             loss: what it means that it has ended by itself.
         """
         self._kind = kind
@@ -83,16 +83,17 @@ class Onlooker:
         return self._process.pid
 
     def close(self) -> None:
-        """Tell it that there are no more states, and wait for its end; kill it where it must be."""
+        """End it: once it has finished where it has something to finish, else at once."""
         if self._is_closing:
             return
         self._is_closing = True
         self._link.shutdown(socket.SHUT_WR)
-        self._listener.join(self._end_s)
-        if self._listener.is_alive():
-            self._tell("warning", f"the {self._kind} viewer did not end in {self._end_s:g} s")
-            self._process.kill()
-            self._listener.join()
+        if self._end_s is not None:
+            self._listener.join(self._end_s)
+            if self._listener.is_alive():
+                self._tell("warning", f"the {self._kind} viewer did not end in {self._end_s:g} s")
+        self._process.kill()
+        self._listener.join()
         self._link.close()
 
     def _listen(self) -> None:

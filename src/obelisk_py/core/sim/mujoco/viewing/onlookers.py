@@ -22,8 +22,6 @@ PARAMETERS: Final[Mapping[str, str | int]] = MappingProxyType({"viewer": "none",
 """ROS parameter -> its default, whose type it keeps."""
 VIEWERS: Final = ("none", "native", "web")
 _HIGHEST_PORT: Final = 65535
-_VIEWER_END_S: Final = 3.0
-"""How long a viewer may take to end [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,8 +31,6 @@ class Wish:
     kind: str
     """A key of `program.KINDS`."""
     arguments: tuple[str, ...] = ()
-    end_s: float = _VIEWER_END_S
-    """How long it may take to end once there are no more states [s]."""
 
 
 def wishes_of(parameter: Callable[[str], Any]) -> tuple[Wish, ...]:
@@ -68,14 +64,7 @@ def onlooker_outputs(
     """
     outputs = []
     for wish in wishes:
-        onlooker = Onlooker(
-            wish.kind,
-            wish.arguments,
-            simulation.model,
-            simulation.data,
-            tell=tell,
-            end_s=wish.end_s,
-        )
+        onlooker = Onlooker(wish.kind, wish.arguments, simulation.model, simulation.data, tell=tell)
         on_close(onlooker.close)
         outputs.append(_output(onlooker, steps_per_view))
     return tuple(outputs)
