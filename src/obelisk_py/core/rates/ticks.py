@@ -29,6 +29,7 @@ class TimerTicks:
         """
         self._counter = counter
         self._period_ns = period_ns
+        self._skips_above_ns = period_ns + period_ns // 2
         self._clock = clock
         self._until_due: Callable[[], int | None] = lambda: None
         self._due_ns: int | None = None
@@ -67,8 +68,8 @@ class TimerTicks:
         due_ns = self._due_ns
         self._due_ns = next_ns
         late_ns, skipped = self._period_ns - left_ns, 0
-        if due_ns is not None:
-            skipped = max(0, round((next_ns - due_ns) / self._period_ns) - 1)
+        if due_ns is not None and next_ns - due_ns > self._skips_above_ns:
+            skipped = round((next_ns - due_ns) / self._period_ns) - 1
             late_ns += skipped * self._period_ns
         self._counter.tick(now_ns, late_ns, skipped)
 
@@ -86,6 +87,7 @@ class SampleTicks:
         """
         self._counter = counter
         self._period_ns = period_ns
+        self._skips_above_ns = period_ns + period_ns // 2
         self._clock = clock
 
     def tick(self) -> None:
@@ -94,5 +96,6 @@ class SampleTicks:
         skipped = 0
         if self._counter.ticks:
             passed_ns = now_ns - self._counter.newest_ns
-            skipped = max(0, round(passed_ns / self._period_ns) - 1)
+            if passed_ns > self._skips_above_ns:
+                skipped = round(passed_ns / self._period_ns) - 1
         self._counter.tick(now_ns, 0, skipped)
