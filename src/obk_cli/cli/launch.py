@@ -19,13 +19,23 @@ from obk_cli.cli.config_options import (
     make_options,
     wants_colour,
 )
+from obk_cli.cli.render_options import (
+    FilmWords,
+    RenderCameraOption,
+    RenderFpsOption,
+    RenderOption,
+    RenderSizeOption,
+    with_film,
+)
 from obk_cli.errors import EXIT_FAILED, MisuseError
+from obk_cli.launch.devices import Share
 from obk_cli.launch.order import UNTIL, Until
 from obk_cli.pipeline import Outcome, compile_config
 from obk_cli.plan import OnCrash, ParameterValue, Plan
 from obk_cli.read.nodes import LOG_LEVELS
 from obk_cli.recording.choice import Wish
 from obk_cli.report.text import report_text, summary
+from obk_cli.running.simulated import with_simulator_parameters
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -34,6 +44,7 @@ Example: obk launch examples/dummy/dummy.yaml --duration 20
          obk launch config.yaml --set 'robot[0].sim[0].time_step=0.001'
          obk launch config.yaml --record --duration 60
          obk launch config.yaml --viewer web
+         obk launch config.yaml --render out.mp4 --render-camera side --duration 10
 """
 FORMATS = ("text", "json")
 VIEWERS = ("none", "native", "web")
@@ -95,6 +106,10 @@ def command(
             help="Look at the simulated robot in a window or in a page of the browser.",
         ),
     ] = None,
+    render: RenderOption = None,
+    render_camera: RenderCameraOption = None,
+    render_size: RenderSizeOption = None,
+    render_fps: RenderFpsOption = None,
     network: Annotated[
         str | None,
         typer.Option(metavar="localhost|lan", help="Who can discover the stack."),
@@ -136,13 +151,13 @@ def command(
     from obk_cli.launch.doors import Limits
     from obk_cli.running.options import LaunchOptions
     from obk_cli.running.run import run_plan
-    from obk_cli.running.simulated import with_simulator_parameters
     from obk_cli.running.surface import open_surface
 
     if network is not None:
         _check_word("--network", network, get_args(Network))
     share = share_of(plan, device, lead)
-    plan = with_simulator_parameters(plan, share, _viewing(viewer), f"--viewer {viewer}")
+    film = FilmWords(path=render, camera=render_camera, size=render_size, rate_hz=render_fps)
+    plan = with_film(_with_viewer(plan, share, viewer), share, film)
     environment = ros_environment(cast(Network | None, network), devices_are_split=share.is_part)
     _warn(environment.notes)
     working_folder = Path.cwd()
@@ -217,8 +232,9 @@ def _recording(patterns: Sequence[str] | None) -> Wish:
     return Wish(patterns=tuple(patterns or ()))
 
 
-def _viewing(viewer: str | None) -> dict[str, ParameterValue]:
-    return {} if viewer is None else {"viewer": viewer}
+def _with_viewer(plan: Plan, share: Share, viewer: str | None) -> Plan:
+    parameters: dict[str, ParameterValue] = {} if viewer is None else {"viewer": viewer}
+    return with_simulator_parameters(plan, share, parameters, f"--viewer {viewer}")
 
 
 def _with_log_level(plan: Plan, level: str | None) -> Plan:

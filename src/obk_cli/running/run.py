@@ -29,6 +29,7 @@ from obk_cli.launch.units import Unit, units_of
 from obk_cli.plan import Plan
 from obk_cli.running.claim import claimed
 from obk_cli.running.commands import Executables, composable, find_executables, unit_commands
+from obk_cli.running.film import Film
 from obk_cli.running.neighbours import looking_on, refuse_strangers, refuse_taken_names
 from obk_cli.running.options import LaunchOptions
 from obk_cli.running.output import Output
@@ -58,8 +59,7 @@ def run_plan(
 
     Raises:
         CommandFailedError: an executable is missing, the stack or one of its nodes runs already,
-            somebody else moves the robot, ROS does not start, or there is not even a temporary
-            folder for the parameters.
+            somebody else moves the robot, ROS does not start, or no folder takes the parameters.
     """
     inbox, share = SimpleQueue[Heard](), options.share
     executables, units = _units(plan, packages, options)
@@ -75,6 +75,7 @@ def run_plan(
         variables = {**environment.variables, **marks}
         commands = _commands(units, executables, claim.folder, variables, output, stack)
         recorder = Recorder(options.recording, claim.folder, output)
+        film = Film(plan, share, output)
         # Before ROS is there: its threads have no business in the warden's fork.
         processes = stack.enter_context(
             WardenProcesses(
@@ -82,7 +83,7 @@ def run_plan(
                 folder=options.folder,
                 marks=marks,
                 hear=recorder.hearing(inbox.put),
-                on_line=recorder.lines(output.line),
+                on_line=recorder.lines(film.lines(output.line)),
             )
         )
         recorder.start(processes)
@@ -98,7 +99,7 @@ def run_plan(
             lifecycle=ros,
             inbox=inbox,
             clock=monotonic_s,
-            tell=recorder.telling(output.event),
+            tell=recorder.telling(film.telling(output.event)),
             limits=options.limits,
             on_crash=options.on_crash,
             strict_rates=options.strict_rates,

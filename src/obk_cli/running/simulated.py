@@ -7,7 +7,7 @@ from obk_cli.errors import MisuseError
 from obk_cli.launch.devices import Share
 from obk_cli.plan import ParameterValue, Plan, Process
 
-__all__ = ["with_simulator_parameters"]
+__all__ = ["simulated_robots", "with_simulator_parameters"]
 
 
 def with_simulator_parameters(
@@ -26,7 +26,8 @@ def with_simulator_parameters(
     """
     if not parameters:
         return plan
-    if not any(_is_meant(node, share) for node in plan.processes):
+    meant = simulated_robots(plan, share)
+    if not meant:
         where = f"on {', '.join(sorted(share.devices))}" if share.is_part else f"in `{plan.name}`"
         raise MisuseError(
             f"`{option}`: there is no simulated robot {where}",
@@ -35,13 +36,13 @@ def with_simulator_parameters(
     return replace(
         plan,
         processes=tuple(
-            replace(node, parameters={**node.parameters, **parameters})
-            if _is_meant(node, share)
-            else node
+            replace(node, parameters={**node.parameters, **parameters}) if node in meant else node
             for node in plan.processes
         ),
     )
 
 
-def _is_meant(node: Process, share: Share) -> bool:
-    return node.model is not None and node.device in share.devices
+def simulated_robots(plan: Plan, share: Share) -> tuple[Process, ...]:
+    """The simulated robots of a plan that run here."""
+    here = (node for node in plan.processes if node.device in share.devices)
+    return tuple(node for node in here if node.model is not None)

@@ -1,0 +1,132 @@
+"""The film of a launch as the user asks for it: options, and all that can be checked beforehand."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from obelisk_spec.films import FilmError, FilmSettings, read_film
+from obelisk_spec.near import did_you_mean, list_names
+from obk_cli.adapters.extras import require_extra
+from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.launch.devices import Share
+from obk_cli.plan import ParameterValue, Plan
+from obk_cli.running.simulated import simulated_robots, with_simulator_parameters
+from obk_cli.surroundings import ModelRead
+
+__all__ = [
+    "FilmWords",
+    "RenderCameraOption",
+    "RenderFpsOption",
+    "RenderOption",
+    "RenderSizeOption",
+    "with_film",
+]
+
+RenderOption = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Film the simulated robot: .mp4, .gif, or .png at the end."),
+]
+RenderCameraOption = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="A camera of the model; else all of it is seen."),
+]
+RenderSizeOption = Annotated[
+    str | None, typer.Option(metavar="WxH", help="Pixels; else as the camera has it, or 640x480.")
+]
+RenderFpsOption = Annotated[
+    int | None,
+    typer.Option(metavar="N", help="Frames per simulated second; else 30, a GIF 15."),
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilmWords:
+    """What the user wrote; None: nothing."""
+
+    path: Path | None
+    camera: str | None
+    size: str | None
+    rate_hz: int | None
+
+
+def with_film(plan: Plan, share: Share, words: FilmWords) -> Plan:
+    """The plan with the film that its simulated robot is to make.
+
+    Args:
+        plan: a whole stack.
+        share: what of it runs here.
+        words: the film; without a file none.
+
+    Raises:
+        MisuseError: there is no such film, no such camera, or not one robot to film.
+        CommandFailedError: the file cannot be written, or a library is missing.
+    """
+    if words.path is None:
+        _refuse_the_rest(words)
+        return plan
+    settings = _settings(words.path, words)
+    path = Path.cwd() / settings.path
+    parameters: dict[str, ParameterValue] = {
+        "render": str(path),
+        "render_camera": words.camera or "",
+        "render_size": words.size or "",
+        "render_fps": words.rate_hz or 0,
+    }
+    filmed = with_simulator_parameters(plan, share, parameters, f"--render {words.path}")
+    robot, *others = simulated_robots(plan, share)
+    if others:
+        names = list_names(node.full_name for node in (robot, *others))
+        raise MisuseError(
+            f"`--render {words.path}`: several simulated robots run here: {names}",
+            help="give one of them the parameter `render` in the config",
+        )
+    if settings.camera is not None and robot.model is not None:
+        _check_camera(robot.model, settings.camera)
+    _check_place(path)
+    for module in ("av", "PIL"):
+        require_extra(module, "render")
+    return filmed
+
+
+def _refuse_the_rest(words: FilmWords) -> None:
+    options = {
+        "--render-camera": words.camera,
+        "--render-size": words.size,
+        "--render-fps": words.rate_hz,
+    }
+    for option, value in options.items():
+        if value is not None:
+            raise MisuseError(f"`{option}` says how a film is made; `--render FILE` asks for one")
+
+
+def _settings(path: Path, words: FilmWords) -> FilmSettings:
+    if words.rate_hz is not None and words.rate_hz < 1:
+        raise MisuseError(f"`--render-fps {words.rate_hz}`: expected a number of at least 1")
+    try:
+        return read_film(str(path), words.camera or "", words.size or "", words.rate_hz or 0)
+    except FilmError as error:
+        raise MisuseError(f"`--render`: {error}") from error
+
+
+def _check_camera(model: str, camera: str) -> None:
+    from obk_cli.adapters.model_cache import cache_folder, read_model_once
+    from obk_cli.adapters.mujoco_model import has_mujoco
+
+    if not has_mujoco():
+        return
+    read = read_model_once(Path(model), cache_folder(os.environ))
+    if isinstance(read, ModelRead) and camera not in read.facts.cameras:
+        raise MisuseError(
+            f"`--render-camera {camera}`: {model} has no such camera",
+            help=did_you_mean(camera, read.facts.cameras) or "it has none with a name",
+        )
+
+
+def _check_place(path: Path) -> None:
+    if not path.parent.is_dir():
+        raise CommandFailedError(f"{path}: the folder {path.parent} is not there")
+    if os.path.lexists(path):
+        raise CommandFailedError(f"{path} is there already", help="name another file")
