@@ -1,5 +1,8 @@
 """Pictures of cameras: what is seen, the layout of the message, slow drawing, no OpenGL."""
 
+import os
+import subprocess
+import sys
 import threading
 from types import SimpleNamespace
 
@@ -125,6 +128,35 @@ def test_a_camera_sees_colours_where_they_are_or_says_why_it_cannot(scene, feed)
         assert seen[channel] > 200, (place, seen)
         assert seen.sum() - seen[channel] < 60, (place, seen)
     assert np.ptp(after[15, 20].astype(int)) < 5, "the lid is white and above the others"
+
+
+DRAW = """
+import sys, mujoco
+model = mujoco.MjModel.from_xml_string(sys.stdin.read())
+data = mujoco.MjData(model)
+mujoco.mj_forward(model, data)
+with mujoco.Renderer(model, 30, 40) as renderer:
+    renderer.update_scene(data, camera="above")
+    sys.stdout.buffer.write(renderer.render().tobytes())
+"""
+"""MuJoCo's own renderer; it takes its back end from the environment when it is imported."""
+
+
+def test_a_picture_is_the_one_that_mujocos_own_renderer_draws(feed):
+    camera = _opened(feed)
+    if isinstance(camera, str):
+        pytest.skip(camera)
+    camera.take()
+    feed.closing.pop()()
+    (message,) = camera.messages
+    drawn = subprocess.run(
+        [sys.executable, "-c", DRAW],
+        input=SCENE.encode(),
+        stdout=subprocess.PIPE,
+        env={**os.environ, "MUJOCO_GL": choose_back_end()},
+        check=True,
+    ).stdout
+    assert multiarray_to_numpy(message.y).tobytes() == drawn
 
 
 def test_the_resolution_of_the_model_is_the_size_of_the_picture(scene):
