@@ -59,11 +59,12 @@ def _trajectory(model, seed):
         steps.append(simulation.steps)
         swing = np.sin(0.05 * simulation.steps + np.arange(2))
         error = 0.3 * swing - np.array(message.joint_pos)
-        assert inbox.offer(_Control(5.0 * error - 0.1 * np.array(message.joint_vel))) is None
+        assert inbox.offer(_Control(5.0 * error - 0.1 * np.array(message.joint_vel)))
 
     class _Publisher:
         def __init__(self, *_):
             self.publish = control
+            self.get_subscription_count = lambda: 1
 
     block = typed_block({"model_xml_path": "m", "sensor_settings": [ENCODERS]})
     surroundings = Surroundings(

@@ -28,7 +28,7 @@ def _simulation(model):
 
 
 def _command(inbox, values):
-    assert inbox.offer(SimpleNamespace(u=values)) is None
+    assert inbox.offer(SimpleNamespace(u=values))
 
 
 def _controls(model, step):

@@ -30,12 +30,11 @@ class Refusals:
         self._total = 0
         self._last_report_s = -float("inf")
 
-    def add(self, reason: str) -> str | None:
-        """Count one; a sentence for the log if the last one is a second old."""
+    def add(self, reason: str) -> None:
+        """Count one."""
         with self._lock:
             self._untold[reason] += 1
             self._total += 1
-        return self.report()
 
     def report(self) -> str | None:
         """A sentence about all that no log line has told yet, at most once a second."""

@@ -99,7 +99,8 @@ class ObeliskRobot(ABC, ObeliskNode):
             return
         refusal = self._refusal_of(control_msg)
         if refusal is not None:
-            told = self._refused_controls.add(refusal)
+            self._refused_controls.add(refusal)
+            told = self._refused_controls.report()
             if told is not None:
                 self.get_logger().warning(told)
             return

@@ -6,6 +6,7 @@ import pytest
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.control import ControlInbox, control_field
+from obelisk_py.core.sim.mujoco.stamps import StampOrder
 
 
 class _Time:
@@ -31,9 +32,10 @@ def _message(*values):
 
 def test_the_newest_control_is_the_one_that_is_applied(inbox):
     assert inbox.newest is None
-    assert inbox.offer(_message(1.0, 2.0)) is None
-    assert inbox.offer(_message(3.0, 4.0)) is None
+    assert inbox.offer(_message(1.0, 2.0))
+    assert inbox.offer(_message(3.0, 4.0))
     assert inbox.newest.tolist() == [3.0, 4.0]
+    assert inbox.reports() == []
 
 
 def test_a_control_does_not_change_with_the_message_that_brought_it(inbox):
@@ -43,11 +45,18 @@ def test_a_control_does_not_change_with_the_message_that_brought_it(inbox):
     assert inbox.newest.tolist() == [1.0, 2.0]
 
 
+def test_a_control_that_is_one_number_is_one_for_one_actuator(time):
+    inbox = ControlInbox(field="u", size=1, monotonic_s=time)
+    assert inbox.offer(SimpleNamespace(u=2.0))
+    assert inbox.newest.tolist() == [2.0]
+
+
 def test_a_control_of_the_wrong_length_is_kept_out(inbox):
     inbox.offer(_message(1.0, 2.0))
-    assert inbox.offer(_message(5.0)) == (
+    assert not inbox.offer(_message(5.0))
+    assert inbox.reports() == [
         "control refused: `u_mujoco` has the length 1, the model takes 2 (1x); 1 since the start"
-    )
+    ]
     assert inbox.newest.tolist() == [1.0, 2.0]
 
 
@@ -62,25 +71,88 @@ def test_a_control_of_the_wrong_length_is_kept_out(inbox):
     ],
 )
 def test_a_control_that_is_not_finite_or_huge_is_kept_out(inbox, value, written):
-    assert inbox.offer(_message(0.0, value)) == (
+    assert not inbox.offer(_message(0.0, value))
+    assert inbox.reports() == [
         f"control refused: `u_mujoco[1]` is {written} (1x); 1 since the start"
-    )
+    ]
     assert inbox.newest is None
 
 
 def test_refusals_are_told_once_per_second_with_their_counts(inbox, time):
-    assert inbox.offer(_message()) is not None
+    inbox.offer(_message())
+    assert len(inbox.reports()) == 1
     for _ in range(500):
-        assert inbox.offer(_message()) is None
-    assert inbox.offer(_message(float("nan"), 0.0)) is None
-    assert inbox.report() is None
+        inbox.offer(_message())
+    inbox.offer(_message(float("nan"), 0.0))
+    assert inbox.reports() == []
     time.now_s += 1.0
-    assert inbox.report() == (
+    assert inbox.reports() == [
         "control refused: `u_mujoco` has the length 0, the model takes 2 (500x); "
         "`u_mujoco[0]` is nan (1x); 502 since the start"
-    )
+    ]
     time.now_s += 1.0
-    assert inbox.report() is None
+    assert inbox.reports() == []
+
+
+@pytest.fixture
+def stamped(time):
+    """An inbox that looks at stamps; its clock is that of the reports."""
+    stamps = StampOrder(lambda: round(time() * 1e9), 0.5)
+    return ControlInbox(field="u_mujoco", size=1, monotonic_s=time, stamps=stamps)
+
+
+def _sent(at_s, value):
+    seconds, nanoseconds = divmod(round(at_s * 1e9), 10**9)
+    stamp = SimpleNamespace(sec=seconds, nanosec=nanoseconds)
+    return SimpleNamespace(header=SimpleNamespace(stamp=stamp), u_mujoco=[value])
+
+
+def test_a_control_that_is_older_than_the_one_applied_is_kept_out(stamped):
+    assert stamped.offer(_sent(99.9, 1.0))
+    assert not stamped.offer(_sent(99.8, 2.0))
+    assert stamped.newest.tolist() == [1.0]
+    assert stamped.reports() == [
+        "control refused: it is older than the one applied, by their stamps (1x); 1 since the start"
+    ]
+    assert stamped.offer(_sent(99.9, 3.0))
+    assert stamped.newest.tolist() == [3.0]
+
+
+def test_a_refused_control_does_not_make_those_before_it_old(stamped):
+    assert not stamped.offer(_sent(99.9, float("nan")))
+    assert stamped.offer(_sent(99.8, 1.0))
+
+
+def test_a_late_control_is_applied_and_told(stamped):
+    assert stamped.offer(_sent(99.6, 1.0))
+    assert stamped.reports() == []
+    stamped.clear()
+    assert stamped.offer(_sent(99.4, 2.0))
+    assert stamped.newest.tolist() == [2.0]
+    assert stamped.reports() == [
+        "control applied though late: its stamp is more than 0.5 s old (1x); 1 since the start"
+    ]
+
+
+def test_a_control_without_a_stamp_is_neither_late_nor_old(stamped):
+    assert stamped.offer(_sent(99.9, 1.0))
+    assert stamped.offer(_sent(0, 2.0))
+    assert stamped.newest.tolist() == [2.0]
+    assert stamped.reports() == []
+    assert not stamped.offer(_sent(99.8, 3.0))
+
+
+def test_where_the_clock_was_set_back_the_next_control_counts(stamped, time):
+    assert stamped.offer(_sent(99.9, 1.0))
+    time.now_s = 3.0
+    assert stamped.offer(_sent(2.9, 2.0))
+    assert not stamped.offer(_sent(2.8, 3.0))
+
+
+def test_after_a_reset_any_stamp_is_a_new_one(stamped):
+    assert stamped.offer(_sent(99.9, 1.0))
+    stamped.clear()
+    assert stamped.offer(_sent(99.8, 2.0))
 
 
 def test_clearing_forgets_the_control(inbox):

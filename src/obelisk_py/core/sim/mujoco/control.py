@@ -1,27 +1,33 @@
 """The control that the simulation applies next: the newest message that can be applied.
 
-In: control messages, on any thread. Out: an array of the actuators' size, and sentences about what
-was refused. A message of the wrong length, or with a number that is not finite or too large for
-MuJoCo, never gets through.
+In: control messages, on any thread. Out: an array of the actuators' size or a law of torques, and
+sentences about what was refused or late. A message of the wrong length, with a number that is not
+finite or too large for MuJoCo, or older than the one before, never gets through.
 """
 
-import threading
-from collections import Counter
+import time
 from collections.abc import Callable
 from typing import Any, Final
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from obelisk_control_msgs.msg import PDFeedForward
 
 from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.refusals import Refusals
+from obelisk_py.core.sim.mujoco.bounds import out_of_bounds
+from obelisk_py.core.sim.mujoco.stamps import DEFAULT_LATENESS_S, StampOrder
+from obelisk_py.core.sim.mujoco.stepping import NS_PER_S
+from obelisk_py.core.sim.mujoco.torques import JointTorques, TorqueLaw, has_gains
 
-__all__ = ["CONTROL_FIELDS", "ControlInbox", "control_field"]
+__all__ = ["CONTROL_FIELDS", "Control", "ControlInbox", "control_field", "make_inbox"]
 
 CONTROL_FIELDS: Final = ("u_mujoco", "u")
 """Fields of a control message that the simulator reads, the first that the type has."""
-REPORT_PERIOD_S: Final = 1.0
-LARGEST: Final = 1e10
-"""MuJoCo takes a number beyond this for a fault and sets every control to zero (mjMAXVAL)."""
+
+Control = NDArray[np.float64] | TorqueLaw
+"""What is applied: the actuators' controls, shape (nu,), or torques anew at each step."""
 
 
 def control_field(message_type: type[Any]) -> str:
@@ -42,60 +48,95 @@ def control_field(message_type: type[Any]) -> str:
 class ControlInbox:
     """Holds the newest control; may be filled on one thread and read on another."""
 
-    def __init__(self, *, field: str, size: int, monotonic_s: Callable[[], float]) -> None:
+    def __init__(
+        self,
+        *,
+        field: str,
+        size: int,
+        monotonic_s: Callable[[], float],
+        torques: JointTorques | None = None,
+        stamps: StampOrder | None = None,
+    ) -> None:
         """Make an empty inbox.
 
         Args:
             field: field of the message that holds the control.
             size: number of actuators `nu`.
             monotonic_s: clock for the rate of reports [s].
+            torques: reads the gains of `PDFeedForward`; None for other messages.
+            stamps: looks at the messages' stamps; None where they do not count.
         """
         self._field = field
         self._size = size
-        self._monotonic_s = monotonic_s
-        self._lock = threading.Lock()
-        self._refused: Counter[str] = Counter()
-        self._total_refused = 0
-        self._last_report_s = -float("inf")
-        self.newest: NDArray[np.float64] | None = None
-        """The control to apply, shape `(nu,)`; None until there is one."""
+        self._torques = torques
+        self._stamps = stamps
+        self._refused = Refusals("control refused", monotonic_s)
+        self._late = Refusals("control applied though late", monotonic_s)
+        self.newest: Control | None = None
+        """The control to apply; None until there is one."""
 
     def clear(self) -> None:
         """Forget the newest control."""
         self.newest = None
+        if self._stamps is not None:
+            self._stamps.restart()
 
-    def offer(self, message: Any) -> str | None:
-        """Take a control message, or refuse it.
-
-        Returns:
-            A sentence for the log if it was refused and the last one is a second old, else None.
-        """
-        control = np.array(getattr(message, self._field), dtype=np.float64)
-        if control.shape != (self._size,):
-            return self._refuse(
-                f"`{self._field}` has the length {control.size}, the model takes {self._size}"
-            )
-        # Written so that it is false for NaN too.
-        in_range = np.abs(control) <= LARGEST
-        if not in_range.all():
-            index = int(np.flatnonzero(~in_range)[0])
-            return self._refuse(f"`{self._field}[{index}]` is {control[index]:g}")
+    def offer(self, message: Any) -> bool:
+        """Take a control message, or refuse it; whether it was taken."""
+        sent_ns = _sent_ns(message) if self._stamps is not None else 0
+        control: Control | str | None = self._stamps.refusal(sent_ns) if self._stamps else None
+        if control is None:
+            control = self._read(message)
+        if isinstance(control, str):
+            self._refused.add(control)
+            return False
+        late = self._stamps.accept(sent_ns) if self._stamps is not None else None
+        if late is not None:
+            self._late.add(late)
         self.newest = control
-        return None
+        return True
 
-    def report(self) -> str | None:
-        """A sentence about refusals that no log line has told yet, at most once per second."""
-        now_s = self._monotonic_s()
-        with self._lock:
-            if not self._refused or now_s - self._last_report_s < REPORT_PERIOD_S:
-                return None
-            self._last_report_s = now_s
-            reasons = "; ".join(f"{reason} ({count}x)" for reason, count in self._refused.items())
-            self._refused.clear()
-            return f"control refused: {reasons}; {self._total_refused} since the start"
+    def reports(self) -> list[str]:
+        """Sentences about what no log line has told yet, each at most once per second."""
+        told = (self._refused.report(), self._late.report())
+        return [sentence for sentence in told if sentence is not None]
 
-    def _refuse(self, reason: str) -> str | None:
-        with self._lock:
-            self._refused[reason] += 1
-            self._total_refused += 1
-        return self.report()
+    def _read(self, message: Any) -> Control | str:
+        """The control of a message, or why it is refused."""
+        if self._torques is not None and has_gains(message):
+            return self._torques.read(message)
+        control = np.array(getattr(message, self._field), dtype=np.float64, ndmin=1)
+        if control.shape != (self._size,):
+            return f"`{self._field}` has the length {control.size}, the model takes {self._size}"
+        return out_of_bounds(self._field, control) or control
+
+
+def make_inbox(
+    message_type: Any, model: mujoco.MjModel, *, now_ns: Callable[[], int], lateness_s: float | None
+) -> ControlInbox:
+    """An inbox for the controls of a model.
+
+    Args:
+        message_type: class of the control message.
+        model: what is to be moved.
+        now_ns: the clock that the messages' stamps are compared with [ns].
+        lateness_s: age of a control that is told when it comes [s]; None: the usual one.
+
+    Raises:
+        ObeliskConfigError: the message has nothing that could be written to the actuators.
+    """
+    return ControlInbox(
+        field=control_field(message_type),
+        size=model.nu,
+        monotonic_s=time.monotonic,
+        torques=JointTorques(model) if message_type is PDFeedForward else None,
+        stamps=StampOrder(now_ns, DEFAULT_LATENESS_S if lateness_s is None else lateness_s),
+    )
+
+
+def _sent_ns(message: Any) -> int:
+    """The stamp of a message [ns]; 0 where it has none."""
+    if not hasattr(message, "header"):
+        return 0
+    stamp = message.header.stamp
+    return int(stamp.sec * NS_PER_S + stamp.nanosec)

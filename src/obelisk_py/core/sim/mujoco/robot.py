@@ -28,7 +28,8 @@ from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.rates.counter import TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
 from obelisk_py.core.sim.mujoco.block import PARAMETER
-from obelisk_py.core.sim.mujoco.control import ControlInbox, control_field
+from obelisk_py.core.sim.mujoco.control import ControlInbox, make_inbox
+from obelisk_py.core.sim.mujoco.drive import WhenStale
 from obelisk_py.core.sim.mujoco.loading import load_model
 from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of, promise_nothing
 from obelisk_py.core.sim.mujoco.requests import Answer, StepRequests
@@ -112,16 +113,18 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             warn=self._warn,
         )
         self._keyframe = loaded.keyframe
-        control: Any = self.obk_subscriptions["sub_ctrl"].msg_type
-        self._inbox = ControlInbox(
-            field=control_field(control),
-            size=loaded.model.nu,
-            monotonic_s=time.monotonic,
+        self._inbox = make_inbox(
+            self.obk_subscriptions["sub_ctrl"].msg_type,
+            loaded.model,
+            now_ns=lambda: self._stamp_ns(),
+            lateness_s=self._age.policy.max_age_s if self._age is not None else None,
         )
         # MuJoCo would write its warnings into a file in the working directory; here they are
         # read from the state after each step.
         mujoco.set_mju_user_warning(_drop)
-        self._simulation = Simulation(loaded.model, self._inbox)
+        self._simulation = Simulation(loaded.model, self._inbox, self._when_stale())
+        # Whoever looks at it before the first step sees where that step begins.
+        self._simulation.reset(self._keyframe)
         is_simulated = self._uses_simulation_time()
         self._stamp_ns = self._simulation_time_ns if is_simulated else self._ros_time_ns
         surroundings = Surroundings(
@@ -170,6 +173,9 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         while not stop.is_set():
             if requests.is_paused:
                 requests.wait(_PAUSE_S)
+                if self._age is not None:
+                    # Where no step is taken no command grows old.
+                    self._age.postpone(time.monotonic())
             else:
                 self._stepper.run(interrupted)
             requests.carry_out()
@@ -192,15 +198,21 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._free()
         return result
 
-    def apply_control(self, control_msg: ObeliskControlMsg) -> None:
+    def apply_control(self, control_msg: ObeliskControlMsg) -> bool:
         """Have a control applied at the next step, or refuse it.
 
         Args:
             control_msg: the newest control.
+
+        Returns:
+            Whether it will be applied.
         """
-        refusal = self._inbox.offer(control_msg) if self._inbox is not None else None
-        if refusal is not None:
-            self._warn(refusal)
+        if self._inbox is None:
+            return False
+        is_taken = self._inbox.offer(control_msg)
+        for sentence in self._inbox.reports():
+            self._warn(sentence)
+        return is_taken
 
     def publish_true_sim_state(self) -> TrueSimState:
         """Publish the state that was reached last on `pub_true_sim_state`, and return it."""
@@ -213,6 +225,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     def _reset(self) -> Answer:
         assert self._simulation is not None
         self._simulation.reset(self._keyframe)
+        if self._age is not None:
+            self._age.forget()
         self._copy_state(self._stamp_ns())
         return Answer(is_done=True, text=f"at {self._keyframe or 'the start of the model'}")
 
@@ -230,6 +244,20 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         assert self._simulation is not None
         self._stepper.step()
         return Answer(is_done=True, text=f"at {self._simulation.time_ns / NS_PER_S:.12g} s")
+
+    def _when_stale(self) -> WhenStale | None:
+        if self._age is None:
+            return None
+        return WhenStale(action=self._age.policy.action, is_stale=self._is_stale)
+
+    def _look_out(self) -> None:
+        """The stepping thread looks before each step; no other thread could be sooner."""
+
+    def _can_damp(self) -> bool:
+        return True  # by the actuators
+
+    def _refusal_of(self, _control_msg: ObeliskControlMsg) -> None:
+        """The inbox refuses, by what the simulation reads."""
 
     def _realtime_factor(self) -> float:
         factor = self.get_parameter("realtime_factor").value
@@ -309,9 +337,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         )
 
     def _report(self, report: StepReport) -> None:
-        refused = self._inbox.report() if self._inbox is not None else None
-        if refused is not None:
-            self._warn(refused)
+        for sentence in self._inbox.reports() if self._inbox is not None else ():
+            self._warn(sentence)
         if report.overruns:
             self._warn(
                 f"the simulation fell behind ({report.overruns}x in the last second) and gave up "

@@ -9,6 +9,7 @@ from typing import Final
 import mujoco
 
 from obelisk_py.core.sim.mujoco.control import ControlInbox
+from obelisk_py.core.sim.mujoco.drive import Drive, WhenStale
 from obelisk_py.core.sim.mujoco.faults import StepWarnings
 from obelisk_py.core.sim.mujoco.model import reset_state
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, StepTime
@@ -42,15 +43,21 @@ class Simulation:
     that is still to come.
     """
 
-    def __init__(self, model: mujoco.MjModel, inbox: ControlInbox) -> None:
-        """Take a compiled model; `reset` brings it to its start."""
+    def __init__(
+        self, model: mujoco.MjModel, inbox: ControlInbox, when_stale: WhenStale | None = None
+    ) -> None:
+        """Take a compiled model; `reset` brings it to its start.
+
+        Args:
+            model: what is stepped.
+            inbox: where its controls come from.
+            when_stale: what is done about old ones; None: they stay.
+        """
         self.model = model
         self.data = mujoco.MjData(model)
         self.steps = 0
         """Steps since the reset."""
-        self._inbox = inbox
-        self._applied: object = None
-        self._ctrl = self.data.ctrl
+        self._drive = Drive(model, self.data, inbox, when_stale)
         self._warnings = StepWarnings(model, self.data)
         self._split = int(model.opt.integrator) in _SPLIT_INTEGRATORS
         self._step_time = StepTime(self.step_s)
@@ -68,15 +75,14 @@ class Simulation:
 
     def reset(self, keyframe: str | None) -> None:
         """Go to a keyframe, with its control, or to the model's own start; controls are dropped."""
-        self._inbox.clear()
-        self._applied = None
+        self._drive.restart()
         reset_state(self.model, self.data, keyframe)
         self.steps = 0
         self._start_ns = round(self.data.time * NS_PER_S)
         self._warnings.restart()
 
     def advance(self, count: int = 1) -> tuple[str, ...]:
-        """Apply the newest control and take `count` steps.
+        """Take `count` steps with the newest control; where it depends on the state, with its own.
 
         Returns:
             Warnings of MuJoCo's that are new, as sentences.
@@ -84,10 +90,16 @@ class Simulation:
         Raises:
             DivergenceError: the state is no longer finite.
         """
-        control = self._inbox.newest
-        if control is not self._applied and control is not None:
-            self._ctrl[:] = control
-            self._applied = control
+        if self._drive.write():
+            self._step(count)
+        else:
+            self._step(1)
+            for _ in range(count - 1):
+                self._drive.write()
+                self._step(1)
+        return self._look_at_warnings() if self._warnings.changed() else ()
+
+    def _step(self, count: int) -> None:
         if self._split:
             mujoco.mj_step2(self.model, self.data)
             if count > 1:
@@ -96,7 +108,6 @@ class Simulation:
             mujoco.mj_step(self.model, self.data, count)
         mujoco.mj_step1(self.model, self.data)
         self.steps += count
-        return self._look_at_warnings() if self._warnings.changed() else ()
 
     def _look_at_warnings(self) -> tuple[str, ...]:
         fatal = self._warnings.fatal()

@@ -1,0 +1,250 @@
+"""Every control message of obelisk_control_msgs at a simulated robot: right, wrong, late, old."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from builtin_interfaces.msg import Time
+from obelisk_control_msgs.msg import ExecutionFSM, PDFeedForward, PositionSetpoint, VelocityCommand
+from std_msgs.msg import Header
+from std_srvs.srv import SetBool, Trigger
+
+from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
+from obelisk_spec.settings import format_setting
+
+from .stack import DEADLINE_S, eventually, parameters, request, spinning
+
+pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
+
+ARM = """
+<mujoco>
+  <option timestep="0.002" gravity="0 0 0"/>
+  <worldbody>
+    <body><joint name="hip" damping="1"/><geom size="0.1" pos="0.3 0 0"/>
+      <body pos="0.6 0 0"><joint name="knee" damping="1"/><geom size="0.1" pos="0.3 0 0"/></body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="hip"/><motor joint="knee"/></actuator>
+</mujoco>
+"""
+NAN, INFINITE = float("nan"), float("inf")
+GAINS = {"pos_target": [0.0, 0.0], "kp": [0.0, 0.0]}
+"""Gains that ask for no torque, so that the feed-forward is what the actuators get."""
+
+
+def torques(*values: float) -> PDFeedForward:
+    """A message whose gains are read, with these torques."""
+    return PDFeedForward(feed_forward=values, **GAINS)
+
+
+def written(*values: float) -> PDFeedForward:
+    """One without gains, whose `u_mujoco` counts."""
+    return PDFeedForward(u_mujoco=values)
+
+
+def setpoint(*values: float) -> PositionSetpoint:
+    return PositionSetpoint(u_mujoco=values)
+
+
+def older_setpoint(*values: float) -> PositionSetpoint:
+    """One that is filled by the seeds' name of the field."""
+    message = PositionSetpoint()
+    message.u = values  # type: ignore[attr-defined]
+    return message
+
+
+OBEYED = pytest.mark.parametrize("make", [setpoint, older_setpoint, written, torques])
+
+
+@contextmanager
+def simulator(
+    folder: Path, message: type[Any], by: str = "config", **settings: object
+) -> Iterator[Any]:
+    """A simulator whose control type comes from the config or from the code, not yet configured."""
+    (folder / "arm.xml").write_text(ARM)
+    setting: dict[str, object] = {"topic": "/ctrl", **settings}
+    if by == "config":
+        setting["msg_type"] = message.__name__
+    wired = {
+        "mujoco_setting": format_setting({"model_xml_path": str(folder / "arm.xml")}),
+        "sub_ctrl_setting": format_setting(setting),
+    }
+
+    def make() -> ObeliskMujocoRobot:
+        return ObeliskMujocoRobot("sim", message if by == "code" else None, **parameters(**wired))
+
+    with spinning(make) as node:
+        told: list[str] = []
+        logger = node.get_logger()
+        for level in ("error", "warning"):
+            setattr(logger, level, told.append)
+        node.told = told  # type: ignore[attr-defined]
+        yield node
+
+
+def active(node: Any, message: type[Any]) -> Any:
+    """Take it to active; the publisher of its commands."""
+    assert request(node, "configure"), node.last_fault
+    assert request(node, "activate")
+    publisher = node.create_publisher(message, "/ctrl", 10)
+    eventually(publisher.get_subscription_count, "the subscription of the simulator")
+    return publisher
+
+
+def controls(node: Any) -> list[float]:
+    return list(node._simulation.data.ctrl)
+
+
+def said(node: Any, part: str) -> bool:
+    return any(part in text for text in node.told)
+
+
+def stamp(node: Any, ago_s: float) -> Header:
+    """A header that was stamped some time ago."""
+    seconds, nanoseconds = divmod(node.get_clock().now().nanoseconds - int(ago_s * 1e9), 10**9)
+    return Header(stamp=Time(sec=seconds, nanosec=nanoseconds))
+
+
+@OBEYED
+@pytest.mark.parametrize("by", ["config", "code"])
+def test_a_right_command_reaches_the_actuators(tmp_path: Path, make: Any, by: str) -> None:
+    message = type(make(0.0, 0.0))
+    with simulator(tmp_path, message, by) as node:
+        active(node, message).publish(make(0.5, -0.25))
+        eventually(lambda: controls(node) == [0.5, -0.25], "the control")
+        assert node.told == []
+
+
+@OBEYED
+@pytest.mark.parametrize(
+    ("values", "refusal"),
+    [
+        ((1.0,), "has the length 1, the model "),
+        ((1.0, 2.0, 3.0), "has the length 3, the model "),
+        ((NAN, 0.0), "[0]` is nan"),
+        ((0.0, INFINITE), "[1]` is inf"),
+        ((0.0, -INFINITE), "[1]` is -inf"),
+        ((1e11, 0.0), "[0]` is 1e+11"),
+    ],
+)
+def test_a_wrong_command_is_kept_out_and_told(
+    tmp_path: Path, make: Any, values: tuple[float, ...], refusal: str
+) -> None:
+    message = type(make(0.0, 0.0))
+    with simulator(tmp_path, message) as node:
+        publisher = active(node, message)
+        publisher.publish(make(0.5, -0.25))
+        publisher.publish(make(*values))
+        eventually(lambda: said(node, refusal), "the refusal")
+        assert said(node, "control refused: `")
+        eventually(lambda: controls(node) == [0.5, -0.25], "the control before it")
+        publisher.publish(make(0.1, 0.2))
+        eventually(lambda: controls(node) == [0.1, 0.2], "the control behind it")
+        assert node.state_label == "active"
+
+
+@OBEYED
+def test_a_late_command_is_applied_and_told(tmp_path: Path, make: Any) -> None:
+    message = type(make(0.0, 0.0))
+    with simulator(tmp_path, message) as node:
+        publisher = active(node, message)
+        late = make(0.5, -0.25)
+        late.header = stamp(node, 60.0)
+        publisher.publish(late)
+        eventually(lambda: controls(node) == [0.5, -0.25], "the control")
+        eventually(
+            lambda: said(node, "control applied though late: its stamp is more than 1 s old (1x)"),
+            "that it is late",
+        )
+
+
+@OBEYED
+def test_a_command_out_of_order_is_kept_out_and_told(tmp_path: Path, make: Any) -> None:
+    message = type(make(0.0, 0.0))
+    with simulator(tmp_path, message) as node:
+        publisher = active(node, message)
+        newer, older = make(0.5, -0.25), make(9.0, 9.0)
+        newer.header, older.header = stamp(node, 30.0), stamp(node, 31.0)
+        publisher.publish(newer)
+        publisher.publish(older)
+        eventually(lambda: said(node, "it is older than the one applied, by their stamps"), "told")
+        eventually(lambda: controls(node) == [0.5, -0.25], "the newer control")
+
+
+@pytest.mark.parametrize("message", [VelocityCommand, ExecutionFSM])
+@pytest.mark.parametrize("by", ["config", "code"])
+def test_a_message_without_a_control_is_refused_when_it_is_configured(
+    tmp_path: Path, message: type[Any], by: str
+) -> None:
+    with simulator(tmp_path, message, by) as node:
+        assert not request(node, "configure")
+        assert (
+            f"the control message {message.__name__} has neither a field `u_mujoco` nor `u`"
+            in node.last_fault.text
+        )
+
+
+@OBEYED
+def test_old_commands_become_zeros_although_the_executor_is_busy(tmp_path: Path, make: Any) -> None:
+    message = type(make(0.0, 0.0))
+    with simulator(tmp_path, message, max_age_sec=0.3) as node:
+        is_busy, is_free = threading.Event(), threading.Event()
+
+        def be_busy(_request: Any, response: Any) -> Any:
+            is_busy.set()
+            is_free.wait(DEADLINE_S)
+            return response
+
+        node.create_service(Trigger, "~/be_busy", be_busy)
+        client = node.create_client(Trigger, "~/be_busy")
+        publisher = active(node, message)
+        eventually(client.service_is_ready, "the service")
+        publisher.publish(make(0.5, -0.25))
+        eventually(lambda: node._inbox.newest is not None, "the command")
+        client.call_async(Trigger.Request())
+        assert is_busy.wait(DEADLINE_S)
+        eventually(lambda: controls(node) == [0.0, 0.0] and node._age.is_stale, "the zeros")
+        assert not is_free.is_set()
+        is_free.set()
+        assert said(node, "s: every number of the control is set to zero (`stale_action: zero`)")
+        publisher.publish(make(0.1, 0.2))
+        eventually(lambda: said(node, "commands come again, after "), "the next command")
+
+
+def test_the_simulator_brakes_a_robot_whose_commands_stop(tmp_path: Path) -> None:
+    with simulator(tmp_path, PositionSetpoint, max_age_sec=0.3, stale_action="damp") as node:
+        publisher = active(node, PositionSetpoint)
+        publisher.publish(setpoint(5.0, 0.0))
+        eventually(lambda: said(node, "the robot brakes (`stale_action: damp`)"), "the brake")
+        data = node._simulation.data
+        eventually(lambda: abs(data.qvel).max() < 0.01, "the robot at rest")
+        assert controls(node) != [5.0, 0.0]
+
+
+@pytest.mark.parametrize("wrong", [setpoint(1.0), setpoint(NAN, 0.0)])
+def test_refused_commands_do_not_count(tmp_path: Path, wrong: PositionSetpoint) -> None:
+    with simulator(tmp_path, PositionSetpoint, max_age_sec=100.0) as node:
+        active(node, PositionSetpoint)
+        node._take_control(setpoint(1.0, 2.0))
+        deadline_s = node._age.deadline_s
+        assert deadline_s is not None
+        node._take_control(wrong)
+        assert node._age.deadline_s == deadline_s
+        node._take_control(setpoint(1.0, 2.0))
+        assert node._age.deadline_s > deadline_s
+
+
+def test_no_command_grows_old_while_the_simulation_is_paused(tmp_path: Path) -> None:
+    with simulator(tmp_path, PositionSetpoint, max_age_sec=100.0) as node:
+        pause = node.create_client(SetBool, "~/pause")
+        active(node, PositionSetpoint)
+        node._take_control(setpoint(1.0, 2.0))
+        eventually(pause.service_is_ready, "the service")
+        paused = pause.call_async(SetBool.Request(data=True))
+        eventually(paused.done, "the pause")
+        paused_s = time.monotonic()
+        eventually(lambda: node._age.deadline_s > paused_s + 100.1, "a later deadline")
