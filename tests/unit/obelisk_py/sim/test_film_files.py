@@ -57,6 +57,17 @@ def test_an_mp4_is_h264_and_shows_each_picture_from_its_frame_on():
         assert_same(frame.to_ndarray(format="rgb24"), pixels)
 
 
+def test_an_mp4_is_as_long_as_what_it_shows_however_uneven():
+    numbers = [0, 1, 12, 26, 41, 54, 68, 85, 106, 123, 141, 154]
+    pixels = [picture((20 * n, 0, 255 - 20 * n), GREEN) for n in range(len(numbers))]
+    with av.open(film(".mp4", 30, list(zip(pixels, numbers, strict=True)))) as read:
+        stream = read.streams.video[0]
+        times = [frame.time for frame in read.decode(stream)]
+        seconds = float(stream.duration * stream.time_base)
+    assert [round(time * 30) for time in times] == numbers
+    assert seconds == pytest.approx(155 / 30, abs=1e-3)
+
+
 def test_an_mp4_says_which_colours_its_numbers_are():
     with av.open(film(".mp4", 30)) as read:
         (frame, *_) = read.decode(video=0)

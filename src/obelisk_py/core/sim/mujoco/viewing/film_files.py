@@ -50,6 +50,8 @@ class Mp4File:
         self._stream.pix_fmt = "yuv420p"
         context = self._stream.codec_context
         context.time_base = Fraction(1, rate_hz)
+        # A picture before its turn would confuse the length of a film with gaps.
+        context.max_b_frames = 0
         # What is drawn is encoded where it was drawn, beside nothing else.
         context.thread_count = 1
         # Players guess from the size what is not written down.
