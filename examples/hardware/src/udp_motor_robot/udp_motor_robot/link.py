@@ -46,6 +46,8 @@ class DriveLink:
         self._sent_at_s = time.monotonic()
         self.heard_at_s = time.monotonic()
         """When the last new state came, by the monotonic clock [s]."""
+        self.error = ""
+        """Why the last command could not be sent; empty if it could."""
         self.troubles: Counter[str] = Counter()
         """How many datagrams were lost, came late, or could not be sent; whoever tells clears."""
 
@@ -59,9 +61,11 @@ class DriveLink:
         command = Command(sequence=self._next_sequence, mode=mode, value=value)
         self._next_sequence = (self._next_sequence + 1) % SEQUENCES
         self._sent_at_s = time.monotonic()
+        self.error = ""
         try:
             self._socket.send(command.pack())
-        except OSError:  # nobody listens there, or the line is full
+        except OSError as error:  # nobody listens there, or the line is full
+            self.error = str(error)
             self.troubles["commands not sent"] += 1
 
     def stop(self) -> None:

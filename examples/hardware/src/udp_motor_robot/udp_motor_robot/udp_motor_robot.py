@@ -148,9 +148,10 @@ class UdpMotorRobot(ObeliskRobot):
 
     def _ask_drive(self, link: DriveLink) -> None:
         if link.ask(ANSWER_S) is None:
+            why = f" ({link.error})" if link.error else ""
             raise ObeliskHardwareError(
-                f"the drive at {self.address} does not answer within {ANSWER_S:g} s: is it on, "
-                "and are `drive_host` and `drive_port` right?"
+                f"the drive at {self.address} does not answer within {ANSWER_S:g} s{why}: "
+                "is it on, and are `drive_host` and `drive_port` right?"
             )
 
 
