@@ -33,9 +33,9 @@ class RateWatch:
         """By node and name, what was told last of rates that are not kept."""
 
     def heard(self, heard: RatesHeard, now: float) -> Iterator[Told]:
-        """A node reported; those of other stacks, and late reports, are left aside."""
+        """A node reported; one that is not active, or not of this run, is left aside."""
         node = heard.node
-        if not self._roster.is_here(node) or self._roster.states.get(node) != ACTIVE:
+        if self._roster.states.get(node) != ACTIVE:
             return
         self._heard[node] = now
         self._roster.rates[node] = heard.rates

@@ -85,12 +85,10 @@ class Promise:
         new = ticks - self._last_tick
         self._last_tick = ticks
         last_ns = newest_ns if new else now_ns
-        if now_ns is None or since_ns is None or last_ns is None or last_ns < since_ns:
-            # Nothing was promised, or simulated time went back.
+        if now_ns is None or since_ns is None or last_ns is None or last_ns <= since_ns:
+            # Nothing was promised, or simulated time stood still or went back.
             self._since_ns = now_ns
             self._off_reads = -FORGIVEN_READS
-            return
-        if now_ns == since_ns:  # simulated time stands still
             return
         if new:
             # From tick to tick: a second holds now one more and now one less.

@@ -12,6 +12,7 @@ from obk_cli.launch.events import (
     RateMoved,
     RatesHeard,
     StateSeen,
+    StopAsked,
     Told,
 )
 from obk_cli.plan import Origin, Promise
@@ -113,6 +114,13 @@ def test_a_node_that_is_not_active_promises_nothing() -> None:
     world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT))
     world.later += [inactive, BROKEN, *[1.0] * 6]
     assert world.run(duration_s=6).exit_code == 0
+    assert told_of_rates(world) == []
+
+
+def test_on_the_way_down_nothing_is_promised() -> None:
+    world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT))
+    world.later += [lambda: world.heard.extend([StopAsked(reason="enough"), BROKEN])]
+    assert world.run(duration_s=None).exit_code == 0
     assert told_of_rates(world) == []
 
 
