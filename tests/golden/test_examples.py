@@ -9,6 +9,7 @@ import jsonschema
 import pytest
 import yaml
 
+from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.emit.forms import FORMS as PRINTED_FORMS
 from obk_cli.emit.forms import Form
 from obk_cli.emit.graph import graph_of
@@ -20,6 +21,7 @@ HERE = Path(__file__).parent
 DRAWING = Form(lambda plan: emit_terminal(graph_of(plan)), ".txt")
 FORMS = {**PRINTED_FORMS, "drawing": DRAWING}
 EXAMPLES = ("dummy/dummy.yaml", "dummy/dummy_new.yaml")
+ROBOTS = ("arm/arm.yaml", "quadruped/quadruped.yaml")
 
 PRINT_ALL_FORMS = """
 import sys
@@ -95,6 +97,17 @@ def test_another_yaml_reader_finds_the_plans_parameters(name: str) -> None:
     assert {"sub_ctrl_setting", "obelisk_settings", "mujoco_setting", "ic_keyframe"} == set(
         read["/obelisk_robot_0"]["ros__parameters"]
     )
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_robot_has_no_finding(name: str, repository: Path) -> None:
+    config = repository / "examples" / name
+    surroundings = MachineSurroundings(config.parent, repository, {})
+    options = Options(environment={}, working_folder=repository, surroundings=surroundings)
+    outcome = compile_config(str(config), options)
+    assert outcome.plan is not None
+    assert outcome.diagnostics == ()
 
 
 def test_the_same_config_gives_the_same_bytes_in_every_process(repository: Path) -> None:

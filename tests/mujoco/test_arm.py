@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 import yaml
-from arm_py.law import Gravity, Motion, pd_torques, smoothed
+from arm_py.law import Gravity, Motion, smoothed
 
 pytestmark = pytest.mark.mujoco
 
@@ -99,15 +99,15 @@ def test_it_reaches_each_pose_and_rests_there(model, folder, params, late):
         move_s=float(params["move_s"]),
         rest_s=float(params["rest_s"]),
     )
-    torques = [data.ctrl.copy()] * late
+    messages = [(data.qpos.copy(), np.zeros(6), data.ctrl.copy())] * late
     touched = 0
     for _ in range(6):
         for _ in range(round((motion.move_s + motion.rest_s) / PERIOD_S)):
-            state = data.qpos.copy(), data.qvel.copy()
-            wanted = motion.at(data.time)
-            pull = pd_torques(wanted, state, params["kp"], params["kd"])
-            torques.append(gravity.torques(state[0]) + pull)
-            data.ctrl[:] = torques.pop(0)
+            messages.append((*motion.at(data.time), gravity.torques(data.qpos)))
+            angles, speeds, weight = messages.pop(0)
+            # As the drives do it.
+            pull = params["kp"] * (angles - data.qpos) + params["kd"] * (speeds - data.qvel)
+            data.ctrl[:] = weight + pull
             mujoco.mj_step(model, data)
             touched += data.ncon
         assert data.qpos == pytest.approx(motion.at(data.time - PERIOD_S)[0], abs=0.01)

@@ -1,4 +1,4 @@
-"""The controller's node: a state estimate in, torques with all that they are made of out."""
+"""The controller's node: a state estimate in, targets, gains and torques for the drives out."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from obelisk_control_msgs.msg import PDFeedForward
 from obelisk_estimator_msgs.msg import EstimatedState
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
-from arm_py.law import Gravity, Motion, pd_torques
+from arm_py.law import Gravity, Motion
 from obelisk_py.core.control import ObeliskController
 from obelisk_py.core.utils.ros import spin_obelisk
 
@@ -52,20 +52,17 @@ class ArmController(ObeliskController):
         self.x_hat = x_hat_msg
 
     def compute_control(self) -> PDFeedForward | None:
-        """Publish torques and where they lead to; nothing before the first estimate."""
+        """Publish what the drives are to do; nothing before the first estimate."""
         if self.x_hat is None:
             return None
-        q, v = np.array(self.x_hat.q_joints), np.array(self.x_hat.v_joints)
+        q = np.array(self.x_hat.q_joints)
         began_s, motion = self.began = self.began or (self.t, self._motion_from(q))
         angles, speeds = motion.at(self.t - began_s)
-        weight = self.gravity.torques(q)
-        torques = weight + pd_torques((angles, speeds), (q, v), self.kp, self.kd)
         msg = PDFeedForward(
-            u_mujoco=torques.tolist(),
             joint_names=self.x_hat.joint_names,
             pos_target=angles.tolist(),
             vel_target=speeds.tolist(),
-            feed_forward=weight.tolist(),
+            feed_forward=self.gravity.torques(q).tolist(),
             kp=self.kp.tolist(),
             kd=self.kd.tolist(),
         )

@@ -1,4 +1,4 @@
-"""The law of the arm: from pose to pose, by torques that hold the joints to the way and carry them.
+"""The law of the arm: the way from pose to pose, and the torques that carry its weight.
 
 No ROS. Vectors have an element for each joint, from the table to the hand.
 """
@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Gravity", "Motion", "pd_torques", "smoothed"]
+__all__ = ["Gravity", "Motion", "smoothed"]
 
 Array = NDArray[np.float64]
 
@@ -56,14 +56,6 @@ class Gravity:
         mujoco.mj_forward(self._model, self._data)
         torques: Array = self._data.qfrc_bias.copy()
         return torques
-
-
-def pd_torques(
-    wanted: tuple[Array, Array], state: tuple[Array, Array], kp: Array, kd: Array
-) -> Array:
-    """Torques [N m] that pull angles [rad] and speeds [rad/s] to what is wanted, shape (6,)."""
-    (angles, speeds), (q, v) = wanted, state
-    return kp * (angles - q) + kd * (speeds - v)
 
 
 def smoothed(last: Array, measured: Array, period_s: float, time_constant_s: float) -> Array:
