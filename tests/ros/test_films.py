@@ -1,0 +1,64 @@
+"""Films of running stacks, read again; where no OpenGL is, the launch that does not come up."""
+
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from .stack import DUMMY, eventually, launched, obk
+
+pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
+
+ORANGE = (240, 140, 50)
+"""The rod that swings."""
+
+
+def orange(pixels: np.ndarray) -> np.ndarray:
+    return np.abs(pixels.astype(int) - ORANGE).sum(axis=2) < 120
+
+
+def test_a_launch_leaves_a_film_of_its_robot(tmp_path: Path) -> None:
+    path = tmp_path / "out.mp4"
+    words = ("--render", path, "--render-camera", "overview", "--render-size", "160x120")
+    result = obk("launch", DUMMY, *words, "--duration", "3", "--color", "never")
+    if "cameras need OpenGL" in result.stdout:
+        assert result.returncode == 1
+        assert not list(tmp_path.iterdir())
+        return
+    assert result.returncode == 0, result.stdout + result.stderr
+    *_, told, end = result.stdout.splitlines()
+    assert end == "ended in order"
+    assert told.startswith(f"film: {path}, ")
+    with av.open(path) as film:
+        stream = film.streams.video[0]
+        assert (stream.width, stream.height) == (160, 120)
+        assert stream.duration is not None
+        assert stream.time_base is not None
+        seconds = float(stream.duration * stream.time_base)
+        frames = [frame.to_ndarray(format="rgb24") for frame in film.decode(stream)]
+    assert f", {len(frames)} frame" in told
+    assert f", {seconds:.1f} s, " in told
+    assert seconds > 0.1
+    assert all(orange(frame).sum() > 20 for frame in frames)
+    assert [path.name for path in tmp_path.iterdir()] == ["out.mp4"]
+
+
+def test_a_killed_launcher_leaves_a_whole_film_or_none(tmp_path: Path) -> None:
+    path = tmp_path / "out.mp4"
+    with launched(DUMMY, "--render", path, "--render-size", "160x120", "--quiet") as run:
+        run.process.kill()
+        eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
+    left = list(tmp_path.iterdir())
+    assert left in ([], [path])
+    if left:
+        with av.open(path) as film:
+            assert next(film.decode(video=0)).width == 160
+
+
+def test_a_film_that_cannot_be_made_keeps_the_stack_from_coming_up(tmp_path: Path) -> None:
+    films = f'onboard.robot[0].params.render="{tmp_path}/none/out.mp4"'
+    result = obk("launch", DUMMY, "--set", films, "--duration", "1", "--color", "never")
+    assert result.returncode == 1
+    assert "; there is no film" in result.stdout
+    assert "active" not in result.stdout.replace("inactive", "")
