@@ -281,6 +281,28 @@ def test_anything_else_is_refused(factor: Any) -> None:
         assert "the parameter 'realtime_factor' is" in node.last_fault.text
 
 
+def test_a_realtime_factor_is_taken_between_runs_and_not_within_one() -> None:
+    def set_factor(node: Any, factor: float) -> Any:
+        (result,) = node.set_parameters(parameters(realtime_factor=factor)["parameter_overrides"])
+        return result
+
+    with simulator() as (node, collect):
+        rtf = collect(Float64, "/sim/rtf")
+        assert request(node, "configure")
+        refused = set_factor(node, 0.25)
+        assert not refused.successful
+        assert refused.reason == (
+            "'realtime_factor' is read at configure: clean up, set it, configure again"
+        )
+        assert node.get_parameter("realtime_factor").value == 1.0
+        assert request(node, "cleanup")
+        assert set_factor(node, 0.25).successful
+        assert request(node, "configure")
+        assert request(node, "activate")
+        eventually(lambda: rtf, "the factor that is reached")
+        assert rtf[0].data < 0.3
+
+
 def test_a_control_message_without_a_control_is_refused() -> None:
     setting = "{topic: /ctrl, msg_type: VelocityCommand}"
     with simulator(sub_ctrl_setting=setting) as (node, _):

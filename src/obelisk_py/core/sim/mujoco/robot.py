@@ -6,7 +6,6 @@ Services: `~/reset`, `~/pause`, `~/step`. Whatever is published in simulation ti
 the stepping thread.
 """
 
-import math
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -16,14 +15,14 @@ from typing import Any, Final
 import mujoco
 from ament_index_python.packages import PackageNotFoundError, get_package_share_path
 from obelisk_sensor_msgs.msg import TrueSimState
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.publisher import LifecyclePublisher
+from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
 from obelisk_py.core.cdr import PackedMessage
-from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.rates.counter import TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
@@ -32,6 +31,11 @@ from obelisk_py.core.sim.mujoco.control import ControlInbox, make_inbox
 from obelisk_py.core.sim.mujoco.drive import WhenStale
 from obelisk_py.core.sim.mujoco.loading import load_model
 from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of, promise_nothing
+from obelisk_py.core.sim.mujoco.realtime_factor import (
+    REALTIME_FACTOR,
+    realtime_factor_of,
+    refuse_while_configured,
+)
 from obelisk_py.core.sim.mujoco.requests import Answer, StepRequests
 from obelisk_py.core.sim.mujoco.services import make_services
 from obelisk_py.core.sim.mujoco.simulation import Simulation
@@ -80,7 +84,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self.declare_parameter(PARAMETER, "")
         self.declare_parameter("ic_keyframe", "")
         # A config may write 0 or 1 as well as 0.5.
-        self.declare_parameter("realtime_factor", 1.0, ParameterDescriptor(dynamic_typing=True))
+        self.declare_parameter(REALTIME_FACTOR, 1.0, ParameterDescriptor(dynamic_typing=True))
         for name, default in {**PARAMETERS, **FILM_PARAMETERS}.items():
             self.declare_parameter(name, default)
         self._simulation: Simulation | None = None
@@ -94,6 +98,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._closing = ExitStack()
         self._requests = StepRequests()
         self._request_services: list[Any] = []
+        self.add_on_set_parameters_callback(self._refuse_parameters)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read and check the sim block, load the model, make the publishers.
@@ -102,7 +107,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             ObeliskConfigError: with every finding about the block.
         """
         result = super().on_configure(state)
-        factor = self._realtime_factor()
+        factor = realtime_factor_of(self.get_parameter(REALTIME_FACTOR).value)
         wishes = wishes_of(lambda name: self.get_parameter(name).value)
         film = film_wanted(lambda name: self.get_parameter(name).value)
         loaded = load_model(
@@ -245,6 +250,9 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._stepper.step()
         return Answer(is_done=True, text=f"at {self._simulation.time_ns / NS_PER_S:.12g} s")
 
+    def _refuse_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        return refuse_while_configured(parameters, is_configured=self._simulation is not None)
+
     def _when_stale(self) -> WhenStale | None:
         if self._age is None:
             return None
@@ -258,17 +266,6 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def _refusal_of(self, _control_msg: ObeliskControlMsg) -> None:
         """The inbox refuses, by what the simulation reads."""
-
-    def _realtime_factor(self) -> float:
-        factor = self.get_parameter("realtime_factor").value
-        if isinstance(factor, bool) or not isinstance(factor, int | float):
-            raise ObeliskConfigError(f"the parameter 'realtime_factor' is {factor!r}, no number")
-        if not (math.isfinite(factor) and factor >= 0):
-            raise ObeliskConfigError(
-                f"the parameter 'realtime_factor' is {factor:g}; expected a number above 0, or 0 "
-                "for as fast as possible"
-            )
-        return float(factor)
 
     def _make_stepper(
         self, simulation: Simulation, factor: float, outputs: tuple[Output, ...]
