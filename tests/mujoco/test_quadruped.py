@@ -9,8 +9,8 @@ from quadruped_py.odometry import Odometry, Reading, rotation_matrix
 
 pytestmark = pytest.mark.mujoco
 
-ONE_ROUND_S = 14.0
-"""Getting up, swaying, trotting."""
+TWO_ROUNDS_S = 26.0
+"""Getting up, then swaying and trotting twice."""
 STEPS_PER_CONTROL = 2
 
 
@@ -100,7 +100,7 @@ def read(model, data):
 
 @pytest.fixture(scope="module", params=[0, 5], ids=["at once", "20 ms late"])
 def walked(request, model):
-    """What one round is like: times, true positions, estimates, tilts, heights of the feet.
+    """What it does: times, true positions, estimates, tilts, heights of the feet.
 
     Controls arrive by so many periods late.
     """
@@ -110,7 +110,7 @@ def walked(request, model):
     start = data.qpos[7:].reshape(4, 3).copy()
     controls = [data.ctrl.copy()] * request.param
     rows = []
-    for time_s in np.arange(0, ONE_ROUND_S, period_s):
+    for time_s in np.arange(0, TWO_ROUNDS_S, period_s):
         reading = read(model, data)
         odometry.update(reading, period_s)
         trunk = Trunk(place=odometry.position[:2], rotation=reading.rotation)
