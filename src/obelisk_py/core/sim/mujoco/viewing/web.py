@@ -25,6 +25,8 @@ _HOST: Final = "127.0.0.1"
 _PORT: Final = 8080
 _PERIOD_S: Final = 1 / 30
 """Between two states that the browser gets [s]."""
+_DISTANCE: Final = 1.5
+"""Of the camera, in extents of the model, as in MuJoCo's own viewer."""
 _WAIT_S: Final = 0.1
 """How long a setting changed in the page waits where nothing moves [s]."""
 
@@ -65,7 +67,12 @@ def _scene(server: viser.ViserServer, states: States) -> ViserMujocoScene:
     scene = ViserMujocoScene(server, states.model, num_envs=1)
     # What is chosen in the page is drawn by this thread, the only one that touches the data.
     scene.set_refresh_handler(_nothing)
-    scene.create_visualization_gui()
+    view = states.model.vis.global_
+    scene.create_visualization_gui(
+        camera_distance=_DISTANCE * states.model.stat.extent,
+        camera_azimuth=view.azimuth,
+        camera_elevation=-view.elevation,
+    )
     scene.update_from_mjdata(states.data)
     return scene
 
