@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 import rclpy
 from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.task import Future
 
 from obelisk_py.core.executors import EventLoopExecutor
 from obelisk_py.core.node import ObeliskNode
@@ -75,15 +76,19 @@ def listening(
     executor = executor_type()
     for each in (node, listener):
         executor.add_node(each)
-    thread = threading.Thread(target=executor.spin, daemon=True)
+    over = Future()
+    # rclpy's executors may raise when they are shut down while they spin.
+    thread = threading.Thread(target=executor.spin_until_future_complete, args=(over,), daemon=True)
     thread.start()
     try:
         assert request(node, "configure")
         assert request(node, "activate")
         yield node, heard
     finally:
-        executor.shutdown()
+        over.set_result(None)
+        executor.wake()
         thread.join()
+        executor.shutdown()
         node.destroy_node()
         listener.destroy_node()
         rclpy.try_shutdown()
