@@ -14,8 +14,10 @@ from typing import Any
 
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
 from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.task import Future
+from rosgraph_msgs.msg import Clock
 
 from obelisk_py.core.executors import EventLoopExecutor
 from obelisk_py.core.node import ObeliskNode
@@ -167,6 +169,31 @@ def test_only_an_active_node_tells_of_its_rates() -> None:
         assert request(node, "activate")
         eventually(lambda: len(heard) > before, "reports again")
         assert [rate.name for rate in heard[before].rates] == ["timer_slow", "timer_fast"]
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_on_simulated_time_a_rate_is_one_of_it_and_nothing_is_promised_while_it_stands() -> None:
+    """Simulated time goes at a fifth of the wall's: 10 Hz of it are 2 Hz."""
+
+    def make() -> ObeliskNode:
+        slow = "{timer_period_sec: 0.1}"
+        return Awaiting(use_sim_time=True, timer_slow_setting=slow, timer_fast_setting=slow)
+
+    with listening(make, EventLoopExecutor) as (node, heard):
+        clock = node.create_publisher(Clock, "/clock", 10)
+        now_ms = 1000
+
+        def move_on() -> bool:
+            nonlocal now_ms
+            now_ms += 4
+            clock.publish(Clock(clock=Time(sec=now_ms // 1000, nanosec=now_ms % 1000 * 10**6)))
+            return (newest(heard, "timer_slow") or NONE).ticks >= 8
+
+        eventually(move_on, f"ticks: {heard}")
+        assert (newest(heard, "timer_slow") or NONE).measured_hz > 4
+        stopped = len(heard)
+        eventually(lambda: len(heard) >= stopped + 3, "reports")
+        assert (newest(heard, "timer_slow") or NONE).standing == "kept"
 
 
 @pytest.mark.usefixtures("ros_domain")
