@@ -140,12 +140,21 @@ def test_every_way_out_stops_the_motor(active: UdpMotorRobot, drive: Answering, 
     drive.wait_for(Mode.TORQUE, 0.0)
 
 
+def test_without_commands_the_motor_is_stopped(active: UdpMotorRobot, drive: Answering) -> None:
+    """What the config's `stale_action: damp` asks for."""
+    assert active.apply_control(PositionSetpoint(u_mujoco=[0.5]))
+    drive.wait_for(Mode.POSITION, 0.5)
+    drive.commands.clear()
+    active.apply_damping()
+    drive.wait_for(Mode.TORQUE, 0.0)
+
+
 def test_what_is_no_command_is_refused_and_told_once(
     active: UdpMotorRobot, drive: Answering, warnings: list[str]
 ) -> None:
     """Wrong lengths and NaN never get to the drive."""
     for command in ([], [0.1, 0.2], [0.3, 0.4], [math.nan]):
-        active.apply_control(PositionSetpoint(u_mujoco=command))
+        assert not active.apply_control(PositionSetpoint(u_mujoco=command))
     active.report()
     active.report()
     assert warnings == [

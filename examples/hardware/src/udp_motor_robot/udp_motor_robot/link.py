@@ -6,6 +6,7 @@ nothing moves yet, waits for an answer.
 """
 
 import socket
+import threading
 import time
 from collections import Counter
 
@@ -21,7 +22,7 @@ LONGEST_DATAGRAM = 1500
 
 
 class DriveLink:
-    """A connection to one drive; used on one thread."""
+    """A connection to one drive; only `send` and `stop` may be called on several threads."""
 
     def __init__(self, host: str, port: int) -> None:
         """Open the socket; nothing is sent yet.
@@ -41,6 +42,7 @@ class DriveLink:
         except BaseException:
             self._socket.close()
             raise
+        self._sending = threading.Lock()
         self._next_sequence = 0
         self._last_sequence: int | None = None
         self._sent_at_s = time.monotonic()
@@ -58,15 +60,16 @@ class DriveLink:
             mode: what the value is.
             value: torque [N m] or position [rad]; finite.
         """
-        command = Command(sequence=self._next_sequence, mode=mode, value=value)
-        self._next_sequence = (self._next_sequence + 1) % SEQUENCES
-        self._sent_at_s = time.monotonic()
-        self.error = ""
-        try:
-            self._socket.send(command.pack())
-        except OSError as error:  # nobody listens there, or the line is full
-            self.error = str(error)
-            self.troubles["commands not sent"] += 1
+        with self._sending:
+            command = Command(sequence=self._next_sequence, mode=mode, value=value)
+            self._next_sequence = (self._next_sequence + 1) % SEQUENCES
+            self._sent_at_s = time.monotonic()
+            self.error = ""
+            try:
+                self._socket.send(command.pack())
+            except OSError as error:  # nobody listens there, or the line is full
+                self.error = str(error)
+                self.troubles["commands not sent"] += 1
 
     def stop(self) -> None:
         """Send zero torque. Should that be lost, the drive's watchdog does the same."""

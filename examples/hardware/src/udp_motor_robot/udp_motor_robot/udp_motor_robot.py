@@ -95,8 +95,8 @@ class UdpMotorRobot(ObeliskRobot):
         self.link.stop()
         return super().on_deactivate(state)
 
-    def apply_control(self, control_msg: PositionSetpoint) -> None:
-        """Send the control message to the drive, or refuse it; only while the node is active."""
+    def apply_control(self, control_msg: PositionSetpoint) -> bool:
+        """Send the control message to the drive; False if it is refused."""
         assert self.link is not None
         command = control_msg.u_mujoco
         if len(command) != 1:
@@ -106,6 +106,14 @@ class UdpMotorRobot(ObeliskRobot):
         else:
             self.is_commanded = True
             self.link.send(Mode.POSITION, command[0])
+            return True
+        return False
+
+    def apply_damping(self) -> None:
+        """Stop the motor, as no command came for `max_age_sec`; friction brakes the joint."""
+        assert self.link is not None
+        self.is_commanded = False
+        self.link.stop()
 
     def publish_sensor(self) -> JointEncoders | None:
         """Publish the newest state of the drive, if one has come since the last time.
