@@ -82,6 +82,7 @@ class PackedMessage:
         # Between the fields and behind the last one rclpy leaves what it finds.
         for start, end in ((-_HEAD, 0), *layout.spans):
             self._data[_HEAD + start : _HEAD + end] = written[_HEAD + start : _HEAD + end]
+        self._bytes = memoryview(self._data)
         self._places = layout.places
         self._stamps = tuple(place + _HEAD for place in layout.stamps)
 
@@ -113,8 +114,8 @@ class PackedMessage:
         """The message as it is now; each `builtin_interfaces/Time` in it is `stamp_ns` [ns]."""
         seconds, nanoseconds = divmod(stamp_ns, _NS_PER_S)
         for place in self._stamps:
-            _STAMP.pack_into(self._data.data, place, seconds, nanoseconds)
-        return self._data.tobytes()
+            _STAMP.pack_into(self._bytes, place, seconds, nanoseconds)
+        return self._bytes.tobytes()
 
 
 class _Layout:
