@@ -82,7 +82,7 @@ class PackedMessage:
         # Between the fields and behind the last one rclpy leaves what it finds.
         for start, end in ((-_HEAD, 0), *layout.spans):
             self._data[_HEAD + start : _HEAD + end] = written[_HEAD + start : _HEAD + end]
-        self._bytes = memoryview(self._data)
+        self._bytes = self._data.data
         self._places = layout.places
         self._stamps = tuple(place + _HEAD for place in layout.stamps)
 
