@@ -14,7 +14,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
 INSTALL := $(PIP) install --no-deps --no-build-isolation
 PYTHONS := 3.12 3.13
 
-.PHONY: setup demo test test-unit check golden docs bench-tool lock wheel clean
+.PHONY: setup demo test test-unit check golden docs bench-tool bench-simulator lock wheel clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.interfaces
@@ -47,6 +47,10 @@ bench-tool: setup
 	$(PYTHON) -m venv build/peer
 	build/peer/bin/python -m pip -qq install check-jsonschema==0.39.0
 	$(BIN)/python benchmarks/tool.py build/peer/bin/check-jsonschema
+
+# How exactly the simulator keeps time and what it costs; writes benchmarks/results/simulator.json.
+bench-simulator: setup
+	$(BIN)/python benchmarks/simulator.py
 
 # --- the environment, in four steps; each is done again only when what it is made from changes ---
 
