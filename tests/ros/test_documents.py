@@ -20,10 +20,11 @@ DOCUMENTS = (
     ROOT / "docs" / "compile.md",
     ROOT / "docs" / "doctor.md",
     ROOT / "docs" / "looking.md",
+    ROOT / "docs" / "looking-into-a-stack.md",
     ROOT / "docs" / "messages.md",
     ROOT / "docs" / "running.md",
 )
-WHILE_RUNNING = ("lifecycle", "ps", "logs", "stop")
+WHILE_RUNNING = ("lifecycle", "ps", "logs", "stop", "topic", "node", "param", "service")
 SHELL_BLOCK = re.compile(r"```sh\n(.*?)```", re.DOTALL)
 
 

@@ -75,6 +75,9 @@ class RosLook:
             domain: the ROS domain.
         """
         self.node: Final = node
+        with node:
+            self.name: Final = f"/{node.get_node_name()}"
+            """Full name of the participant's own node."""
         self.domain: Final = domain
         self._functions = functions
         self._begin = time.monotonic()

@@ -6,7 +6,7 @@ imports from them (`overlay_environment.import_from`).
 
 import importlib
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from obelisk_spec.near import did_you_mean
@@ -14,7 +14,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.looking.field_types import ArrayType, FieldType, Message, Number, parse_type
 from obk_cli.looking.fill import Data, Now
 
-__all__ = ["fields_of", "find_type", "make_message", "short_type"]
+__all__ = ["fields_of", "find_type", "make_message", "raw_type", "short_type"]
 
 NS: int = 1_000_000_000
 
@@ -41,6 +41,24 @@ def find_type(name: str) -> Any:
             f"the package {package} has no type {name}", help=did_you_mean(kind, known)
         )
     return getattr(module, kind)
+
+
+def raw_type(name: str, hashes: Iterable[str]) -> Any:
+    """The class of a message that is only to be counted; one that is not built here does too.
+
+    Args:
+        name: full, `pkg/msg/Name`.
+        hashes: of the type, as publishers tell them.
+
+    Raises:
+        CommandFailedError: it is not built here, and the middleware cannot do without.
+    """
+    try:
+        return find_type(name)
+    except CommandFailedError:
+        from obk_cli.adapters.unbuilt_types import stand_in
+
+        return stand_in(name, min(hashes, default=""))
 
 
 def short_type(name: str) -> str:

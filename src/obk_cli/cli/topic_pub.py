@@ -73,17 +73,22 @@ def command(
         seen = _topic(look, place, topic, msg_type, timeout)
         full_type = msg_type or seen.msg_types[0]
         data = parse_message(text, full_type)
-        _refuse_moving(seen, place, is_allowed=allow_foreign)
+        if not allow_foreign:
+            _refuse_moving(seen, place)
         is_latched = any(e.qos.durability == "transient_local" for e in seen.subscriptions)
         publisher = RosPublisher(
             look, seen.name, find_type(full_type), is_transient_local=is_latched
         )
         if not look.wait_for(lambda: publisher.subscribers >= wait_for or None, timeout):
+            _require_type(look.topic(seen.name), full_type)
             raise CommandFailedError(
                 f"{publisher.subscribers} of {wait_for} subscribers of {seen.name} came within "
                 f"{timeout:g} s",
                 help="`--wait-for 0` publishes without any",
             )
+        # Nodes of other hosts may have become known only now.
+        if not allow_foreign:
+            _refuse_moving(look.topic(seen.name), place)
         begin, sent = time.monotonic(), 0
         while most is None or sent < most:
             publisher.until(begin + sent / rate)
@@ -130,23 +135,25 @@ def _topic(
         # Who listens is to be known, for the sake of robots.
         look.settle(place.nodes, 0.5, timeout_s if place.nodes else 0.5)
         seen = look.topic(name)
-    if msg_type is not None and seen.msg_types and msg_type not in seen.msg_types:
-        raise CommandFailedError(
-            f"{seen.name} is of the type {' and '.join(seen.msg_types)}, not {msg_type}",
-            help="nobody would hear the messages",
-        )
+    if msg_type is not None:
+        _require_type(seen, msg_type)
     return seen
 
 
-def _refuse_moving(topic: TopicSeen, place: Place, *, is_allowed: bool) -> None:
+def _require_type(topic: TopicSeen, msg_type: str) -> None:
+    others = [end.msg_type for end in topic.subscriptions if end.msg_type != msg_type]
+    if others and len(others) == len(topic.subscriptions):
+        raise CommandFailedError(
+            f"{topic.name} is of the type {others[0]}, not {msg_type}",
+            help="nobody would hear the messages",
+        )
+
+
+def _refuse_moving(topic: TopicSeen, place: Place) -> None:
     from obk_cli.looking.guard import moved_by
 
-    robots = moved_by(topic, place.plans)
-    if not robots:
-        return
-    if not is_allowed:
+    if robots := moved_by(topic, place.plans):
         raise CommandFailedError(
             f"{topic.name} moves {list_names(robots)}, which runs in the ROS domain {place.domain}",
             help="publish there only on purpose, with `--allow-foreign`",
         )
-    print(f"warning: {topic.name} moves {list_names(robots)}", file=sys.stderr)

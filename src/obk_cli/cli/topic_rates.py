@@ -62,7 +62,7 @@ def hz(
 
     from obk_cli.adapters.ros_look import open_look
     from obk_cli.adapters.ros_meter import RosMeter
-    from obk_cli.adapters.ros_types import find_type
+    from obk_cli.adapters.ros_types import raw_type
     from obk_cli.looking.finding import find_topic, the_type
 
     with open_look(place.environment) as look:
@@ -70,7 +70,8 @@ def hz(
         for topic in topics:
             seen = find_topic(look, place, topic, timeout)
             msg_type = the_type("topic", seen.name, seen.msg_types)
-            meter.add(seen.name, msg_type, find_type(msg_type))
+            hashes = (end.type_hash for end in seen.publishers)
+            meter.add(seen.name, msg_type, raw_type(msg_type, hashes))
         begin = told = time.monotonic()
         while duration is None or time.monotonic() < begin + duration:
             meter.turn()

@@ -6,7 +6,6 @@ What a run's plan tells helps to find it at once; whether it is there only the g
 from collections.abc import Callable, Collection, Iterable
 from typing import Final
 
-from obk_cli.adapters.ros_graph import FOREIGN_DISCOVERY_S
 from obk_cli.adapters.ros_look import RosLook
 from obk_cli.errors import CommandFailedError
 from obk_cli.looking.graph import TopicSeen
@@ -31,8 +30,7 @@ def settle(look: RosLook, place: Place, timeout_s: float, *, wait_s: float | Non
     Raises:
         CommandFailedError: there is no node at all.
     """
-    limit_s = timeout_s if place.nodes else min(timeout_s, FOREIGN_DISCOVERY_S)
-    look.settle(place.nodes, OTHERS_QUIET_S, limit_s)
+    look.settle(place.nodes, OTHERS_QUIET_S, timeout_s)
     if wait_s is not None:
         look.rest(wait_s)
     if not look.nodes() and not look.topic_types():

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterable
 from typing import Literal
 
-from obelisk_spec.near import did_you_mean, list_names
+from obelisk_spec.near import did_you_mean, list_names, near_names
 from obk_cli.errors import CommandFailedError
 
 __all__ = ["Kind", "absolute", "meant", "one_meant"]
@@ -50,6 +50,15 @@ def one_meant(kind: Kind, name: str, known: Collection[str], domain: int) -> str
     if not fitting:
         raise CommandFailedError(
             f"there is no {kind} `{name}` in the ROS domain {domain}",
-            help=did_you_mean(name, sorted(known)),
+            help=_near(name, sorted(known)),
         )
     return fitting[0]
+
+
+def _near(name: str, known: Collection[str]) -> str | None:
+    """What may be meant, by whole names or by their last parts; else what there is."""
+    tails = {full.rpartition("/")[2].removeprefix("obelisk_"): full for full in known}
+    near = [] if name.startswith("/") else [tails[tail] for tail in near_names(name, tails)]
+    if near and not near_names(name, known):
+        return f"did you mean {' or '.join(f'`{full}`' for full in near)}?"
+    return did_you_mean(name, known)

@@ -115,3 +115,9 @@ def test_stamps_are_found_by_type() -> None:
     assert stamp_of("pkg/State", fields_of)(message) == 2_000_000_005
     with pytest.raises(CommandFailedError, match="pkg/Point has no header and no stamp"):
         stamp_of("pkg/Point", fields_of)
+
+
+def test_a_slip_in_a_short_name_is_told_by_the_whole_one() -> None:
+    with pytest.raises(CommandFailedError) as caught:
+        one_meant("topic", "ctlr", TOPICS, 7)
+    assert caught.value.help == "did you mean `/a/ctrl`?"

@@ -1,0 +1,166 @@
+"""What it costs to look into a running stack: how long commands take, how much the counting takes.
+
+    python benchmarks/looking.py [--runs N] [--topics N] [--rate HZ] [--seconds S]
+
+Each command runs N times, cold, against the dummy stack; its seconds are medians. Then one process
+publishes on many quick topics and `obk topic hz` counts them: its share of a core, and what it
+counted held against what was published. Goes to `benchmarks/results/looking.json`. Exit code 1 when
+messages are neither counted nor told as lost.
+"""
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+
+ROOT = Path(__file__).resolve().parents[1]
+OBK = Path(sys.executable).with_name("obk")
+DUMMY = ROOT / "examples" / "dummy" / "dummy.yaml"
+RESULT = ROOT / "benchmarks" / "results" / "looking.json"
+PROFILE = ROOT / "src" / "obk_cli" / "adapters" / "dds_profile.xml"
+DOMAIN = "98"
+COMMANDS = (
+    "topic list",
+    "topic info est",
+    "topic echo est --once",
+    "topic echo est q_joints[0] --once",
+    "node list",
+    "node info control_0",
+    "param list control_0",
+    "param get control_0 use_sim_time",
+    "param set control_0 use_sim_time false",
+    "param dump control_0",
+    "service list",
+    "service call obelisk_robot_0/get_state",
+    "topic pub ctrl '{u_mujoco: [0.0]}' --once --allow-foreign",
+)
+COMPLETION = {
+    "_OBK_COMPLETE": "complete_bash",
+    "COMP_WORDS": "obk topic echo im",
+    "COMP_CWORD": "3",
+}
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """Of every process here: away from the user's stacks."""
+    return {
+        **os.environ,
+        "ROS_DOMAIN_ID": DOMAIN,
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(PROFILE),
+        "OBK_HOME": str(folder),
+    }
+
+
+@contextmanager
+def stack(variables: dict[str, str]) -> Iterator[None]:
+    """The dummy stack, active."""
+    launch = subprocess.Popen(
+        [OBK, "launch", DUMMY, "--quiet"], env=variables, stdout=subprocess.PIPE, text=True
+    )
+    assert launch.stdout is not None
+    try:
+        next(line for line in launch.stdout if "] active" in line)
+        yield
+    finally:
+        launch.send_signal(2)
+        launch.communicate(timeout=30)
+
+
+def seconds_of(words: list[str], runs: int, variables: dict[str, str]) -> dict[str, float]:
+    """How long a command takes, and how much of the processor [s]."""
+    took, used = [], []
+    for _ in range(runs):
+        before, begin = os.times(), time.monotonic()
+        subprocess.run([OBK, *words], env=variables, check=True, capture_output=True, timeout=60)
+        took.append(time.monotonic() - begin)
+        after = os.times()
+        used.append(
+            after.children_user
+            + after.children_system
+            - before.children_user
+            - before.children_system
+        )
+    return {
+        "median_s": statistics.median(took),
+        "longest_s": max(took),
+        "cpu_s": statistics.median(used),
+    }
+
+
+def counting(topics: int, rate_hz: float, seconds: float, variables: dict[str, str]) -> dict:
+    """`obk topic hz` on many quick topics."""
+    words = (str(topics), str(rate_hz), str(seconds))
+    publisher = subprocess.Popen(
+        [sys.executable, ROOT / "benchmarks" / "recording.py", "--publish", *words],
+        env=variables,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    names = [f"/load/t{number:02}" for number in range(topics)]
+    counter = psutil.Popen(
+        [OBK, "topic", "hz", *names, "--format", "json", "--timeout", "60"],
+        env=variables,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    told = json.loads(publisher.communicate(timeout=seconds * 5 + 60)[0])
+    used = counter.cpu_times()
+    counter.send_signal(2)
+    lines = [json.loads(line) for line in counter.communicate(timeout=20)[0].splitlines()]
+    last = {line["topic"]: line for line in lines}
+    return {
+        "topics": topics,
+        "rate_hz": told["each"] / told["seconds"],
+        "measured_hz": statistics.median(line["rate_hz"] for line in last.values()),
+        "published": told["each"] * topics,
+        "counted": sum(line["count"] for line in last.values()),
+        "told_as_lost": sum(line["lost"] for line in last.values()),
+        # Its start and its wait for the publisher are counted too.
+        "cores": (used.user + used.system) / told["seconds"],
+    }
+
+
+def main() -> int:
+    """Measure, print, keep."""
+    import shlex
+
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=10)
+    parser.add_argument("--topics", type=int, default=20)
+    parser.add_argument("--rate", type=float, default=1000.0)
+    parser.add_argument("--seconds", type=float, default=10.0)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        variables = environment(Path(folder))
+        with stack(variables):
+            commands = {
+                words: seconds_of(shlex.split(words), options.runs, variables) for words in COMMANDS
+            }
+            commands["completion"] = seconds_of([], options.runs, {**variables, **COMPLETION})
+        counted = counting(options.topics, options.rate, options.seconds, variables)
+    result = {
+        "commands": commands,
+        "counting": counted,
+        "load_average": os.getloadavg()[0],
+        "cores": os.cpu_count(),
+        "machine": platform.machine(),
+    }
+    text = json.dumps(result, indent=1)
+    RESULT.write_text(text + "\n", encoding="utf-8")
+    print(text)
+    return 0 if counted["published"] == counted["counted"] + counted["told_as_lost"] else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,352 @@
+"""`obk topic`, `node`, `param`, `service` against a talker in this process, and against a stack."""
+
+import csv
+import io
+import json
+import os
+import subprocess
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+import yaml
+from geometry_msgs.msg import PointStamped
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Int32, String
+from std_srvs.srv import SetBool
+
+from obk_cli.adapters.unbuilt_types import stand_in
+
+from .stack import DUMMY, OBK, eventually, launched, obk
+
+pytestmark = pytest.mark.ros
+
+
+class Talker(Node):
+    """Says something every 20 ms, on topics of every kind."""
+
+    def __init__(self) -> None:
+        super().__init__("talker", namespace="arm")
+        weak = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._joints = self.create_publisher(JointState, "joints", weak)
+        self._point = self.create_publisher(PointStamped, "point", 10)
+        self.create_publisher(String, "manual", latched).publish(String(data="turn it on"))
+        self.create_publisher(Int32, "silent", 1)
+        self.heard: list[PointStamped] = []
+        self.create_subscription(PointStamped, "goal", self.heard.append, 10)
+        self.create_service(SetBool, "switch", self._switch)
+        self.declare_parameter("gain", 1.5)
+        self.declare_parameter("limits.upper", [1.0, 2.0])
+        self.declare_parameter("name", "arm: left")
+        self.add_on_set_parameters_callback(self._check)
+        self._count = 0
+        self.create_timer(0.02, self._talk)
+
+    def _talk(self) -> None:
+        self._count += 1
+        joints = JointState(name=["a", "b"], position=[0.5, float(self._count)])
+        joints.effort = [0.25] * 30
+        self._joints.publish(joints)
+        point = PointStamped()
+        point.header.stamp = self.get_clock().now().to_msg()
+        point.point.x = 0.5
+        self._point.publish(point)
+
+    def _switch(self, request: Any, response: Any) -> Any:
+        response.success = bool(request.data)
+        response.message = "on" if request.data else "it stays on"
+        return response
+
+    def _check(self, parameters: Any) -> SetParametersResult:
+        fits = all(p.value <= 10 for p in parameters if p.name == "gain")
+        return SetParametersResult(successful=fits, reason="" if fits else "the gain is above 10")
+
+
+@pytest.fixture(autouse=True)
+def _found_at_once(monkeypatch: pytest.MonkeyPatch, repository: Path) -> None:
+    """Nodes here announce themselves as those of a stack do."""
+    profile = repository / "src" / "obk_cli" / "adapters" / "dds_profile.xml"
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile))
+
+
+@pytest.fixture
+def talker() -> Iterator[Talker]:
+    rclpy.init()
+    node = Talker()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    yield node
+    executor.shutdown()
+    thread.join()
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def done(*words: object) -> str:
+    result = obk(*words, "--timeout", "20")
+    assert result.returncode == 0, (words, result.stdout, result.stderr)
+    return result.stdout
+
+
+def refused(*words: object, exit_code: int = 1) -> str:
+    result = obk(*words)
+    assert result.returncode == exit_code, (words, result.stdout, result.stderr)
+    assert "Traceback" not in result.stderr
+    return result.stderr
+
+
+def told(*words: object) -> Any:
+    return json.loads(done(*words, "--format", "json"))
+
+
+def test_topics_are_listed_and_shown_with_their_ends(talker: Talker) -> None:
+    topics = {topic["topic"]: topic for topic in told("topic", "list")}
+    assert topics["/arm/joints"] == {
+        "topic": "/arm/joints",
+        "types": ["sensor_msgs/msg/JointState"],
+        "publishers": 1,
+        "subscriptions": 0,
+    }
+    assert "/arm/joints " in done("topic", "list")
+    info = told("topic", "info", "manual")
+    (end,) = info["publishers"]
+    assert (end["node"], end["durability"]) == ("/arm/talker", "transient_local")
+    assert end["type_hash"].startswith("RIHS01_")
+    assert "best_effort, volatile" in done("topic", "info", "joints")
+
+
+def test_messages_are_shown_whatever_their_publishers_offer(talker: Talker) -> None:
+    assert done("topic", "echo", "manual", "--once") == 'data: "turn it on"\n---\n'
+    (message, end) = done("topic", "echo", "/arm/joints", "--once").split("---\n")
+    assert end == ""
+    shown = yaml.safe_load(message)
+    assert shown["name"] == ["a", "b"]
+    assert shown["effort"][-1] == "... 18 more"
+    whole = done("topic", "echo", "joints", "effort", "--full", "--once")
+    assert yaml.safe_load(whole) == [0.25] * 30
+
+
+def test_fields_are_shown_as_text_json_and_csv(talker: Talker) -> None:
+    assert done("topic", "echo", "joints", "position[0]", "-n", "2") == "0.5\n0.5\n"
+    words = ("topic", "echo", "joints", "--field", "position", "name[1]", "-n", "3")
+    lines = [json.loads(line) for line in done(*words, "--format", "json").splitlines()]
+    assert [line["name[1]"] for line in lines] == ["b"] * 3
+    rows = list(csv.DictReader(io.StringIO(done(*words, "--csv"))))
+    assert [row["position[0]"] for row in rows] == ["0.5"] * 3
+    assert list(rows[0]) == ["name[1]", "position[0]", "position[1]"]
+    wrong = refused("topic", "echo", "joints", "positon")
+    assert "sensor_msgs/JointState has no field `positon`" in wrong
+    assert "did you mean `position`" in wrong
+
+
+def test_a_topic_without_messages_and_one_that_is_not_there_end_with_a_sentence(
+    talker: Talker,
+) -> None:
+    silent = refused("topic", "echo", "silent", "--timeout", "2")
+    assert "no message came on /arm/silent within 2 s" in silent
+    missing = refused("topic", "echo", "jionts", "--timeout", "20")
+    domain = os.environ["ROS_DOMAIN_ID"]
+    assert f"there is no topic `jionts` in the ROS domain {domain}" in missing
+    assert "did you mean `/arm/joints`" in missing
+
+
+def test_an_empty_domain_is_told_to_be_empty() -> None:
+    for words in (
+        ("topic", "list"),
+        ("node", "list"),
+        ("param", "get", "arm"),
+        ("service", "list"),
+    ):
+        complaint = refused(*words, "--timeout", "1")
+        assert f"no stack runs in the ROS domain {os.environ['ROS_DOMAIN_ID']}" in complaint
+        assert "start a stack with `obk launch`" in complaint
+
+
+@contextmanager
+def measuring(topic: str) -> Iterator["subprocess.Popen[str]"]:
+    """`obk topic hz`, until the test has seen enough."""
+    process = subprocess.Popen(
+        [OBK, "topic", "hz", topic, "--format", "json", "--timeout", "60"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.send_signal(2)
+        process.wait(20)
+        assert process.stdout is not None
+        process.stdout.close()
+
+
+def test_a_measured_rate_is_the_publishers_own() -> None:
+    """1000 messages at 1 kHz, or as quickly as this machine does them."""
+    rclpy.init()
+    try:
+        node = rclpy.create_node("quick")
+        publisher = node.create_publisher(Int32, "/quick", 1000)
+        with measuring("/quick") as process:
+            eventually(publisher.get_subscription_count, "a subscription")
+            clock, begin = node.get_clock(), node.get_clock().now().nanoseconds
+            for number in range(1000):
+                while clock.now().nanoseconds < begin + number * 1_000_000:
+                    pass
+                publisher.publish(Int32(data=number))
+            own_s = (clock.now().nanoseconds - begin) * 1e-9
+            assert process.stdout is not None
+            rates = (json.loads(line) for line in process.stdout)
+            rate = next(rate for rate in rates if rate["count"] + rate["lost"] == 1000)
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    assert rate["lost"] == 0
+    assert rate["seen"] == 1000
+    assert rate["rate_hz"] == pytest.approx(999 / own_s, rel=0.1)
+    assert rate["min_s"] <= 1 / rate["rate_hz"] <= rate["max_s"]
+    assert rate["mean_bytes"] == len(serialize_message(Int32()))
+
+
+def test_a_type_that_is_not_built_here_is_counted_and_cannot_be_shown() -> None:
+    rclpy.init()
+    try:
+        node = rclpy.create_node("foreign")
+        kind = stand_in("nowhere_msgs/msg/Odd", "")
+        qos: Any = QoSProfile(depth=10)
+        with node.handle:
+            publisher = rclpy_implementation.Publisher(
+                node.handle, kind, "/odd", qos.get_c_qos_profile()
+            )
+        data = serialize_message(Int32(data=7))
+        is_over = threading.Event()
+
+        def talk() -> None:
+            while not is_over.wait(0.01):
+                publisher.publish_raw(data)
+
+        thread = threading.Thread(target=talk)
+        thread.start()
+        try:
+            (rate,) = [told("topic", "hz", "/odd", "--duration", "1")]
+            complaint = refused("topic", "echo", "/odd", "--once")
+        finally:
+            is_over.set()
+            thread.join()
+        publisher.destroy_when_not_in_use()
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    assert rate["count"] > 0
+    assert rate["mean_bytes"] == len(data)
+    assert "the type nowhere_msgs/msg/Odd is not here" in complaint
+    assert "`obk build nowhere_msgs`" in complaint
+
+
+def test_delays_are_told_by_stamps(talker: Talker) -> None:
+    delay = told("topic", "delay", "point", "--duration", "1")
+    assert not delay["is_relative"]
+    assert 0 <= delay["min_s"] <= delay["mean_s"] <= delay["max_s"]
+    zero = refused("topic", "delay", "joints", "--duration", "1")
+    assert "the stamps of the messages on /arm/joints are zero" in zero
+
+
+def test_messages_are_published_once_they_fit_and_somebody_listens(talker: Talker) -> None:
+    text = "{header: auto, point: {x: 1, y: -0.5}}"
+    said = done("topic", "pub", "goal", text, "-n", "3", "--rate", "100")
+    assert said == "published 3 messages on /arm/goal\n"
+    eventually(lambda: len(talker.heard) == 3, "three messages")
+    goal = talker.heard[-1]
+    assert (goal.point.x, goal.point.y, goal.point.z) == (1.0, -0.5, 0.0)
+    assert goal.header.stamp.sec > 1_600_000_000
+    wrong = refused("topic", "pub", "goal", "{point: {x: a, w: 1}}", "--once", exit_code=2)
+    assert "point.x: expected a double, got `a`" in wrong
+    assert "point.w: geometry_msgs/Point has no such field" in wrong
+    other = refused("topic", "pub", "/arm/goal", "std_msgs/msg/String", "{}", "--once")
+    assert "/arm/goal is of the type geometry_msgs/msg/PointStamped" in other
+    lonely = refused(
+        "topic", "pub", "/nobody", "std_msgs/msg/Int32", "{data: 1}", "--once", "--timeout", "1"
+    )
+    assert "0 of 1 subscribers of /nobody came within 1 s" in lonely
+    assert len(talker.heard) == 3
+
+
+def test_parameters_are_listed_shown_set_and_dumped(talker: Talker, tmp_path: Path) -> None:
+    assert set(told("param", "list", "talker")["/arm/talker"]) >= {"gain", "limits.upper", "name"}
+    assert told("param", "get", "talker", "gain", "limits.upper") == {
+        "gain": {"type": "double", "value": 1.5},
+        "limits.upper": {"type": "double_array", "value": [1.0, 2.0]},
+    }
+    said = done("param", "set", "talker", "gain", "2")
+    assert said == "/arm/talker: gain = 2.0 (double), before 1.5\n"
+    assert talker.get_parameter("gain").value == 2.0
+    assert "the gain is above 10" in refused("param", "set", "talker", "gain", "11")
+    of_type = refused("param", "set", "talker", "limits.upper", "[a]")
+    assert "it is of the type double_array, now [1.0, 2.0]" in of_type
+    assert "did you mean `gain`" in refused("param", "get", "talker", "gian")
+    assert "did you mean `gain`" in refused("param", "set", "talker", "gian", "1")
+    path = tmp_path / "arm.yaml"
+    done("param", "dump", "talker", "--output", path)
+    (dumped,) = yaml.safe_load(path.read_text())["/arm/talker"].values()
+    assert dumped["gain"] == 2.0
+    assert dumped["name"] == "arm: left"
+    assert done("param", "dump", "talker") == path.read_text()
+
+
+def test_services_are_listed_and_called(talker: Talker) -> None:
+    services = told("service", "list")
+    assert services["/arm/switch"] == ["std_srvs/srv/SetBool"]
+    assert not any(name.endswith("get_parameters") for name in services)
+    assert "/arm/talker/get_parameters" in told("service", "list", "--all", "--node", "talker")
+    assert done("service", "call", "switch", "{data: true}") == 'success: true\nmessage: "on"\n'
+    no = obk("service", "call", "switch", "{data: false}", "--format", "json")
+    assert no.returncode == 1
+    assert json.loads(no.stdout) == {"success": False, "message": "it stays on"}
+    wrong = refused("service", "call", "switch", "{data: 3}", exit_code=2)
+    assert "data: expected true or false, got `3`" in wrong
+    assert "did you mean `/arm/switch`" in refused("service", "call", "swich", "--timeout", "20")
+
+
+def test_a_stack_is_looked_into_from_any_domain(monkeypatch: pytest.MonkeyPatch) -> None:
+    domain = os.environ["ROS_DOMAIN_ID"]
+    with launched(DUMMY, "--quiet"):
+        monkeypatch.delenv("ROS_DOMAIN_ID")
+        nodes = {node["node"]: node for node in told("node", "list")}
+        assert nodes["/obelisk_control_0"]["state"] == "active"
+        info = told("node", "info", "control_0")
+        assert info["pid"] == nodes["/obelisk_control_0"]["pid"]
+        assert info["run"].startswith("dummy_")
+        assert "/obelisk/dummy/ctrl" in info["publishes"]
+        assert "/obelisk/dummy/est" in info["subscribes"]
+        assert "/obelisk_control_0/get_state" in info["services"]
+        assert info["parameters"] > 3
+        ctrl = done("topic", "echo", "ctrl", "u_mujoco[0]", "--once")
+        assert -2.0 < float(ctrl) < 2.0
+        forbidden = refused("topic", "pub", "ctrl", "{u_mujoco: [0.0]}", "--once")
+        assert (
+            f"/obelisk/dummy/ctrl moves `/obelisk_robot_0`, which runs in the ROS domain {domain}"
+            in (forbidden)
+        )
+        assert "`--allow-foreign`" in forbidden
+        allowed = obk("topic", "pub", "ctrl", "{u_mujoco: [0.0]}", "--once", "--allow-foreign")
+        assert allowed.returncode == 0, allowed.stderr
+        assert "dummy in " in refused("topic", "list", "--domain", "101", "--timeout", "1")
+        env = {
+            "_OBK_COMPLETE": "complete_bash",
+            "COMP_WORDS": "obk topic echo im",
+            "COMP_CWORD": "3",
+        }
+        assert obk(env=env).stdout.split() == ["imu"]
+        env = {**env, "COMP_WORDS": "obk param get /obelisk_r"}
+        assert obk(env=env).stdout.split() == ["/obelisk_robot_0"]

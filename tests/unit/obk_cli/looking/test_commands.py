@@ -1,0 +1,113 @@
+"""Commands that look into a stack, as far as they get without ROS: misuse, domains, completion."""
+
+import json
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+
+from obk_cli.adapters.process_start import this_process
+from obk_cli.adapters.ros_environment import RosEnvironment
+from obk_cli.cli.complete import complete_nodes, complete_topics
+from obk_cli.cli.main import main
+from obk_cli.launch.runs import MadeFrom, Run, make_run_folder, write_run
+from obk_cli.looking.place import place_of
+
+PLAN = {
+    "processes": [
+        {
+            "publishes": [{"topic": "/arm/est", "msg_type": "pkg/msg/State"}],
+            "subscribes": [{"topic": "/arm/imu", "msg_type": None}],
+        }
+    ]
+}
+
+
+def runs_in(home: Path, **domains: int) -> None:
+    """Live runs, each of this process, by name."""
+    pid, started = this_process()
+    for name, domain in domains.items():
+        folder = make_run_folder(home / "runs", name, datetime(2031, 2, 3, 4, 5, 6))
+        run = Run(
+            name=name,
+            pid=pid,
+            started=started,
+            domain=domain,
+            config=f"{name}.yaml",
+            nodes=("/obelisk_robot_0",),
+            other_nodes=("/joy",),
+        )
+        write_run(folder, run, MadeFrom(plan=json.dumps(PLAN), versions={}))
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("OBK_HOME", str(tmp_path))
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    return tmp_path
+
+
+def environment(home: Path, **variables: str) -> RosEnvironment:
+    return RosEnvironment(variables={"OBK_HOME": str(home), **variables}, notes=())
+
+
+def test_where_all_stacks_run_in_one_domain_it_is_looked_at(home: Path) -> None:
+    runs_in(home, arm=7, leg=7)
+    place = place_of(environment(home), None)
+    assert place.domain == 7
+    assert place.nodes == ("/obelisk_robot_0", "/joy") * 2
+    assert place.topics == {"/arm/est": "pkg/msg/State", "/arm/imu": None}
+
+
+def test_a_domain_that_is_named_or_set_comes_first(home: Path) -> None:
+    runs_in(home, arm=7)
+    assert place_of(environment(home, ROS_DOMAIN_ID="3"), None).domain == 3
+    assert place_of(environment(home, ROS_DOMAIN_ID="3"), 7).nodes
+    assert not place_of(environment(home), 4).nodes
+
+
+def test_stacks_in_several_domains_leave_it_to_the_user(home: Path) -> None:
+    runs_in(home, arm=7, leg=8)
+    place = place_of(environment(home), None)
+    assert place.domain == 0
+    nobody = place.nobody()
+    assert nobody.message.startswith("no stack runs in the ROS domain 0")
+    assert nobody.help is not None
+    assert {"arm in 7", "leg in 8"} <= set(
+        nobody.help.removeprefix("in other domains there are: ").partition(";")[0].split(", ")
+    )
+
+
+def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs_in(home, arm=7)
+    assert complete_topics("") == ["/arm/est", "/arm/imu"]
+    assert complete_topics("/arm/i") == ["/arm/imu"]
+    assert complete_topics("e") == ["est"]
+    assert complete_nodes("r") == ["robot_0"]
+    assert complete_nodes("/") == ["/joy", "/obelisk_robot_0"]
+    monkeypatch.setenv("ROS_DOMAIN_ID", "8")
+    assert complete_topics("") == []
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        ("topic list --timeout 0", "`--timeout` is a number above 0"),
+        ("topic list --format yaml", "`--format yaml`: expected `text` or `json`"),
+        ("topic echo est --format yaml", "expected `text`, `json` or `csv`"),
+        ("topic echo est a..b", "`a..b` names no field"),
+        ("topic hz est --window 0", "`--window` is a number above 0"),
+        ("topic hz est --duration -1", "`--duration` is a number above 0"),
+        ("topic pub est pkg/msg/State {} {}", "`{}` is too much"),
+        ("topic pub est --rate 0", "`--rate` is a number above 0"),
+        ("param set arm gain [1,a]", "`[1,a]` is no value of a parameter"),
+        ("param set arm gain [", "`[` is not YAML"),
+    ],
+)
+def test_a_command_that_is_wrong_is_told_so_before_ros_is_loaded(
+    words: str, complaint: str, home: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(words.split())
+    assert end.value.code == 2
+    assert complaint in capsys.readouterr().err
