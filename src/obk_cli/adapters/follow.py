@@ -6,9 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Final
 
-__all__ = ["follow_lines", "read_lines"]
+__all__ = ["follow_lines", "last_lines", "read_lines"]
 
 POLL_S: Final = 0.1
+_LONGEST_LINE: Final = 512
+"""What a line has on the average at most, where the last ones are wanted [bytes]."""
 
 
 def read_lines(path: Path) -> Iterator[str]:
@@ -22,6 +24,24 @@ def read_lines(path: Path) -> Iterator[str]:
             yield from (line.rstrip("\n") for line in file)
     except FileNotFoundError:
         return
+
+
+def last_lines(path: Path, count: int) -> tuple[str, ...]:
+    """The last lines of a file, however long it is; fewer where they are very long.
+
+    Raises:
+        OSError: it is there and cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            begin = max(0, size - count * _LONGEST_LINE)
+            file.seek(begin)
+            lines = file.read().decode(errors="replace").splitlines()
+    except FileNotFoundError:
+        return ()
+    whole = lines[1:] if begin else lines
+    return tuple(whole[-count:])
 
 
 def follow_lines(path: Path) -> Iterator[str | None]:

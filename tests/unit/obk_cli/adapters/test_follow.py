@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.adapters import follow
-from obk_cli.adapters.follow import follow_lines, read_lines
+from obk_cli.adapters.follow import follow_lines, last_lines, read_lines
 
 
 @pytest.fixture(autouse=True)
@@ -55,3 +55,13 @@ def test_a_file_that_is_cut_short_is_read_anew(tmp_path: Path) -> None:
     assert [next(lines), next(lines)] == ["a long line", None]
     path.write_bytes(b"new\n")
     assert [next(lines), next(lines)] == ["new", None]
+
+
+def test_the_last_lines_of_a_long_file_are_whole(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    path.write_text("".join(f"line {number} {'x' * 600}\n" for number in range(50)))
+    assert [line[:8].rstrip() for line in last_lines(path, 3)] == ["line 48", "line 49"]
+    path.write_text("a\nb\nc\n")
+    assert last_lines(path, 2) == ("b", "c")
+    assert last_lines(path, 9) == ("a", "b", "c")
+    assert last_lines(tmp_path / "none", 2) == ()

@@ -1,0 +1,73 @@
+"""What a run's plan says of its topics: types, rates, who publishes, what each is made from.
+
+In: the plan as the run's folder keeps it. Out: values; a part that is not as expected is left out.
+"""
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+__all__ = ["PlannedTopic", "planned_topics"]
+
+_MEASURING: Final = ("robot", "sensing")
+"""Sections with which the way of data begins: a robot does not publish what it is commanded."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedTopic:
+    """A topic of a plan."""
+
+    name: str
+    msg_type: str | None
+    """Full; None: only the code knows it."""
+    wanted_hz: float | None
+    """The sum of what its publishers promise; None: one of them promises nothing."""
+    publishers: tuple[str, ...]
+    """Full names of nodes."""
+    made_from: tuple[str, ...]
+    """Topics that its publishers subscribe to; none where these measure the world."""
+
+
+def planned_topics(plan: Mapping[str, Any]) -> tuple[PlannedTopic, ...]:
+    """The topics of a plan along the way of data: those made from nothing first."""
+    kinds: dict[str, str | None] = {}
+    promised: defaultdict[str, list[float | None]] = defaultdict(list)
+    publishers: defaultdict[str, dict[str, None]] = defaultdict(dict)
+    sources: defaultdict[str, dict[str, None]] = defaultdict(dict)
+    for process in plan.get("processes", ()):
+        node = f"{process['namespace'].rstrip('/')}/{process['node']}"
+        for end in process["subscribes"]:
+            kinds[end["topic"]] = kinds.get(end["topic"]) or end["msg_type"]
+        for end in process["publishes"]:
+            topic = end["topic"]
+            kinds[topic] = kinds.get(topic) or end["msg_type"]
+            promised[topic].append(end["rate_hz"])
+            publishers[topic][node] = None
+            if process["section"] not in _MEASURING:
+                sources[topic].update(dict.fromkeys(one["topic"] for one in process["subscribes"]))
+    found = (
+        PlannedTopic(
+            name=name,
+            msg_type=kind,
+            wanted_hz=_sum(promised[name]),
+            publishers=tuple(publishers[name]),
+            made_from=tuple(sources[name]),
+        )
+        for name, kind in kinds.items()
+    )
+    return tuple(sorted(found, key=lambda topic: (_depth(topic.name, sources), topic.name)))
+
+
+def _sum(rates: list[float | None]) -> float | None:
+    known = [rate for rate in rates if rate is not None]
+    return sum(known) if known and len(known) == len(rates) else None
+
+
+def _depth(topic: str, sources: Mapping[str, Mapping[str, None]]) -> int:
+    """How many nodes data has passed when it is published there; a loop is gone through once."""
+    seen, layer, depth = {topic}, [topic], 0
+    while layer := [up for one in layer for up in sources.get(one, ()) if up not in seen]:
+        seen.update(layer)
+        depth += 1
+    return depth

@@ -1,0 +1,91 @@
+"""A running stack at one moment, as values: the same for a terminal, a page and a program."""
+
+from dataclasses import dataclass
+
+from obelisk_spec.rates import TOLERANCE
+from obelisk_spec.rates import Rate as Promised
+from obk_cli.adapters.process_load import ProcessLoad
+from obk_cli.looking.rates import Rate
+
+__all__ = ["NodeView", "Passage", "StackView", "TopicView"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeView:
+    """One node."""
+
+    node: str
+    """Full name."""
+    section: str
+    """`control`, `estimation`, `robot`, ..."""
+    state: str
+    """Life-cycle state; empty for nodes without one."""
+    pid: int | None
+    """None: not running, or on another device."""
+    shares_process: bool
+    """Whether other nodes run in its process, so that the load is that of all."""
+    load: ProcessLoad | None
+    """None: it runs not, or not here."""
+    restarts: int
+    hangs: bool
+    promises: tuple[Promised, ...]
+    """The rates of its timers and sensors as it told them last."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Passage:
+    """How old a topic's messages are when they come, by the stamps in their headers."""
+
+    p50_s: float
+    p99_s: float
+    is_carried: bool
+    """Whether the stamps are those of messages further up: then the age is that of the chain."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicView:
+    """One topic."""
+
+    topic: str
+    msg_type: str | None
+    publishers: int
+    subscriptions: int
+    """Without that of whoever measures."""
+    wanted_hz: float | None
+    """What the config promises; None: nothing."""
+    rate: Rate | None
+    """As measured; None: it is not listened to."""
+    passage: Passage | None = None
+    """None: no stamps, or those of another clock."""
+    is_expected: bool = True
+    """Whether it should be kept now: its publisher is active."""
+
+    @property
+    def is_off(self) -> bool:
+        """Whether it is more than a tenth off what is promised, while it should be kept."""
+        if self.wanted_hz is None or self.rate is None or not self.is_expected:
+            return False
+        measured = self.rate.rate_hz or 0.0
+        return abs(measured - self.wanted_hz) > TOLERANCE * self.wanted_hz
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StackView:
+    """One stack."""
+
+    run: str
+    """The name of the run's folder."""
+    name: str
+    domain: int
+    state: str
+    """As `StackStatus.state`; empty where the launcher does not answer."""
+    phase: str
+    uptime_s: float
+    realtime_factor: float | None
+    """Simulation time over wall time; None: nothing is simulated, or it is not told yet."""
+    nodes: tuple[NodeView, ...]
+    topics: tuple[TopicView, ...]
+    lines: tuple[str, ...]
+    """The last ones of the launcher's log, oldest first."""
+    cost_percent: float
+    """What looking takes, of one core."""

@@ -1,0 +1,44 @@
+"""Ages of messages by the stamp that stands first in them."""
+
+import struct
+
+from obk_cli.monitoring.passages import PassageMeter
+from obk_cli.monitoring.view import Passage
+
+S = 1_000_000_000
+NOW = 1_800_000_000 * S
+
+
+def message(stamp_ns: int, *, order: str = "<") -> bytes:
+    encapsulation = b"\x00\x01\x00\x00" if order == "<" else b"\x00\x00\x00\x00"
+    return encapsulation + struct.pack(f"{order}iI", *divmod(stamp_ns, S)) + b"and the rest"
+
+
+def test_half_of_the_messages_and_nearly_all_are_at_most_so_old() -> None:
+    meter = PassageMeter()
+    for number in range(100):
+        meter.take(NOW + number * 1_000_000, message(NOW, order="<>"[number % 2]))
+    assert meter.passage() == Passage(p50_s=0.05, p99_s=0.099, is_carried=False)
+
+
+def test_a_stamp_that_was_taken_over_tells_the_age_of_the_chain() -> None:
+    up, down, other = PassageMeter(), PassageMeter(), PassageMeter()
+    for number in range(10):
+        stamp = NOW + number
+        up.take(stamp + 1000, message(stamp))
+        down.take(stamp + 3000, message(stamp))
+        other.take(stamp + 3000, message(stamp + 2000))
+    carried, own = down.passage([up]), other.passage([up])
+    assert carried is not None
+    assert carried.is_carried
+    assert own is not None
+    assert not own.is_carried
+
+
+def test_stamps_that_were_never_set_or_are_of_another_clock_tell_nothing() -> None:
+    meter = PassageMeter()
+    meter.take(NOW, message(0))
+    meter.take(NOW, b"\x00\x01\x00\x00")
+    assert meter.passage() is None
+    meter.take(NOW, message(5 * S))
+    assert meter.passage() is None

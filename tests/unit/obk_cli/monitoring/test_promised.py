@@ -1,0 +1,64 @@
+"""What a plan says of its topics."""
+
+from typing import Any
+
+from obk_cli.monitoring.promised import PlannedTopic, planned_topics
+
+
+def end(topic: str, rate_hz: float | None = None, msg_type: str | None = "p/msg/M") -> Any:
+    return {"topic": topic, "msg_type": msg_type, "rate_hz": rate_hz}
+
+
+def process(node: str, section: str, publishes: list[Any], subscribes: list[Any]) -> Any:
+    return {
+        "node": node,
+        "namespace": "/arm",
+        "section": section,
+        "publishes": publishes,
+        "subscribes": subscribes,
+    }
+
+
+def test_topics_stand_along_the_way_of_data_with_what_they_promise() -> None:
+    plan = {
+        "processes": [
+            process("c", "control", [end("/ctrl", 100.0)], [end("/est")]),
+            process("e", "estimation", [end("/est", 50.0)], [end("/q"), end("/imu")]),
+            process("r", "robot", [end("/q", 1000.0), end("/imu", None)], [end("/ctrl")]),
+        ]
+    }
+    topics = planned_topics(plan)
+    assert [topic.name for topic in topics] == ["/imu", "/q", "/est", "/ctrl"]
+    assert topics[2] == PlannedTopic(
+        name="/est",
+        msg_type="p/msg/M",
+        wanted_hz=50.0,
+        publishers=("/arm/e",),
+        made_from=("/q", "/imu"),
+    )
+    assert topics[0].wanted_hz is None
+    assert topics[1].made_from == ()
+
+
+def test_what_two_publish_is_wanted_from_both() -> None:
+    one, other = process("a", "control", [end("/x", 10.0)], []), end("/x", 5.0)
+    both = planned_topics({"processes": [one, process("b", "control", [other], [])]})
+    assert both[0].wanted_hz == 15.0
+    without = process("b", "control", [end("/x")], [])
+    assert planned_topics({"processes": [one, without]})[0].wanted_hz is None
+
+
+def test_nodes_that_feed_each_other_have_an_order_too() -> None:
+    a = process("a", "control", [end("/a")], [end("/b")])
+    b = process("b", "control", [end("/b")], [end("/a")])
+    assert {topic.name for topic in planned_topics({"processes": [a, b]})} == {"/a", "/b"}
+
+
+def test_a_type_that_only_one_end_knows_is_known() -> None:
+    a = process("a", "control", [end("/x", msg_type=None)], [])
+    b = process("b", "robot", [], [end("/x")])
+    assert planned_topics({"processes": [a, b]})[0].msg_type == "p/msg/M"
+
+
+def test_a_folder_without_a_plan_has_no_topics() -> None:
+    assert planned_topics({}) == ()
