@@ -115,11 +115,14 @@ def test_a_reset_ends_it():
     assert run.data.ctrl.tolist() == [3.0, 4.0]
 
 
-def test_a_single_load_slows_down_by_its_time_constant():
-    xml = """
+@pytest.mark.parametrize(
+    "actuator", ['<motor joint="j" gear="5"/>', '<general joint="j" gainprm="4" gear="3"/>']
+)
+def test_a_single_load_slows_down_by_its_time_constant(actuator):
+    xml = f"""
     <mujoco><option timestep="0.001" gravity="0 0 0"/>
       <worldbody><body><joint name="j"/><geom size="0.1" pos="0.3 0 0"/></body></worldbody>
-      <actuator><motor joint="j" gear="5"/></actuator></mujoco>"""
+      <actuator>{actuator}</actuator></mujoco>"""
     run = Run(mujoco.MjModel.from_xml_string(xml), "damp")
     run.data.qvel[0] = 2.0
     mujoco.mj_forward(run.simulation.model, run.data)

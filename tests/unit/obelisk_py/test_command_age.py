@@ -63,6 +63,7 @@ def test_time_that_is_nobodys_fault_does_not_count(age):
     assert age.look(20.6) == pytest.approx(0.6)
     age.postpone(30.0)
     assert age.is_stale
+    assert age.accept(31.0) == pytest.approx(11.0)
 
 
 def test_after_forgetting_nothing_is_counted_until_a_command_comes(age):

@@ -69,7 +69,6 @@ class Drive:
         return True
 
     def _write_safe(self, action: str) -> bool:
-        self._applied = None
         if action == "zero":
             self._ctrl[:] = 0.0
             return True
