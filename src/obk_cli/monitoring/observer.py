@@ -6,11 +6,11 @@ subscriptions that deserialize nothing.
 """
 
 import struct
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
+from obk_cli.adapters.clock import monotonic_s
 from obk_cli.adapters.control_client import ask_status
 from obk_cli.adapters.follow import last_lines
 from obk_cli.adapters.process_load import OwnCost, ProcessLoad, ProcessLoads
@@ -71,8 +71,8 @@ class Observer:
 
     def turn_for(self, seconds: float) -> None:
         """Count what comes for so long."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
+        end = monotonic_s() + seconds
+        while monotonic_s() < end:
             self._meter.turn()
 
     def view(self) -> StackView:
