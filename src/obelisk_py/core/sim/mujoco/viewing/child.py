@@ -69,8 +69,9 @@ class Onlooker:
                 pass_fds=inherited,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
-                # Signals for the robot's group are not for it.
-                start_new_session=True,
+                # Signals for the robot's group are not for it. A session of its own would be
+                # more than that: the kernel weighs niceness within a session (autogroups).
+                process_group=0,
             )
         self.states = StateSender(model, data, self._link, tell)
         """For the stepping thread."""
