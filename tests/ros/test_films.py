@@ -10,6 +10,8 @@ from .stack import DUMMY, eventually, launched, obk
 
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 
+PATIENT = ("--timeout", "60", "--quiet")
+"""OpenGL opens while the robot is configured, and this machine may be busy."""
 ORANGE = (240, 140, 50)
 """The rod that swings."""
 
@@ -20,7 +22,7 @@ def orange(pixels: np.ndarray) -> np.ndarray:
 
 def test_a_launch_leaves_a_film_of_its_robot(tmp_path: Path) -> None:
     path = tmp_path / "out.mp4"
-    words = ("--render", path, "--render-camera", "overview", "--render-size", "160x120")
+    words = ("--render", path, "--render-camera", "overview", "--render-size", "160x120", *PATIENT)
     result = obk("launch", DUMMY, *words, "--duration", "3", "--color", "never")
     if "cameras need OpenGL" in result.stdout:
         assert result.returncode == 1
@@ -46,7 +48,7 @@ def test_a_launch_leaves_a_film_of_its_robot(tmp_path: Path) -> None:
 
 def test_a_killed_launcher_leaves_a_whole_film_or_none(tmp_path: Path) -> None:
     path = tmp_path / "out.mp4"
-    with launched(DUMMY, "--render", path, "--render-size", "160x120", "--quiet") as run:
+    with launched(DUMMY, "--render", path, "--render-size", "160x120", *PATIENT) as run:
         run.process.kill()
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
     left = list(tmp_path.iterdir())
