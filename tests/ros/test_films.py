@@ -10,7 +10,7 @@ from .stack import DUMMY, eventually, launched, obk
 
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 
-PATIENT = ("--timeout", "60", "--quiet")
+PATIENT = ("--timeout", "60", "--hang-after", "0", "--quiet")
 """OpenGL opens while the robot is configured, and this machine may be busy."""
 ORANGE = (240, 140, 50)
 """The rod that swings."""
@@ -40,8 +40,7 @@ def test_a_launch_leaves_a_film_of_its_robot(tmp_path: Path) -> None:
         seconds = float(stream.duration * stream.time_base)
         frames = [frame.to_ndarray(format="rgb24") for frame in film.decode(stream)]
     assert f", {len(frames)} frame" in told
-    assert f", {seconds:.1f} s, " in told
-    assert seconds > 0.1
+    assert float(told.split(", ")[2].removesuffix(" s")) == pytest.approx(seconds, abs=0.06)
     assert all(orange(frame).sum() > 20 for frame in frames)
     assert [path.name for path in tmp_path.iterdir()] == ["out.mp4"]
 
