@@ -38,7 +38,15 @@ class RosMeter:
         self._topics: dict[str, tuple[RawTopic, Meter, Watch | None]] = {}
         self._looked = time.monotonic()
 
-    def add(self, name: str, msg_type: str, python_type: Any, watch: Watch | None = None) -> None:
+    def add(
+        self,
+        name: str,
+        msg_type: str,
+        python_type: Any,
+        watch: Watch | None = None,
+        *,
+        window_s: float | None = None,
+    ) -> None:
         """Count a topic's messages from now on; one that is counted already goes on.
 
         Args:
@@ -46,10 +54,11 @@ class RosMeter:
             msg_type: full, `pkg/msg/Name`.
             python_type: the message's class.
             watch: is shown each message.
+            window_s: how far back its figures go [s]; None: as those of others.
         """
         if name not in self._topics:
             raw = self._look.listen(name, msg_type, python_type)
-            self._topics[name] = (raw, Meter(self._window_s), watch)
+            self._topics[name] = (raw, Meter(window_s or self._window_s), watch)
 
     def drop(self, name: str) -> None:
         """Count a topic's messages no more."""

@@ -58,7 +58,9 @@ class TopicView:
     passage: Passage | None = None
     """None: no stamps, or those of another clock."""
     is_expected: bool = True
-    """Whether it should be kept now: its publisher is active."""
+    """Whether it should be kept now: its publisher is active, and was listened to for a while."""
+    made_from: tuple[str, ...] = ()
+    """Topics that its publishers subscribe to; none where these measure the world."""
 
     @property
     def is_off(self) -> bool:
@@ -74,7 +76,7 @@ class StackView:
     """One stack."""
 
     run: str
-    """The name of the run's folder."""
+    """The name of the run's folder; empty: nodes in the ROS graph, launched elsewhere."""
     name: str
     domain: int
     state: str
@@ -89,3 +91,7 @@ class StackView:
     """The last ones of the launcher's log, oldest first."""
     cost_percent: float
     """What looking takes, of one core."""
+    has_ended: bool = False
+    """Whether its launcher is gone, elsewhere its nodes: nothing will change any more."""
+    cause: str = ""
+    """What went wrong first in a run that has ended; empty where nothing did."""

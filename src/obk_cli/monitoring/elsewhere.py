@@ -1,0 +1,111 @@
+"""A stack that was launched on another host, or by other means, as the ROS graph tells of it.
+
+In: a participant in its ROS domain. Out: a `StackView` without processes, log and wanted rates:
+these only its launcher's host knows.
+"""
+
+from typing import Final
+
+from obk_cli.adapters.process_load import OwnCost
+from obk_cli.adapters.ros_calls import ServiceClient
+from obk_cli.adapters.ros_look import RosLook
+from obk_cli.adapters.ros_types import find_type
+from obk_cli.asking.names import in_tier_order, section_of
+from obk_cli.errors import CommandFailedError
+from obk_cli.launch.transitions import ACTIVE
+from obk_cli.monitoring.promised import PlannedTopic
+from obk_cli.monitoring.topic_watch import RTF_TYPE, TopicWatch
+from obk_cli.monitoring.view import NodeView, StackView
+
+__all__ = ["ElsewhereObserver"]
+
+GET_STATE: Final = "lifecycle_msgs/srv/GetState"
+ANSWER_S: Final = 0.2
+"""For a node's state: others are not kept waiting [s]."""
+OF_EVERY_NODE: Final = ("/rosout", "/parameter_events", "/diagnostics")
+
+
+class ElsewhereObserver:
+    """Looks at all nodes of a ROS domain; used like an `Observer`."""
+
+    def __init__(self, look: RosLook) -> None:
+        """Begin to look.
+
+        Args:
+            look: a participant in the domain.
+        """
+        self._look = look
+        self._watch = TopicWatch(look)
+        self._cost = OwnCost()
+        self._clients: dict[str, ServiceClient] = {}
+
+    def turn(self) -> None:
+        """Count what has come; returns after 5 ms."""
+        self._watch.turn()
+
+    def turn_for(self, seconds: float) -> None:
+        """Count what comes for so long."""
+        self._want_what_is_there()
+        self._watch.turn_for(seconds)
+
+    def view(self) -> StackView:
+        """The domain as it is now."""
+        self._want_what_is_there()
+        names = in_tier_order(set(self._look.nodes()))
+        nodes = tuple(self._node(name) for name in names)
+        active = {node.node for node in nodes if node.state == ACTIVE}
+        return StackView(
+            run="",
+            name="",
+            domain=self._look.domain,
+            state="",
+            phase="",
+            uptime_s=0.0,
+            realtime_factor=self._watch.realtime_factor,
+            nodes=nodes,
+            topics=self._watch.views(active),
+            lines=(),
+            cost_percent=self._cost.percent(),
+            has_ended=not nodes,
+        )
+
+    def _want_what_is_there(self) -> None:
+        topics = self._look.topic_types()
+        shown = [name for name in topics if not _is_of_every_node(name)]
+        self._watch.want(
+            PlannedTopic(name=name, msg_type=None, wanted_hz=None, publishers=(), made_from=())
+            for name in shown
+        )
+        for name in shown:
+            if name.endswith("/rtf") and topics[name] == (RTF_TYPE,):
+                self._watch.want_realtime_factor(name)
+
+    def _node(self, name: str) -> NodeView:
+        return NodeView(
+            node=name,
+            section=section_of(name) or "",
+            state=self._state(name),
+            pid=None,
+            shares_process=False,
+            load=None,
+            restarts=0,
+            hangs=False,
+            promises=(),
+        )
+
+    def _state(self, node: str) -> str:
+        """Empty where it has none, or gives no answer."""
+        service = f"{node}/get_state"
+        if GET_STATE not in self._look.services_of(node).get(service, ()):
+            return ""
+        kind = find_type(GET_STATE)
+        if node not in self._clients:
+            self._clients[node] = ServiceClient(self._look, service, kind)
+        try:
+            return str(self._clients[node].call(kind.Request(), ANSWER_S).current_state.label)
+        except CommandFailedError:
+            return ""
+
+
+def _is_of_every_node(topic: str) -> bool:
+    return topic in OF_EVERY_NODE or topic.endswith("/transition_event")

@@ -1,0 +1,151 @@
+"""Topics that are counted: how often, how late and how many messages come, held against a plan.
+
+In: the topics that are wanted, a participant. Out: a `TopicView` of each. No message is
+deserialized. A topic whose type the plan does not tell is listened to when its publisher is there.
+"""
+
+import struct
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any, Final
+
+from obk_cli.adapters.clock import monotonic_s
+from obk_cli.adapters.ros_look import RosLook
+from obk_cli.adapters.ros_meter import RosMeter
+from obk_cli.adapters.ros_types import fields_of, find_type, raw_type, short_type
+from obk_cli.errors import CommandFailedError
+from obk_cli.looking.graph import TopicSeen
+from obk_cli.looking.rates import Rate
+from obk_cli.looking.stamps import HEADER
+from obk_cli.monitoring.passages import PassageMeter
+from obk_cli.monitoring.promised import PlannedTopic
+from obk_cli.monitoring.view import TopicView
+
+__all__ = ["RTF_TYPE", "WINDOW_S", "TopicWatch"]
+
+WINDOW_S: Final = 2.0
+"""How far back rates go: a topic that is throttled is marked within this [s]."""
+PERIODS: Final = 5
+"""That a slow topic's window holds."""
+FOUND_S: Final = 0.5
+"""In which a publisher has found a new subscription [s]."""
+PERIODS_TO_JUDGE: Final = 3
+RTF_TYPE: Final = "std_msgs/msg/Float64"
+_RTF: Final = struct.Struct("<4xd")
+"""CDR of a `Float64`, in the byte order of this and every usual machine."""
+
+
+class TopicWatch:
+    """Counts the messages of topics; call `turn_for` again and again."""
+
+    def __init__(self, look: RosLook) -> None:
+        """Begin with no topic.
+
+        Args:
+            look: a participant.
+        """
+        self._look = look
+        self._meter = RosMeter(look, WINDOW_S)
+        self._topics: dict[str, PlannedTopic] = {}
+        self._heard: dict[str, PassageMeter | None] = {}
+        self._expected_since: dict[str, float] = {}
+        self.realtime_factor: float | None = None
+        """The newest that came."""
+
+    def want(self, topics: Iterable[PlannedTopic]) -> None:
+        """Show these, in this order; counting goes on where it is done already."""
+        self._topics = {topic.name: topic for topic in topics}
+        for name in [name for name in self._heard if name not in self._topics]:
+            self._meter.drop(name)
+            del self._heard[name]
+        for topic in self._topics.values():
+            if topic.msg_type is not None and topic.name not in self._heard:
+                self._listen_to_known(topic, topic.msg_type)
+
+    def want_realtime_factor(self, topic: str) -> None:
+        """Listen to what a simulator says of its speed."""
+        self._meter.add(topic, RTF_TYPE, find_type(RTF_TYPE), self._take_rtf)
+
+    def turn(self) -> None:
+        """Count what has come; returns after 5 ms."""
+        self._meter.turn()
+
+    def turn_for(self, seconds: float) -> None:
+        """Count what comes for so long."""
+        end = monotonic_s() + seconds
+        while monotonic_s() < end:
+            self._meter.turn()
+
+    def views(self, active: Collection[str]) -> tuple[TopicView, ...]:
+        """The topics as they are now.
+
+        Args:
+            active: full names of the nodes that are.
+        """
+        rates = self._meter.rates()
+        return tuple(self._view(topic, rates, active) for topic in self._topics.values())
+
+    def _view(
+        self, topic: PlannedTopic, rates: Mapping[str, Rate], active: Collection[str]
+    ) -> TopicView:
+        seen = self._look.topic(topic.name)
+        if topic.name not in self._heard:
+            self._listen_to_seen(topic, seen)
+        own = self._look.name
+        passage = self._heard.get(topic.name)
+        up = [meter for name in topic.made_from if (meter := self._heard.get(name))]
+        return TopicView(
+            topic=topic.name,
+            msg_type=topic.msg_type or next(iter(seen.msg_types), None),
+            publishers=len(seen.publishers),
+            subscriptions=sum(end.node != own for end in seen.subscriptions),
+            wanted_hz=topic.wanted_hz,
+            rate=rates.get(topic.name),
+            passage=passage.passage(up) if passage else None,
+            is_expected=self._is_expected(topic, active),
+            made_from=topic.made_from,
+        )
+
+    def _is_expected(self, topic: PlannedTopic, active: Collection[str]) -> bool:
+        """Whether its publishers are active, and have been listened to for long enough."""
+        if topic.name not in self._heard or not topic.publishers:
+            return False
+        now = monotonic_s()
+        if not set(topic.publishers) <= set(active):
+            self._expected_since[topic.name] = now
+            return False
+        wait_s = FOUND_S + (PERIODS_TO_JUDGE / topic.wanted_hz if topic.wanted_hz else 0.0)
+        return now - self._expected_since[topic.name] >= wait_s
+
+    def _listen_to_known(self, topic: PlannedTopic, msg_type: str) -> None:
+        try:
+            self._listen(topic, msg_type, find_type(msg_type))
+        except CommandFailedError:
+            return  # not built here: told by its publisher, it is counted all the same
+
+    def _listen_to_seen(self, topic: PlannedTopic, seen: TopicSeen) -> None:
+        if len(seen.msg_types) != 1 or not seen.publishers:
+            return
+        (msg_type,) = seen.msg_types
+        try:
+            python_type = raw_type(msg_type, (end.type_hash for end in seen.publishers))
+            self._listen(topic, msg_type, python_type)
+        except CommandFailedError:
+            return
+
+    def _listen(self, topic: PlannedTopic, msg_type: str, python_type: Any) -> None:
+        passage = PassageMeter() if _begins_with_header(msg_type) else None
+        window_s = max(WINDOW_S, PERIODS / topic.wanted_hz if topic.wanted_hz else 0.0)
+        watch = passage.take if passage is not None else None
+        self._meter.add(topic.name, msg_type, python_type, watch, window_s=window_s)
+        self._heard[topic.name] = passage
+        self._expected_since[topic.name] = monotonic_s()
+
+    def _take_rtf(self, _received_ns: int, data: bytes) -> None:
+        (self.realtime_factor,) = _RTF.unpack(data)
+
+
+def _begins_with_header(msg_type: str) -> bool:
+    try:
+        return next(iter(fields_of(short_type(msg_type)).values()), "") == HEADER
+    except CommandFailedError:
+        return False
