@@ -2,35 +2,46 @@
 
     python benchmarks/viewers.py [--seconds S]
 
-The stack runs with nobody looking, with a web viewer, and with a web viewer whose page is open in a
-headless Chromium (drawn without a GPU, niced). From outside: the real-time factor that the robot
-publishes, and the time between the stamps of two steps, which the stepping thread puts on the
-encoders' messages. They go to `benchmarks/results/viewers.json`.
+Nobody looks, a web viewer runs, and its page is open in a headless Chromium (drawn without a GPU,
+niced). Each of these twice: the stack, whose robot publishes its real-time factor, and the stepping
+loop alone in this process, which tells how late each step is. What comes out goes to
+`benchmarks/results/viewers.json`, with the load of the machine, which weighs more than viewers do.
 """
 
 import argparse
 import json
 import os
 import platform
+import queue
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import psutil
+
+from obelisk_py.core.sim.mujoco.control import ControlInbox
+from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.stepper import Stepper
+from obelisk_py.core.sim.mujoco.stepping import MonotonicClock, Pace
+from obelisk_py.core.sim.mujoco.viewing.onlookers import Wish, onlooker_outputs
+
+Result = dict[str, Any]
 
 ROOT = Path(__file__).resolve().parents[1]
 OBK = Path(sys.executable).with_name("obk")
 RESULT = ROOT / "benchmarks" / "results" / "viewers.json"
 DUMMY = ROOT / "examples" / "dummy" / "dummy.yaml"
-STEP_S = 0.001
-SETTLE_S = 5.0
+STEPS_PER_VIEW = 5
+"""As in the dummy's config."""
+SETTLE_S = 3.0
 """For what has started to come to rest [s]."""
 DEADLINE_S = 120.0
 SHOWN = "the simulation is shown at "
@@ -42,30 +53,76 @@ DRAWN_BY_THE_CPU = (
 
 
 def listen(seconds: float) -> None:
-    """Take the stamps of steps and the real-time factors for some time; prints them."""
+    """Take the robot's real-time factors for some time; prints them."""
     import rclpy
-    from obelisk_sensor_msgs.msg import ObkJointEncoders
     from std_msgs.msg import Float64
 
     rclpy.init()
     node = rclpy.create_node("listener")
-    stamps_ns: list[int] = []
     factors: list[float] = []
-
-    def note(message: ObkJointEncoders) -> None:
-        stamp = message.header.stamp
-        stamps_ns.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
-
-    node.create_subscription(ObkJointEncoders, "/obelisk/dummy/obk_joint_encoders", note, 1000)
     node.create_subscription(
         Float64, "/obelisk_robot_0/rtf", lambda message: factors.append(message.data), 10
     )
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         rclpy.spin_once(node, timeout_sec=0.1)
-    print(json.dumps({"stamps_ns": stamps_ns, "factors": factors}))
+    print(json.dumps(factors))
     node.destroy_node()
     rclpy.try_shutdown()
+
+
+class NotingClock(MonotonicClock):
+    """Notes how late it wakes."""
+
+    def __init__(self) -> None:
+        self.late_ns: list[int] = []
+
+    def sleep_until_ns(self, deadline_ns: int, stopped: Callable[[], bool]) -> int:
+        now_ns = super().sleep_until_ns(deadline_ns, stopped)
+        self.late_ns.append(now_ns - deadline_ns)
+        return now_ns
+
+
+def lateness(wishes: tuple[Wish, ...], seconds: float, folder: Path, *, is_open: bool) -> Result:
+    """How late the steps of the loop alone are, with these onlookers, once they have settled."""
+    model = mujoco.MjModel.from_xml_path(str(DUMMY.with_name("dummy.xml")))
+    simulation = Simulation(
+        model, ControlInbox(field="u", size=model.nu, monotonic_s=time.monotonic)
+    )
+    simulation.reset(None)
+    clock = NotingClock()
+    told: queue.Queue[str] = queue.Queue()
+    with ExitStack() as closing:
+        outputs = onlooker_outputs(
+            simulation,
+            wishes,
+            STEPS_PER_VIEW,
+            tell=lambda _, text: told.put(text),
+            on_close=closing.callback,
+        )
+        stepper = Stepper(
+            simulation,
+            pace=Pace(simulation.step_s),
+            clock=clock,
+            outputs=outputs,
+            stamp=lambda: None,
+            warn=print,
+            report=lambda _: None,
+        )
+        if wishes:
+            url = told.get(timeout=DEADLINE_S).removeprefix(SHOWN)
+            if is_open:
+                closing.enter_context(page(url, folder))
+                viewers = psutil.Process().children(recursive=True)
+                wait_for_pages([p for p in viewers if "web" in p.cmdline()], 1)
+        settled = time.monotonic() + SETTLE_S
+        stepper.run(lambda: time.monotonic() > settled)
+        clock.late_ns.clear()
+        end = time.monotonic() + seconds
+        stepper.run(lambda: time.monotonic() > end)
+    late_us = np.array(clock.late_ns) / 1e3
+    percentiles = {f"p{p:g}": float(np.percentile(late_us, p)) for p in (50, 90, 99)}
+    return {"steps": len(late_us), "late_us": percentiles | {"max": float(late_us.max())}}
 
 
 @contextmanager
@@ -74,7 +131,9 @@ def stack(*options: str, folder: Path) -> Iterator[tuple[psutil.Popen, Path]]:
     log = folder / f"launch{'-'.join(options)}.log"
     with log.open("w") as output:
         launcher = psutil.Popen(
-            [OBK, "launch", DUMMY, *options], stdout=output, stderr=subprocess.STDOUT
+            [OBK, "launch", DUMMY, "--hang-after", "0", *options],
+            stdout=output,
+            stderr=subprocess.STDOUT,
         )
         try:
             line_with("] active", log)
@@ -114,48 +173,51 @@ def page(url: str, folder: Path) -> Iterator[None]:
         process.wait()
 
 
+def cpu_s(process: psutil.Process) -> float:
+    """Processor time of a process so far [s]."""
+    used = process.cpu_times()
+    return used.user + used.system
+
+
 def pages_of(viewers: list[psutil.Process]) -> int:
     """How many pages are connected to viewers; each has one WebSocket."""
     connections = [c for p in viewers for c in p.net_connections("tcp4")]
     return sum(c.status == psutil.CONN_ESTABLISHED for c in connections)
 
 
-def measure(case: str, launcher: psutil.Popen, seconds: float, *, pages: int = 0) -> dict[str, Any]:
-    """How the steps of a running stack go, once so many pages are connected."""
-    viewers = [p for p in launcher.children(recursive=True) if "web" in p.cmdline()]
+def wait_for_pages(viewers: list[psutil.Process], count: int) -> None:
+    """Wait until so many pages are connected."""
     end = time.monotonic() + DEADLINE_S
-    while pages_of(viewers) < pages:
+    while pages_of(viewers) < count:
         assert time.monotonic() < end, "the page does not connect"
         time.sleep(0.1)
+
+
+def measure(launcher: psutil.Popen, seconds: float, *, pages: int = 0) -> Result:
+    """How the simulation of a running stack goes, once so many pages are connected."""
+    below = launcher.children(recursive=True)
+    viewers = [p for p in below if "web" in p.cmdline()]
+    (robot,) = [p for p in below if "__node:=obelisk_robot_0" in p.cmdline()]
+    wait_for_pages(viewers, pages)
     time.sleep(SETTLE_S)
-    before = [p.cpu_times() for p in viewers]
+    begin = time.monotonic()
+    before = [cpu_s(p) for p in (robot, *viewers)]
     heard = subprocess.run(
         [sys.executable, __file__, "--listen", str(seconds)],
         stdout=subprocess.PIPE,
         check=True,
         timeout=seconds + DEADLINE_S,
     )
-    after = [p.cpu_times() for p in viewers]
-    connected = pages_of(viewers)
-    told = json.loads(heard.stdout)
-    between_ms = np.diff(told["stamps_ns"]) / 1e6
+    took_s = time.monotonic() - begin
+    robot_s, *viewer_s = (
+        cpu_s(p) - used_s for p, used_s in zip((robot, *viewers), before, strict=True)
+    )
+    factors = json.loads(heard.stdout)
     return {
-        "case": case,
-        "steps_heard": len(told["stamps_ns"]),
-        "step_ms": STEP_S * 1e3,
-        "between_steps_ms": {
-            f"p{percent:g}": float(np.percentile(between_ms, percent)) for percent in (50, 99, 99.9)
-        }
-        | {"max": float(between_ms.max())},
-        "realtime_factor": {
-            "mean": float(np.mean(told["factors"])),
-            "min": float(np.min(told["factors"])),
-        },
-        "pages_connected": connected,
-        "viewer_cores": sum(
-            b.user + b.system - a.user - a.system for a, b in zip(before, after, strict=True)
-        )
-        / seconds,
+        "realtime_factor": {"mean": float(np.mean(factors)), "min": min(factors)},
+        "pages_connected": pages_of(viewers),
+        "robot_cores": robot_s / took_s,
+        "viewer_cores": sum(viewer_s) / took_s,
         "load_average": os.getloadavg()[0],
     }
 
@@ -169,23 +231,35 @@ def main() -> int:
     if options.listen:
         listen(options.listen)
         return 0
-    cases = []
-    with tempfile.TemporaryDirectory() as name:
+    web = (Wish(kind="web", arguments=("0",)),)
+    seconds: float = options.seconds
+    # A browser may still be writing when it is killed.
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name)
         os.environ |= {
             "ROS_DOMAIN_ID": os.environ.get("ROS_DOMAIN_ID", "99"),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "OBK_HOME": name,
         }
+        loop = {
+            "nobody looks": lateness((), seconds, folder, is_open=False),
+            "web viewer": lateness(web, seconds, folder, is_open=False),
+            "web viewer, one page open": lateness(web, seconds, folder, is_open=True),
+        }
+        stacks = {}
         with stack(folder=folder) as (launcher, _):
-            cases.append(measure("nobody looks", launcher, options.seconds))
+            stacks["nobody looks"] = measure(launcher, seconds)
         with stack("--viewer", "web", folder=folder) as (launcher, log):
             url = line_with(SHOWN, log).partition(SHOWN)[2].split()[0]
-            cases.append(measure("web viewer", launcher, options.seconds))
+            stacks["web viewer"] = measure(launcher, seconds)
             with page(url, folder):
-                case = "web viewer, one page open"
-                cases.append(measure(case, launcher, options.seconds, pages=1))
-    result = {"cases": cases, "cores": os.cpu_count(), "machine": platform.machine()}
+                stacks["web viewer, one page open"] = measure(launcher, seconds, pages=1)
+    result = {
+        "step_ms": 1.0,
+        "cases": {case: loop[case] | stacks[case] for case in loop},
+        "cores": os.cpu_count(),
+        "machine": platform.machine(),
+    }
     text = json.dumps(result, indent=1)
     RESULT.write_text(text + "\n", encoding="utf-8")
     print(text)
