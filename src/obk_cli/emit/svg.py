@@ -1,6 +1,7 @@
 """The graph as an SVG picture, laid out and drawn here: needs no other program.
 
-Letters are of one width, so that boxes fit whatever font stands in.
+Letters are of one width, so that boxes fit whatever font stands in. A live picture has the names of
+nodes and topics as data attributes, and an empty last line in every box for what is measured.
 """
 
 from collections.abc import Iterator
@@ -26,14 +27,23 @@ _LINE_PX = 16.0
 _LONGEST = 44
 """Letters of a line that are shown; the whole text is in the box's tooltip."""
 _CORNER = 7.0
+_LIVE_LETTERS = 22
+"""Of what a page fills in: `1000 of 1000 Hz`."""
 
 
-def emit_svg(graph: Graph) -> str:
-    """The text of the picture."""
-    return "".join(f"{line}\n" for line in _lines(graph, lay_out(graph, _size)))
+def emit_svg(graph: Graph, *, is_live: bool = False) -> str:
+    """The text of the picture.
+
+    Args:
+        graph: the stack.
+        is_live: whether boxes have a line that a page fills: `text.live` within the group whose
+            `data-node` or `data-topic` is the full name.
+    """
+    layout = lay_out(graph, _live_size if is_live else _size)
+    return "".join(f"{line}\n" for line in _lines(graph, layout, is_live))
 
 
-def _lines(graph: Graph, layout: Layout) -> Iterator[str]:
+def _lines(graph: Graph, layout: Layout, is_live: bool) -> Iterator[str]:
     title_width = _text_width(graph.title, 16)
     width = max(layout.width, title_width) + 2 * _MARGIN
     height = layout.height + _HEADING + 2 * _MARGIN
@@ -53,7 +63,7 @@ def _lines(graph: Graph, layout: Layout) -> Iterator[str]:
     for way in sorted(layout.ways, key=lambda way: not way.is_return):
         yield from _way(way)
     for box in layout.boxes:
-        yield from _node(box) if isinstance(box.item, GraphNode) else _topic(box)
+        yield from _box(box, is_live)
     yield from ("</g>", "</svg>")
 
 
@@ -61,6 +71,11 @@ def _size(item: GraphNode | GraphTopic) -> tuple[float, float]:
     title, lines = _content(item)
     widths = (_text_width(title, _TITLE_PX), *(_text_width(line, _TEXT_PX) for line in lines))
     return max(widths) + 2 * _PADDING, (1 + len(lines)) * _LINE_PX + 14
+
+
+def _live_size(item: GraphNode | GraphTopic) -> tuple[float, float]:
+    width, height = _size(item)
+    return max(width, _text_width("0" * _LIVE_LETTERS, _TEXT_PX)), height + _LINE_PX
 
 
 def _content(item: GraphNode | GraphTopic) -> tuple[str, tuple[str, ...]]:
@@ -79,19 +94,27 @@ def _band(band: Band, width: float, heading_x: float) -> Iterator[str]:
     yield _text(printable(band.device), heading_x, band.y + 20, 12, "#57606a", bold=True)
 
 
+def _box(box: Box, is_live: bool) -> Iterator[str]:
+    kind = "node" if isinstance(box.item, GraphNode) else "topic"
+    group = f'<g data-{kind}="{escape(box.item.name)}">' if is_live else "<g>"
+    yield f"{group}<title>{escape(_tooltip(box.item))}</title>"
+    yield from _node(box) if isinstance(box.item, GraphNode) else _topic(box)
+    if is_live:
+        x, y = box.x + _PADDING, box.y + box.height - _PADDING
+        yield f'<text class="live" x="{_n(x)}" y="{_n(y)}" font-size="{_n(_TEXT_PX)}"></text>'
+    yield "</g>"
+
+
 def _node(box: Box) -> Iterator[str]:
     assert isinstance(box.item, GraphNode)
     colour = SECTION_COLOURS[box.item.section]
     title, (section, *facts) = _content(box.item)
-    tooltip = "\n".join((box.item.title, *box.item.facts))
-    yield f"<g><title>{escape(tooltip)}</title>"
     yield _rect(box, 6, f'fill="{colour.light}" stroke="{colour.dark}" stroke-width="1.5"')
     x, y = box.x + _PADDING, box.y + _LINE_PX + 3
     yield _text(title, x, y, _TITLE_PX, "#1b1f24", bold=True)
     yield _text(section, x, y + _LINE_PX, _TEXT_PX, colour.dark, bold=True)
     for i, fact in enumerate(facts):
         yield _text(fact, x, y + (i + 2) * _LINE_PX, _TEXT_PX, "#3d444d")
-    yield "</g>"
 
 
 def _topic(box: Box) -> Iterator[str]:
@@ -99,14 +122,18 @@ def _topic(box: Box) -> Iterator[str]:
     title, (summary, *sensors) = _content(box.item)
     is_whole = box.item.publishers and box.item.subscribers
     dashes = "" if is_whole else ' stroke-dasharray="4 3"'
-    yield f"<g><title>{escape(_topic_tooltip(box.item))}</title>"
     yield _rect(box, 16, f'fill="#ffffff" stroke="#8c959f"{dashes}')
     x, y = box.x + _PADDING, box.y + _LINE_PX + 3
     yield _text(title, x, y, _TEXT_PX, "#1b1f24", bold=True)
     yield _text(summary, x, y + _LINE_PX, _TEXT_PX, "#3d444d")
     for i, sensor in enumerate(sensors):
         yield _text(sensor, x, y + (i + 2) * _LINE_PX, _TEXT_PX, SECTION_COLOURS["robot"].dark)
-    yield "</g>"
+
+
+def _tooltip(item: GraphNode | GraphTopic) -> str:
+    if isinstance(item, GraphNode):
+        return "\n".join((item.title, *item.facts))
+    return _topic_tooltip(item)
 
 
 def _topic_tooltip(topic: GraphTopic) -> str:

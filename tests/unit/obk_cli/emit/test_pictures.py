@@ -52,6 +52,25 @@ def test_every_picture_shows_every_node_topic_and_sensor() -> None:
         assert 'arm <"&">: 5 nodes, 5 topics' in text
 
 
+def test_a_live_picture_has_a_line_for_what_is_measured_in_every_box() -> None:
+    groups = [*ElementTree.fromstring(emit_svg(GRAPH, is_live=True)).iter(f"{SVG}g")]
+    named = {
+        (kind, name): group
+        for group in groups
+        for kind in ("node", "topic")
+        if (name := group.get(f"data-{kind}"))
+    }
+    wanted = {("node", n.name) for n in GRAPH.nodes} | {("topic", t.name) for t in GRAPH.topics}
+    assert set(named) == wanted
+    for group in named.values():
+        (box,) = group.iter(f"{SVG}rect")
+        (live,) = (text for text in group.iter(f"{SVG}text") if text.get("class") == "live")
+        others = [text for text in group.iter(f"{SVG}text") if text is not live]
+        bottom = float(box.attrib["y"]) + float(box.attrib["height"])
+        assert max(float(text.attrib["y"]) for text in others) < float(live.attrib["y"]) < bottom
+    assert 'class="live"' not in emit_svg(GRAPH)
+
+
 def test_mermaid_names_what_it_cannot_write() -> None:
     text = emit_mermaid(GRAPH)
     assert "gyro g#quot;1 +1<br/>accelerometer #lt;a#gt;" in text
