@@ -16,6 +16,7 @@ import rclpy
 from lifecycle_msgs.srv import ChangeState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.task import Future
 
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 
@@ -38,13 +39,17 @@ def spinning(make: Callable[[], GuardedLifecycleNode]) -> Iterator[GuardedLifecy
     node = make()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    thread = threading.Thread(target=executor.spin, daemon=True)
+    over = Future()
+    spin = executor.spin_until_future_complete
+    thread = threading.Thread(target=spin, args=[over], daemon=True)
     thread.start()
     try:
         yield node
     finally:
-        executor.shutdown()
+        # Shut down while it spins, an rclpy executor may stumble over what it has just let go.
+        over.set_result(None)
         thread.join()
+        executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
         # A life-cycle node is part of reference cycles, and in the ROS graph until they are gone.
@@ -53,11 +58,17 @@ def spinning(make: Callable[[], GuardedLifecycleNode]) -> Iterator[GuardedLifecy
 
 
 def request(node: GuardedLifecycleNode, label: str = "", number: int = 0) -> bool:
-    """Call the node's change_state as its service would."""
+    """Call the node's change_state as its service would: on the thread that spins it."""
     call = ChangeState.Request()
     call.transition.label, call.transition.id = label, number
-    response = node._service_change_state.callback(call, ChangeState.Response())
-    return bool(response.success)
+    change = node._service_change_state.callback
+    if node.executor is None:
+        return bool(change(call, ChangeState.Response()).success)
+    done = threading.Event()
+    task = node.executor.create_task(change, call, ChangeState.Response())
+    task.add_done_callback(lambda _: done.set())
+    assert done.wait(DEADLINE_S), f"no answer to {label or number}"
+    return bool(task.result().success)
 
 
 def eventually(condition: Callable[[], object], what: str) -> None:

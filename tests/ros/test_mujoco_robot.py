@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
+import rclpy
+from lifecycle_msgs.srv import GetState
 from obelisk_control_msgs.msg import PositionSetpoint
 from obelisk_sensor_msgs.msg import JointEncoders, ObkImage, ObkImu, ObkScan, TrueSimState
 from rclpy.qos import QoSProfile
@@ -19,7 +21,7 @@ from visualization_msgs.msg import MarkerArray
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
 from obelisk_spec.settings import format_setting
 
-from .stack import DUMMY, eventually, parameters, request, spinning
+from .stack import DEADLINE_S, DUMMY, eventually, parameters, request, spinning
 
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 
@@ -322,11 +324,13 @@ def test_shutting_down_while_it_steps_ends_it() -> None:
 def test_the_module_runs_as_a_process() -> None:
     command = [sys.executable, "-m", "obelisk_py.core.sim.mujoco", "--ros-args", "-r", "__node:=a"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    rclpy.init()
     try:
-        with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(timeout=3)
+        looking = rclpy.create_node("looking")
+        assert looking.create_client(GetState, "/a/get_state").wait_for_service(DEADLINE_S)
         process.terminate()
         assert process.wait(timeout=20) == 0
     finally:
+        rclpy.shutdown()
         process.kill()
         process.communicate()
