@@ -195,6 +195,17 @@ def test_a_launch_uses_the_messages_of_the_workspace_that_it_is_called_in(
         launch.wait_for_line("reached 3.0")
 
 
+def test_messages_of_a_running_stacks_workspace_are_shown_from_any_folder(
+    workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with started(make_nodes(workspace)) as launch:
+        launch.wait_for_line("reached 3.0")
+        monkeypatch.chdir(tmp_path)
+        words = ("topic", "echo", "est", "steps[0].joints", "--once", "--timeout", "20")
+        shown = obk(*words)
+    assert (shown.stdout, shown.returncode) == ("[1.0, 2.0]\n", 0), shown.stderr
+
+
 def test_a_launch_that_is_not_to_build_says_what_is_stale(workspace: Path) -> None:
     config = make_nodes(workspace)
     (workspace / "src" / "other_msgs" / "msg" / "Word.msg").write_text("string words\n")

@@ -5,10 +5,11 @@ longer than all that is asked here. What comes is polled; every wait has a deadl
 raises is mapped here.
 """
 
+import importlib
 import os
 import time
-from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any, Final, TypeVar
 
 from obk_cli.adapters.raw_topics import RawTopic, offer_of
@@ -28,11 +29,12 @@ NAME_NOT_TOLD: Final = "_NODE_NAME_UNKNOWN_"
 
 
 @contextmanager
-def open_look(environment: RosEnvironment) -> "Iterator[RosLook]":
+def open_look(environment: RosEnvironment, needs: Iterable[str] = ()) -> "Iterator[RosLook]":
     """A participant in the ROS domain of the environment.
 
     Args:
         environment: put into effect for this process first.
+        needs: modules that will be wanted; they are imported while others tell of themselves.
 
     Raises:
         CommandFailedError: there is no rclpy, or it does not start.
@@ -56,6 +58,10 @@ def open_look(environment: RosEnvironment) -> "Iterator[RosLook]":
     except Exception as error:
         context.try_shutdown()
         raise CommandFailedError(f"ROS 2 does not start: {error}") from error
+    for module in ("rclpy.topic_endpoint_info", *needs):
+        # Whoever wants it will say what is wrong with it.
+        with suppress(Exception):
+            importlib.import_module(module)
     try:
         yield RosLook(node, rclpy_implementation, environment.domain)
     finally:

@@ -11,9 +11,11 @@ from obk_cli.adapters.ros_look import RosLook
 from obk_cli.adapters.ros_types import find_type
 from obk_cli.looking.parameters import KINDS, NOT_SET, Parameter
 
-__all__ = ["NodeParameters"]
+__all__ = ["MODULES", "NodeParameters"]
 
 PACKAGE: Final = "rcl_interfaces"
+MODULES: Final = ("rosidl_generator_py", f"{PACKAGE}.msg", f"{PACKAGE}.srv")
+"""What is imported before a node can be asked."""
 
 
 class NodeParameters:

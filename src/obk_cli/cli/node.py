@@ -73,11 +73,12 @@ def info(
     place = here(domain, timeout)
 
     from obk_cli.adapters.ros_look import open_look
+    from obk_cli.adapters.ros_parameters import MODULES
     from obk_cli.looking.finding import find_node, settle
     from obk_cli.looking.nodes import look_at_node
     from obk_cli.report.nodes import node_data, node_text
 
-    with open_look(place.environment) as look:
+    with open_look(place.environment, MODULES) as look:
         name = find_node(look, place, node, timeout)
         settle(look, place, timeout)
         seen = look_at_node(look, place, name, timeout)

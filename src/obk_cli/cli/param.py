@@ -59,13 +59,13 @@ def list_(
     place = here(domain, timeout)
 
     from obk_cli.adapters.ros_look import open_look
-    from obk_cli.adapters.ros_parameters import NodeParameters
+    from obk_cli.adapters.ros_parameters import MODULES, NodeParameters
     from obk_cli.looking.finding import find_node, settle
     from obk_cli.looking.graph import parameter_nodes
 
     names: dict[str, tuple[str, ...]] = {}
     silent: list[str] = []
-    with open_look(place.environment) as look:
+    with open_look(place.environment, MODULES) as look:
         if node is None:
             settle(look, place, timeout)
             meant = parameter_nodes(look.graph())
@@ -187,10 +187,10 @@ def _asked(node: str, domain: int | None, timeout_s: float) -> Iterator[_Asked]:
     place = here(domain, timeout_s)
 
     from obk_cli.adapters.ros_look import open_look
-    from obk_cli.adapters.ros_parameters import NodeParameters
+    from obk_cli.adapters.ros_parameters import MODULES, NodeParameters
     from obk_cli.looking.finding import find_node
 
-    with open_look(place.environment) as look:
+    with open_look(place.environment, MODULES) as look:
         found = find_node(look, place, node, timeout_s)
         yield _Asked(node=found, parameters=NodeParameters(look, found, timeout_s))
 

@@ -91,7 +91,7 @@ def call(
     from obk_cli.looking.plain_data import plain_data
     from obk_cli.report.messages import json_line, message_text
 
-    with open_look(place.environment) as look:
+    with open_look(place.environment, ("rosidl_generator_py",)) as look:
         name = find_service(look, place, service, timeout)
         types = (service_type,) if service_type else look.service_types()[name]
         kind = the_type("service", name, types)

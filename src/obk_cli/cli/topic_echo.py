@@ -65,7 +65,8 @@ def command(
 
     selections = [parse_selection(text) for text in (*(fields or ()), *(field or ()))]
     place = with_types(here(domain, timeout))
-    with open_look(place.environment) as look:
+    needs = ("rclpy.serialization", *place.modules([topic]))
+    with open_look(place.environment, needs) as look:
         seen = find_topic(look, place, topic, timeout)
         msg_type = the_type("topic", seen.name, seen.msg_types)
         python_type = find_type(msg_type)

@@ -69,7 +69,7 @@ def command(
     from obk_cli.adapters.ros_types import find_type, make_message
     from obk_cli.cli.message_argument import parse_message
 
-    with open_look(place.environment) as look:
+    with open_look(place.environment, place.modules([topic])) as look:
         seen = _topic(look, place, topic, msg_type, timeout)
         full_type = msg_type or seen.msg_types[0]
         data = parse_message(text, full_type)

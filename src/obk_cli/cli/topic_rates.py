@@ -65,7 +65,7 @@ def hz(
     from obk_cli.adapters.ros_types import raw_type
     from obk_cli.looking.finding import find_topic, the_type
 
-    with open_look(place.environment) as look:
+    with open_look(place.environment, place.modules(topics)) as look:
         meter = RosMeter(look, duration or window)
         for topic in topics:
             seen = find_topic(look, place, topic, timeout)
@@ -108,7 +108,8 @@ def delay(
     from obk_cli.looking.finding import find_topic, the_type
     from obk_cli.looking.stamps import stamp_of
 
-    with open_look(place.environment) as look:
+    needs = ("rclpy.serialization", *place.modules([topic]))
+    with open_look(place.environment, needs) as look:
         seen = find_topic(look, place, topic, timeout)
         msg_type = the_type("topic", seen.name, seen.msg_types)
         python_type = find_type(msg_type)

@@ -1,6 +1,6 @@
 """Where a command looks: a ROS domain, and the stacks of this host that run in it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -9,6 +9,7 @@ from obk_cli.adapters.live_runs import live_folders
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.runs import Run, runs_folder
+from obk_cli.looking.names import meant
 from obk_cli.recording.made_from import run_plan, run_topics
 
 __all__ = ["Place", "place_of"]
@@ -38,6 +39,14 @@ class Place:
     def topics(self) -> Mapping[str, str | None]:
         """The topics of the runs' plans, with their types where the plans tell."""
         return {name: kind for folder in self.runs for name, kind in run_topics(folder).items()}
+
+    def modules(self, topics: Iterable[str]) -> tuple[str, ...]:
+        """The Python modules in which the types of these topics are, as far as the plans tell."""
+        planned = self.topics
+        names = (name for topic in topics for name in meant(topic, planned))
+        types = (kind for name in names if (kind := planned[name]))
+        packages = dict.fromkeys(kind.partition("/")[0] for kind in types)
+        return ("rosidl_generator_py", *(f"{package}.msg" for package in packages))
 
     @property
     def plans(self) -> tuple[Mapping[str, Any], ...]:

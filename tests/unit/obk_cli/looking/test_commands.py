@@ -111,3 +111,9 @@ def test_a_command_that_is_wrong_is_told_so_before_ros_is_loaded(
         main(words.split())
     assert end.value.code == 2
     assert complaint in capsys.readouterr().err
+
+
+def test_the_modules_of_a_topics_type_are_known_from_the_plan(home: Path) -> None:
+    runs_in(home, arm=7)
+    place = place_of(environment(home), None)
+    assert place.modules(["est", "imu", "other"]) == ("rosidl_generator_py", "pkg.msg")
