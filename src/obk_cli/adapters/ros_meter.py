@@ -22,6 +22,9 @@ TURN_S: Final = 0.005
 LOOK_S: Final = 0.1
 """Between two looks at the publishers [s]."""
 
+OLD_NS: Final = 500_000_000
+"""For which messages may be taken for old ones [ns]."""
+
 
 class RosMeter:
     """Counts the messages of topics."""
@@ -35,7 +38,7 @@ class RosMeter:
         """
         self._look = look
         self._window_s = window_s
-        self._topics: dict[str, tuple[RawTopic, Meter, Watch | None]] = {}
+        self._topics: dict[str, _Counted] = {}
         self._looked = time.monotonic()
 
     def add(
@@ -58,25 +61,27 @@ class RosMeter:
         """
         if name not in self._topics:
             raw = self._look.listen(name, msg_type, python_type)
-            self._topics[name] = (raw, Meter(window_s or self._window_s), watch)
+            self._topics[name] = _Counted(raw, Meter(window_s or self._window_s), watch)
 
     def drop(self, name: str) -> None:
         """Count a topic's messages no more."""
-        raw, _, _ = self._topics.pop(name)
-        raw.close()
+        self._topics.pop(name).raw.close()
 
     def turn(self) -> None:
         """Count what has come, then rest until 5 ms are over."""
         begin = time.monotonic()
         if begin - self._looked > LOOK_S:
             self._looked = begin
-            for raw, _, _ in self._topics.values():
-                raw.look()
-        for raw, meter, watch in self._topics.values():
-            meter.publishers = raw.publishers
+            for topic in self._topics.values():
+                topic.raw.look()
+        for topic in self._topics.values():
+            meter, watch = topic.meter, topic.watch
+            meter.publishers = topic.raw.publishers
             take = meter.take
-            for data, info in raw.take():
+            for data, info in topic.raw.take():
                 received_ns = info["received_timestamp"]
+                if not topic.is_fresh and topic.is_old(received_ns, info["source_timestamp"]):
+                    continue
                 take(received_ns, len(data), info["publication_sequence_number"])
                 if watch is not None:
                     watch(received_ns, data)
@@ -85,4 +90,31 @@ class RosMeter:
     def rates(self) -> Mapping[str, Rate]:
         """What was measured by now, by topic."""
         now_ns = time.time_ns()
-        return {name: meter.rate(now_ns) for name, (_, meter, _) in self._topics.items()}
+        return {name: topic.meter.rate(now_ns) for name, topic in self._topics.items()}
+
+
+class _Counted:
+    """A topic whose messages are counted, but for those that its publisher had kept."""
+
+    __slots__ = ("_begun_ns", "_first_ns", "is_fresh", "meter", "raw", "watch")
+
+    def __init__(self, raw: RawTopic, meter: Meter, watch: Watch | None) -> None:
+        self.raw = raw
+        self.meter = meter
+        self.watch = watch
+        self.is_fresh = False
+        """Whether a message has come that was published since."""
+        self._begun_ns = time.time_ns()
+        self._first_ns: int | None = None
+
+    def is_old(self, received_ns: int, published_ns: int) -> bool:
+        """Whether it was published before anybody listened here.
+
+        Such messages come all at once, as if the rate were higher. A publisher's clock may be
+        behind: so this ends soon after the first message.
+        """
+        if self._first_ns is None:
+            self._first_ns = received_ns
+        is_new = published_ns >= self._begun_ns
+        self.is_fresh = is_new or received_ns - self._first_ns > OLD_NS
+        return not self.is_fresh

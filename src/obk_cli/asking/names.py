@@ -14,6 +14,8 @@ NO_ANSWER: Final = "no answer"
 def nodes_meant(name: str, known: Iterable[str]) -> tuple[str, ...]:
     """The nodes that a user means by a name, full or short (`control_0`), or by a section's."""
     every = tuple(known)
+    if name in every:
+        return (name,)
     tails = (f"/{name.lstrip('/')}", f"/obelisk_{name.lstrip('/')}")
     by_name = tuple(node for node in every if node.endswith(tails))
     return by_name or tuple(node for node in every if section_of(node) == name)

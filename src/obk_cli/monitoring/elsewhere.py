@@ -22,6 +22,7 @@ __all__ = ["ElsewhereObserver"]
 GET_STATE: Final = "lifecycle_msgs/srv/GetState"
 ANSWER_S: Final = 0.2
 """For a node's state: others are not kept waiting [s]."""
+OF_LOOKERS: Final = "/obk_look_"
 OF_EVERY_NODE: Final = ("/rosout", "/parameter_events", "/diagnostics")
 
 
@@ -36,8 +37,9 @@ class ElsewhereObserver:
         """
         self._look = look
         self._watch = TopicWatch(look)
-        self._cost = OwnCost()
         self._clients: dict[str, ServiceClient] = {}
+        self._want_what_is_there()
+        self._cost = OwnCost()
 
     def turn(self) -> None:
         """Count what has come; returns after 5 ms."""
@@ -45,13 +47,12 @@ class ElsewhereObserver:
 
     def turn_for(self, seconds: float) -> None:
         """Count what comes for so long."""
-        self._want_what_is_there()
         self._watch.turn_for(seconds)
 
     def view(self) -> StackView:
         """The domain as it is now."""
         self._want_what_is_there()
-        names = in_tier_order(set(self._look.nodes()))
+        names = in_tier_order({name for name in self._look.nodes() if not _is_looking(name)})
         nodes = tuple(self._node(name) for name in names)
         active = {node.node for node in nodes if node.state == ACTIVE}
         return StackView(
@@ -109,3 +110,8 @@ class ElsewhereObserver:
 
 def _is_of_every_node(topic: str) -> bool:
     return topic in OF_EVERY_NODE or topic.endswith("/transition_event")
+
+
+def _is_looking(node: str) -> bool:
+    """Whether it is one of those who look into the stack as this one does."""
+    return node.startswith(OF_LOOKERS)

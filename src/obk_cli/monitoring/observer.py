@@ -42,7 +42,6 @@ class Observer:
         self._folder = folder
         self._run = run
         self._loads = ProcessLoads()
-        self._cost = OwnCost()
         plan = run_plan(folder)
         self._watch = TopicWatch(look)
         self._watch.want(planned_topics(plan))
@@ -50,6 +49,7 @@ class Observer:
             if process.get("model"):  # it simulates
                 node = f"{process['namespace'].rstrip('/')}/{process['node']}"
                 self._watch.want_realtime_factor(f"{node}/rtf")
+        self._cost = OwnCost()
 
     def turn(self) -> None:
         """Count what has come; returns after 5 ms."""

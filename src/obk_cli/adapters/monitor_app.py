@@ -1,0 +1,343 @@
+"""The live table of a running stack in a terminal, drawn by textual.
+
+Takes views from a thread that watches, shows them, and hands the user's wishes to a function that
+carries them out, in a thread too: the screen waits for nobody.
+"""
+
+import asyncio
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import ClassVar, Final, Protocol
+
+from rich.text import Text
+from textual import on
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import VerticalScroll
+from textual.message import Message
+from textual.widgets import Input, Static
+
+from obk_cli.errors import ObkError
+from obk_cli.launch.asks import ChangeAnswer
+from obk_cli.monitoring.view import StackView
+from obk_cli.report.escapes import plain
+from obk_cli.report.launch import short_name
+from obk_cli.report.monitor import (
+    Line,
+    head_line,
+    log_lines,
+    node_lines,
+    passage_line,
+    topic_lines,
+)
+
+__all__ = ["Change", "MonitorApp", "Views", "run_monitor"]
+
+Change = Callable[[StackView, str, tuple[str, ...]], ChangeAnswer]
+"""Takes nodes, by full names, of a view's stack through a transition; without any the stack."""
+
+VERBS: Final = {
+    "a": ("activate",),
+    "d": ("deactivate",),
+    "c": ("configure",),
+    "x": ("cleanup",),
+    "r": ("deactivate", "cleanup", "configure", "activate"),
+}
+"""Key -> transitions."""
+MOVING: Final = "activate"
+LOOKING: Final = "looking for a stack ..."
+WAITING: Final = "no stack runs here; waiting for one (`obk launch`)"
+KEYS: Final = "a activate  d deactivate  r restart  / filter  ? help  q quit"
+HELP: Final = (
+    "up, down    choose a node; `all nodes` is the stack",
+    "a  c        activate, configure",
+    "d  x        deactivate, clean up",
+    "r           restart: deactivate, clean up, configure, activate",
+    "/           show only log lines with these words in them; Esc shows all",
+    "q           quit; the stack goes on",
+    "!           a topic that is more than a tenth off what the config promises",
+    "last ms     since the last message;   age ms   by stamps, half are younger",
+)
+
+
+class Views(Protocol):
+    """What a `Watcher` offers."""
+
+    def views(self) -> Iterator[StackView | None]:
+        """A view each period, None while nothing runs."""
+        ...
+
+    def stop(self) -> None:
+        """End the views soon."""
+        ...
+
+
+class Seen(Message):
+    """A view has come; None: nothing runs."""
+
+    def __init__(self, view: StackView | None) -> None:
+        self.view = view
+        super().__init__()
+
+
+class Broken(Message):
+    """Watching cannot go on."""
+
+    def __init__(self, error: ObkError) -> None:
+        self.error = error
+        super().__init__()
+
+
+class Said(Message):
+    """A wish was carried out, or was not."""
+
+    def __init__(self, text: str, *, is_done: bool) -> None:
+        self.text = text
+        self.is_done = is_done
+        super().__init__()
+
+
+def run_monitor(watcher: Views, change: Change) -> None:
+    """Show the live table until the user quits.
+
+    Args:
+        watcher: gives the views.
+        change: carries transitions out.
+
+    Raises:
+        ObkError: watching cannot go on.
+    """
+    app = MonitorApp(watcher, change)
+    error = app.run()
+    app.end_watching()
+    if error is not None:
+        raise error
+
+
+class MonitorApp(App[ObkError | None]):
+    """The live table."""
+
+    AUTO_FOCUS = ""
+    ENABLE_COMMAND_PALETTE = False
+    CSS = """
+    Screen { layout: vertical; }
+    #head { height: 1; }
+    #nodes { height: auto; max-height: 34%; margin-top: 1; scrollbar-size: 0 0; }
+    #topics { height: auto; max-height: 45%; margin-top: 1; scrollbar-size: 0 0; }
+    #log { height: 1fr; margin-top: 1; scrollbar-size: 0 0; }
+    #filter { display: none; height: 1; border: none; padding: 0; }
+    #said { height: 1; }
+    #keys { height: 1; text-style: dim; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        *(Binding(key, f"ask('{key}')", show=False) for key in VERBS),
+        Binding("up,k", "move(-1)", show=False),
+        Binding("down,j", "move(1)", show=False),
+        Binding("y", "confirm", show=False),
+        Binding("n", "drop", show=False),
+        Binding("escape", "leave", show=False, priority=True),
+        Binding("slash", "filter", show=False),
+        Binding("question_mark", "help", show=False),
+        Binding("q", "quit", show=False),
+        Binding("ctrl+c", "quit", show=False, priority=True),
+    ]
+
+    def __init__(self, watcher: Views, change: Change) -> None:
+        """Make it; nothing is watched before it runs.
+
+        Args:
+            watcher: gives the views.
+            change: carries transitions out.
+        """
+        super().__init__()
+        self._watcher = watcher
+        self._change = change
+        self._thread = threading.Thread(target=self._take_views, daemon=True)
+        self._view: StackView | None = None
+        self._has_looked = False
+        self._chosen = ""
+        """The full name of a node; empty: the stack."""
+        self._asked: tuple[str, tuple[str, ...]] | None = None
+        """A key and nodes that wait for the user's yes."""
+        self._is_busy = False
+        self._part = ""
+        self._shows_help = False
+
+    def compose(self) -> ComposeResult:
+        """Lay out the parts from top to bottom."""
+        yield Static(id="head")
+        for name in ("nodes", "topics", "log"):
+            with VerticalScroll(id=name, can_focus=False):
+                yield Static(id=f"{name}_text")
+        yield Input(id="filter", placeholder="words in log lines; Enter keeps, Esc clears")
+        yield Static(id="said", markup=False)
+        yield Static(Text(KEYS), id="keys")
+
+    def on_mount(self) -> None:
+        """Begin to watch."""
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            asyncio.get_running_loop().add_signal_handler(number, self.exit)
+        self.set_focus(None)
+        self._draw()
+        self._thread.start()
+
+    def on_resize(self) -> None:
+        """Draw for the new width."""
+        self.call_after_refresh(self._draw)
+
+    def end_watching(self) -> None:
+        """Wait until the watching thread has let go of ROS."""
+        self._watcher.stop()
+        self._thread.join()
+
+    def on_seen(self, message: Seen) -> None:
+        """Show a view; what was seen last of a stack that has ended stays."""
+        self._has_looked = True
+        is_ended = self._view is not None and self._view.has_ended
+        if message.view is not None or not is_ended:
+            self._view = message.view
+        if self._view is None or self._chosen not in (node.node for node in self._view.nodes):
+            self._chosen = ""
+        self._draw()
+
+    def on_broken(self, message: Broken) -> None:
+        """End with the error."""
+        self.exit(message.error)
+
+    def on_said(self, message: Said) -> None:
+        """Show how a wish was carried out."""
+        self._is_busy = not message.is_done
+        self._say(message.text)
+
+    def action_move(self, step: int) -> None:
+        """Choose the next or the last one."""
+        names = ["", *(node.node for node in self._view.nodes)] if self._view else [""]
+        place = names.index(self._chosen) + step
+        self._chosen = names[max(0, min(place, len(names) - 1))]
+        self._draw()
+
+    def action_ask(self, key: str) -> None:
+        """Ask whether transitions are really meant."""
+        view = self._view
+        if self._is_busy or view is None or view.has_ended:
+            self._say("wait for the last one to end" if self._is_busy else "nothing runs")
+            return
+        self._asked = (key, (self._chosen,) if self._chosen else ())
+        who = short_name(self._chosen) if self._chosen else f"all {len(view.nodes)} nodes"
+        moves = "; the robot may move" if MOVING in VERBS[key] else ""
+        self._say(f"{', '.join(VERBS[key])} {who}{moves}?  y / n")
+
+    def action_confirm(self) -> None:
+        """Carry out what was asked."""
+        if self._asked is None or self._view is None:
+            return
+        (key, nodes), self._asked = self._asked, None
+        self._is_busy = True
+        threading.Thread(
+            target=self._carry_out, args=(self._view, VERBS[key], nodes), daemon=True
+        ).start()
+
+    def action_drop(self) -> None:
+        """Do not."""
+        if self._asked is not None:
+            self._asked = None
+            self._say("")
+
+    def action_leave(self) -> None:
+        """Leave whatever is open: question, help, filter, choice of a node."""
+        box = self.query_one("#filter", Input)
+        if box.display:
+            box.value = ""
+            self._close_filter()
+        elif self._asked is None and not self._shows_help:
+            self._chosen, self._part = "", ""
+        self._shows_help = False
+        self.action_drop()
+        self._draw()
+
+    def action_filter(self) -> None:
+        """Let the user write what log lines are to have in them."""
+        box = self.query_one("#filter", Input)
+        box.display = True
+        box.focus()
+
+    def action_help(self) -> None:
+        """Show the keys in the place of the log, or the log again."""
+        self._shows_help = not self._shows_help
+        self._draw()
+
+    @on(Input.Changed, "#filter")
+    def _filter_by(self, event: Input.Changed) -> None:
+        self._part = event.value
+        self._draw()
+
+    @on(Input.Submitted, "#filter")
+    def _close_filter(self) -> None:
+        self.query_one("#filter", Input).display = False
+        self.set_focus(None)
+        self.call_after_refresh(self._draw)
+
+    def _take_views(self) -> None:
+        try:
+            for view in self._watcher.views():
+                self.post_message(Seen(view))
+        except ObkError as error:
+            self.post_message(Broken(error))
+
+    def _carry_out(
+        self, view: StackView, transitions: Sequence[str], nodes: tuple[str, ...]
+    ) -> None:
+        who = short_name(nodes[0]) if nodes else "all nodes"
+        for transition in transitions:
+            self.post_message(Said(f"{transition} {who} ...", is_done=False))
+            try:
+                answer = self._change(view, transition, nodes)
+                fault = "" if answer.success else answer.why or "no reason was given"
+            except ObkError as error:
+                fault = f"{error.message}; {error.help}" if error.help else error.message
+            if fault:
+                self.post_message(Said(f"{transition} {who} failed: {fault}", is_done=True))
+                return
+        self.post_message(Said(f"{', '.join(transitions)} {who}: done", is_done=True))
+
+    def _say(self, text: str) -> None:
+        # A node's own words may have more lines; the first one names the fault.
+        self.query_one("#said", Static).update(Text(plain(text.partition("\n")[0])))
+
+    def _draw(self) -> None:
+        width, view = self.size.width, self._view
+        if view is None:
+            text = WAITING if self._has_looked else LOOKING
+            self._put("head", [Line(text=text, style="bold yellow")])
+            for name in ("nodes_text", "topics_text", "log_text"):
+                self._put(name, [Line(text=line) for line in HELP] if name == "log_text" else [])
+            return
+        passage = passage_line(view, width)
+        self._put("head", [head_line(view, width)])
+        self._put("nodes_text", self._node_rows(view, width))
+        self._put("topics_text", [*topic_lines(view, width), *([passage] if passage else [])])
+        room = max(1, self.query_one("#log").size.height)
+        log = log_lines(view, width, self._part)[-room:]
+        self._put("log_text", [Line(text=line) for line in HELP] if self._shows_help else log)
+        self.query_one("#keys", Static).update(
+            Text(f"{KEYS}   [{self._part}]" if self._part else KEYS)
+        )
+
+    def _node_rows(self, view: StackView, width: int) -> list[Line]:
+        """The lines of nodes, with one for the whole stack, and the cursor."""
+        titles, *rows = node_lines(view, width)
+        names = ["", *(node.node for node in view.nodes)]
+        lines = [Line(text="all nodes"), *rows]
+        place = names.index(self._chosen)
+        lines[place] = Line(
+            text=lines[place].text.ljust(width), style=f"{lines[place].style} reverse"
+        )
+        pane = self.query_one("#nodes", VerticalScroll)
+        self.call_after_refresh(pane.scroll_to, y=max(0, place + 2 - pane.size.height))
+        return [titles, *lines]
+
+    def _put(self, name: str, lines: Iterable[Line]) -> None:
+        text = Text("\n", no_wrap=True).join(Text(line.text, line.style) for line in lines)
+        text.no_wrap = True
+        self.query_one(f"#{name}", Static).update(text)

@@ -1,0 +1,73 @@
+"""`obk monitor`: a running stack live, in a terminal of its own or for a program."""
+
+import os
+import shutil
+import sys
+from typing import Annotated, Final
+
+import typer
+
+from obk_cli.adapters.extras import require_extra
+from obk_cli.cli.looking_options import TIMEOUT_S, DomainOption, here, require_positive, with_types
+from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.errors import EXIT_DONE, MisuseError
+from obk_cli.monitoring.view import StackView
+from obk_cli.monitoring.watcher import Target, Watcher
+from obk_cli.report.messages import json_line
+from obk_cli.report.monitor import monitor_data, monitor_text
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = "Example: obk monitor --once --format json"
+WIDE: Final = 200
+"""Columns where there is no terminal."""
+
+
+def command(
+    once: Annotated[bool, typer.Option("--once", help="Show it once and end.")] = False,
+    period: Annotated[float, typer.Option(help="Seconds between two looks.")] = 1.0,
+    run: Annotated[
+        str | None, typer.Option(help="The stack, by its config's name or its run folder's.")
+    ] = None,
+    domain: DomainOption = None,
+    format: FormatOption = "text",
+) -> None:
+    """Watch a running stack: nodes, topics with their rates, the newest lines of its log.
+
+    Rates are measured on messages as they are sent; a topic that is more than a tenth off what the
+    config promises is marked with `!`. Keys take the stack or one node through transitions; `?`
+    tells them. Where no stack runs it waits for one. --format json gives an object a line, each
+    period, until the stack ends. A stack of another host has no wanted rates and no log here.
+    """
+    is_json = wants_json(format)
+    require_positive("--period", period)
+    target = Target(environment=here(domain, TIMEOUT_S).environment, domain=domain, run=run)
+    watcher = Watcher(target, with_types, period)
+    if once or is_json:
+        _print_views(watcher, target, is_json=is_json, is_once=once)
+        return
+    # textual draws on the error output.
+    if not all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):
+        raise MisuseError(
+            "`obk monitor` needs a terminal for its input and its outputs",
+            help="`obk monitor --once` and `obk monitor --format json` do not",
+        )
+    require_extra("textual", "monitor")
+    from obk_cli.adapters.monitor_app import run_monitor
+
+    run_monitor(watcher, target.change)
+
+
+def _print_views(watcher: Watcher, target: Target, *, is_json: bool, is_once: bool) -> None:
+    for view in watcher.views():
+        if view is None:
+            raise target.place().nobody()
+        print(json_line(monitor_data(view)) if is_json else _text(view), flush=True)
+        if is_once or view.has_ended:
+            raise typer.Exit(EXIT_DONE)
+
+
+def _text(view: StackView) -> str:
+    is_terminal = sys.stdout.isatty()
+    width = shutil.get_terminal_size().columns if is_terminal else WIDE
+    return monitor_text(view, width, colour=is_terminal and not os.environ.get("NO_COLOR"))
