@@ -1,7 +1,7 @@
 """Messages of a topic as objects, one after another; waiting has a deadline."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 from obk_cli.adapters.raw_topics import RawTopic
@@ -48,9 +48,18 @@ def messages(raw: RawTopic, tally: Tally, timeout_s: float, *, each: bool) -> It
         time.sleep(POLL_S)
 
 
-def arrived(raw: RawTopic) -> Iterator[tuple[int, Any]]:
-    """When each message that waits was received [ns since 1970], and the message."""
+def arrived(
+    raw: RawTopic, is_wanted: Callable[[int], bool] = lambda _: True
+) -> Iterator[tuple[int, Any]]:
+    """When each message that waits was received [ns since 1970], and the message.
+
+    Args:
+        raw: the topic.
+        is_wanted: is asked by the time of receipt; other messages are passed over unread.
+    """
     from rclpy.serialization import deserialize_message
 
     for data, info in raw.take():
-        yield info["received_timestamp"], deserialize_message(data, raw.python_type)
+        received_ns = info["received_timestamp"]
+        if is_wanted(received_ns):
+            yield received_ns, deserialize_message(data, raw.python_type)

@@ -39,6 +39,7 @@ VERBS = {
     "lifecycle": Verb("obk_cli.cli.lifecycle", "Ask for or change the states of nodes."),
     "ps": Verb("obk_cli.cli.ps", "Show the stacks that run on this host."),
     "monitor": Verb("obk_cli.cli.monitor", "Watch a running stack: nodes, rates, log."),
+    "web": Verb("obk_cli.cli.web", "Show a running stack as a page in the browser."),
     "stop": Verb("obk_cli.cli.stop", "Bring a stack down in order."),
     "logs": Verb("obk_cli.cli.logs", "Show what a run or one of its nodes said."),
     "topic": Verb("obk_cli.cli.topic", "Look at, measure and publish topics of a running stack."),

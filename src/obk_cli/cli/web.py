@@ -1,0 +1,62 @@
+"""`obk web`: a running stack as a page in the browsers of this host."""
+
+import os
+import webbrowser
+from typing import Annotated, Final
+
+import typer
+
+from obk_cli.adapters.extras import require_extra
+from obk_cli.cli.looking_options import TIMEOUT_S, DomainOption, here, with_types
+from obk_cli.errors import EXIT_DONE
+from obk_cli.launch.runs import runs_folder
+from obk_cli.monitoring.watcher import Target, Watcher
+
+__all__ = ["EXAMPLE", "command"]
+
+EXAMPLE = "Example: obk web --open"
+PORT: Final = 8420
+PERIOD_S: Final = 0.5
+
+
+def command(
+    run: Annotated[
+        str | None, typer.Option(help="The stack, by its config's name or its run folder's.")
+    ] = None,
+    domain: DomainOption = None,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Of this host; 0: one that is free.")
+    ] = PORT,
+    open_: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
+) -> None:
+    """Show a running stack as a page: states with buttons, the graph with rates, plots, the log.
+
+    Prints the page's address and serves until Ctrl-C, for browsers of this host only; from another
+    one `ssh -L 8420:127.0.0.1:8420 HOST` leads here. Whoever has the address, with its token, can
+    move the robot. Where no stack runs, and when one has ended, the page waits for the next.
+    """
+    for module in ("starlette", "uvicorn"):
+        require_extra(module, "web")
+    target = Target(environment=here(domain, TIMEOUT_S).environment, domain=domain, run=run)
+    target.choose(target.place())
+
+    from obk_cli.adapters.web_app import TOKEN, Site, make_app
+    from obk_cli.adapters.web_server import HOST, WebServer, take_port
+    from obk_cli.web.feed import Feed
+    from obk_cli.web.guard import new_token
+    from obk_cli.web.plots import Plots
+
+    with take_port(port) as taken:
+        number, token = taken.getsockname()[1], new_token()
+        server, plots = WebServer(), Plots()
+        watcher = Watcher(target, with_types, PERIOD_S, beside=plots.turn)
+        feed = Feed(watcher, runs_folder(os.environ), server.end)
+        site = Site(lambda: feed.moment, plots, target.change, lambda: server.is_ending)
+        url = f"http://{HOST}:{number}/?{TOKEN}={token}"
+        print(f"the stack is shown at {url}\nCtrl-C ends", flush=True)
+        feed.start()
+        if open_:
+            webbrowser.open(url)
+        server.run(make_app(site, token=token, port=number), taken)
+        feed.stop()
+    raise typer.Exit(EXIT_DONE)

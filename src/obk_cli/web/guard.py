@@ -1,0 +1,85 @@
+"""Who may use the page: browsers of this host that were given its address, and nobody they visit.
+
+In: what a request says of itself. Out: why it is refused, or None. A foreign page in the same
+browser can send requests here, and can have its own name point here; so the name that was asked
+for, the page that asks and a token that only the terminal tells are looked at.
+"""
+
+import secrets
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+from urllib.parse import urlsplit
+
+__all__ = ["HEADERS", "Refusal", "WebRequest", "new_token", "refusal"]
+
+HOSTS: Final = frozenset({"127.0.0.1", "localhost", "::1"})
+"""By which this host calls itself; the port may be another one, behind `ssh -L`."""
+HEADERS: Final = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
+        "img-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+"""Of every answer: nothing is run or fetched but what comes from here."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WebRequest:
+    """What a request says of itself."""
+
+    method: str
+    host: str
+    """The header's text; empty without one."""
+    origin: str | None
+    """The header's text: the page that asks, where the browser tells."""
+    tokens: tuple[str, ...]
+    """As given by cookie, header or address."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """Why a request gets nothing."""
+
+    status: int
+    """Of HTTP."""
+    why: str
+
+
+def new_token() -> str:
+    """One that nobody guesses."""
+    return secrets.token_urlsafe(24)
+
+
+def refusal(request: WebRequest, token: str) -> Refusal | None:
+    """Why a request is refused; None: it is not.
+
+    Args:
+        request: what it says.
+        token: that it has to know.
+    """
+    if _host_name(request.host) not in HOSTS:
+        return Refusal(status=403, why="this page is for 127.0.0.1 and localhost only")
+    changes = request.method not in ("GET", "HEAD")
+    if (changes or request.origin) and request.origin != f"http://{request.host}":
+        return Refusal(status=403, why="only the page itself may ask this")
+    if not _is_any(request.tokens, token):
+        return Refusal(
+            status=401, why="the token is missing or old: open the address that `obk web` printed"
+        )
+    return None
+
+
+def _host_name(host: str) -> str | None:
+    try:
+        return urlsplit(f"//{host}").hostname
+    except ValueError:
+        return None
+
+
+def _is_any(given: Iterable[str], token: str) -> bool:
+    return any(secrets.compare_digest(one.encode(), token.encode()) for one in given)

@@ -1,0 +1,34 @@
+// Elements made and kept: text is only ever set as text, never read as HTML.
+
+export const byId = (id) => document.getElementById(id);
+
+export function element(name, options = {}, ...children) {
+  const { className, ...attributes } = options;
+  const made = document.createElement(name);
+  if (className) made.className = className;
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.append(...children);
+  return made;
+}
+
+export function setText(target, text) {
+  if (target.textContent !== text) target.textContent = text;
+}
+
+// Children of a parent, one for each item: made once, then changed in place, so that what is being
+// clicked or read stays where it is.
+export function keep(parent, items, key, make, change) {
+  const known = new Map([...parent.children].map((child) => [child.dataset.key, child]));
+  items.forEach((item, place) => {
+    const name = key(item);
+    let child = known.get(name);
+    known.delete(name);
+    if (!child) {
+      child = make(item);
+      child.dataset.key = name;
+    }
+    if (parent.children[place] !== child) parent.insertBefore(child, parent.children[place] ?? null);
+    change(child, item);
+  });
+  for (const child of known.values()) child.remove();
+}

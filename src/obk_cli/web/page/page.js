@@ -1,0 +1,256 @@
+// A running stack as the server tells it; what it is asked for in return are transitions.
+
+import { byId, element, keep, setText } from "./dom.js";
+import { MISSING, clock, commonSpace, milliseconds, rate, shortNode } from "./format.js";
+import { showGraph } from "./graph.js";
+import { beginCurves, setCurves, showPlots, takeSamples, wantedCurves } from "./plots.js";
+
+// What moves the robot, and what cannot be taken back, is asked about.
+const QUESTIONS = {
+  activate: (what) => `Activate ${what}? A robot may move.`,
+  shutdown: (what) => `Shut ${what} down? It cannot be brought up again in this run.`,
+};
+const LOST = "The server does not answer; trying again.";
+
+let stream = null;
+let view = null;
+let isAsking = false;
+
+function connect() {
+  stream?.close();
+  beginCurves();
+  const query = new URLSearchParams(wantedCurves().map((curve) => ["curve", curve]));
+  stream = new EventSource(`/events?${query}`);
+  const on = (name, take) => stream.addEventListener(name, (event) => take(JSON.parse(event.data)));
+  on("view", showView);
+  on("waiting", () => notice("No stack runs; waiting for one (obk launch)."));
+  on("log", (data) => showLog(data.lines));
+  on("samples", takeSamples);
+  stream.addEventListener("open", () => {
+    if (byId("notice").dataset.text === LOST) notice("");
+    beginCurves();
+  });
+  stream.addEventListener("error", () => {
+    if (stream.readyState === EventSource.CLOSED) setTimeout(connect, 2000);
+    notice(LOST);
+  });
+}
+
+function showView(told) {
+  const wasWaiting = view === null || view.is_waiting;
+  view = told;
+  if (told.is_waiting) {
+    const cause = told.cause ? `: ${told.cause}` : "";
+    notice(`${told.name || "The stack"} has ended${cause}\nWaiting for the next one.`, told.cause ? "bad" : "");
+  } else if (wasWaiting) {
+    notice("");
+  }
+  document.title = `${told.name || "obk"}: ${standing(told)}`;
+  setText(byId("name"), told.name || "launched elsewhere");
+  showState(byId("state"), standing(told), told.is_waiting);
+  showFacts(told);
+  const actions = told.is_waiting ? [] : told.transitions;
+  showButtons(byId("stack-buttons"), actions, "", `the whole stack ${told.name}`);
+  showNodes(told);
+  showTopics(told);
+  offerTopics(told.topics);
+  showGraph(told);
+}
+
+function standing(told) {
+  return told.has_ended ? "ended" : told.state || told.phase || "no answer";
+}
+
+function showState(target, state, isWrong = false) {
+  setText(target, state);
+  const rests = ["unconfigured", "inactive", "finalized", "ended", ""].includes(state);
+  const kind = state === "active" ? "active" : isWrong || state === "hangs" ? "wrong" : rests ? "" : "passing";
+  target.className = `state ${kind}`;
+}
+
+function showFacts(told) {
+  const off = told.topics.filter((topic) => topic.is_off).length;
+  const facts = [
+    ["up", clock(told.uptime_s)],
+    ["domain", String(told.domain)],
+    ["real time", told.realtime_factor === null ? null : `×${told.realtime_factor.toFixed(2)}`],
+    ["topics off", off ? String(off) : null],
+    ["this page costs", `${told.cost_percent.toFixed(1)} % of a core`],
+  ].filter(([, value]) => value !== null);
+  keep(byId("facts"), facts, ([name]) => name,
+    ([name]) => element("div", {}, element("dt", {}, name), element("dd")),
+    (child, [, value]) => setText(child.lastChild, value));
+}
+
+function showNodes(told) {
+  keep(byId("nodes").tBodies[0], told.nodes, (node) => node.node, nodeRow, (row, node) => {
+    const [name, state, cpu, memory, actions] = row.cells;
+    name.title = `${node.node}\n${node.section}${node.pid === null ? "" : `, process ${node.pid}`}`;
+    setText(name.firstChild, shortNode(node.node));
+    const broken = node.promises.filter((promise) => promise.standing !== "kept");
+    const words = [
+      node.restarts ? `started again ${node.restarts}×` : "",
+      ...broken.map((one) => `${one.name} ${rate(one.measured_hz)} of ${rate(one.wanted_hz)} Hz`),
+    ].filter(Boolean);
+    setText(name.lastChild, words.join(", "));
+    name.lastChild.hidden = !words.length;
+    showState(state.firstChild, node.hangs ? "hangs" : node.state);
+    const shared = node.shares_process ? "+" : "";
+    setText(cpu, node.load ? `${node.load.cpu_percent.toFixed(1)}${shared}` : MISSING);
+    setText(memory, node.load ? `${(node.load.memory_bytes / 1e6).toFixed(0)}${shared}` : MISSING);
+    showButtons(actions.firstChild, told.is_waiting ? [] : node.transitions, node.node, shortNode(node.node));
+  });
+}
+
+function nodeRow() {
+  return element("tr", {},
+    element("td", { className: "name" }, element("span"), element("div", { className: "detail" })),
+    element("td", {}, element("span", { className: "state" })),
+    element("td", { className: "number" }), element("td", { className: "number" }),
+    element("td", { className: "actions" }, element("div", { className: "buttons" })));
+}
+
+function showTopics(told) {
+  const space = commonSpace(told.topics.map((topic) => topic.topic));
+  setText(byId("topic-title"), space ? `topic in ${space}` : "topic");
+  keep(byId("topics").tBodies[0], told.topics, (topic) => topic.topic, topicRow, (row, topic) => {
+    const [name, measured, wanted, jitter, age] = row.cells;
+    setText(name.firstChild, topic.topic.slice(space.length));
+    name.title = [
+      topic.topic,
+      topic.msg_type ?? "type not known",
+      `${topic.publishers} publishing, ${topic.subscriptions} subscribed`,
+    ].join("\n");
+    row.classList.toggle("off", topic.is_off);
+    setText(measured, topic.rate ? rate(topic.rate.rate_hz ?? 0) : MISSING);
+    setText(wanted, rate(topic.wanted_hz));
+    setText(jitter, milliseconds(topic.rate?.jitter_s));
+    setText(age, milliseconds(topic.passage?.p50_s));
+  });
+}
+
+function topicRow(topic) {
+  const button = element("button", { title: `plot a field of ${topic.topic}` }, "plot");
+  button.addEventListener("click", () => {
+    byId("plot-topic").value = topic.topic;
+    offerFields(topic.topic);
+    byId("plot-field").focus();
+  });
+  return element("tr", {}, element("td", { className: "name" }, element("span")),
+    element("td", { className: "number rate" }), element("td", { className: "number unwanted" }),
+    element("td", { className: "number" }), element("td", { className: "number" }),
+    element("td", { className: "actions" }, button));
+}
+
+function showButtons(target, transitions, node, what) {
+  keep(target, transitions, (name) => name, (name) => {
+    const kind = name === "activate" ? "moves" : name === "shutdown" ? "ends" : "";
+    const button = element("button", { className: kind, title: `${name} ${what}` }, name);
+    button.addEventListener("click", () => change(name, node, what));
+    return button;
+  }, (button) => {
+    button.disabled = isAsking;
+  });
+}
+
+async function change(transition, node, what) {
+  if (QUESTIONS[transition] && !(await confirmed(QUESTIONS[transition](what), transition))) return;
+  isAsking = true;
+  for (const button of document.querySelectorAll(".buttons button")) button.disabled = true;
+  try {
+    const answer = await fetch("/change", {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify({ transition, node }),
+    });
+    const isTold = answer.headers.get("Content-Type")?.startsWith("application/json");
+    showAnswer(isTold ? await answer.json() : { success: false, why: await answer.text(), members: [] }, transition, what);
+  } catch {
+    notice(LOST);
+  } finally {
+    isAsking = false;
+    for (const button of document.querySelectorAll(".buttons button")) button.disabled = false;
+  }
+}
+
+function showAnswer(answer, transition, what) {
+  if (answer.success) {
+    const results = answer.members.map((one) => `${shortNode(one.node)} ${one.state}`);
+    notice(`${transition}: ${results.join(", ") || what}`, "good");
+    return;
+  }
+  const faults = answer.members
+    .filter((one) => one.result !== "reached" || one.fault)
+    .map((one) => `${shortNode(one.node)}: ${one.result}, now ${one.state}${one.fault ? `: ${one.fault}` : ""}`);
+  notice([`${transition} of ${what} failed: ${answer.why}`, ...faults].join("\n"), "bad");
+}
+
+function confirmed(question, verb) {
+  const dialog = byId("confirm");
+  setText(byId("confirm-text"), question);
+  setText(byId("confirm-yes"), verb);
+  dialog.returnValue = "no";
+  dialog.showModal();
+  return new Promise((resolve) => {
+    dialog.addEventListener("close", () => resolve(dialog.returnValue === "yes"), { once: true });
+  });
+}
+
+function notice(text, kind = "") {
+  const target = byId("notice");
+  target.dataset.text = text;
+  target.hidden = !text;
+  target.className = kind;
+  const close = element("button", { "aria-label": "close" }, "×");
+  close.addEventListener("click", () => notice(""));
+  target.replaceChildren(close, text);
+}
+
+function showLog(lines) {
+  const log = byId("log");
+  const isAtEnd = log.scrollHeight - log.scrollTop - log.clientHeight < 8;
+  log.replaceChildren(...lines.map((line) => element("li", { className: lineKind(line) }, line)));
+  if (isAtEnd) log.scrollTop = log.scrollHeight;
+}
+
+function lineKind(line) {
+  if (/\[(ERROR|FATAL)\]|^failed: /.test(line)) return "error";
+  return line.includes("[WARN]") ? "warning" : "";
+}
+
+function offerTopics(topics) {
+  const options = topics.filter((topic) => topic.msg_type);
+  keep(byId("plot-topic"), options, (topic) => topic.topic,
+    (topic) => element("option", { value: topic.topic }, topic.topic), () => {});
+  if (byId("plot-topic").dataset.offered !== byId("plot-topic").value) offerFields(byId("plot-topic").value);
+}
+
+async function offerFields(topic) {
+  byId("plot-topic").dataset.offered = topic;
+  const list = byId("plot-fields");
+  list.replaceChildren();
+  if (!topic) return;
+  const answer = await fetch(`/fields?${new URLSearchParams({ topic })}`);
+  if (!answer.ok || byId("plot-topic").value !== topic) return;
+  const { fields } = await answer.json();
+  list.replaceChildren(...fields.map((field) => element("option", { value: field })));
+}
+
+function setPlots(curves) {
+  setCurves(curves);
+  showPlots((curve) => setPlots(wantedCurves().filter((one) => one !== curve)));
+  connect();
+}
+
+byId("plot-topic").addEventListener("change", () => offerFields(byId("plot-topic").value));
+byId("plot-form").addEventListener("submit", (event) => {
+  event.preventDefault();
+  const [topic, field] = [byId("plot-topic").value, byId("plot-field").value.trim()];
+  const curve = `${topic} ${field}`;
+  if (!topic || !field || wantedCurves().includes(curve)) return;
+  byId("plot-field").value = "";
+  setPlots([...wantedCurves(), curve]);
+});
+window.addEventListener("hashchange", () => setPlots(wantedCurves()));
+// The token is a cookie by now, and need not be seen or kept in the history; what is plotted stays.
+setPlots(wantedCurves());
