@@ -57,6 +57,7 @@ HELP: Final = (
     "/           show only log lines with these words in them; Esc shows all",
     "q           quit; the stack goes on",
     "!           a topic that is more than a tenth off what the config promises",
+    "+           the process is shared: CPU and RSS are those of all its nodes",
     "last ms     since the last message;   age ms   by stamps, half are younger",
 )
 

@@ -11,6 +11,8 @@ from datetime import timedelta
 from io import StringIO
 from typing import Any, Final, Generic, TypeVar
 
+from rich.cells import cell_len, set_cell_size
+
 from obk_cli.launch.transitions import ACTIVE
 from obk_cli.monitoring.view import NodeView, StackView, TopicView
 from obk_cli.report.escapes import plain
@@ -32,6 +34,8 @@ T = TypeVar("T")
 ONCE_LINES: Final = 8
 """Of the log, where all is shown once."""
 _GAP: Final = "  "
+LONGEST_WHOLE: Final = 30
+"""Of the names: longer ones are cut before a column is left out [cells]."""
 _NARROWEST: Final = 12
 """Of the column with names [cells]."""
 _WRONG: Final = "bold red"
@@ -74,13 +78,16 @@ def head_line(view: StackView, width: int) -> Line:
         view.name or "launched elsewhere",
         _standing(view),
         f"up {timedelta(seconds=int(view.uptime_s))}" if view.uptime_s else "",
-        f"domain {view.domain}",
-        "" if rtf is None else f"real time x{rtf:.2f}",
         f"{off} topic{'' if off == 1 else 's'} off" if off else "",
+        "" if rtf is None else f"real time x{rtf:.2f}",
         f"monitor {view.cost_percent:.1f} %",
+        f"domain {view.domain}",
     ]
     is_wrong = bool(off or view.has_ended or (view.run and not view.state))
-    text = _GAP.join(part for part in parts if part)
+    text = ""
+    for part in filter(None, parts):
+        longer = f"{text}{_GAP}{part}" if text else part
+        text = longer if cell_len(longer) <= width or not text else text
     return Line(text=_fitted(text, width), style=_WRONG if is_wrong else "bold green")
 
 
@@ -101,7 +108,7 @@ def topic_lines(view: StackView, width: int) -> tuple[Line, ...]:
         )
         for topic in view.topics
     ]
-    return _table(f"  topic in {space}" if space else "  topic", rows, _TOPIC_COLUMNS, width)
+    return _table(f"  {space or 'topic'}", rows, _TOPIC_COLUMNS, width)
 
 
 def passage_line(view: StackView, width: int) -> Line | None:
@@ -240,7 +247,7 @@ _NODE_COLUMNS: Final[tuple[_Column[NodeView], ...]] = (
 _TOPIC_COLUMNS: Final[tuple[_Column[TopicView], ...]] = (
     _Column(
         title="type",
-        width=36,
+        width=38,
         rank=9,
         cell=lambda topic: (topic.msg_type or _NOTHING).replace("/msg/", "/"),
         is_text=True,
@@ -256,7 +263,7 @@ _TOPIC_COLUMNS: Final[tuple[_Column[TopicView], ...]] = (
         title="Hz",
         width=6,
         rank=0,
-        cell=lambda topic: _number(topic.rate.rate_hz if topic.rate else None),
+        cell=lambda topic: _number((topic.rate.rate_hz or 0.0) if topic.rate else None),
     ),
     _Column(
         title="jitter ms",
@@ -301,7 +308,7 @@ def _table(
     """The titles and a line for each row of name, value and style."""
     longest = max([len(title), *(len(name) for name, _, _ in rows)])
     kept = list(columns)
-    while kept and _needed(kept) + min(longest, _least(rows)) > width:
+    while kept and _needed(kept) + min(longest, LONGEST_WHOLE) > width:
         kept.remove(max(kept, key=lambda column: column.rank))
     names = max(_NARROWEST, min(longest, width - _needed(kept)))
     head = (_fitted(title, names).ljust(names), *(c.aligned(c.title) for c in kept))
@@ -313,11 +320,6 @@ def _table(
         )
         lines.append(Line(text=_fitted(_GAP.join(cells).rstrip(), width), style=style))
     return tuple(lines)
-
-
-def _least(rows: Sequence[tuple[str, T, str]]) -> int:
-    """What the names need; long ones are cut before a column is left out."""
-    return min(30, max([_NARROWEST, *(len(name) for name, _, _ in rows)]))
 
 
 def _needed(columns: Iterable[_Column[Any]]) -> int:
@@ -356,8 +358,6 @@ def _ms(seconds: float | None, digits: int = 2) -> str:
 
 def _fitted(text: str, width: int) -> str:
     """The text, cut where it is longer."""
-    from rich.cells import cell_len, set_cell_size
-
     if cell_len(text) <= width:
         return text
     return set_cell_size(text, max(0, width - 1)) + "…"

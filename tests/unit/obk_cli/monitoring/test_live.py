@@ -1,0 +1,249 @@
+"""The live table: keys, questions, the filter, the stack's end; with made-up views."""
+
+import asyncio
+import threading
+from collections.abc import Awaitable, Callable, Iterator
+from dataclasses import replace
+from queue import SimpleQueue
+
+import pytest
+from textual.pilot import Pilot
+from textual.widgets import Input, Static
+
+from obk_cli.adapters.monitor_app import MonitorApp
+from obk_cli.errors import CommandFailedError, ObkError
+from obk_cli.launch.asks import ChangeAnswer
+from obk_cli.monitoring.view import StackView
+
+from .stacks import BROKEN, HEALTHY
+
+CONTROL = "/obelisk_control_0"
+Steps = Callable[["World"], Awaitable[None]]
+
+
+class Watch:
+    """Gives the views that a test hands it."""
+
+    def __init__(self, *views: StackView | ObkError | None) -> None:
+        self._next: SimpleQueue[StackView | ObkError | str | None] = SimpleQueue()
+        for view in views:
+            self._next.put(view)
+        self.has_stopped = False
+
+    def views(self) -> Iterator[StackView | None]:
+        while not isinstance(view := self._next.get(), str):
+            if isinstance(view, ObkError):
+                raise view
+            yield view
+
+    def put(self, view: StackView | None) -> None:
+        self._next.put(view)
+
+    def stop(self) -> None:
+        self.has_stopped = True
+        self._next.put("stop")
+
+
+class World:
+    """An app in a test, with what it asked for."""
+
+    def __init__(self, watch: Watch) -> None:
+        self.watch = watch
+        self.asked: list[tuple[str, tuple[str, ...]]] = []
+        self.answer = ChangeAnswer(success=True)
+        self.may_answer = threading.Event()
+        self.may_answer.set()
+        self.app = MonitorApp(watch, self.change)
+        self.pilot: Pilot[ObkError | None]
+
+    def change(self, view: StackView, verb: str, nodes: tuple[str, ...]) -> ChangeAnswer:
+        self.may_answer.wait()
+        self.asked.append((verb, nodes))
+        if verb == "cleanup" and not self.answer.success:
+            raise CommandFailedError("no answer", help="see `obk ps`")
+        return self.answer
+
+    def text(self, part: str) -> str:
+        return str(self.app.query_one(f"#{part}", Static).render())
+
+    async def press(self, *keys: str) -> None:
+        await self.pilot.press(*keys)
+
+    async def shows(self, part: str, words: str) -> None:
+        """Wait until a part of the screen has these words in it."""
+        async with asyncio.timeout(30):
+            while words not in self.text(part):
+                await self.pilot.pause(0.01)
+
+
+def live(
+    steps: Steps, *views: StackView | ObkError | None, size: tuple[int, int] = (80, 24)
+) -> World:
+    world = World(Watch(*views))
+
+    async def run() -> None:
+        async with world.app.run_test(size=size) as pilot:
+            world.pilot = pilot
+            await steps(world)
+        world.app.end_watching()
+
+    asyncio.run(run())
+    assert world.watch.has_stopped
+    return world
+
+
+def test_before_anything_runs_it_says_so_and_then_shows_the_stack() -> None:
+    async def steps(world: World) -> None:
+        await world.shows("head", "looking for a stack")
+        world.watch.put(None)
+        await world.shows("head", "no stack runs here; waiting for one")
+        await world.press("a")
+        await world.shows("said", "nothing runs")
+        world.watch.put(HEALTHY)
+        await world.shows("head", "dummy  active  up 0:01:23")
+        await world.shows("nodes_text", "estimation_0  active")
+        await world.shows("topics_text", "age along the way")
+        await world.shows("log_text", "[WARN] the simulation fell behind")
+
+    live(steps)
+
+
+def test_a_transition_of_the_stack_is_asked_for_before_it_is_carried_out() -> None:
+    async def steps(world: World) -> None:
+        await world.shows("head", "dummy")
+        await world.press("a")
+        await world.shows("said", "activate all 3 nodes; the robot may move?  y / n")
+        await world.press("n")
+        assert world.text("said") == ""
+        await world.press("y")
+        await world.press("d")
+        await world.shows("said", "deactivate all 3 nodes?  y / n")
+        await world.press("y")
+        await world.shows("said", "deactivate all nodes: done")
+
+    assert live(steps, HEALTHY).asked == [("deactivate", ())]
+
+
+def test_the_chosen_node_is_restarted_step_by_step() -> None:
+    async def steps(world: World) -> None:
+        await world.shows("head", "dummy")
+        await world.press("down", "r")
+        await world.shows("said", "activate control_0; the robot may move?")
+        await world.press("y")
+        await world.shows("said", "activate control_0: done")
+
+    verbs = ("deactivate", "cleanup", "configure", "activate")
+    assert live(steps, HEALTHY).asked == [(verb, (CONTROL,)) for verb in verbs]
+
+
+def test_a_failure_is_shown_with_its_cause_and_ends_the_rest() -> None:
+    async def steps(world: World) -> None:
+        await world.shows("head", "dummy")
+        world.answer = ChangeAnswer(success=False, why="/obelisk_control_0: no gains\nTraceback")
+        await world.press("c", "y")
+        await world.shows("said", "configure all nodes failed: /obelisk_control_0: no gains")
+        assert "Traceback" not in world.text("said")
+        await world.press("x", "y")
+        await world.shows("said", "cleanup all nodes failed: no answer; see `obk ps`")
+
+    assert [verb for verb, _ in live(steps, HEALTHY).asked] == ["configure", "cleanup"]
+
+
+def test_while_one_transition_goes_on_no_other_is_asked_for() -> None:
+    async def steps(world: World) -> None:
+        await world.shows("head", "dummy")
+        world.may_answer.clear()
+        await world.press("d", "y")
+        await world.shows("said", "deactivate all nodes ...")
+        await world.press("a")
+        await world.shows("said", "wait for the last one to end")
+        await world.press("y")
+        world.watch.put(replace(HEALTHY, name="still drawn"))
+        await world.shows("head", "still drawn")
+        world.may_answer.set()
+        await world.shows("said", "deactivate all nodes: done")
+
+    assert live(steps, HEALTHY).asked == [("deactivate", ())]
+
+
+def test_the_log_is_filtered_while_its_words_are_written() -> None:
+    async def steps(world: World) -> None:
+        await world.shows("log_text", "simulation")
+        await world.press("slash", *"GOAL")
+        await world.shows("log_text", "no goal yet")
+        assert "simulation" not in world.text("log_text")
+        await world.press("enter", "d")
+        await world.shows("keys", "[GOAL]")
+        await world.shows("said", "deactivate")
+        await world.press("escape", "escape")
+        await world.shows("log_text", "simulation")
+        assert not world.app.query_one("#filter", Input).display
+
+    assert not live(steps, HEALTHY).asked
+
+
+def test_help_takes_the_place_of_the_log() -> None:
+    async def steps(world: World) -> None:
+        await world.shows("log_text", "simulation")
+        await world.press("question_mark")
+        await world.shows("log_text", "quit; the stack goes on")
+        await world.press("question_mark")
+        await world.shows("log_text", "simulation")
+
+    live(steps, HEALTHY)
+
+
+def test_a_stack_that_has_ended_stays_to_be_seen_until_another_begins() -> None:
+    ended = replace(HEALTHY, state="", has_ended=True, cause="/a hangs", nodes=())
+
+    async def steps(world: World) -> None:
+        await world.shows("head", "dummy")
+        await world.press("down")
+        world.watch.put(ended)
+        world.watch.put(None)
+        await world.shows("head", "has ended: /a hangs")
+        await world.press("a")
+        await world.shows("said", "nothing runs")
+        world.watch.put(BROKEN)
+        await world.shows("head", "2 topics off")
+
+    live(steps, HEALTHY)
+
+
+@pytest.mark.parametrize("size", [(80, 24), (160, 50), (40, 10)])
+def test_the_chosen_node_of_many_is_to_be_seen(size: tuple[int, int]) -> None:
+    nodes = tuple(replace(HEALTHY.nodes[0], node=f"/obelisk_control_{n}") for n in range(60))
+
+    async def steps(world: World) -> None:
+        await world.shows("head", "dummy")
+        world.app.action_move(60)
+        pane = world.app.query_one("#nodes")
+        async with asyncio.timeout(30):
+            while pane.scroll_offset.y + pane.size.height < 62:
+                await world.pilot.pause(0.01)
+        world.app.action_move(-61)
+        async with asyncio.timeout(30):
+            while pane.scroll_offset.y:
+                await world.pilot.pause(0.01)
+
+    live(steps, replace(HEALTHY, nodes=nodes), size=size)
+
+
+@pytest.mark.parametrize("key", ["q", "ctrl+c"])
+def test_it_ends_by_its_keys(key: str) -> None:
+    async def steps(world: World) -> None:
+        await world.shows("head", "dummy")
+        await world.press(key)
+
+    assert live(steps, HEALTHY).app.return_code == 0
+
+
+def test_what_watching_fails_of_is_told() -> None:
+    error = CommandFailedError("ROS 2 is not here")
+
+    async def steps(world: World) -> None:
+        async with asyncio.timeout(30):
+            while world.app.return_value is None:
+                await world.pilot.pause(0.01)
+
+    assert live(steps, error).app.return_value is error

@@ -1,0 +1,73 @@
+"""A running stack as lines of a terminal: the whole text, and what narrow ones leave out."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rich.cells import cell_len
+
+from obk_cli.monitoring.view import StackView
+from obk_cli.report.escapes import plain
+from obk_cli.report.monitor import log_lines, monitor_data, monitor_text
+
+from .stacks import BROKEN, COMPOSED, ELSEWHERE, HEALTHY
+
+SHOWN = Path(__file__).parent / "shown"
+
+
+@pytest.mark.parametrize(
+    ("view", "width", "name"),
+    [
+        (HEALTHY, 80, "healthy_80"),
+        (BROKEN, 80, "broken_80"),
+        (BROKEN, 160, "broken_160"),
+        (COMPOSED, 160, "composed_160"),
+        (ELSEWHERE, 80, "elsewhere_80"),
+    ],
+)
+def test_a_stack_is_shown_whole(
+    view: StackView, width: int, name: str, request: pytest.FixtureRequest
+) -> None:
+    text = monitor_text(view, width, colour=False) + "\n"
+    file = SHOWN / f"{name}.txt"
+    if request.config.getoption("--update-golden"):
+        file.write_text(text, encoding="utf-8")
+    assert text == file.read_text(encoding="utf-8")
+    coloured = monitor_text(view, width, colour=True).splitlines()
+    assert [plain(line) for line in coloured] == text.splitlines()
+
+
+@pytest.mark.parametrize("width", [20, 40, 60, 79, 80, 100, 120, 160, 200])
+def test_no_line_is_wider_than_the_terminal(width: int) -> None:
+    long = replace(BROKEN.topics[0], topic="/über/" + "sehr/" * 40 + "lang")
+    view = replace(BROKEN, topics=(*BROKEN.topics, long), lines=("x" * 300, "\U0001f916" * 150))
+    text = monitor_text(view, width, colour=False)
+    assert max(map(cell_len, text.splitlines())) <= width
+    assert "880" in text or width < 40
+
+
+def test_a_topic_that_is_off_is_marked_in_text_and_for_programs() -> None:
+    marked = [
+        line for line in monitor_text(BROKEN, 80, colour=False).splitlines() if line[:1] == "!"
+    ]
+    assert [line.split()[1] for line in marked] == ["joint_encoders", "est"]
+    data = json.loads(json.dumps(monitor_data(BROKEN)))
+    assert [topic["is_off"] for topic in data["topics"]] == [True, True, False]
+    assert data["nodes"][0]["promises"][0]["standing"] == "broken"
+    assert data["nodes"][1]["load"]["memory_bytes"] == 74_000_000
+
+
+def test_a_stack_that_has_ended_says_so_with_the_cause() -> None:
+    view = replace(HEALTHY, state="", has_ended=True, cause="/a hangs\x1b[2J", nodes=())
+    (head, *_) = monitor_text(view, 80, colour=False).splitlines()
+    assert head.startswith("dummy  has ended: /a hangs  ")
+    silent = replace(HEALTHY, state="", phase="")
+    assert "no answer from the launcher" in monitor_text(silent, 80, colour=False)
+
+
+def test_the_log_is_filtered_in_whatever_case() -> None:
+    assert [line.text for line in log_lines(HEALTHY, 80, "FELL")] == [
+        "robot_0      | [WARN] the simulation fell behind"
+    ]
+    assert len(log_lines(HEALTHY, 80)) == 3
