@@ -16,6 +16,7 @@ import psutil
 import pytest
 
 from obelisk_py.core.sim.mujoco.viewing.child import Onlooker
+from obelisk_py.core.sim.mujoco.viewing.program import KINDS
 
 pytestmark = pytest.mark.mujoco
 
@@ -195,3 +196,12 @@ def test_it_ends_with_a_robot_that_is_killed(dummy_xml: Path) -> None:
         assert "shown at" in robot.stdout.readline()
         robot.kill()
     eventually(lambda: not onlooker.is_running(), "its end")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_onlooker_loads_no_ros(kind: str) -> None:
+    program = f"import sys, {KINDS[kind].module}; print('rclpy' in sys.modules)"
+    loaded = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert loaded.stdout == "False\n"

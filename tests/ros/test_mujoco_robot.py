@@ -5,7 +5,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 import rclpy
@@ -19,6 +19,7 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
 
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
+from obelisk_py.core.sim.mujoco.viewing import onlookers
 from obelisk_spec.settings import format_setting
 
 from .stack import DEADLINE_S, DUMMY, eventually, parameters, request, spinning
@@ -236,6 +237,36 @@ def test_it_pauses_steps_and_goes_back_to_the_start() -> None:
         heard = len(clock)
         assert request(node, "activate")
         eventually(lambda: len(clock) > heard + 20, "the clock of the next run")
+
+
+class _Onlooker:
+    """Keeps the times of the states that it is sent."""
+
+    def __init__(self, _kind: str, _arguments: Any, _model: Any, data: Any, **_options: Any):
+        self.times: list[float] = []
+        self.states = self
+        self._data = data
+        self.made.append(self)
+
+    made: ClassVar[list["_Onlooker"]] = []
+
+    def send(self) -> None:
+        self.times.append(self._data.time)
+
+    def close(self) -> None: ...
+
+
+def test_a_reset_is_seen_though_the_simulation_is_paused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(onlookers, "Onlooker", _Onlooker)
+    with simulator(viewer="web") as (node, _):
+        assert request(node, "configure")
+        times = _Onlooker.made.pop().times
+        assert request(node, "activate")
+        eventually(lambda: len(times) > 3, "states")
+        assert _asked(node, SetBool, "pause", data=True).success
+        assert times[-1] > 0.0
+        assert _asked(node, Trigger, "reset").success
+        assert times[-1] == 0.0
 
 
 def _seconds(message: Clock) -> float:

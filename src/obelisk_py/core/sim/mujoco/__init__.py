@@ -1,5 +1,16 @@
 """MuJoCo in place of the robot."""
 
-from obelisk_py.core.sim.mujoco.robot import ObeliskMujocoRobot
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from obelisk_py.core.sim.mujoco.robot import ObeliskMujocoRobot
 
 __all__ = ["ObeliskMujocoRobot"]
+
+
+def __getattr__(name: str) -> Any:
+    """Load the robot when it is asked for: processes that look at it have no use for ROS."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.robot"), name)

@@ -238,11 +238,15 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     def _reset_to_parameter(self) -> Answer:
         """Reset to the keyframe that `ic_keyframe` names now."""
         assert self._simulation is not None
+        assert self._stepper is not None
         name = str(self.get_parameter("ic_keyframe").value)
         if name and mujoco.mj_name2id(self._simulation.model, mujoco.mjtObj.mjOBJ_KEY, name) < 0:
             return Answer(is_done=False, text=f"keyframe `{name}` is not in the model")
         self._keyframe = name or self._keyframe
-        return self._reset()
+        answer = self._reset()
+        # Whoever looks at a paused simulation sees it there.
+        self._stepper.begin()
+        return answer
 
     def _step(self) -> Answer:
         assert self._stepper is not None

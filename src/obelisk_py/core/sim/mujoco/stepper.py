@@ -39,7 +39,7 @@ class Output:
     publish: Callable[[int], None]
     """Called after a step that `times` names; the argument is the stamp of that step [ns]."""
     restart: Callable[[], None] | None = None
-    """Called before the first step after a reset; None where nothing is carried over."""
+    """Called at a reset and before the first step; None where nothing is carried over."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +90,13 @@ class Stepper:
         self._report = report
         self._ticks = ticks or TickCounter()
 
+    def begin(self) -> None:
+        """Count sample times from the present step; what begins with a reset does so."""
+        for output in self._outputs:
+            output.times.pass_step(self._simulation.steps)
+            if self._simulation.steps == 0 and output.restart is not None:
+                output.restart()
+
     def run(self, stopped: Callable[[], bool]) -> None:
         """Step until `stopped`, from where the simulation is.
 
@@ -101,7 +108,7 @@ class Stepper:
         now_ns = clock.now_ns()
         if pace is not None:
             pace.start(now_ns)
-        self._begin()
+        self.begin()
         due = self._next_due()
         meter = _Meter(now_ns=now_ns, step_s=simulation.step_s)
         count = 0 if pace is None else 1
@@ -129,16 +136,10 @@ class Stepper:
         Raises:
             DivergenceError: the state is no longer finite.
         """
-        self._begin()
+        self.begin()
         for warning in self._simulation.advance(1):
             self._warn(warning)
         self._publish_due()
-
-    def _begin(self) -> None:
-        for output in self._outputs:
-            output.times.pass_step(self._simulation.steps)
-            if self._simulation.steps == 0 and output.restart is not None:
-                output.restart()
 
     def _next_due(self) -> int:
         never = self._simulation.steps + LONGEST_BATCH
