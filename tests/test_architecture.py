@@ -145,6 +145,17 @@ def test_looking_into_a_stack_is_pure_but_for_what_finds_and_asks() -> None:
         assert areas_imported(path) <= allowed, path
 
 
+def test_a_page_is_decided_without_the_libraries_that_serve_it() -> None:
+    shown = {"monitoring", "launch", "looking", "recording", "emit", "report"}
+    for path in in_area("web"):
+        others = {"adapters"} if path.stem == "plots" else set()
+        asking = {"asking"} if path.stem == "data" else set()
+        assert areas_imported(path) <= SPINE_MODULES | shown | others | asking, path
+    for path in of("obk_cli"):
+        if area(dotted(path)) != "adapters":
+            assert not tops(path) & {"starlette", "uvicorn", "anyio"}, path
+
+
 def test_the_build_of_messages_knows_the_adapters_only() -> None:
     for path in in_area("building"):
         assert areas_imported(path) <= SPINE_MODULES | {"adapters"}, path

@@ -90,15 +90,15 @@ class Trace:
 
 
 def numbers_in(value: Any, field: str) -> dict[str, float]:
-    """The numbers and truth values in a field of a message, by label.
+    """The first numbers and truth values in a field of a message, by label.
 
     Args:
-        value: of a generated package: a number, an array, a message.
+        value: a number or an array of numbers; `MISSING` has none.
         field: its name.
     """
-    found = columns(plain_data(value), field)
-    numbers = ((label, float(one)) for label, one in found if isinstance(one, int | float))
-    return dict(islice(numbers, MOST_LINES))
+    first = value[:MOST_LINES] if hasattr(value, "__getitem__") else value
+    found = columns(plain_data(first), field)
+    return {label: float(one) for label, one in found if isinstance(one, int | float)}
 
 
 def number_fields(msg_type: str, fields_of: FieldsOf) -> tuple[str, ...]:

@@ -1,0 +1,284 @@
+"""The page over HTTP, asked without a network."""
+
+import asyncio
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any
+from urllib.parse import quote
+
+import pytest
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.launch.asks import ChangeAnswer, Member
+from obk_cli.monitoring.view import StackView
+from obk_cli.web.feed import Moment
+from obk_cli.web.guard import HEADERS, new_token
+from obk_cli.web.traces import Heard, Wish
+
+from ..monitoring.stacks import BROKEN, HEALTHY  # noqa: TID252 - shared by folders of tests
+
+pytest.importorskip("starlette", reason="starlette is in the `web` extra")
+
+from obk_cli.adapters.web_app import PAGE, Site, make_app
+
+TOKEN = new_token()
+PORT = 8420
+HOST = f"127.0.0.1:{PORT}"
+REACHED = ChangeAnswer(
+    success=True, members=(Member(node="/obelisk_control_0", result="reached", state="inactive"),)
+)
+
+
+@dataclass(frozen=True)
+class Answer:
+    status: int
+    headers: dict[str, str]
+    body: str
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.body)
+
+    @property
+    def events(self) -> list[tuple[str, Any]]:
+        pairs = [block.split("\n") for block in self.body.split("\n\n") if block]
+        return [
+            (name.removeprefix("event: "), json.loads(data.removeprefix("data: ")))
+            for name, data in pairs
+        ]
+
+
+@dataclass
+class Behind:
+    """What is behind a page; its streams end after some looks."""
+
+    moments: list[Moment] = field(default_factory=lambda: [Moment(number=1, view=HEALTHY)])
+    looks: int = 1
+    changes: list[tuple[str, str, tuple[str, ...]]] = field(default_factory=list)
+    answer: ChangeAnswer | Exception = REACHED
+    heard_after: list[int] = field(default_factory=list)
+    is_wanted: bool = False
+
+    def moment(self) -> Moment:
+        return self.moments.pop(0) if len(self.moments) > 1 else self.moments[0]
+
+    def is_ending(self) -> bool:
+        self.looks -= 1
+        return self.looks < 0
+
+    def change(self, view: StackView, transition: str, nodes: tuple[str, ...]) -> ChangeAnswer:
+        self.changes.append((view.name, transition, nodes))
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+    @contextmanager
+    def wanted(self, wishes: list[Wish]) -> Iterator[None]:
+        self.is_wanted = True
+        yield
+        self.is_wanted = False
+
+    def heard(self, wish: Wish, after_ns: int) -> Heard:
+        assert self.is_wanted
+        self.heard_after.append(after_ns)
+        values = (1.0, float("nan"), None)
+        return Heard(labels=("q[0]", "q[1]", "q[2]"), samples=((5_000_000_000, values),), fault="")
+
+
+def asked(
+    path: str,
+    *,
+    method: str = "GET",
+    query: str = "",
+    body: bytes = b"",
+    headers: dict[str, str] | None = None,
+    behind: Behind | None = None,
+) -> Answer:
+    """A request with the headers of the page itself, but for those given."""
+    behind = behind or Behind()
+    app = make_app(
+        Site(behind.moment, behind, behind.change, behind.is_ending), token=TOKEN, port=PORT
+    )
+    page = {"host": HOST, "origin": f"http://{HOST}", "cookie": f"obk_{PORT}={TOKEN}"}
+    told = {**page, **(headers or {})}
+    scope = {
+        "type": "http",
+        "asgi": {"version": "3.0", "spec_version": "2.4"},
+        "http_version": "1.1",
+        "method": method,
+        "scheme": "http",
+        "path": path,
+        "raw_path": path.encode(),
+        "root_path": "",
+        "query_string": query.encode(),
+        "headers": [(name.encode(), text.encode()) for name, text in told.items() if text],
+        "client": ("127.0.0.1", 50000),
+        "server": ("127.0.0.1", PORT),
+    }
+    sent: list[Any] = []
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "http.request", "body": body, "more_body": False}
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    asyncio.run(app(scope, receive, send))
+    told_back = {name.decode(): text.decode() for name, text in sent[0]["headers"]}
+    return Answer(
+        status=sent[0]["status"],
+        headers=told_back,
+        body=b"".join(message.get("body", b"") for message in sent[1:]).decode(),
+    )
+
+
+def change(body: object, behind: Behind, **headers: str) -> Answer:
+    data = json.dumps(body).encode()
+    return asked("/change", method="POST", body=data, behind=behind, headers=headers)
+
+
+PATHS = ["/", "/page.js", "/style.css", "/graph", "/fields", "/events", "/nothing"]
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_nothing_is_told_without_the_token(path: str) -> None:
+    answer = asked(path, headers={"cookie": ""})
+    assert answer.status == 401
+    assert answer.body == ("the token is missing or old: open the address that `obk web` printed\n")
+    assert asked(path, headers={"cookie": f"obk_{PORT + 1}={TOKEN}"}).status == 401
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_nothing_is_told_to_a_page_of_another_name(path: str) -> None:
+    assert asked(path, headers={"host": f"robot.example:{PORT}"}).status == 403
+    assert asked(path, headers={"origin": "http://robot.example"}).status == 403
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_every_answer_says_what_may_run(path: str) -> None:
+    for headers in ({}, {"cookie": ""}, {"host": "robot.example"}):
+        told = asked(path, headers=headers).headers
+        assert {name: told[name.lower()] for name in HEADERS} == HEADERS
+
+
+def test_the_address_with_its_token_gives_the_page_and_a_cookie() -> None:
+    answer = asked("/", query=f"token={TOKEN}", headers={"cookie": "", "origin": ""})
+    assert answer.status == 200
+    assert "<!doctype html>" in answer.body
+    assert answer.headers["set-cookie"] == (
+        f"obk_{PORT}={TOKEN}; HttpOnly; Path=/; SameSite=strict"
+    )
+    assert asked("/graph", headers={"cookie": "", "x-obk-token": TOKEN}).status == 200
+
+
+def test_every_file_of_the_page_is_there_and_nothing_else() -> None:
+    for path in PAGE.iterdir():
+        answer = asked(f"/{path.name}")
+        assert (answer.status, answer.body) == (200, path.read_text())
+    for path in ("/../guard.py", "/%2e%2e/guard.py", "/guard.py", "/page"):
+        assert asked(path).status == 404
+
+
+def test_a_stream_tells_the_stack_and_its_log() -> None:
+    behind = Behind(moments=[Moment(number=1, view=BROKEN, is_waiting=False, picture="<svg/>")])
+    (name, view), (log, told) = asked("/events", behind=behind).events
+    assert (name, log) == ("view", "log")
+    assert view["has_picture"]
+    assert not view["is_waiting"]
+    assert view["transitions"] == ["activate", "cleanup", "shutdown"]
+    assert [node["state"] for node in view["nodes"]] == ["active", "inactive", "finalized"]
+    assert view["nodes"][0]["transitions"] == ["deactivate", "shutdown"]
+    assert view["nodes"][0]["promises"][0]["measured_hz"] == 463.4
+    assert [topic["is_off"] for topic in view["topics"]] == [True, True, False]
+    assert "\x1b" not in "".join(told["lines"])
+    assert "red [ERROR]" in told["lines"][2]
+
+
+def test_a_stream_tells_only_what_is_new() -> None:
+    first = Moment(number=1, view=HEALTHY)
+    same_log = Moment(number=2, view=replace(HEALTHY, state="inactive"))
+    more_log = Moment(number=3, view=replace(HEALTHY, lines=("<b>bold</b>",)))
+    behind = Behind(moments=[first, first, same_log, more_log], looks=4)
+    events = asked("/events", behind=behind).events
+    assert [name for name, _ in events] == ["view", "log", "view", "view", "log"]
+    assert events[-1][1] == {"lines": ["<b>bold</b>"]}
+
+
+def test_a_stream_says_that_nothing_runs() -> None:
+    assert asked("/events", behind=Behind(moments=[Moment()])).events == [("waiting", {})]
+
+
+def test_a_stream_tells_a_field_from_where_it_was() -> None:
+    behind = Behind(looks=2)
+    curve = quote("/obelisk/dummy/est q")
+    events = asked("/events", query=f"curve={curve}&curve={curve}", behind=behind).events
+    samples = [data for name, data in events if name == "samples"]
+    assert samples[0]["curves"] == [
+        {
+            "curve": "/obelisk/dummy/est q",
+            "labels": ["q[0]", "q[1]", "q[2]"],
+            "fault": "",
+            "rows": [[5.0, 1.0, "nan", None]],
+        }
+    ]
+    assert behind.heard_after == [0, 5_000_000_000]
+    assert not behind.is_wanted
+
+
+def test_too_many_fields_are_refused() -> None:
+    query = "&".join(f"curve=/t%20f{n}" for n in range(13))
+    assert asked("/events", query=query).json["why"] == "more than 12 curves"
+
+
+def test_a_transition_of_a_node_or_of_the_stack_is_carried_out() -> None:
+    behind = Behind()
+    answer = change({"transition": "deactivate", "node": "/obelisk_control_0"}, behind)
+    assert answer.json["success"]
+    assert answer.json["members"][0]["state"] == "inactive"
+    change({"transition": "activate", "node": ""}, behind)
+    assert behind.changes == [
+        ("dummy", "deactivate", ("/obelisk_control_0",)),
+        ("dummy", "activate", ()),
+    ]
+
+
+def test_why_a_transition_failed_is_told() -> None:
+    behind = Behind(answer=CommandFailedError("the launcher gave no answer", help="see `obk ps`"))
+    answer = change({"transition": "configure", "node": ""}, behind)
+    assert (answer.status, answer.json["success"]) == (200, False)
+    assert answer.json["why"] == "the launcher gave no answer: see `obk ps`"
+
+
+@pytest.mark.parametrize(
+    ("body", "status"),
+    [
+        ({"transition": "destroy", "node": ""}, 400),
+        ({"transition": "activate", "node": "/another"}, 404),
+        ({"transition": "activate"}, 400),
+        (["activate"], 400),
+        ("activate", 400),
+    ],
+)
+def test_a_change_that_makes_no_sense_is_refused(body: object, status: int) -> None:
+    behind = Behind()
+    answer = change(body, behind)
+    assert answer.status == status
+    assert not answer.json["success"]
+    assert behind.changes == []
+
+
+def test_a_change_that_another_page_asks_for_is_not_carried_out() -> None:
+    behind = Behind()
+    body = {"transition": "activate", "node": ""}
+    assert change(body, behind, origin="http://robot.example").status == 403
+    assert change(body, behind, origin="").status == 403
+    assert change(body, behind, cookie="").status == 401
+    assert behind.changes == []
+
+
+def test_without_a_stack_nothing_can_be_changed() -> None:
+    behind = Behind(moments=[Moment()])
+    answer = change({"transition": "activate", "node": ""}, behind)
+    assert (answer.status, answer.json["why"]) == (404, "no stack runs")

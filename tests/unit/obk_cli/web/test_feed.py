@@ -1,0 +1,78 @@
+"""What pages are told of a running stack."""
+
+import json
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from obk_cli.errors import MisuseError
+from obk_cli.monitoring.view import StackView
+from obk_cli.web.feed import Feed, Moment
+from obk_cli.web.picture import live_picture
+
+from ..monitoring.stacks import ELSEWHERE, HEALTHY  # noqa: TID252 - shared by folders of tests
+
+
+class Script:
+    """Gives these views, then ends; raises what is an error."""
+
+    def __init__(self, *views: StackView | Exception | None) -> None:
+        self._views = views
+
+    def views(self) -> Iterator[StackView | None]:
+        for view in self._views:
+            if isinstance(view, Exception):
+                raise view
+            yield view
+
+    def stop(self) -> None:
+        pass
+
+
+def last_moment(folder: Path, *views: StackView | None) -> Moment:
+    is_over = threading.Event()
+    feed = Feed(Script(*views), folder, is_over.set)
+    feed.start()
+    assert is_over.wait(20)
+    feed.stop()
+    return feed.moment
+
+
+def test_the_newest_view_is_shown(tmp_path: Path) -> None:
+    moment = last_moment(tmp_path, ELSEWHERE, HEALTHY)
+    assert moment == Moment(number=2, view=HEALTHY, is_waiting=False)
+
+
+def test_the_last_stack_stays_while_the_next_one_is_waited_for(tmp_path: Path) -> None:
+    ended = replace(HEALTHY, has_ended=True)
+    assert last_moment(tmp_path, HEALTHY, ended).is_waiting
+    assert last_moment(tmp_path, HEALTHY, ended, None).view == ended
+    assert not last_moment(tmp_path, ended, None, HEALTHY).is_waiting
+
+
+def test_without_a_stack_there_is_nothing_to_show(tmp_path: Path) -> None:
+    assert last_moment(tmp_path, None) == Moment(number=1)
+
+
+def test_what_ends_watching_is_told_where_the_server_ends(tmp_path: Path) -> None:
+    is_over = threading.Event()
+    feed = Feed(Script(MisuseError("several stacks run")), tmp_path, is_over.set)
+    feed.start()
+    assert is_over.wait(20)
+    with pytest.raises(MisuseError, match="several stacks run"):
+        feed.stop()
+
+
+def test_the_picture_is_that_of_the_run(tmp_path: Path, repository: Path) -> None:
+    plan = json.loads((repository / "tests" / "golden" / "dummy.plan.json").read_text())
+    folder = tmp_path / HEALTHY.run
+    folder.mkdir()
+    (folder / "run.json").write_text(json.dumps({"plan": plan}))
+    picture = last_moment(tmp_path, HEALTHY).picture
+    assert picture == live_picture(plan)
+    for name in ('data-node="/obelisk_control_0"', 'data-topic="/obelisk/dummy/est"'):
+        assert name in picture
+    assert last_moment(tmp_path, HEALTHY, ELSEWHERE).picture == ""
