@@ -24,7 +24,17 @@ DOCUMENTS = (
     ROOT / "docs" / "messages.md",
     ROOT / "docs" / "running.md",
 )
-WHILE_RUNNING = ("lifecycle", "ps", "logs", "stop", "topic", "node", "param", "service")
+WHILE_RUNNING = (
+    "lifecycle",
+    "ps",
+    "logs",
+    "stop",
+    "topic",
+    "node",
+    "param",
+    "service",
+    "monitor",
+)
 SHELL_BLOCK = re.compile(r"```sh\n(.*?)```", re.DOTALL)
 
 

@@ -1,0 +1,164 @@
+"""A running stack as a page, in a browser."""
+
+import os
+import shlex
+import signal
+import subprocess
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import quote, urlsplit
+from urllib.request import Request, urlopen
+
+import pytest
+
+from ..browser import chromium, opened, seen  # noqa: TID252 - shared by folders of tests
+from .stack import DUMMY, OBK, launched, obk
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+pytestmark = [pytest.mark.ros, pytest.mark.mujoco, pytest.mark.timeout(900)]
+
+pytest.importorskip("starlette", reason="starlette is in the `web` extra")
+
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "looking-into-a-stack.md"
+HOSTILE = "<img src=x onerror=\"document.title='hurt'\"><script>document.title='hurt'</script>"
+DRAWN = """canvas => {
+  const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  let colourful = 0;
+  for (let at = 0; at < pixels.length; at += 4) {
+    colourful += pixels[at + 3] > 128 && pixels[at + 2] - pixels[at] > 60;
+  }
+  return colourful;
+}"""
+"""How many pixels of a canvas have about the colour of the first line, a blue."""
+
+
+@contextmanager
+def served(*options: str, command: Sequence[str] = ("obk", "web")) -> Iterator[str]:
+    """The address that `obk web` prints, while it serves; it ends by Ctrl-C, with 0."""
+    process = subprocess.Popen(
+        [OBK, *command[1:], "--port", "0", *options], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    try:
+        line = process.stdout.readline()
+        assert "the stack is shown at http://127.0.0.1:" in line
+        yield line.split()[-1]
+    finally:
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
+        process.stdout.close()
+
+
+def text(page: "Page", selector: str) -> str:
+    return page.locator(selector).first.inner_text()
+
+
+def state(page: "Page", node: str) -> str:
+    return text(page, f'#nodes tr[data-key="/obelisk_{node}"] .state')
+
+
+def shown_in_document() -> list[str]:
+    """The command as the document shows it."""
+    lines = DOCUMENT.read_text().splitlines()
+    (line,) = (line for line in lines if line.startswith("$ obk web"))
+    return shlex.split(line.removeprefix("$ "), comments=True)
+
+
+def test_a_stack_is_shown_changed_and_its_end_told() -> None:
+    chromium()
+    with launched(DUMMY) as run, served(command=shown_in_document()) as url:
+        asked: list[str] = []
+        with opened("about:blank", width=1280, height=800) as page:
+            page.on("request", lambda request: asked.append(request.url))
+            plot = f"plot={quote('/obelisk/dummy/est q_joints')}"
+            page.goto(f"{url}#{plot}")
+            seen(lambda: state(page, "control_0") == "active", "that the controller is active")
+            assert "token" not in page.url
+
+            rate = '#topics tr[data-key="/obelisk/dummy/est"] .rate'
+            seen(lambda: float(text(page, rate)) > 1, "a rate")
+            first = text(page, rate)
+            seen(lambda: text(page, rate) != first, "another rate")
+            live = '#graph g[data-topic="/obelisk/dummy/est"] .live'
+            seen(lambda: " of 1000 Hz" in page.locator(live).text_content(), "a rate in the graph")
+            seen(lambda: page.locator("canvas").evaluate(DRAWN) > 50, "a line")
+            assert "q_joints[0]" in text(page, ".legend")
+
+            row = page.locator('#nodes tr[data-key="/obelisk_control_0"]')
+            row.get_by_role("button", name="deactivate").click()
+            seen(lambda: state(page, "control_0") == "inactive", "that it is inactive")
+            seen(lambda: "control_0 inactive" in text(page, "#notice"), "how it ended")
+            assert '"inactive"' in obk("lifecycle", "get", "control_0", "--format", "json").stdout
+
+            hostile_lines_are_text(page)
+            a_change_that_may_move_the_robot_is_asked_about(page)
+
+            run.process.send_signal(signal.SIGINT)
+            seen(lambda: "has ended" in text(page, "#notice"), "the end")
+            assert page.locator("#nodes button, #stack-buttons button").count() == 0
+            assert page.title() != "hurt"
+    hosts = {urlsplit(one).hostname for one in asked if not one.startswith("about:")}
+    assert hosts == {"127.0.0.1"}
+
+
+def hostile_lines_are_text(page: "Page") -> None:
+    (folder,) = (Path(os.environ["OBK_HOME"]) / "runs").glob("dummy_*")
+    with (folder / "launch.log").open("a") as log:
+        log.write(f"robot_0 | {HOSTILE}\n")
+    seen(lambda: HOSTILE in text(page, "#log"), "the line as text")
+    assert page.locator("#log img, #log script").count() == 0
+
+
+def a_change_that_may_move_the_robot_is_asked_about(page: "Page") -> None:
+    row = page.locator('#nodes tr[data-key="/obelisk_control_0"]')
+    activate = row.get_by_role("button", name="activate", exact=False).first
+    activate.click()
+    seen(lambda: page.locator("#confirm").is_visible(), "the question")
+    page.get_by_role("button", name="Cancel").click()
+    assert state(page, "control_0") == "inactive"
+    activate.click()
+    page.locator("#confirm-yes").click()
+    seen(lambda: state(page, "control_0") == "active", "that it is active again")
+
+
+def test_a_page_waits_for_a_stack_and_shows_the_next_one() -> None:
+    chromium()
+    with served() as url, opened(url, width=420, height=800) as page:
+        seen(lambda: "No stack runs" in text(page, "#notice"), "that nothing runs")
+        for _ in range(2):
+            with launched(DUMMY):
+                seen(lambda: text(page, "#state") == "active", "the stack")
+                width = page.evaluate("document.documentElement.scrollWidth")
+                assert width <= 420
+            seen(lambda: text(page, "#state") == "ended", "its end")
+
+
+def test_fields_are_offered_and_faults_in_them_told() -> None:
+    chromium()
+    with launched(DUMMY), served() as url, opened(url) as page:
+        seen(lambda: state(page, "robot_0") == "active", "the stack")
+        page.locator('#topics tr[data-key="/obelisk/dummy/imu"] button').click()
+        offered = '#plot-fields option[value="angular_velocity.x"]'
+        seen(lambda: page.locator(offered).count() == 1, "the field")
+        for field in ("angular_velocity.w", "angular_velocity.y"):
+            page.locator("#plot-field").fill(field)
+            page.get_by_role("button", name="Plot", exact=True).click()
+        seen(lambda: "has no field `w`" in text(page, ".plot .fault"), "what is wrong")
+        canvas = page.locator(".plot canvas").nth(1)
+        seen(lambda: canvas.evaluate(DRAWN) > 50, "the line of the other one")
+        page.get_by_role("button", name="remove /obelisk/dummy/imu angular_velocity.w").click()
+        assert page.locator(".plot").count() == 1
+
+
+def test_a_port_that_is_taken_is_told() -> None:
+    with served() as url:
+        port = urlsplit(url).port
+        with urlopen(Request(url, headers={"Host": "localhost"}), timeout=20) as answer:
+            assert answer.status == 200
+        refused = obk("web", "--port", port)
+        assert refused.returncode == 1
+        assert f"port {port} of 127.0.0.1 cannot be used: Address already in use" in refused.stderr
