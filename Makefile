@@ -14,7 +14,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
 INSTALL := $(PIP) install --no-deps --no-build-isolation
 PYTHONS := 3.12 3.13
 
-.PHONY: setup demo test test-unit check golden docs bench-tool bench-simulator lock wheel clean
+.PHONY: setup demo test test-unit check golden docs bench bench-loop bench-tool bench-launches bench-simulator lock wheel clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.interfaces
@@ -42,11 +42,33 @@ golden: setup
 docs: setup
 	$(BIN)/python tools/rule_pages.py
 
+# What has to be measured on a quiet machine, one after another; QUICK=1: whether the loop's suite
+# runs, in a minute.
+ifdef QUICK
+bench: setup
+	$(BIN)/python -m benchmarks.loop --quick
+else
+bench: setup
+	@echo "bench: loop 65 min, tool 3 min, launches 6 min, simulator 10 min; about 85 min in all"
+	$(MAKE) bench-loop
+	$(MAKE) bench-tool
+	$(MAKE) bench-launches
+	$(MAKE) bench-simulator
+endif
+
+# What a control loop costs, on several executors; writes benchmarks/results/loop.*.
+bench-loop: setup
+	$(BIN)/python -m benchmarks.loop
+
 # How long the command line takes, next to check-jsonschema; writes benchmarks/results/tool.json.
 bench-tool: setup
 	$(PYTHON) -m venv build/peer
 	build/peer/bin/python -m pip -qq install check-jsonschema==0.39.0
 	$(BIN)/python benchmarks/tool.py build/peer/bin/check-jsonschema
+
+# How long the dummy stack takes to come up and to end; writes benchmarks/results/launches.json.
+bench-launches: setup
+	$(BIN)/python benchmarks/launches.py
 
 # How exactly the simulator keeps time and what it costs; writes benchmarks/results/simulator.json.
 bench-simulator: setup

@@ -1,0 +1,96 @@
+"""What is measured: contestants, layouts and the parts of the suite. Data only."""
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+__all__ = [
+    "BASELINE",
+    "CONTESTANTS",
+    "FLOOR",
+    "LAYOUTS",
+    "LIBRARY",
+    "PARTS",
+    "ROLES",
+    "Case",
+    "cases_of",
+]
+
+ROLES = ("sim", "est", "ctrl")
+LAYOUTS = ("separate", "composed")
+"""Each node in a process of its own, or all in one."""
+BASELINE = "rclpy SingleThreadedExecutor"
+LIBRARY = "obelisk nodes"
+"""The library's base classes, spun as `spin_obelisk` does, composed as `obk launch` does."""
+FLOOR = "C on rcl"
+CONTESTANTS = (
+    BASELINE,
+    "rclpy MultiThreadedExecutor",
+    "rclpy EventsExecutor",
+    "obelisk executor",
+    LIBRARY,
+    FLOOR,
+)
+IN_CURVES = frozenset({BASELINE, "rclpy EventsExecutor", LIBRARY, FLOOR})
+PARTS = ("work", "nodes", "rate", "size")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """One way to run sim -> est -> ctrl -> sim."""
+
+    contestant: str
+    layout: str
+    rate_hz: int = 1000
+    """Of each node's timer."""
+    joints: int = 30
+    nodes: int = 3
+    """A multiple of three; each three are a loop of their own."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.contestant}, {self.layout}, {self.nodes} nodes, {self.rate_hz} Hz, "
+            f"{self.joints} joints"
+        )
+
+    @property
+    def processes(self) -> tuple[tuple[str, ...], ...]:
+        """The names of the nodes of each process: `sim_0` is the simulator of the first loop."""
+        loops = range(self.nodes // len(ROLES))
+        names = tuple(f"{role}_{loop}" for loop in loops for role in ROLES)
+        return tuple((name,) for name in names) if self.layout == "separate" else (names,)
+
+    @property
+    def baseline(self) -> "Case":
+        """The same work on the executor that ratios are taken to."""
+        return Case(**{**self.as_dict(), "contestant": BASELINE})
+
+    def as_dict(self) -> dict[str, Any]:
+        """The fields by name."""
+        return asdict(self)
+
+
+POINTS: dict[str, tuple[dict[str, int], ...]] = {
+    "work": ({},),
+    "nodes": tuple({"nodes": nodes, "rate_hz": 100} for nodes in (3, 6, 12, 30)),
+    "rate": tuple({"rate_hz": rate_hz} for rate_hz in (100, 200, 500, 1000, 2000)),
+    "size": tuple({"joints": joints} for joints in (10, 30, 100, 300)),
+}
+"""What each part varies, beside contestants and layouts."""
+
+
+def cases_of(
+    parts: Iterable[str], contestants: Iterable[str], layouts: Iterable[str]
+) -> tuple[Case, ...]:
+    """The cases of some parts of the suite, each once."""
+    chosen, laid_out = tuple(contestants), tuple(layouts)
+    return tuple(
+        dict.fromkeys(
+            Case(contestant=contestant, layout=layout, **point)
+            for part in parts
+            for point in POINTS[part]
+            for layout in laid_out
+            for contestant in chosen
+            if part == "work" or contestant in IN_CURVES
+        )
+    )

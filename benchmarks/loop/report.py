@@ -1,0 +1,166 @@
+"""Writes what a suite came to: `loop.json` with everything, `loop.md` with the table to read."""
+
+import json
+import math
+import os
+import platform
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.loop.cases import CONTESTANTS, LAYOUTS, Case
+from benchmarks.loop.figures import Figures, Spread, ratios, spreads
+from benchmarks.loop.run import Failed
+from benchmarks.loop.suite import Run, Suite
+from obk_cli.adapters.versions import run_versions
+
+__all__ = ["Row", "rows_of", "table", "write_json", "write_table"]
+
+IN_RATIO = ("cpu_percent", "cpu_per_tick_us", "late_p99_us", "latency_p99_ms")
+QUIET_PERCENT = 10.0
+"""Of all cores: figures from a machine that was busier before a round are marked."""
+DIGITS = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """A case over all rounds."""
+
+    case: Case
+    figures: Mapping[str, Spread]
+    """Empty where no run succeeded."""
+    ratios: Mapping[str, Spread]
+    """To the baseline in the same round, for what is better when it is less."""
+    runs: int
+    """How many there were figures of."""
+    failures: tuple[str, ...]
+
+
+def rows_of(suite: Suite) -> tuple[Row, ...]:
+    """The cases in the order in which they were first run."""
+    runs: dict[Case, list[Run]] = {}
+    for run in suite.runs:
+        runs.setdefault(run.case, []).append(run)
+    measured = {case: _figures(found) for case, found in runs.items()}
+    return tuple(
+        Row(
+            case=case,
+            figures=spreads(list(measured[case].values())) if measured[case] else {},
+            ratios={
+                name: found
+                for name in IN_RATIO
+                if (found := ratios(measured[case], measured.get(case.baseline, {}), name))
+            },
+            runs=len(measured[case]),
+            failures=tuple(r.outcome.why for r in runs[case] if isinstance(r.outcome, Failed)),
+        )
+        for case in runs
+    )
+
+
+def write_json(path: Path, suite: Suite) -> None:
+    """Write everything down, the machine and its load too."""
+    content = {
+        "machine": _machine(),
+        "versions": dict(run_versions()),
+        "is_quiet": _is_quiet(suite),
+        "before_each_round": [asdict(load) for load in suite.loads],
+        "seconds_of_each_run": suite.seconds,
+        "cases": [{**asdict(row), "case": row.case.as_dict()} for row in rows_of(suite)],
+    }
+    path.write_text(json.dumps(_rounded(content), indent=1) + "\n", encoding="utf-8")
+
+
+def write_table(path: Path, suite: Suite) -> None:
+    """Write the table of the work as Markdown."""
+    busy = ", ".join(f"{load.busy_percent:.0f} %" for load in suite.loads)
+    lines = [
+        "# The loop",
+        "",
+        "sim -> est -> ctrl -> sim: three nodes with a timer of 1 kHz each, 30 joints. Medians",
+        "(least to greatest) of the rounds; ratios are to rclpy's SingleThreadedExecutor in the",
+        "same round.",
+        "",
+        *(f"- {name}: {value}" for name, value in _machine().items()),
+        f"- versions: {', '.join(f'{name} {it}' for name, it in run_versions().items())}",
+        f"- {len(suite.loads)} rounds, {suite.seconds:g} s for each run; busy before each: {busy}",
+    ]
+    if not _is_quiet(suite):
+        lines += ["", "**The machine was busy with other work: these figures prove nothing.**"]
+    path.write_text("\n".join([*lines, "", *table(rows_of(suite)), ""]), encoding="utf-8")
+
+
+def table(rows: Iterable[Row]) -> list[str]:
+    """The lines of a Markdown table with the cases of the work."""
+    found = {row.case: row for row in rows}
+    lines = [
+        "| | CPU [% of a core] | ratio | CPU of a tick [us] | lateness p50 [us] | p99 [us] | ratio "
+        "| slowest node [Hz] | latency p50 [ms] | p99 [ms] |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for layout in LAYOUTS:
+        for contestant in CONTESTANTS:
+            row = found.get(Case(contestant=contestant, layout=layout))
+            if row is not None:
+                lines.append(f"| {contestant}, {layout} | {' | '.join(_cells(row))} |")
+    return lines
+
+
+def _cells(row: Row) -> list[str]:
+    if not row.figures:
+        return [f"failed: {row.failures[0]}", *[""] * 8]
+    cpu, late, rate = (row.figures[n] for n in ("cpu_percent", "late_p99_us", "rate_hz"))
+    return [
+        _cell(cpu),
+        _cell(row.ratios.get("cpu_percent")),
+        _cell(row.figures["cpu_per_tick_us"]),
+        _cell(row.figures["late_p50_us"]),
+        _cell(late),
+        _cell(row.ratios.get("late_p99_us")),
+        _cell(rate),
+        _cell(row.figures["latency_p50_ms"]),
+        _cell(row.figures["latency_p99_ms"]),
+    ]
+
+
+def _cell(value: Spread | None) -> str:
+    if value is None:
+        return ""
+    if value.min == value.max:
+        return _short(value.median)
+    return f"{_short(value.median)} ({_short(value.min)} to {_short(value.max)})"
+
+
+def _short(value: float) -> str:
+    """Three digits that count."""
+    if value == 0:
+        return "0"
+    return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}"
+
+
+def _figures(runs: Iterable[Run]) -> dict[int, Figures]:
+    return {run.round: run.outcome for run in runs if isinstance(run.outcome, Figures)}
+
+
+def _is_quiet(suite: Suite) -> bool:
+    return all(load.busy_percent < QUIET_PERCENT for load in suite.loads)
+
+
+def _machine() -> dict[str, Any]:
+    cpuinfo = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    models = (line.partition(":")[2].strip() for line in cpuinfo if line.startswith("model name"))
+    return {
+        "processor": next(models, platform.machine()),
+        "cores": os.cpu_count(),
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+    }
+
+
+def _rounded(value: Any) -> Any:
+    """The same with numbers of a few digits."""
+    if isinstance(value, Mapping):
+        return {name: _rounded(inner) for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(inner) for inner in value]
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
