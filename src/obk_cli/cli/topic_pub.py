@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from obelisk_spec.messages import near_msg_types, resolve_msg_type
 from obelisk_spec.names import topic_name_fault
-from obelisk_spec.near import list_names
+from obelisk_spec.near import did_you_mean, list_names
 from obk_cli.cli.looking_options import (
     TIMEOUT_S,
     DomainOption,
@@ -36,7 +37,9 @@ def command(
     topic: TopicArgument,
     words: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[TYPE] [MESSAGE]", help="As pkg/msg/Name, and as YAML."),
+        typer.Argument(
+            metavar="[TYPE] [MESSAGE]", help="As in a config or pkg/msg/Name, and as YAML."
+        ),
     ] = None,
     once: Annotated[bool, typer.Option("--once", help="One message, then end.")] = False,
     count: Annotated[
@@ -100,19 +103,28 @@ def command(
 
 
 def _type_and_text(words: list[str]) -> tuple[str | None, str]:
-    """The type and the message among what follows the topic.
+    """The full type, None where none is given, and the message among what follows the topic.
 
     Raises:
-        MisuseError: there is more than the two.
+        MisuseError: there is more than the two, or the first of two is no type.
     """
-    is_type = bool(words) and words[0].count("/") == 2 and not set(words[0]) & set(" {}:[]")
-    rest = words[1:] if is_type else words
+    written = words[0] if words else ""
+    full = resolve_msg_type(written)
+    if full is None and written.count("/") == 2 and not set(written) & set(" {}:[]"):
+        full = written  # whether its package has it is seen when it is looked up
+    rest = words[1:] if full else words
+    if len(words) == 2 and full is None:
+        raise MisuseError(
+            f"message type `{written}` is not known",
+            help=did_you_mean(written, near_msg_types(written))
+            or "TOPIC [TYPE] [MESSAGE], the message in quotes",
+        )
     if len(rest) > 1:
         raise MisuseError(
             f"`{rest[1]}` is too much",
             help="TOPIC [TYPE] [MESSAGE], the message in quotes",
         )
-    return words[0] if is_type else None, rest[0] if rest else ""
+    return full, rest[0] if rest else ""
 
 
 def _topic(

@@ -19,10 +19,10 @@ def bring_down(hearing: Hearing) -> None:
     """Deactivate, clean up, shut down; SIGINT, SIGTERM, SIGKILL."""
     left = frozenset(hearing.roster.in_transition)
     hearing.goes_down()
-    hearing.story.is_moving("shuttingdown")
     hearing.story.phase(
         "stopping", hearing.failures[0].text if hearing.failures else hearing.stop or ""
     )
+    hearing.story.is_moving("shuttingdown")
     silent = set(hearing.roster.hung)
     stuck = {hearing.roster.unit_of.get(node, node): node for node in sorted(silent)}
     for node in stuck.values():

@@ -12,6 +12,7 @@ from obk_cli.launch.events import (
     Failed,
     Phase,
     ProcessEnded,
+    StackState,
     StateSeen,
     StopAsked,
     TransitionEnded,
@@ -63,7 +64,9 @@ def test_a_stop_that_is_asked_for_ends_in_order() -> None:
     world = World(later=deque([StopAsked(reason="SIGINT")]))
     ended = world.run(duration_s=None)
     assert ended.exit_code == 0
-    assert Phase(name="stopping", seconds=0.0, detail="SIGINT") in world.told
+    stopping = Phase(name="stopping", seconds=0.0, detail="SIGINT")
+    assert stopping in world.told
+    assert world.told.index(stopping) < world.told.index(StackState(state="shuttingdown"))
 
 
 def test_a_refused_activate_takes_its_tier_back_and_fails_with_the_nodes_own_words() -> None:

@@ -10,6 +10,7 @@ from obk_cli.adapters.process_start import this_process
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.cli.complete import complete_nodes, complete_topics
 from obk_cli.cli.main import main
+from obk_cli.cli.topic_pub import _type_and_text
 from obk_cli.launch.runs import MadeFrom, Run, make_run_folder, write_run
 from obk_cli.looking.place import place_of
 
@@ -99,6 +100,7 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
         ("topic hz est --window 0", "`--window` is a number above 0"),
         ("topic hz est --duration -1", "`--duration` is a number above 0"),
         ("topic pub est pkg/msg/State {} {}", "`{}` is too much"),
+        ("topic pub est PositionSetpiont {}", "did you mean `PositionSetpoint`"),
         ("topic pub est --rate 0", "`--rate` is a number above 0"),
         ("param set arm gain [1,a]", "`[1,a]` is no value of a parameter"),
         ("param set arm gain [", "`[` is not YAML"),
@@ -117,3 +119,19 @@ def test_the_modules_of_a_topics_type_are_known_from_the_plan(home: Path) -> Non
     runs_in(home, arm=7)
     place = place_of(environment(home), None)
     assert place.modules(["est", "imu", "other"]) == ("rosidl_generator_py", "pkg.msg")
+
+
+@pytest.mark.parametrize(
+    ("words", "msg_type", "text"),
+    [
+        ("", None, ""),
+        ("{u_mujoco:1}", None, "{u_mujoco:1}"),
+        ("PositionSetpoint", "obelisk_control_msgs/msg/PositionSetpoint", ""),
+        ("my_msgs/Example {}", "my_msgs/msg/Example", "{}"),
+        ("std_msgs/msg/Float64 {}", "std_msgs/msg/Float64", "{}"),
+    ],
+)
+def test_a_type_to_publish_is_written_as_in_a_config(
+    words: str, msg_type: str | None, text: str
+) -> None:
+    assert _type_and_text(words.split()) == (msg_type, text)
