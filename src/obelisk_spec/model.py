@@ -44,6 +44,8 @@ class ModelFacts:
     cameras: tuple[str, ...] = ()
     keyframes: tuple[str, ...] = ()
     actuators: int = 0
+    position_servos: int = 0
+    """Those of the actuators whose control is a position."""
     timestep: float = 0.002
     """[s]"""
 
@@ -61,6 +63,7 @@ def read_model_facts(spec: Any) -> ModelFacts:
         cameras=_names(spec.cameras),
         keyframes=_names(spec.keys),
         actuators=len(spec.actuators),
+        position_servos=sum(map(_is_position_servo, spec.actuators)),
         timestep=float(spec.option.timestep),
     )
 
@@ -76,6 +79,12 @@ def _read_sensor(sensor: Any, joints: Mapping[str, str]) -> SensorFact:
         reference_name=sensor.refname or None,
         joint_type=joints.get(sensor.objname) if _enum_word(sensor.objtype) == "joint" else None,
     )
+
+
+def _is_position_servo(actuator: Any) -> bool:
+    """Whether the force is affine in the length: gain * ctrl + b0 + b1 * length + b2 * velocity."""
+    kinds = _enum_word(actuator.gaintype), _enum_word(actuator.biastype)
+    return kinds == ("fixed", "affine") and bool(actuator.biasprm[1])
 
 
 def _enum_word(member: Any) -> str:

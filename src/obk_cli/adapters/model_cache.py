@@ -21,7 +21,7 @@ from obk_cli.surroundings import ModelFault, ModelRead
 
 __all__ = ["cache_folder", "read_model_once"]
 
-_FORMAT = 3
+_FORMAT = 4
 _MOST_ENTRIES = 256
 _OTHER_FILES = (b"<attach", b"<model", b"<robot")
 """What may bring further files along; such models are always read."""

@@ -1,4 +1,4 @@
-"""OBK212, OBK213: how old a robot's commands may become."""
+"""OBK212, OBK213, OBK320: how old a robot's commands may become, and what is done then."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from obelisk_spec.components import CONTROL_SUBSCRIPTION, standard_component
 from obk_cli.config import Component, Node, Spanned, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.surroundings import Surroundings
+from obk_cli.surroundings import ModelRead, Surroundings
 from obk_cli.tree import plain_value
 from obk_cli.wiring import absolute_topic, sending_period_s, timers_of
 
@@ -19,7 +19,7 @@ Senders = Mapping[str, list[Spanned[float]]]
 """Topic -> the periods of the timers that send on it."""
 
 
-def check_watchdogs(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_watchdogs(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
     """Ages are watched where commands come in, and allow for the pace at which they are sent."""
     watched: list[tuple[Component, Node]] = []
     for node in stack.nodes:
@@ -34,7 +34,9 @@ def check_watchdogs(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
     for component, node in watched:
         if not _has_age(component):
             yield _no_age(component)
-        elif component.max_age_s is not None and component.topic is not None:
+            continue
+        yield from _check_action(component, node, surroundings)
+        if component.max_age_s is not None and component.topic is not None:
             topic = absolute_topic(component.topic.value, node)
             yield from _check_age(component.max_age_s, topic, senders)
 
@@ -78,6 +80,27 @@ def _no_age(component: Component) -> Diagnostic:
         component.stale_action.entry_span,
         help="add `max_age_sec`, the seconds after which a command is too old",
     )
+
+
+def _check_action(
+    component: Component, node: Node, surroundings: Surroundings
+) -> Iterator[Diagnostic]:
+    action = component.stale_action
+    written = action or component.max_age_s
+    if written is None or (action is not None and action.value != "zero"):
+        return
+    for sim in node.sims if node.runs_simulation else ():
+        if not sim.is_sound or sim.model is None or sim.model.found is None:
+            continue
+        read = surroundings.read_model(sim.model.found)
+        if isinstance(read, ModelRead) and read.facts.position_servos:
+            yield found(
+                "OBK320",
+                f"commands that are too old become zero, for {read.facts.position_servos} of the "
+                f"model's {read.facts.actuators} actuators the position 0",
+                written.entry_span,
+                help="`stale_action: hold` or `damp` keeps the robot where it is",
+            )
 
 
 def _senders(stack: Stack) -> Senders:

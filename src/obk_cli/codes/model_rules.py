@@ -148,4 +148,13 @@ RULES: tuple[Rule, ...] = (
         cause="The simulator fills only the messages that the message lists.",
         cure="Write one of them.",
     ),
+    Rule(
+        code="OBK320",
+        severity="warning",
+        title="zero where zero is a position",
+        cause="When commands stop, `stale_action: zero`, which is also what is done where none is "
+        "written, has every actuator get the control 0. To a position servo that is the position "
+        "0, and the robot goes there with all its strength.",
+        cure="Write `stale_action: hold` or `damp`. Where the position 0 is safe, silence this.",
+    ),
 )

@@ -42,8 +42,10 @@ def test_what_the_document_says_is_found_is_found(tmp_path: Path) -> None:
         ("max_age_sec: fast", "OBK103"),
         ("max_age_sec: 0", "OBK104"),
         ("max_age_sec: 0.019", "OBK213"),
+        ("stale_action: zero", "OBK320"),
     ):
-        outcome = compile_text(CONFIG.replace("max_age_sec: 0.1 ", f"{change} "), tmp_path)
+        key = change.partition(" ")[0]
+        outcome = compile_text(re.sub(rf"{key} \S+", change, CONFIG), tmp_path)
         assert [fault.code for fault in outcome.diagnostics] == [code]
         assert code in TEXT
 
