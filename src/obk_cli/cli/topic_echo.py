@@ -68,7 +68,7 @@ def command(
     needs = ("rclpy.serialization", *place.modules([topic]))
     with open_look(place.environment, needs) as look:
         seen = find_topic(look, place, topic, timeout)
-        msg_type = the_type("topic", seen.name, seen.msg_types)
+        msg_type = the_type("topic", seen.name, seen.heard_types)
         python_type = find_type(msg_type)
         for selection in selections:
             check_selection(selection, short_type(msg_type), fields_of)
@@ -77,7 +77,8 @@ def command(
         tally = Tally()
         try:
             for message in islice(messages(raw, tally, timeout, each=most is not None), most):
-                print("\n".join(shower.lines(message)), flush=True)
+                if lines := list(shower.lines(message)):
+                    print("\n".join(lines), flush=True)
         finally:
             if tally.dropped:
                 _warn(f"{tally.dropped} messages were lost: they came faster than they were shown")

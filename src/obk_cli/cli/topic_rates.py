@@ -69,7 +69,7 @@ def hz(
         meter = RosMeter(look, duration or window)
         for topic in topics:
             seen = find_topic(look, place, topic, timeout)
-            msg_type = the_type("topic", seen.name, seen.msg_types)
+            msg_type = the_type("topic", seen.name, seen.heard_types)
             hashes = (end.type_hash for end in seen.publishers)
             meter.add(seen.name, msg_type, raw_type(msg_type, hashes))
         begin = told = time.monotonic()
@@ -111,7 +111,7 @@ def delay(
     needs = ("rclpy.serialization", *place.modules([topic]))
     with open_look(place.environment, needs) as look:
         seen = find_topic(look, place, topic, timeout)
-        msg_type = the_type("topic", seen.name, seen.msg_types)
+        msg_type = the_type("topic", seen.name, seen.heard_types)
         python_type = find_type(msg_type)
         stamp = stamp_of(short_type(msg_type), fields_of)
         raw = look.listen(seen.name, msg_type, python_type)

@@ -46,6 +46,11 @@ class TopicSeen:
     publishers: tuple[End, ...] = ()
     subscriptions: tuple[End, ...] = ()
 
+    @property
+    def heard_types(self) -> tuple[str, ...]:
+        """What is published, whatever the subscriptions ask for."""
+        return tuple(dict.fromkeys(end.msg_type for end in self.publishers)) or self.msg_types
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Graph:

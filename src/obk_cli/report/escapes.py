@@ -6,7 +6,7 @@ Takes a line, gives a line. Source: ECMA-48, 5.4 (control sequences) and 5.6 (co
 import re
 from typing import Final
 
-__all__ = ["only_colour", "plain"]
+__all__ = ["escaped", "only_colour", "plain"]
 
 _SEQUENCE: Final = re.compile(
     r"(?P<colour>\x1b\[[0-9;:]*m)"
@@ -15,6 +15,9 @@ _SEQUENCE: Final = re.compile(
     r"|\x1b[ -/]*[0-~]?"  # what is left of two characters
     r"|[\x00-\x08\x0a-\x1f\x7f-\x9f]"
 )
+_CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+"""Characters that a terminal obeys, breaks lines at, or turns the direction of writing for."""
+_NAMES: Final = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
 _RESET: Final = "\x1b[0m"
 
 
@@ -30,3 +33,8 @@ def only_colour(text: str) -> str:
 def plain(text: str) -> str:
     """The text without any escape sequence and control character."""
     return _SEQUENCE.sub("", text)
+
+
+def escaped(text: str) -> str:
+    """The text on one line, with its control characters as JSON writes them."""
+    return _CONTROL.sub(lambda match: _NAMES.get(match[0]) or f"\\u{ord(match[0]):04x}", text)

@@ -4,13 +4,13 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
-from obk_cli.looking.plain_data import Plain, columns
-from obk_cli.report.escapes import plain
+from obk_cli.looking.plain_data import Plain
+from obk_cli.report.escapes import escaped
 
-__all__ = ["MOST_ITEMS", "MOST_LETTERS", "csv_line", "json_line", "message_text"]
+__all__ = ["MOST_ITEMS", "MOST_LETTERS", "csv_row", "json_line", "message_text"]
 
 MOST_ITEMS: Final = 12
 """Of an array, for a person."""
@@ -33,18 +33,10 @@ def message_text(value: Plain, *, is_whole: bool) -> Iterator[str]:
         yield _flow(value, is_whole)
 
 
-def csv_line(values: Mapping[str, Plain], *, is_header: bool) -> str:
-    """One row, or the names above the rows, without its line break.
-
-    Args:
-        values: by field; each is spread over as many columns as it has single values.
-        is_header: whether the names are wanted.
-    """
-    cells = [cell for name, value in values.items() for cell in columns(value, name)]
+def csv_row(values: Iterable[Plain]) -> str:
+    """One row of single values, without its line break; what is None is empty."""
     line = io.StringIO()
-    csv.writer(line, lineterminator="").writerow(
-        [name if is_header else _cell(value) for name, value in cells]
-    )
+    csv.writer(line, lineterminator="").writerow([_cell(value) for value in values])
     return line.getvalue()
 
 
@@ -84,7 +76,7 @@ def _flow(value: Plain, is_whole: bool) -> str:
         return f"[{', '.join([*(_flow(item, is_whole) for item in shown), *more])}]"
     if isinstance(value, str):
         text = value if is_whole or len(value) <= MOST_LETTERS else f"{value[:MOST_LETTERS]}..."
-        return plain(json.dumps(text, ensure_ascii=False))
+        return escaped(json.dumps(text, ensure_ascii=False))
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float) and not math.isfinite(value):
@@ -95,7 +87,7 @@ def _flow(value: Plain, is_whole: bool) -> str:
 def _cell(value: Plain) -> Plain:
     if isinstance(value, bool):
         return "true" if value else "false"
-    return plain(value) if isinstance(value, str) else value
+    return escaped(value) if isinstance(value, str) else value
 
 
 def _finite(value: Plain) -> Plain:

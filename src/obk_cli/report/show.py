@@ -5,7 +5,7 @@ from typing import Any
 
 from obk_cli.looking.plain_data import Plain, columns, plain_data
 from obk_cli.looking.selection import MISSING, Selection, selected
-from obk_cli.report.messages import csv_line, json_line, message_text
+from obk_cli.report.messages import csv_row, json_line, message_text
 
 __all__ = ["Shower"]
 
@@ -33,7 +33,7 @@ class Shower:
         self._format = format
         self._is_whole = is_whole
         self._warn = warn
-        self._columns: tuple[str, ...] = ()
+        self._columns: dict[str, None] = {}
         self._has_warned = False
 
     def lines(self, message: Any) -> Iterator[str]:
@@ -60,13 +60,20 @@ class Shower:
                 yield "---"
 
     def _rows(self, values: dict[str, Plain]) -> Iterator[str]:
-        names = tuple(name for field, value in values.items() for name, _ in columns(value, field))
+        """A row has the columns of the first one, so that each stays what its name says."""
+        cells = {
+            name: cell for field, value in values.items() for name, cell in columns(value, field)
+        }
         if not self._columns:
-            self._columns = names
-            yield csv_line(values, is_header=True)
-        elif names != self._columns and not self._has_warned:
+            if not cells:
+                return
+            self._columns = dict.fromkeys(cells)
+            yield csv_row(self._columns)
+        more = [name for name in cells if name not in self._columns]
+        if more and not self._has_warned:
             self._has_warned = True
             self._warn(
-                f"a message has {len(names)} columns, the first one had {len(self._columns)}"
+                f"a message has {len(more)} columns more than the first one, from `{more[0]}` on; "
+                "such are left out, JSON has them"
             )
-        yield csv_line(values, is_header=False)
+        yield csv_row(cells.get(name) for name in self._columns)

@@ -9,7 +9,7 @@ import yaml
 
 from obk_cli.looking.plain_data import Plain, columns, plain_data
 from obk_cli.looking.selection import parse_selection
-from obk_cli.report.messages import MOST_ITEMS, MOST_LETTERS, csv_line, json_line, message_text
+from obk_cli.report.messages import MOST_ITEMS, MOST_LETTERS, json_line, message_text
 from obk_cli.report.show import Shower
 
 from .definitions import Message
@@ -59,6 +59,9 @@ def test_text_is_yaml_that_reads_back_the_same() -> None:
     text = "\n".join(message_text(PLAIN, is_whole=True))
     assert yaml.safe_load(text) == PLAIN
     assert "\x1b" not in text
+    (odd,) = message_text("\x9b2J \u202e\n", is_whole=True)
+    assert odd == r'"\u009b2J \u202e\n"'
+    assert yaml.safe_load(odd) == "\x9b2J \u202e\n"
 
 
 def test_long_arrays_and_texts_are_cut_for_a_person_only() -> None:
@@ -83,10 +86,8 @@ def test_single_values_have_names() -> None:
 
 
 def test_a_row_of_csv_is_read_back_by_another_reader() -> None:
-    assert isinstance(PLAIN, dict)
-    header = csv_line(PLAIN, is_header=True)
-    (row,) = csv.DictReader([header, csv_line(PLAIN, is_header=False)])
-    assert row["header.frame_id"] == "tip, "
+    (row,) = csv.DictReader(shower(format="csv").lines(whole()))
+    assert row["header.frame_id"] == "tip, \\u001b[2J"
     assert float(row["q[1]"]) == -0.25
     assert row["is_on"] == "true"
 
@@ -118,6 +119,20 @@ def test_csv_names_its_columns_once_and_warns_once_of_others() -> None:
     assert first == ["q[0],q[1]", "1.0,2.0"]
     assert list(shown.lines(Message(q=[3.0, 4.0]))) == ["3.0,4.0"]
     assert not warnings
-    assert list(shown.lines(Message(q=[5.0]))) == ["5.0"]
-    assert list(shown.lines(Message(q=[6.0]))) == ["6.0"]
-    assert warnings == ["a message has 1 columns, the first one had 2"]
+    assert list(shown.lines(Message(q=[5.0, 6.0, 7.0]))) == ["5.0,6.0"]
+    assert list(shown.lines(Message(q=[5.0, 6.0, 7.0]))) == ["5.0,6.0"]
+    (warning,) = warnings
+    assert "1 columns more than the first one, from `q[2]` on" in warning
+
+
+def test_a_column_of_csv_stays_what_its_name_says() -> None:
+    shown = shower("q", "mark", format="csv")
+    list(shown.lines(Message(q=[1.0, 2.0], mark=7)))
+    assert list(shown.lines(Message(q=[5.0], mark=8))) == ["5.0,,8"]
+    assert not warnings
+
+
+def test_an_empty_array_first_takes_no_columns_for_csv() -> None:
+    shown = shower("q", format="csv")
+    assert list(shown.lines(Message(q=[]))) == []
+    assert list(shown.lines(Message(q=[1.0]))) == ["q[0]", "1.0"]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from obk_cli.report.escapes import only_colour, plain
+from obk_cli.report.escapes import escaped, only_colour, plain
 
 
 @pytest.mark.parametrize(
@@ -49,3 +49,9 @@ def test_a_sequence_that_does_not_end_takes_no_other_line_along() -> None:
 
 def test_tabs_and_letters_of_all_languages_stay() -> None:
     assert only_colour("\tgrün 机器人 °") == "\tgrün 机器人 °"
+
+
+def test_what_must_not_be_lost_is_escaped() -> None:
+    assert escaped("a\x1b[2J\x9b31m\n\tb\x7f") == r"a\u001b[2J\u009b31m\n\tb\u007f"
+    assert escaped("\u202etxt\u2028") == r"\u202etxt\u2028"
+    assert escaped("grün 机器人 °") == "grün 机器人 °"
