@@ -19,6 +19,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
@@ -49,6 +50,7 @@ class Talker(Node):
         self.declare_parameter("gain", 1.5)
         self.declare_parameter("limits.upper", [1.0, 2.0])
         self.declare_parameter("name", "arm: left")
+        self.declare_parameter("offset", Parameter.Type.DOUBLE)
         self.add_on_set_parameters_callback(self._check)
         self._count = 0
         self.create_timer(0.02, self._talk)
@@ -70,7 +72,8 @@ class Talker(Node):
 
     def _check(self, parameters: Any) -> SetParametersResult:
         fits = all(p.value <= 10 for p in parameters if p.name == "gain")
-        return SetParametersResult(successful=fits, reason="" if fits else "the gain is above 10")
+        reason = "" if fits else "the gain is \x1b[1mabove 10"
+        return SetParametersResult(successful=fits, reason=reason)
 
 
 @pytest.fixture(autouse=True)
@@ -291,17 +294,26 @@ def test_parameters_are_listed_shown_set_and_dumped(talker: Talker, tmp_path: Pa
     said = done("param", "set", "talker", "gain", "2")
     assert said == "/arm/talker: gain = 2.0 (double), before 1.5\n"
     assert talker.get_parameter("gain").value == 2.0
-    assert "the gain is above 10" in refused("param", "set", "talker", "gain", "11")
+    assert r"the gain is \u001b[1mabove 10" in refused("param", "set", "talker", "gain", "11")
     of_type = refused("param", "set", "talker", "limits.upper", "[a]")
     assert "it is of the type double_array, now [1.0, 2.0]" in of_type
     assert "did you mean `gain`" in refused("param", "get", "talker", "gian")
     assert "did you mean `gain`" in refused("param", "set", "talker", "gian", "1")
+    # Without a value, it keeps nobody from those that have one.
+    every = told("param", "get", "talker")
+    assert every["offset"] == {"type": "not set", "value": None}
+    assert every["gain"] == {"type": "double", "value": 2.0}
+    no_text = refused("param", "set", "talker", "offset", "a")
+    assert "it is of the type double, now not set" in no_text
     path = tmp_path / "arm.yaml"
     done("param", "dump", "talker", "--output", path)
     (dumped,) = yaml.safe_load(path.read_text())["/arm/talker"].values()
     assert dumped["gain"] == 2.0
     assert dumped["name"] == "arm: left"
     assert done("param", "dump", "talker") == path.read_text()
+    assert "offset" not in dumped
+    said = done("param", "set", "talker", "offset", "1")
+    assert said == "/arm/talker: offset = 1.0 (double), before not set\n"
 
 
 def test_services_are_listed_and_called(talker: Talker) -> None:

@@ -48,10 +48,20 @@ class NodeParameters:
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        response = self._call("GetParameters", "get_parameters", names=list(names))
-        # A node may refuse all of them for one; then it answers with nothing.
-        told = list(response.values) or [None] * len(names)
+        told = self._told(names)
+        if len(told) != len(names):
+            # Where one has no value, rclpy's nodes tell of none; so each is asked for.
+            told = [next(iter(self._told([name])), None) for name in names]
         return {name: _parameter(value) for name, value in zip(names, told, strict=True)}
+
+    def declared_kind(self, name: str) -> str:
+        """The type that a parameter is declared with, also where it has no value.
+
+        Raises:
+            CommandFailedError: the node gives no answer.
+        """
+        response = self._call("DescribeParameters", "describe_parameters", names=[name])
+        return next((KINDS[one.type] for one in response.descriptors), NOT_SET)
 
     def set(self, name: str, parameter: Parameter) -> str | None:
         """Set one; gives the node's reason where it refuses.
@@ -66,6 +76,11 @@ class NodeParameters:
         response = self._call("SetParameters", "set_parameters", parameters=[message])
         result = response.results[0]
         return None if result.successful else str(result.reason) or "it gave no reason"
+
+    def _told(self, names: Sequence[str]) -> Sequence[Any]:
+        response = self._call("GetParameters", "get_parameters", names=list(names))
+        values: Sequence[Any] = response.values
+        return values
 
     def _call(self, kind: str, service: str, **fields: Any) -> Any:
         python_type = find_type(f"{PACKAGE}/srv/{kind}")

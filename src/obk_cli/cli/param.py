@@ -24,7 +24,7 @@ from obk_cli.emit.params import emit_node_params, emit_value
 from obk_cli.emit.write import write_text
 from obk_cli.errors import CommandFailedError
 from obk_cli.looking.parameters import NOT_SET, Parameter, fit_parameter, parse_parameter
-from obk_cli.report.escapes import plain
+from obk_cli.report.escapes import escaped, plain
 
 if TYPE_CHECKING:
     from obk_cli.adapters.ros_parameters import NodeParameters
@@ -130,16 +130,19 @@ def set_(
     given = parse_parameter(value)
     with _asked(node, domain, timeout) as asked:
         present = asked.parameters.values((name,))[name]
-        fitted = fit_parameter(value, given, present.kind)
+        kind = present.kind
+        if kind == NOT_SET:
+            kind = asked.parameters.declared_kind(name)
+        fitted = fit_parameter(value, given, kind)
         reason = asked.parameters.set(name, fitted)
         if reason is not None:
             known = asked.parameters.names()
             if name not in known:
                 _require_known(asked.node, (name,), known)
             raise CommandFailedError(
-                f"{asked.node} refuses {name} = {_text(fitted)}: {reason}",
-                help=f"it is of the type {present.kind}, now {_text(present)}"
-                if present.kind != fitted.kind
+                f"{asked.node} refuses {name} = {_text(fitted)}: {escaped(reason)}",
+                help=f"it is of the type {kind}, now {_text(present)}"
+                if kind not in (fitted.kind, NOT_SET)
                 else None,
             )
     print(f"{asked.node}: {name} = {_text(fitted)} ({fitted.kind}), before {_text(present)}")
