@@ -4,7 +4,7 @@ In: what the code of nodes registers, and the sensors of a model. Out: YAML text
 disk.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from obelisk_spec.messages import resolve_msg_type
@@ -185,10 +185,13 @@ def _simulated_lines(stack: Stack) -> Iterator[str]:
     yield "    sim:"
     yield "      - ros_parameter: mujoco_setting"
     yield f"        model_xml_path: {stack.model.path}"
-    groups = list(_sensor_groups(stack, stack.model))
-    if groups:
+    groups = dict(_sensor_groups(stack, stack.model))
+    for message in (message for message, sensors in groups.items() if not sensors):
+        takes = " and ".join(f"`{kind}`" for kind in sorted(_takes(message)))
+        yield f"        # {message.name}: {stack.model.path} names no sensors for it ({takes})."
+    if any(groups.values()):
         yield "        sensor_settings:"
-    for message, sensors in groups:
+    for message, sensors in ((m, sensors) for m, sensors in groups.items() if sensors):
         yield f"          - topic: {sensor_topic(message, f'/{stack.name}')}"
         yield "            dt: 0.002"
         yield f"            msg_type: {message.name}"
@@ -210,7 +213,7 @@ def _control_type(stack: Stack) -> MessageType:
 def _sensor_groups(
     stack: Stack, model: Model
 ) -> Iterator[tuple[MessageType, Sequence[ModelSensor]]]:
-    """A group for each sensor message that a node hears and the model has sensors for."""
+    """Each sensor message that a node hears, with the model's sensors for it."""
     heard = (
         _message_of(component)
         for node in stack.nodes
@@ -221,8 +224,9 @@ def _sensor_groups(
         rule = SENSOR_GROUPS.get(message.name)
         if rule is None or not rule.reads_sensors or rule.published != message.full:
             continue
-        # The old message has one field, which the stand-in estimator takes for positions.
-        takes = {"jointpos"} if message.name == "JointEncoders" else set(rule.takes)
-        sensors = model.sensors_of(takes, joints=rule.objects == "scalar joint")
-        if sensors:
-            yield message, sensors
+        yield message, model.sensors_of(_takes(message), joints=rule.objects == "scalar joint")
+
+
+def _takes(message: MessageType) -> Collection[str]:
+    # The old message has one field, which the stand-in estimator takes for positions.
+    return {"jointpos"} if message.name == "JointEncoders" else SENSOR_GROUPS[message.name].takes

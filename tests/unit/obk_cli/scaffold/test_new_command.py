@@ -440,6 +440,17 @@ def test_a_config_without_a_robot_simulates_the_model_that_is_there(workspace: P
     assert [fault for fault in faults if "`obelisk_sim_py`" not in fault] == []
 
 
+def test_a_config_says_which_sensors_its_model_lacks(workspace: Path) -> None:
+    obk_new("estimator", "my_estimate", "--sensor-msg", "ObkJointEncoders")
+    (workspace / "arm.xml").write_text("<mujoco/>")
+    obk_new("config", "arm")
+    text = (workspace / "arm.yaml").read_text()
+    assert (
+        "# ObkJointEncoders: arm.xml names no sensors for it (`jointpos` and `jointvel`)." in text
+    )
+    assert "sensor_settings:" not in text
+
+
 def test_a_config_goes_into_the_working_folder_and_may_have_the_name_of_a_package(
     workspace: Path,
 ) -> None:
