@@ -1,7 +1,7 @@
 """Rates of many topics at once, from messages as they are sent: nothing is deserialized.
 
-One thread calls `turn` again and again: whatever has come is counted, every 5 ms at most. For live
-tables and for single measurements alike.
+One thread calls `turn` again and again: whatever has come is counted, every 5 ms unless told
+otherwise. For live tables and for single measurements alike.
 """
 
 import time
@@ -29,15 +29,17 @@ OLD_NS: Final = 500_000_000
 class RosMeter:
     """Counts the messages of topics."""
 
-    def __init__(self, look: RosLook, window_s: float) -> None:
+    def __init__(self, look: RosLook, window_s: float, turn_s: float = TURN_S) -> None:
         """Begin with no topic.
 
         Args:
             look: whose participant listens.
             window_s: how far back figures go [s].
+            turn_s: between two looks at what has come [s]; times are the middleware's all the same.
         """
         self._look = look
         self._window_s = window_s
+        self._turn_s = turn_s
         self._topics: dict[str, _Counted] = {}
         self._looked = time.monotonic()
 
@@ -68,7 +70,7 @@ class RosMeter:
         self._topics.pop(name).raw.close()
 
     def turn(self) -> None:
-        """Count what has come, then rest until 5 ms are over."""
+        """Count what has come, then rest until the turn is over."""
         begin = time.monotonic()
         if begin - self._looked > LOOK_S:
             self._looked = begin
@@ -85,7 +87,7 @@ class RosMeter:
                 take(received_ns, len(data), info["publication_sequence_number"])
                 if watch is not None:
                     watch(received_ns, data)
-        time.sleep(max(0.0, TURN_S - (time.monotonic() - begin)))
+        time.sleep(max(0.0, self._turn_s - (time.monotonic() - begin)))
 
     def rates(self) -> Mapping[str, Rate]:
         """What was measured by now, by topic."""

@@ -4,6 +4,7 @@ In: a participant in its ROS domain. Out: a `StackView` without processes, log a
 these only its launcher's host knows.
 """
 
+from contextlib import suppress
 from typing import Final
 
 from obk_cli.adapters.process_load import OwnCost
@@ -20,8 +21,10 @@ from obk_cli.monitoring.view import NodeView, StackView
 __all__ = ["ElsewhereObserver"]
 
 GET_STATE: Final = "lifecycle_msgs/srv/GetState"
+FIRST_ANSWER_S: Final = 1.0
+"""For a node's state, while its service is being found [s]."""
 ANSWER_S: Final = 0.2
-"""For a node's state: others are not kept waiting [s]."""
+"""For a node's state later on: others are not kept waiting [s]."""
 OF_LOOKERS: Final = "/obk_look_"
 OF_EVERY_NODE: Final = ("/rosout", "/parameter_events", "/diagnostics")
 
@@ -38,11 +41,12 @@ class ElsewhereObserver:
         self._look = look
         self._watch = TopicWatch(look)
         self._clients: dict[str, ServiceClient] = {}
+        self._states: dict[str, str] = {}
         self._want_what_is_there()
         self._cost = OwnCost()
 
     def turn(self) -> None:
-        """Count what has come; returns after 5 ms."""
+        """Count what has come; returns after 20 ms."""
         self._watch.turn()
 
     def turn_for(self, seconds: float) -> None:
@@ -72,14 +76,20 @@ class ElsewhereObserver:
 
     def _want_what_is_there(self) -> None:
         topics = self._look.topic_types()
-        shown = [name for name in topics if not _is_of_every_node(name)]
-        self._watch.want(
-            PlannedTopic(name=name, msg_type=None, wanted_hz=None, publishers=(), made_from=())
-            for name in shown
-        )
-        for name in shown:
-            if name.endswith("/rtf") and topics[name] == (RTF_TYPE,):
+        shown = {name: types for name, types in topics.items() if not _is_of_every_node(name)}
+        for name, types in shown.items():
+            if name.endswith("/rtf") and types == (RTF_TYPE,):
                 self._watch.want_realtime_factor(name)
+        self._watch.want(
+            PlannedTopic(
+                name=name,
+                msg_type=types[0] if len(types) == 1 else None,
+                wanted_hz=None,
+                publishers=(),
+                made_from=(),
+            )
+            for name, types in shown.items()
+        )
 
     def _node(self, name: str) -> NodeView:
         return NodeView(
@@ -95,17 +105,19 @@ class ElsewhereObserver:
         )
 
     def _state(self, node: str) -> str:
-        """Empty where it has none, or gives no answer."""
+        """What it answered last; empty where it has none, or never answered."""
         service = f"{node}/get_state"
         if GET_STATE not in self._look.services_of(node).get(service, ()):
             return ""
         kind = find_type(GET_STATE)
+        wait_s = ANSWER_S
         if node not in self._clients:
             self._clients[node] = ServiceClient(self._look, service, kind)
-        try:
-            return str(self._clients[node].call(kind.Request(), ANSWER_S).current_state.label)
-        except CommandFailedError:
-            return ""
+            wait_s = FIRST_ANSWER_S
+        with suppress(CommandFailedError):
+            response = self._clients[node].call(kind.Request(), wait_s)
+            self._states[node] = str(response.current_state.label)
+        return self._states.get(node, "")
 
 
 def _is_of_every_node(topic: str) -> bool:

@@ -52,7 +52,7 @@ class Observer:
         self._cost = OwnCost()
 
     def turn(self) -> None:
-        """Count what has come; returns after 5 ms."""
+        """Count what has come; returns after 20 ms."""
         self._watch.turn()
 
     def turn_for(self, seconds: float) -> None:

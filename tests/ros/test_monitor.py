@@ -1,0 +1,187 @@
+"""`obk monitor` on a running stack: for programs, in a terminal, and without a launcher here."""
+
+import json
+import os
+import select
+import shutil
+import subprocess
+import termios
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from .stack import DUMMY, OBK, eventually, launched, obk
+
+pytestmark = pytest.mark.ros
+
+EST = "/obelisk/dummy/est"
+SECOND = ("--once", "--format", "json", "--period", "2")
+
+
+@pytest.fixture
+def calm(tmp_path: Path) -> Path:
+    """The dummy at 10 Hz, which a busy machine keeps."""
+    folder = tmp_path / "dummy"
+    shutil.copytree(DUMMY.parent, folder)
+    config = folder / DUMMY.name
+    text = config.read_text().replace("timer_period_sec: 0.001", "timer_period_sec: 0.1")
+    config.write_text(text.replace("dt: 0.001", "dt: 0.1").replace("dt: 0.002", "dt: 0.1"))
+    return config
+
+
+def told(*words: str, **variables: str) -> Any:
+    result = obk("monitor", *words, env=variables)
+    assert result.returncode == 0, (result.stdout, result.stderr)
+    return json.loads(result.stdout)
+
+
+def off(**variables: str) -> set[str]:
+    return {topic["topic"] for topic in told(*SECOND, **variables)["topics"] if topic["is_off"]}
+
+
+@contextmanager
+def throttled(process: psutil.Process) -> Iterator[None]:
+    """A process that runs a tenth of the time."""
+    is_over = threading.Event()
+
+    def throttle() -> None:
+        while not is_over.is_set():
+            process.suspend()
+            time.sleep(0.45)
+            process.resume()
+            time.sleep(0.05)
+
+    thread = threading.Thread(target=throttle)
+    thread.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        thread.join()
+
+
+def test_a_stack_is_told_with_its_nodes_and_rates_and_a_throttled_topic_is_marked(
+    calm: Path,
+) -> None:
+    with launched(calm, "--on-crash", "ignore") as run:
+        eventually(lambda: not off(), "a stack that keeps its rates")
+        view = told(*SECOND)
+        assert (view["name"], view["state"], view["has_ended"]) == ("dummy", "active", False)
+        nodes = {node["node"]: node for node in view["nodes"]}
+        estimation = run.node("obelisk_estimation_0")
+        assert nodes["/obelisk_estimation_0"]["pid"] == estimation.pid
+        assert nodes["/obelisk_robot_0"]["load"]["memory_bytes"] > 10_000_000
+        topics = {topic["topic"]: topic for topic in view["topics"]}
+        est = topics[EST]
+        assert est["msg_type"] == "obelisk_estimator_msgs/msg/EstimatedState"
+        assert (est["publishers"], est["subscriptions"], est["wanted_hz"]) == (1, 1, 10.0)
+        assert est["rate"]["count"] > 5
+        assert topics["/obelisk/dummy/imu"]["passage"]["p50_s"] < 60
+        assert any("active" in line for line in view["lines"])
+        assert f"\n  {EST.rpartition('/')[2]} " in obk("monitor", "--once").stdout
+        with throttled(estimation):
+            eventually(lambda: EST in off(), "the throttled topic")
+
+
+def test_each_period_is_a_line_until_the_stack_ends_and_then_nothing_runs(calm: Path) -> None:
+    with launched(calm) as run:
+        monitor = subprocess.Popen(
+            [OBK, "monitor", "--format", "json", "--run", "dummy"],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert monitor.stdout is not None
+        with monitor.stdout as lines:
+            assert json.loads(lines.readline())["name"] == "dummy"
+            run.process.send_signal(2)
+            last = [json.loads(line) for line in lines][-1]
+        assert monitor.wait(20) == 0
+    assert last["has_ended"]
+    nobody = obk("monitor", "--once", "--period", "0.2")
+    assert nobody.returncode == 1
+    assert f"no stack runs in the ROS domain {os.environ['ROS_DOMAIN_ID']}" in nobody.stderr
+    in_a_pipe = obk("monitor")
+    assert in_a_pipe.returncode == 2
+    assert "`obk monitor --once`" in in_a_pipe.stderr
+
+
+def test_a_stack_whose_launcher_is_not_here_is_told_by_its_nodes(
+    calm: Path, tmp_path: Path
+) -> None:
+    elsewhere = {"OBK_HOME": str(tmp_path / "other_host")}
+    seen: dict[str, Any] = {}
+
+    def is_known() -> bool:
+        seen.update(told(*SECOND, **elsewhere))
+        states = {node["node"]: node["state"] for node in seen["nodes"]}
+        counts = {topic["topic"]: topic["rate"] for topic in seen["topics"]}
+        is_active = states.get("/obelisk_control_0") == states.get("/dummy") == "active"
+        return is_active and (counts.get(EST) or {"count": 0})["count"] > 2
+
+    with launched(calm):
+        eventually(is_known, "the states of the nodes and the messages of a topic")
+    assert (seen["run"], seen["name"], seen["lines"]) == ("", "", [])
+    (est,) = (topic for topic in seen["topics"] if topic["topic"] == EST)
+    assert est["wanted_hz"] is None
+    assert not est["is_off"]
+
+
+class Screen:
+    """A terminal in which a program draws what it wants; all that it wrote is kept."""
+
+    def __init__(self) -> None:
+        self.master, self.slave = os.openpty()
+        termios.tcsetwinsize(self.slave, (24, 80))
+        self.settings = termios.tcgetattr(self.slave)
+        self.text = ""
+
+    def close(self) -> None:
+        os.close(self.master)
+        os.close(self.slave)
+
+    def shows(self, words: str) -> bool:
+        """Whether it wrote this by now."""
+        while select.select([self.master], [], [], 0)[0]:
+            self.text += os.read(self.master, 1 << 16).decode(errors="replace")
+        return words in self.text
+
+    def press(self, keys: str) -> None:
+        self.text = ""
+        os.write(self.master, keys.encode())
+
+
+def test_in_a_terminal_it_shows_the_stack_takes_it_through_transitions_and_leaves_no_trace(
+    calm: Path,
+) -> None:
+    with launched(calm), closing(Screen()) as screen:
+        process = subprocess.Popen(
+            [OBK, "monitor"],
+            stdin=screen.slave,
+            stdout=screen.slave,
+            stderr=screen.slave,
+            env={**os.environ, "TERM": "xterm-256color"},
+            start_new_session=True,
+        )
+        try:
+            eventually(lambda: screen.shows("dummy  active"), "the stack's name and state")
+            screen.press("d")
+            eventually(lambda: screen.shows("deactivate all 3 nodes?"), "the question")
+            screen.press("y")
+            eventually(lambda: screen.shows("deactivate all nodes: done"), "the answer")
+            eventually(lambda: screen.shows("dummy  inactive"), "the new state")
+            screen.press("q")
+            eventually(lambda: process.poll() is not None or screen.shows("\0"), "the end")
+            assert process.returncode == 0
+            assert screen.shows("\x1b[?1049l")  # back from the alternate screen
+            assert screen.shows("\x1b[?25h")  # the cursor is there
+            assert termios.tcgetattr(screen.slave) == screen.settings
+        finally:
+            with suppress(ProcessLookupError):
+                process.kill()
+            process.wait()
