@@ -241,7 +241,7 @@ def test_states_with_the_motor_off_are_told(
     active.apply_control(PositionSetpoint(u_mujoco=[0.5]))
     assert publish_until(active, DEADLINE_S) is not None
     active.report()
-    assert warnings == ["the line to the drive: 1 states with the motor off, as no command came"]
+    assert warnings == ["the line to the drive: motor off, as no command came (1x)"]
 
 
 def publish_until(robot: UdpMotorRobot, deadline_s: float) -> JointEncoders | None:

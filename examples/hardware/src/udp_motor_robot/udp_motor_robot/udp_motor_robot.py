@@ -135,7 +135,7 @@ class UdpMotorRobot(ObeliskRobot):
                 f"the drive at {self.address} has switched its motor off: overspeed"
             )
         if state.faults & Fault.WATCHDOG and self.is_commanded:
-            self.link.troubles["states with the motor off, as no command came"] += 1
+            self.link.troubles["motor off, as no command came"] += 1
         msg = JointEncoders()
         msg.header.stamp = self.get_clock().now().to_msg()
         msg.y = [state.position]
@@ -150,7 +150,7 @@ class UdpMotorRobot(ObeliskRobot):
             self.get_logger().warning(f"control refused: {'; '.join(reasons)}")
             self.refused.clear()
         if self.link.troubles:
-            counts = (f"{count} {what}" for what, count in self.link.troubles.items())
+            counts = (f"{what} ({count}x)" for what, count in self.link.troubles.items())
             self.get_logger().warning(f"the line to the drive: {', '.join(counts)}")
             self.link.troubles.clear()
 
