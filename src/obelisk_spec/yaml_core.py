@@ -69,5 +69,9 @@ def load_yaml_core(text: str) -> object:
     """
     try:
         return yaml.load(text, Loader=_CoreLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        raise YamlTextError(f"{place}{error.problem or error}") from error
     except (yaml.YAMLError, RecursionError, UnicodeError, ValueError) as error:
         raise YamlTextError(" ".join(str(error).split())) from error

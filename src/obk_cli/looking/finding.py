@@ -105,7 +105,10 @@ def the_type(kind: Kind, name: str, types: Collection[str]) -> str:
     if len(types) != 1:
         told = " and ".join(types) or "none"
         raise CommandFailedError(
-            f"the {kind} {name} has the types {told}", help="name the one that is meant"
+            f"the {kind} {name} has the types {told}",
+            help="`obk topic info` tells whose; one of them has to give way"
+            if kind == "topic"
+            else "`--type` names the one that is meant",
         )
     return next(iter(types))
 

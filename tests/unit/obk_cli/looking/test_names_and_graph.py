@@ -23,7 +23,13 @@ from .definitions import Message, fields_of
 TOPICS = ("/a/est", "/b/est", "/a/ctrl", "/obelisk_robot_0/rtf")
 
 
-def end(node: str, role: Role, reliability: str = "reliable", durability: str = "volatile") -> End:
+def end(
+    node: str,
+    role: Role,
+    reliability: str = "reliable",
+    durability: str = "volatile",
+    msg_type: str = "pkg/msg/State",
+) -> End:
     qos = Offer(
         history="keep_last",
         depth=10,
@@ -34,7 +40,7 @@ def end(node: str, role: Role, reliability: str = "reliable", durability: str = 
         lifespan_ns=0,
         lease_ns=0,
     )
-    return End(node=node, role=role, msg_type="pkg/msg/State", qos=qos)
+    return End(node=node, role=role, msg_type=msg_type, qos=qos)
 
 
 @pytest.mark.parametrize(
@@ -121,3 +127,12 @@ def test_a_slip_in_a_short_name_is_told_by_the_whole_one() -> None:
     with pytest.raises(CommandFailedError) as caught:
         one_meant("topic", "ctlr", TOPICS, 7)
     assert caught.value.help == "did you mean `/a/ctrl`?"
+
+
+def test_what_is_heard_is_what_is_published() -> None:
+    talks, hears = end("/a", "publisher"), end("/b", "subscription", msg_type="pkg/msg/Other")
+    types = (talks.msg_type, hears.msg_type)
+    seen = TopicSeen(name="/t", msg_types=types, publishers=(talks,), subscriptions=(hears,))
+    assert seen.heard_types == ("pkg/msg/State",)
+    silent = TopicSeen(name="/t", msg_types=(hears.msg_type,), subscriptions=(hears,))
+    assert silent.heard_types == ("pkg/msg/Other",)
