@@ -1,11 +1,14 @@
 """Films of a simulation: what is seen when, which camera, and what is told of it."""
 
+import time
 from contextlib import ExitStack
+from itertools import count
 from types import SimpleNamespace
 
 import av
 import mujoco
 import numpy as np
+import psutil
 import pytest
 from PIL import Image
 
@@ -34,6 +37,7 @@ SCENE = """
 </mujoco>
 """
 RED, BLUE = 0, 2
+DEADLINE_S = 60.0
 NO_OPENGL = "cameras need OpenGL"
 
 
@@ -45,13 +49,14 @@ def simulation():
     return simulation
 
 
-def made(simulation, path, show, *, camera="above", rate_hz=10):
+def made(simulation, path, show, *, camera="above", rate_hz=10, told=None):
     """Make a film; what was told of it, or None where this machine has no OpenGL.
 
     Args:
         show: takes the film; calls `seen` for each state.
+        told: takes what is told, while it is.
     """
-    told = []
+    told = [] if told is None else told
     settings = read_film(str(path), camera, "", rate_hz)
     with ExitStack() as closing:
         try:
@@ -149,6 +154,28 @@ def test_a_film_that_is_there_is_not_replaced(simulation, tmp_path):
         assert f"film: {tmp_path / 'out-2.png'}, " in told[-1][1]
         assert (tmp_path / "out-2.png").exists()
     assert path.read_text() == "mine"
+
+
+def test_a_file_that_takes_no_more_is_told_at_once(simulation, tmp_path):
+    def show(film):
+        (drawing,) = (child for child in psutil.Process().children() if "film" in child.cmdline())
+        drawing.rlimit(psutil.RLIMIT_FSIZE, (1, 1))
+        frames = count()
+        end = time.monotonic() + DEADLINE_S
+        while not any("there is no film" in text for _, text in told):
+            assert time.monotonic() < end, "never told"
+            number = next(frames)
+            lift(simulation, time_s=number / 10, height=5.5 * (number % 2))
+            film.seen()
+            time.sleep(0.005)
+
+    told = []
+    if made(simulation, tmp_path / "full.gif", show, told=told) is None:
+        return
+    assert told[1:] == [
+        ("warning", f"{tmp_path / 'full.gif'}: File too large; there is no film"),
+    ]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_is_not_there_is_told_before_anything_is_simulated(simulation, tmp_path):

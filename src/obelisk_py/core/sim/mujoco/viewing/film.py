@@ -91,7 +91,9 @@ def _film(
     _make_way()
     tell("info", f"{BEGUN}{order.path}")
     drawing = thread.submit(shooting.draw_all, view)
-    states.wait_until_over()
+    # Who draws is done before that only if the file takes no more.
+    while not (states.wait_until_over(_WAIT_S) or drawing.done()):
+        pass
     with suppress(TimeoutError):
         drawing.result(_LAST_S)
     return shooting.close()

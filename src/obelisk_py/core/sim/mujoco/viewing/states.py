@@ -117,11 +117,18 @@ class States:
         self._show()
         return True
 
-    def wait_until_over(self) -> None:
-        """Wait until no more states will come; those that have come are still to be taken."""
+    def wait_until_over(self, timeout_s: float) -> bool:
+        """Wait until no more states will come; those that have come are still to be taken.
+
+        Args:
+            timeout_s: how long to wait [s].
+
+        Returns:
+            Whether no more will come.
+        """
         poll = select.poll()
         poll.register(self._link, select.POLLRDHUP)
-        poll.poll()
+        return bool(poll.poll(timeout_s * 1000))
 
     def _receive(self, timeout_s: float | None) -> bool:
         self._link.settimeout(timeout_s)
