@@ -199,7 +199,7 @@ def test_on_simulated_time_a_rate_is_one_of_it_and_nothing_is_promised_while_it_
 @pytest.mark.usefixtures("ros_domain")
 def test_a_node_is_silenced_by_its_parameter() -> None:
     def make() -> ObeliskNode:
-        return Two(diagnostics=False)
+        return Two(report_rates=False)
 
     with listening(make, EventLoopExecutor) as (node, heard):
         assert node.count_publishers(DIAGNOSTICS_TOPIC) == 0
@@ -246,7 +246,7 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return config
 
 
-MUTE = "        diagnostics: False\n"
+MUTE = "        report_rates: False\n"
 
 
 @pytest.mark.mujoco

@@ -18,7 +18,7 @@ __all__ = ["RatedNode"]
 
 
 class RatedNode(GuardedLifecycleNode):
-    """A guarded life-cycle node with promises; the ROS parameter `diagnostics` silences them."""
+    """A guarded life-cycle node with promises; the ROS parameter `report_rates` silences them."""
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
         """Make the node; the arguments are those of the base."""

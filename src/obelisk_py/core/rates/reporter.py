@@ -30,7 +30,7 @@ from obelisk_spec.rates import (
 
 __all__ = ["PARAMETER", "RateReporter"]
 
-PARAMETER: Final = "diagnostics"
+PARAMETER: Final = "report_rates"
 """The ROS parameter that switches the reports off; the counting costs less than asking for it."""
 _DEPTH: Final = 1
 _LEVELS: Final = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
