@@ -41,3 +41,9 @@ def test_robot_first_and_strangers_last() -> None:
         "/obelisk_control_0",
         "/camera",
     )
+
+
+def test_a_full_name_means_that_node_and_none_of_another_namespace() -> None:
+    known = ("/obelisk_control_0", "/arm/obelisk_control_0")
+    assert nodes_meant("/obelisk_control_0", known) == ("/obelisk_control_0",)
+    assert nodes_meant("control_0", known) == known
