@@ -96,7 +96,7 @@ def _generate_c(tree: PackageTree, prefixes: Prefixes) -> None:
 
 
 def _generate_python(tree: PackageTree, prefixes: Prefixes) -> None:
-    run = _function(_PY, "generate_py")
+    run = _function(f"{_PY}.generate_py_impl", "generate_py")
     arguments = _arguments(tree, prefixes, _PY, tree.python)
     _run_generator(tree, _PY, run, arguments, ["rosidl_typesupport_c"])
     (tree.python / "__init__.py").write_text("", encoding="utf-8")

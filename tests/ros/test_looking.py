@@ -5,6 +5,7 @@ import io
 import json
 import os
 import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -362,3 +363,16 @@ def test_a_stack_is_looked_into_from_any_domain(monkeypatch: pytest.MonkeyPatch)
         assert obk(env=env).stdout.split() == ["imu"]
         env = {**env, "COMP_WORDS": "obk param get /obelisk_r"}
         assert obk(env=env).stdout.split() == ["/obelisk_robot_0"]
+
+
+def test_a_look_imports_no_generators_with_the_types() -> None:
+    code = """
+import sys
+from obk_cli.adapters.ros_environment import ros_environment
+from obk_cli.adapters.ros_look import open_look
+with open_look(ros_environment(), ("rosidl_generator_py", "std_msgs.msg")):
+    assert "std_msgs.msg" in sys.modules
+    assert "lark" not in sys.modules
+import rosidl_generator_py.generate_py_impl
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

@@ -8,8 +8,6 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-import yaml
-
 __all__ = ["Offer", "Request", "offers_text", "request_for"]
 
 _NS: Final = 1_000_000_000
@@ -50,6 +48,8 @@ def request_for(offers: Collection[Offer]) -> Request:
 
 def offers_text(offers: Iterable[Offer]) -> str:
     """The offers as YAML, one for each publisher."""
+    import yaml  # for this alone; other users of this module are quicker without
+
     return yaml.safe_dump([_profile(offer) for offer in offers], sort_keys=False)
 
 
