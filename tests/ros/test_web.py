@@ -144,14 +144,17 @@ def test_fields_are_offered_and_faults_in_them_told() -> None:
         page.locator('#topics tr[data-key="/obelisk/dummy/imu"] button').click()
         offered = '#plot-fields option[value="angular_velocity.x"]'
         seen(lambda: page.locator(offered).count() == 1, "the field")
-        for field in ("angular_velocity.w", "angular_velocity.y"):
+        for field in ("angular_velocity.w", "angular_velocity", "header.frame_id"):
             page.locator("#plot-field").fill(field)
             page.get_by_role("button", name="Plot", exact=True).click()
         seen(lambda: "has no field `w`" in text(page, ".plot .fault"), "what is wrong")
         canvas = page.locator(".plot canvas").nth(1)
         seen(lambda: canvas.evaluate(DRAWN) > 50, "the line of the other one")
+        assert "angular_velocity.x" in page.locator(".plot .legend").nth(1).inner_text()
+        text_told = page.locator(".plot .fault").nth(2)
+        seen(lambda: text_told.inner_text() == "`header.frame_id` is text, not numbers", "a text")
         page.get_by_role("button", name="remove /obelisk/dummy/imu angular_velocity.w").click()
-        assert page.locator(".plot").count() == 1
+        assert page.locator(".plot").count() == 2
 
 
 def test_a_port_that_is_taken_is_told() -> None:

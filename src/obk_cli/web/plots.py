@@ -15,7 +15,7 @@ from obk_cli.adapters.ros_listen import arrived
 from obk_cli.adapters.ros_look import RosLook
 from obk_cli.adapters.ros_types import fields_of, find_type, short_type
 from obk_cli.errors import ObkError
-from obk_cli.looking.field_types import ArrayType, Number
+from obk_cli.looking.field_types import ArrayType, Text
 from obk_cli.looking.selection import Selection, check_selection, parse_selection, selected
 from obk_cli.web.traces import Heard, Trace, Wish, numbers_in
 
@@ -104,10 +104,8 @@ class Plots:
             return
         plot.selection = parse_selection(wish.field)
         kind = check_selection(plot.selection, short_type(msg_type), fields_of)
-        if not isinstance(kind, Number) and not (
-            isinstance(kind, ArrayType) and isinstance(kind.item, Number)
-        ):
-            plot.trace.fault = f"`{wish.field}` is neither a number nor an array of numbers"
+        if isinstance(kind.item if isinstance(kind, ArrayType) else kind, Text):
+            plot.trace.fault = f"`{wish.field}` is text, not numbers"
             return
         plot.raw = look.listen(wish.topic, msg_type, find_type(msg_type))
         plot.trace.fault = ""

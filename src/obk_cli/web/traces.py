@@ -93,16 +93,19 @@ def numbers_in(value: Any, field: str) -> dict[str, float]:
     """The first numbers and truth values in a field of a message, by label.
 
     Args:
-        value: a number or an array of numbers; `MISSING` has none.
+        value: a number, an array, a message; `MISSING` has none.
         field: its name.
     """
     first = value[:MOST_LINES] if hasattr(value, "__getitem__") else value
     found = columns(plain_data(first), field)
-    return {label: float(one) for label, one in found if isinstance(one, int | float)}
+    numbers = ((label, float(one)) for label, one in found if isinstance(one, int | float))
+    return dict(islice(numbers, MOST_LINES))
 
 
 def number_fields(msg_type: str, fields_of: FieldsOf) -> tuple[str, ...]:
-    """The fields of a message type that can be drawn: numbers and arrays of numbers.
+    """The fields of a message type that are worth drawing.
+
+    Numbers, arrays of numbers and, before what is in them, messages of nothing but numbers.
 
     Args:
         msg_type: `pkg/Name`.
@@ -116,6 +119,9 @@ def _number_fields(kind: FieldType, name: str, fields_of: FieldsOf, depth: int) 
         case Number() | ArrayType(Number()):
             yield name
         case Message(inner) if depth < _DEEPEST:
-            for field, text in fields_of(inner).items():
-                below = f"{name}.{field}" if name else field
-                yield from _number_fields(parse_type(text), below, fields_of, depth + 1)
+            kinds = {field: parse_type(text) for field, text in fields_of(inner).items()}
+            if name and kinds and all(isinstance(one, Number) for one in kinds.values()):
+                yield name
+            for field, below in kinds.items():
+                full = f"{name}.{field}" if name else field
+                yield from _number_fields(below, full, fields_of, depth + 1)

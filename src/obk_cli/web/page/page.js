@@ -45,6 +45,7 @@ function showView(told) {
   } else if (wasWaiting) {
     notice("");
   }
+  document.body.classList.toggle("ended", told.is_waiting);
   document.title = `${told.name || "obk"}: ${standing(told)}`;
   setText(byId("name"), told.name || "launched elsewhere");
   showState(byId("state"), standing(told), told.is_waiting);

@@ -16,7 +16,7 @@ from obk_cli.web.traces import (
     numbers_in,
 )
 
-from ..looking.definitions import fields_of  # noqa: TID252 - shared by folders of tests
+from ..looking.definitions import Message, fields_of  # noqa: TID252 - shared by folders of tests
 
 SECOND = 1_000_000_000
 
@@ -77,6 +77,8 @@ def test_of_many_lines_the_first_are_drawn() -> None:
         (array("d", [1.0, 2.0]), {"q[0]": 1.0, "q[1]": 2.0}),
         ([3, 4], {"q[0]": 3.0, "q[1]": 4.0}),
         (b"\x07", {"q": 7.0}),
+        (Message(x=1.0, y=2.0), {"q.x": 1.0, "q.y": 2.0}),
+        ("text", {}),
         (array("d"), {}),
         (MISSING, {}),
     ],
@@ -91,6 +93,7 @@ def test_a_long_array_gives_its_first_numbers() -> None:
 
 def test_the_fields_that_can_be_drawn_are_offered() -> None:
     assert number_fields("pkg/State", fields_of) == (
+        "header.stamp",
         "header.stamp.sec",
         "header.stamp.nanosec",
         "q_joints",
