@@ -49,7 +49,7 @@ bench: setup
 	$(BIN)/python -m benchmarks.loop --quick
 else
 bench: setup
-	@echo "bench: loop 65 min, tool 3 min, launches 6 min, simulator 10 min; about 85 min in all"
+	@echo "bench: loop 65 min, tool 3 min, launches 6 min, simulator 16 min; about 90 min in all"
 	$(MAKE) bench-loop
 	$(MAKE) bench-tool
 	$(MAKE) bench-launches

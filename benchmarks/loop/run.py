@@ -19,7 +19,7 @@ from obk_cli.adapters.shared_memory import remove_dead_segments
 __all__ = ["Failed", "measure"]
 
 ROOT = Path(__file__).resolve().parents[2]
-READY_S = 60.0
+READY_S = 120.0
 """Within which every node has to hear its first message [s]."""
 SETTLE_S = 1.0
 """From then on, for discovery and caches to come to rest [s]."""

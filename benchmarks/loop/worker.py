@@ -4,9 +4,10 @@ Writes `ready` to its standard output once a message has come to each of its nod
 standard input ends it writes what the nodes noted to the file RECORD, and ends.
 """
 
+import os
+import select
 import sys
 import threading
-import time
 from pathlib import Path
 from typing import Protocol
 
@@ -53,7 +54,8 @@ def main() -> None:
 def attend(nodes: Nodes, path: Path) -> None:
     """Tell when the nodes are ready, and end them when they are not needed any more."""
     while not nodes.have_heard():
-        time.sleep(LOOK_EVERY_S)
+        if select.select([sys.stdin], [], [], LOOK_EVERY_S)[0]:
+            os._exit(1)  # nobody waits for it any more, and the nodes may not be there yet
     print("ready", flush=True)
     sys.stdin.buffer.read()
     write_records(path, nodes.records())

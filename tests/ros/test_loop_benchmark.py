@@ -30,3 +30,21 @@ def test_a_second_of_one_contestant_gives_figures(
     for name in ("cpu_percent", "rate_hz", "late_p99_us", "latency_p50_ms"):
         assert row["figures"][name]["median"] > 0, name
     assert contestant in (tmp_path / "loop.md").read_text()
+
+
+def test_nodes_that_hear_nothing_end_with_who_started_them(
+    repository: Path, tmp_path: Path
+) -> None:
+    worker = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "benchmarks.loop.worker", "obelisk nodes", "100", "3"),
+            *(str(tmp_path / "record.json"), "est_0"),
+        ],
+        cwd=repository,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    output, _ = worker.communicate()  # ends its input at once
+    assert worker.returncode == 1
+    assert output == b""
+    assert not (tmp_path / "record.json").exists()
