@@ -32,8 +32,10 @@ def draw_curve(folder: Path, part: str, rows: Sequence[Row]) -> Path:
     """
     field, label = CURVES[part]
     found = {row.case: row for row in rows if row.figures}
+    layouts = [layout for layout in LAYOUTS if any(row.case.layout == layout for row in rows)]
     figure = Figure(figsize=(9, 4), layout="constrained")
-    for axes, layout in zip(figure.subplots(1, len(LAYOUTS), sharey=True), LAYOUTS, strict=True):
+    panels = figure.subplots(1, len(layouts), sharey=True, squeeze=False)[0]
+    for axes, layout in zip(panels, layouts, strict=True):
         for index, contestant in enumerate(CONTESTANTS):
             cases = [c for c in cases_of([part], [contestant], [layout]) if c in found]
             if not cases:

@@ -153,7 +153,7 @@ def _machine() -> dict[str, Any]:
     return {
         "processor": next(models, platform.machine()),
         "cores": os.cpu_count(),
-        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "system": f"{platform.system()} {platform.machine()}",
     }
 
 
