@@ -60,8 +60,9 @@ class ObeliskRobot(ABC, ObeliskNode):
         self._refused_controls = Refusals("control refused", time.monotonic)
         # apply_control has one caller at a time: the executor's thread or the lookout's.
         self._applying = threading.Lock()
+        # The key is written out: `obk validate` reads constructors, it does not run them.
         self.register_obk_subscription(
-            "sub_ctrl_setting", self._take_control, key=CONTROL_SUBSCRIPTION, msg_type=ctrl_msg_type
+            "sub_ctrl_setting", self._take_control, key="sub_ctrl", msg_type=ctrl_msg_type
         )
 
     @abstractmethod
