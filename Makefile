@@ -23,7 +23,7 @@ demo: setup
 	$(BIN)/python examples/dummy/demo.py
 
 test: setup
-	$(BIN)/python -m pytest --durations=20
+	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile --durations 20
 
 test-unit: setup
 	$(BIN)/python -m pytest -m "not ros and not mujoco"
