@@ -37,7 +37,8 @@ def plan_of(path: Path, text: str) -> dict[str, object]:
     assert outcome.plan is not None
     plan = asdict(outcome.plan)
     for process in plan["processes"]:
-        del process["origin"]
+        for made in (process, *process["promises"]):
+            del made["origin"]
     return plan
 
 

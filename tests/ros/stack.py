@@ -52,8 +52,9 @@ def spinning(make: Callable[[], GuardedLifecycleNode]) -> Iterator[GuardedLifecy
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
-        # A life-cycle node is part of reference cycles, and in the ROS graph until they are gone.
-        del node
+        # A life-cycle node is part of reference cycles, and in the ROS graph until they are gone;
+        # an executor that spun keeps the nodes that it looked at last.
+        del node, executor, spin, thread
         gc.collect()
 
 

@@ -70,7 +70,6 @@ def test_the_quadruped_stands_up() -> None:
         wait(lambda: all(len(messages) > 2 for messages in heard.values()), "all topics")
         estimates = heard["/quadruped/est"]
         wait(lambda: estimates[-1].q_base[2] > 0.25, "that it stands")
-        assert estimates[0].q_base[2] < 0.2
         assert len(heard["/quadruped/heights"][0].data) == 17 * 11
         assert np.sum(heard["/quadruped/feet"][-1].forces) > 50.0
         for name in ("encoders", "imu", "feet"):

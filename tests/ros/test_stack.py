@@ -212,7 +212,7 @@ def test_output_that_nobody_reads_holds_up_neither_the_stack_nor_its_end(tmp_pat
             lambda: any(log.stat().st_size > 3 << 20 for log in events.glob("*/obelisk_con*.log")),
             "much output",
         )
-        assert states("get") == dict.fromkeys(NODES, "active")
+        eventually(lambda: states("get") == dict.fromkeys(NODES, "active"), "the stack")
         process.send_signal(signal.SIGINT)
         assert process.wait(20) == 0
     os.close(read_fd)

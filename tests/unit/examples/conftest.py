@@ -1,7 +1,15 @@
 """The hardware example's own modules, importable as its programs import them."""
 
+import importlib.util
 import sys
 from pathlib import Path
 
 HARDWARE = Path(__file__).resolve().parents[3] / "examples" / "hardware"
-sys.path[:0] = [str(HARDWARE), str(HARDWARE / "src" / "udp_motor_robot")]
+
+sys.path.insert(0, str(HARDWARE / "src" / "udp_motor_robot"))
+# Not the folder: its demo.py would be found by everybody who looks for a module of that name.
+spec = importlib.util.spec_from_file_location("device", HARDWARE / "device.py")
+assert spec is not None
+assert spec.loader is not None
+sys.modules["device"] = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(sys.modules["device"])
