@@ -101,6 +101,7 @@ class _Stage:
         assert pid is not None, "a whole stack has all of its processes"
         count = len(launched.moments)
         struck_s = _strike(case, pid, launched, count)
+        code = launched.outcome(END_S)
         return judge(
             case,
             Scene(
@@ -108,10 +109,10 @@ class _Stage:
                 run=launched.run,
                 before=before,
                 moments=launched.moments[count:],
-                after=launched.status() if launched.exit_code is None else None,
-                exit_code=launched.exit_code,
+                after=launched.status() if code is None else None,
+                exit_code=code,
                 ended_s=launched.over_s,
-                left=launched.clear_up() if launched.exit_code is not None else (),
+                left=launched.clear_up() if code is not None else (),
             ),
         )
 

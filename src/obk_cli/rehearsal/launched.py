@@ -105,6 +105,11 @@ class Launched:
                 self._changed.wait_for(lambda: self._over_s is not None, OVER_S)
         return code
 
+    def outcome(self, timeout_s: float) -> int | None:
+        """The exit code, waited for so long where it has said its last word; None: it runs."""
+        # The kernel closes the output of a process some time before it tells of its end.
+        return self.exit_code if self._over_s is None else self.wait_for_end(timeout_s)
+
     def status(self) -> StackStatus | None:
         """How it says that the stack is; None: no answer."""
         return None if self.run is None else ask_status(self.run, ANSWER_S)

@@ -15,6 +15,7 @@ from obk_cli.pipeline import Options, compile_config
 from obk_cli.rehearsal.conductor import Setting, rehearse
 from obk_cli.rehearsal.guard import refuse_hardware, refuse_running
 from obk_cli.rehearsal.home import make_home
+from obk_cli.rehearsal.launched import Launched
 
 from .stage import case
 
@@ -33,6 +34,21 @@ def test_a_launch_that_fails_is_told_in_its_own_words_and_tried_again(tmp_path: 
     assert begun == ["kill", "freeze"]
     assert [row.seen for row in rows] == ["not tried", "not tried"]
     assert rows[0].faults[0] == "the stack did not come up: error: no room"
+
+
+def test_a_launcher_that_has_said_its_last_word_is_waited_for(tmp_path: Path) -> None:
+    leave = "import os, time; os.close(1); os.close(2); time.sleep(0.3); os._exit(1)"
+    launched = Launched((sys.executable, "-c", leave), dict(os.environ), tmp_path)
+    assert not launched.wait_until(lambda _: False, 20.0)
+    assert launched.over_s is not None
+    assert launched.outcome(20.0) == 1
+    launched.end(0.0)
+
+
+def test_a_launcher_that_may_still_say_something_is_not_waited_for(tmp_path: Path) -> None:
+    launched = Launched(("sleep", "60"), dict(os.environ), tmp_path)
+    assert launched.outcome(20.0) is None
+    launched.end(0.0)
 
 
 def compiled(*overrides: str) -> Options:
