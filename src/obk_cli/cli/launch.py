@@ -198,11 +198,14 @@ def _check_word(option: str, word: str, words: Sequence[str]) -> None:
 
 
 def _check_numbers(timeout: float, hang_after: float, keep: int, duration: float | None) -> None:
-    if timeout <= 0 or hang_after < 0 or keep < 1 or (duration is not None and duration < 0):
-        raise MisuseError(
-            "`--timeout` is seconds above 0, `--duration` and `--hang-after` of at least 0, "
-            "`--keep` a number of at least 1"
-        )
+    for option, number, is_fit, expected in (
+        ("--timeout", timeout, timeout > 0, "seconds above 0"),
+        ("--hang-after", hang_after, hang_after >= 0, "seconds of at least 0"),
+        ("--keep", keep, keep >= 1, "a number of at least 1"),
+        ("--duration", duration, duration is None or duration >= 0, "seconds of at least 0"),
+    ):
+        if not is_fit:
+            raise MisuseError(f"`{option} {number:g}`: expected {expected}")
 
 
 def _sound_plan(outcome: Outcome, color: str) -> Plan:

@@ -62,6 +62,23 @@ def test_a_misspelt_command_is_misuse(capsys: pytest.CaptureFixture[str]) -> Non
     )
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "expected"),
+    [
+        ("--timeout", "0", "seconds above 0"),
+        ("--hang-after", "-0.5", "seconds of at least 0"),
+        ("--keep", "0", "a number of at least 1"),
+        ("--duration", "-1", "seconds of at least 0"),
+        ("--duration", "nan", "seconds of at least 0"),
+    ],
+)
+def test_a_number_that_a_launch_cannot_use_is_the_only_one_told_of(
+    capsys: pytest.CaptureFixture[str], option: str, value: str, expected: str
+) -> None:
+    result = Result(capsys, "launch", str(SOUND), option, value)
+    assert (result.code, result.err) == (2, f"error: `{option} {value}`: expected {expected}\n")
+
+
 def test_an_interruption_that_an_extension_made_a_failed_import_of_is_one(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
