@@ -80,7 +80,7 @@ def options() -> argparse.Namespace:
     parser.add_argument("--contestants", nargs="+", choices=CONTESTANTS, default=CONTESTANTS)
     parser.add_argument("--layouts", nargs="+", choices=LAYOUTS, default=LAYOUTS)
     parser.add_argument("--rounds", type=int, help="default: 5")
-    parser.add_argument("--seconds", type=float, help="of each run; default: 4")
+    parser.add_argument("--seconds", type=float, help="of each run; default: 3")
     parser.add_argument(
         "--results",
         type=Path,
@@ -89,7 +89,7 @@ def options() -> argparse.Namespace:
     asked = parser.parse_args()
     asked.parts = asked.parts or (["work"] if asked.quick else list(PARTS))
     asked.rounds = asked.rounds or (1 if asked.quick else 5)
-    asked.seconds = asked.seconds or (1.0 if asked.quick else 4.0)
+    asked.seconds = asked.seconds or (1.0 if asked.quick else 3.0)
     asked.results = asked.results or (BUILD if asked.quick else RESULTS)
     return asked
 
