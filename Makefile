@@ -38,9 +38,10 @@ check: setup
 golden: setup
 	$(BIN)/python -m pytest tests/golden tests/cases --update-golden
 
-# Writes the pages of the rules, and the examples of `obk explain`, from the table and the cases.
+# Writes the pages of rules, commands, keys and messages, and the examples of `obk explain`.
 docs: setup
 	$(BIN)/python tools/rule_pages.py
+	$(BIN)/python tools/reference_pages.py
 
 # What has to be measured on a quiet machine, one after another; QUICK=1: whether the loop's suite
 # runs, in a minute.

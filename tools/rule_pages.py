@@ -1,4 +1,4 @@
-"""Writes what is generated from the table of rules: `docs/rules/`, the examples of `obk explain`.
+"""Writes what is generated from the table of rules: their pages, the examples of `obk explain`.
 
 In: the table, and the reject and accept cases of the tests. Out: one page a rule, an index, and
 `examples.json` beside the table. `--check` writes nothing and fails where a file is stale.
@@ -10,6 +10,8 @@ from collections.abc import Iterator, Mapping
 from difflib import SequenceMatcher
 from pathlib import Path
 
+from generated import ROOT, bring_up_to_date
+
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.codes import RULES, Rule
 from obk_cli.pipeline import Options, compile_config
@@ -19,10 +21,9 @@ from obk_cli.source import LONGEST_FILE_BYTES
 
 __all__ = ["generated_files", "main"]
 
-ROOT = Path(__file__).resolve().parents[1]
 CASES = ROOT / "tests" / "cases"
 EXAMPLES = ROOT / "src" / "obk_cli" / "codes" / "examples.json"
-PAGES = ROOT / "docs" / "rules"
+PAGES = ROOT / "docs" / "reference" / "rules"
 FAMILIES = {
     "OBK0": "The text and its files",
     "OBK1": "Keys, values, names",
@@ -169,26 +170,9 @@ def _index() -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _stale(files: Mapping[Path, str]) -> list[Path]:
-    stale = [p for p, t in files.items() if not p.exists() or p.read_text(encoding="utf-8") != t]
-    return stale + [p for p in PAGES.glob("*") if p not in files]
-
-
 def main(arguments: list[str]) -> int:
     """Write the files, or with `--check` name those that are stale; the process's exit code."""
-    files = generated_files()
-    stale = _stale(files)
-    if arguments == ["--check"]:
-        sys.stdout.writelines(f"stale: {path.relative_to(ROOT)}\n" for path in stale)
-        return 1 if stale else 0
-    PAGES.mkdir(parents=True, exist_ok=True)
-    for path in stale:
-        if path in files:
-            path.write_text(files[path], encoding="utf-8")
-        else:
-            path.unlink()
-    sys.stdout.write(f"{len(files)} files, {len(stale)} written anew\n")
-    return 0
+    return bring_up_to_date(generated_files(), [PAGES], arguments)
 
 
 if __name__ == "__main__":

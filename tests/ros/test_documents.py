@@ -17,12 +17,12 @@ DOCUMENTS = (
     ROOT / "examples" / "arm" / "README.md",
     ROOT / "examples" / "dummy" / "README.md",
     ROOT / "examples" / "quadruped" / "README.md",
-    ROOT / "docs" / "compile.md",
-    ROOT / "docs" / "doctor.md",
-    ROOT / "docs" / "looking.md",
-    ROOT / "docs" / "looking-into-a-stack.md",
-    ROOT / "docs" / "messages.md",
-    ROOT / "docs" / "running.md",
+    ROOT / "docs" / "reference" / "compile.md",
+    ROOT / "docs" / "how-to" / "doctor.md",
+    ROOT / "docs" / "how-to" / "viewing.md",
+    ROOT / "docs" / "how-to" / "looking-into-a-stack.md",
+    ROOT / "docs" / "how-to" / "own-messages.md",
+    ROOT / "docs" / "how-to" / "running.md",
 )
 WHILE_RUNNING = (
     "lifecycle",

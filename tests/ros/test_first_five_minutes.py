@@ -1,4 +1,4 @@
-"""A new user's first five minutes, as `docs/first-five-minutes.md` has them, at a real terminal."""
+"""A new user's first five minutes, as `docs/tutorial.md` has them, at a real terminal."""
 
 import os
 import re
@@ -13,7 +13,7 @@ from .walkthrough import Commands, apply, missing_lines, steps
 
 pytestmark = pytest.mark.ros
 
-DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "first-five-minutes.md"
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "tutorial.md"
 ACTIVE = re.compile(r"s\] active$", re.MULTILINE)
 HEAR_ONE = """
 import rclpy

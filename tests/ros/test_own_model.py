@@ -1,4 +1,4 @@
-"""From a model's file to a running stack, as `docs/own-model.md` has it, at a real terminal."""
+"""From a model to a running stack, as `docs/how-to/own-model.md` has it, at a real terminal."""
 
 import os
 import re
@@ -12,7 +12,7 @@ from .walkthrough import Commands, apply, missing_lines, steps
 
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 
-DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "own-model.md"
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "own-model.md"
 MODEL = re.compile(
     r"as `(?P<path>[^`]+\.xml)`:\n\n```xml\n(?P<text>.*?)^```$", re.DOTALL | re.MULTILINE
 )

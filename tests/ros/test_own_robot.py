@@ -1,4 +1,4 @@
-"""The way to a robot of one's own, as `docs/own-robot.md` has it, at a real terminal."""
+"""The way to a robot of one's own, as `docs/how-to/own-robot.md` has it, at a real terminal."""
 
 import os
 import re
@@ -15,7 +15,7 @@ from .walkthrough import Commands, apply, missing_lines, steps
 pytestmark = pytest.mark.ros
 
 ROOT = Path(__file__).resolve().parents[2]
-DOCUMENT = ROOT / "docs" / "own-robot.md"
+DOCUMENT = ROOT / "docs" / "how-to" / "own-robot.md"
 HARDWARE = ROOT / "examples" / "hardware"
 ACTIVE = re.compile(r"s\] active$", re.MULTILINE)
 LISTING = re.compile(r"```python\n(.*?)```", re.DOTALL)

@@ -224,7 +224,7 @@ def test_the_commands_of_the_document_work_in_their_order(
     for folder in ("examples", "schema"):
         shutil.copytree(root / folder, tmp_path / folder)
     monkeypatch.chdir(tmp_path)
-    for words in commands(root / "docs" / "recording.md"):
+    for words in commands(root / "docs" / "how-to" / "recording.md"):
         result = obk(*words[1:])
         assert result.returncode == 0, (words, result.stdout, result.stderr)
     assert Path("arm.png").read_bytes().startswith(b"\x89PNG")

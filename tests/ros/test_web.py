@@ -23,7 +23,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.mujoco, pytest.mark.timeout(900)]
 
 pytest.importorskip("starlette", reason="starlette is in the `web` extra")
 
-DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "looking-into-a-stack.md"
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "looking-into-a-stack.md"
 HOSTILE = "<img src=x onerror=\"document.title='hurt'\"><script>document.title='hurt'</script>"
 DRAWN = """canvas => {
   const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;

@@ -33,7 +33,7 @@ def test_what_is_told_of_a_rule_says_whether_it_may_be_silenced(
     code: str, may_be: bool, repository: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     explain(code)
-    page = (repository / "docs/rules" / f"{code}.md").read_text(encoding="utf-8")
+    page = (repository / "docs/reference/rules" / f"{code}.md").read_text(encoding="utf-8")
     for told in (capsys.readouterr().out, page):
         assert (f"ignore[{code}]" in told) == may_be
         assert ("cannot be silenced" in told) != may_be or code == "OBK014"

@@ -1,4 +1,4 @@
-"""docs/migrating.md says what is true: its example and its commands."""
+"""docs/how-to/migrating.md says what is true: its example and its commands."""
 
 import re
 import shlex
@@ -12,7 +12,7 @@ from obk_cli.migrate.rewrite import migrate_source
 from obk_cli.source import SourceFile
 
 ROOT = Path(__file__).parents[3]
-TEXT = (ROOT / "docs/migrating.md").read_text()
+TEXT = (ROOT / "docs/how-to/migrating.md").read_text()
 
 
 def test_the_older_spelling_of_the_document_becomes_the_newer_one() -> None:

@@ -1,4 +1,4 @@
-"""docs/safety.md says what is true: its config and its tables."""
+"""docs/how-to/safety.md says what is true: its config and its tables."""
 
 import re
 import shutil
@@ -14,7 +14,7 @@ from obk_cli.report.text import report_text
 from obk_cli.source import SourceFile
 
 ROOT = Path(__file__).parents[3]
-TEXT = (ROOT / "docs/safety.md").read_text()
+TEXT = (ROOT / "docs/how-to/safety.md").read_text()
 (CONFIG,) = re.findall(r"```yaml\n(config: .*?)```", TEXT, re.DOTALL)
 
 

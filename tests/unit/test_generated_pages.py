@@ -1,0 +1,29 @@
+"""What is generated is up to date: pages of rules and of reference, examples of `obk explain`."""
+
+from types import ModuleType
+
+import pytest
+import reference_pages
+import rule_pages
+
+from obk_cli.cli.explain import command
+from obk_cli.codes import RULES
+
+
+@pytest.mark.parametrize("generator", [rule_pages, reference_pages], ids=lambda g: g.__name__)
+def test_nothing_that_is_generated_is_stale(
+    generator: ModuleType, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert generator.main(["--check"]) == 0, f"run `make docs`\n{capsys.readouterr().out}"
+
+
+@pytest.mark.parametrize("code", RULES)
+def test_explain_shows_a_wrong_and_a_right_example(
+    code: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command(code.lower())
+    told = capsys.readouterr().out
+    assert RULES[code].title in told
+    assert "Wrong:\n    " in told
+    assert "Right:\n    " in told
+    assert f"[{code}]: " in told
