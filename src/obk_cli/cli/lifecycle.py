@@ -18,14 +18,15 @@ from obk_cli.launch.asks import ChangeAnswer, Member
 from obk_cli.launch.transitions import RESTING, TRANSITIONS
 from obk_cli.report.escapes import plain
 
-__all__ = ["EXAMPLE", "command"]
+__all__ = ["EXAMPLE", "WORDS", "command"]
 
 EXAMPLE = "Example: obk lifecycle deactivate obelisk_control_0"
-VERBS = ("get", "list", *TRANSITIONS)
+WORDS = ("get", "list", *TRANSITIONS)
+"""What may stand behind `obk lifecycle`."""
 
 
 def command(
-    verb: Annotated[str, typer.Argument(metavar="|".join(VERBS), help="What to do.")],
+    verb: Annotated[str, typer.Argument(metavar="|".join(WORDS), help="What to do.")],
     nodes: Annotated[
         list[str] | None,
         typer.Argument(metavar="[NODE...]", help="Nodes by name; all when none is named."),
@@ -46,8 +47,8 @@ def command(
     node that is there already is left alone; when one of a stack fails the others are taken back.
     Exit code 0: every node got there; 1: one did not, or there is no such node.
     """
-    if verb not in VERBS:
-        raise MisuseError(f"`obk lifecycle {verb}`: no such verb", help=did_you_mean(verb, VERBS))
+    if verb not in WORDS:
+        raise MisuseError(f"`obk lifecycle {verb}`: no such verb", help=did_you_mean(verb, WORDS))
     if timeout is not None and timeout <= 0:
         raise MisuseError("`--timeout` is seconds above 0")
     is_json = wants_json(format)

@@ -2,11 +2,14 @@
 
 import io
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from obk_cli.cli.main import VERBS, main
+from obk_cli.cli.commands import VERBS
+from obk_cli.cli.main import main
 from obk_cli.emit.forms import FORMS
 
 CASES = Path(__file__).parents[2] / "cases"
@@ -63,6 +66,25 @@ def test_a_misspelt_command_is_misuse(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 @pytest.mark.parametrize(
+    ("word", "meant"),
+    [
+        ("echo", "`obk topic echo`"),
+        ("hz", "`obk topic hz`"),
+        ("call", "`obk service call`"),
+        ("activate", "`obk lifecycle activate`"),
+        ("get", "`obk lifecycle get` or `obk param get`"),
+        ("info", "`obk topic info` or `obk node info` or `obk bag info`"),
+    ],
+)
+def test_a_command_without_the_one_that_it_belongs_to_is_told_with_it(
+    capsys: pytest.CaptureFixture[str], word: str, meant: str
+) -> None:
+    result = Result(capsys, word, "est")
+    assert (result.code, result.out) == (2, "")
+    assert result.err == f"error: there is no command `{word}`\n  help: did you mean {meant}?\n"
+
+
+@pytest.mark.parametrize(
     ("option", "value", "expected"),
     [
         ("--timeout", "0", "seconds above 0"),
@@ -85,9 +107,24 @@ def test_an_interruption_that_an_extension_made_a_failed_import_of_is_one(
     def interrupted(*_: object) -> None:
         raise ImportError("initialization failed") from KeyboardInterrupt()
 
-    monkeypatch.setattr("obk_cli.cli.main._load", interrupted)
+    monkeypatch.setattr("obk_cli.cli.commands._load", interrupted)
     result = Result(capsys, "validate", str(SOUND))
     assert (result.code, result.err) == (130, "")
+
+
+def test_an_interruption_while_the_tool_is_being_imported_is_silent() -> None:
+    code = (
+        "import signal, sys\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, path, target=None):\n"
+        "        if name == 'typer':\n"
+        "            signal.raise_signal(signal.SIGINT)\n"
+        "from obk_cli.cli.main import main\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+        "main(['--help'])\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=60)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, b"", b"")
 
 
 def test_validate_a_sound_config(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,195 @@
+"""`obk`: the table of commands, and the border where errors become messages and exit codes.
+
+A command's module is imported only when that command runs, so that `obk --help` is quick.
+"""
+
+import importlib
+import sys
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+import click
+import typer
+from typer.core import TyperGroup
+
+from obelisk_spec.near import did_you_mean
+from obk_cli.errors import EXIT_FAILED, EXIT_INTERRUPTED, MisuseError, ObkError
+
+__all__ = ["VERBS", "root_command", "run"]
+
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """One command: the module that holds it, and its line in `obk --help`."""
+
+    module: str
+    help: str
+
+
+VERBS = {
+    "init": Verb("obk_cli.cli.init", "Make a workspace that can be launched at once."),
+    "new": Verb("obk_cli.cli.new", "Make a package, a node or a config from templates."),
+    "validate": Verb("obk_cli.cli.validate", "Check configs without running anything."),
+    "compile": Verb("obk_cli.cli.compile", "Turn a config into parameters, a launch file or JSON."),
+    "graph": Verb("obk_cli.cli.graph", "Draw a stack in the terminal or as a picture."),
+    "build": Verb("obk_cli.cli.build", "Compile the message packages of the workspace."),
+    "launch": Verb("obk_cli.cli.launch", "Start, bring up and supervise a stack."),
+    "lifecycle": Verb("obk_cli.cli.lifecycle", "Ask for or change the states of nodes."),
+    "ps": Verb("obk_cli.cli.ps", "Show the stacks that run on this host."),
+    "monitor": Verb("obk_cli.cli.monitor", "Watch a running stack: nodes, rates, log."),
+    "web": Verb("obk_cli.cli.web", "Show a running stack as a page in the browser."),
+    "stop": Verb("obk_cli.cli.stop", "Bring a stack down in order."),
+    "logs": Verb("obk_cli.cli.logs", "Show what a run or one of its nodes said."),
+    "topic": Verb("obk_cli.cli.topic", "Look at, measure and publish topics of a running stack."),
+    "node": Verb("obk_cli.cli.node", "Look at the nodes of a running stack."),
+    "param": Verb("obk_cli.cli.param", "Look at and set parameters of running nodes."),
+    "service": Verb("obk_cli.cli.service", "Look at and call services of a running stack."),
+    "record": Verb("obk_cli.cli.record", "Record topics of a running stack into an MCAP file."),
+    "bag": Verb("obk_cli.cli.bag", "Show what a recording holds."),
+    "plot": Verb("obk_cli.cli.plot", "Draw fields of a recording."),
+    "doctor": Verb("obk_cli.cli.doctor", "Look at this machine: what is missing, what to do."),
+    "reap": Verb("obk_cli.cli.reap", "End processes that outlived their launcher."),
+    "rehearse": Verb("obk_cli.cli.rehearse", "Try out what a stack does when its nodes fail."),
+    "explain": Verb("obk_cli.cli.explain", "Tell what a rule means and how to mend it."),
+    "migrate": Verb("obk_cli.cli.migrate", "Rewrite a config into the newer spelling, or back."),
+    "schema": Verb("obk_cli.cli.schema", "Print the JSON schema of configs."),
+}
+"""Command -> where it is. A module has `app` (a Typer) or `command` (a function)."""
+
+
+class _LazyGroup(TyperGroup):
+    """The commands of the table, each imported when it is asked for."""
+
+    def list_commands(self, _: Any) -> list[str]:
+        return list(VERBS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name in VERBS:
+            return _load(cmd_name, VERBS[cmd_name])
+        if ctx.resilient_parsing:
+            return None
+        raise MisuseError(f"there is no command `{cmd_name}`", help=_meant(cmd_name))
+
+    def format_commands(self, _: Any, formatter: Any) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, verb.help) for name, verb in VERBS.items()])
+
+
+def _load(name: str, verb: Verb) -> Any:
+    module = importlib.import_module(verb.module)
+    app = getattr(module, "app", None)
+    if app is None:
+        app = typer.Typer(add_completion=False, rich_markup_mode=None)
+        app.command(name, epilog=getattr(module, "EXAMPLE", None))(module.command)
+    command = typer.main.get_command(app)
+    command.name = name
+    _show_plain_help(command)
+    return command
+
+
+def _meant(name: str) -> str | None:
+    """What a word that is no command may stand for: one of the commands below the commands."""
+    places = [f"`obk {verb} {name}`" for verb in VERBS if name in _words_below(verb)]
+    return f"did you mean {' or '.join(places)}?" if places else did_you_mean(name, VERBS)
+
+
+def _words_below(verb: str) -> Collection[str]:
+    """What may stand right behind a command: its own commands, or the words of `lifecycle`."""
+    module = importlib.import_module(VERBS[verb].module)
+    words: Collection[str] = getattr(module, "WORDS", ())
+    return words if words else getattr(_load(verb, VERBS[verb]), "commands", ())
+
+
+class _PlainHelp(click.HelpFormatter):
+    """Typer writes `[default: 1]` with a backslash, for a renderer that is not used here."""
+
+    def write_dl(self, rows: Any, *arguments: Any, **options: Any) -> None:
+        plain = [(name, text.replace("\\[", "[")) for name, text in rows]
+        super().write_dl(plain, *arguments, **options)
+
+
+class _PlainContext(typer.Context):
+    formatter_class = _PlainHelp
+
+
+def _show_plain_help(command: Any) -> None:
+    command.context_class = _PlainContext
+    for inner in getattr(command, "commands", {}).values():
+        _show_plain_help(inner)
+
+
+def _show_version(is_wanted: bool) -> None:
+    if is_wanted:
+        from importlib.metadata import version
+
+        print(f"obk {version('obelisk-cli')}")
+        raise typer.Exit
+
+
+def _root(
+    version: bool = typer.Option(
+        False, "--version", help="Print the version.", callback=_show_version, is_eager=True
+    ),
+    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error."),
+) -> None:
+    """Check, build, launch and look into Obelisk robot control stacks."""
+
+
+def root_command() -> Any:
+    """`obk` as a click command, for what reads it: `main`, the pages of reference."""
+    app = typer.Typer(
+        cls=_LazyGroup, name="obk", rich_markup_mode=None, pretty_exceptions_enable=False
+    )
+    app.callback(epilog="Example: obk validate config.yaml")(_root)
+    return typer.main.get_command(app)
+
+
+def run(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run `obk` and end the process with its exit code."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in given
+    try:
+        root_command().main(args=[a for a in given if a != "--debug"], prog_name="obk")
+    except ObkError as error:
+        if debug:
+            import traceback
+
+            traceback.print_exc()
+        _complain(error.message, error.help)
+        sys.exit(error.exit_code)
+    except Exception as error:  # our own fault, whatever it is
+        if _is_interruption(error):
+            sys.exit(EXIT_INTERRUPTED)
+        if debug:
+            raise
+        _complain(_bug_report(error), None)
+        sys.exit(EXIT_FAILED)
+    sys.exit(0)
+
+
+def _is_interruption(error: BaseException | None) -> bool:
+    """Whether it is Ctrl-C: an extension that is being imported makes an ImportError of that."""
+    while isinstance(error, ImportError):
+        error = error.__cause__
+    return isinstance(error, KeyboardInterrupt)
+
+
+def _complain(message: str, help: str | None) -> None:
+    print(f"error: {message}", file=sys.stderr)
+    if help:
+        print(f"  help: {help}", file=sys.stderr)
+
+
+def _bug_report(error: Exception) -> str:
+    """Keep the trace in a file and say so."""
+    import tempfile
+    import traceback
+
+    with tempfile.NamedTemporaryFile(
+        "w", prefix="obk-", suffix=".trace", delete=False, encoding="utf-8"
+    ) as file:
+        traceback.print_exception(error, file=file)
+    summary = f"{type(error).__name__}: {error}"
+    return f"this is a fault of obk itself ({summary}); its trace is in {Path(file.name)}"
