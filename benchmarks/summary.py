@@ -1,0 +1,257 @@
+"""The newest results held against their goals, as a table of the README.
+
+    python benchmarks/summary.py
+
+Reads `benchmarks/results/*.json` and writes the table between the marks in `README.md`.
+"""
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from obk_cli.adapters.replace_file import replace_file
+
+__all__ = ["main", "with_figures"]
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+RESULTS: Final = ROOT / "benchmarks" / "results"
+BEGIN: Final = "<!-- figures: written by benchmarks/summary.py -->"
+END: Final = "<!-- end of figures -->"
+LIBRARY: Final = "obelisk nodes"
+WORK: Final = {"rate_hz": 1000, "joints": 30, "nodes": 3}
+
+Results = Mapping[str, Any]
+"""What the JSON files hold, by their names without the ending."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Goal:
+    """One figure and what it should be."""
+
+    what: str
+    least: float | None = None
+    most: float | None = None
+    unit: str = ""
+    figure: Callable[[Results], float]
+
+    @property
+    def words(self) -> str:
+        """`at most 0.33`, `from 0.8 to 1.2`."""
+        if self.least is not None and self.most is not None:
+            return f"{self.least:g} to {self.most:g}{self.unit}"
+        sign, limit = ("≤", self.most) if self.least is None else ("≥", self.least)
+        return f"{sign} {limit:g}{self.unit}"
+
+    def is_met_by(self, value: float) -> bool:
+        """Whether a value is as it should be."""
+        return (self.least is None or value >= self.least) and (
+            self.most is None or value <= self.most
+        )
+
+
+def loop(results: Results, layout: str, **point: int) -> Mapping[str, Any]:
+    """The library's row of the loop's suite at one point."""
+    wanted = {"contestant": LIBRARY, "layout": layout, **WORK, **point}
+    rows: list[Mapping[str, Any]] = results["loop"]["cases"]
+    return next(row for row in rows if row["case"] == wanted)
+
+
+def ratio(layout: str, name: str) -> Callable[[Results], float]:
+    """A median ratio to rclpy's executor, of the work."""
+    return lambda results: float(loop(results, layout)["ratios"][name]["median"])
+
+
+def kept(layout: str, rate_hz: int) -> Callable[[Results], float]:
+    """The share of its rate that the slowest node kept, in the worst round, in %."""
+    return lambda results: (
+        100 * float(loop(results, layout, rate_hz=rate_hz)["figures"]["rate_hz"]["min"]) / rate_hz
+    )
+
+
+def per_node(layout: str) -> Callable[[Results], float]:
+    """What a node of 30 costs over what one of 3 does, at 100 Hz."""
+
+    def each(results: Results, nodes: int) -> float:
+        row = loop(results, layout, rate_hz=100, nodes=nodes)
+        return float(row["figures"]["cpu_per_tick_us"]["median"])
+
+    return lambda results: each(results, 30) / each(results, 3)
+
+
+def watched(layout: str) -> Callable[[Results], float]:
+    """The least share of a promised rate while the stack is watched, in %."""
+    return lambda results: 100 * float(results["watched"]["least_kept"][f"{layout}, watched"])
+
+
+def at(*path: str) -> Callable[[Results], float]:
+    """A number in the results."""
+
+    def find(results: Results) -> float:
+        found: Any = results
+        for name in path:
+            found = found[name]
+        return float(found)
+
+    return find
+
+
+GOALS: Final = (
+    Goal(
+        what="CPU of three nodes at 1 kHz, a process each, to rclpy's SingleThreadedExecutor",
+        most=0.33,
+        figure=ratio("separate", "cpu_percent"),
+    ),
+    Goal(
+        what="the same, composed in one process", most=0.12, figure=ratio("composed", "cpu_percent")
+    ),
+    Goal(
+        what="lateness of ticks p99, a process each, to the same",
+        most=0.15,
+        figure=ratio("separate", "late_p99_us"),
+    ),
+    Goal(
+        what="1 kHz kept by the slowest node, a process each",
+        least=99.8,
+        unit=" %",
+        figure=kept("separate", 1000),
+    ),
+    Goal(what="the same, composed", least=99.8, unit=" %", figure=kept("composed", 1000)),
+    Goal(
+        what="rates kept by the dummy stack while `obk monitor` watches and services are called",
+        least=99.8,
+        unit=" %",
+        figure=watched("separate"),
+    ),
+    Goal(what="the same, composed", least=99.8, unit=" %", figure=watched("composed")),
+    Goal(what="2 kHz kept, composed", least=99.8, unit=" %", figure=kept("composed", 2000)),
+    Goal(
+        what="CPU of a node's tick, 30 nodes to 3, a process each",
+        least=0.8,
+        most=1.2,
+        figure=per_node("separate"),
+    ),
+    Goal(what="the same, composed", least=0.8, most=1.2, figure=per_node("composed")),
+    Goal(
+        what="the simulator's loop to bare `mj_step`, no sensors",
+        most=1.1,
+        figure=at("simulator", "cost", "no_sensors_over_mj_step"),
+    ),
+    Goal(
+        what="the same, three groups heard at every step",
+        most=1.25,
+        figure=at("simulator", "cost", "three_groups_heard_over_mj_step"),
+    ),
+    Goal(
+        what="real-time factor over 60 s",
+        least=0.998,
+        most=1.002,
+        figure=at("simulator", "realtime", "realtime_factor"),
+    ),
+    Goal(
+        what="lateness of steps p99",
+        most=300,
+        unit=" µs",
+        figure=at("simulator", "realtime", "late_us", "p99"),
+    ),
+    Goal(
+        what="CPU at real time to that of the work alone",
+        most=1.3,
+        figure=at("simulator", "realtime", "cpu_over_the_work_alone"),
+    ),
+    Goal(
+        what="publishing `ObkJointEncoders` of 30 joints",
+        most=40,
+        unit=" µs",
+        figure=at("simulator", "cost", "encoders_of_30_joints_heard_us", "median"),
+    ),
+    Goal(
+        what="`obk --help`",
+        most=0.15,
+        unit=" s",
+        figure=at("tool", "runs", "obk --help", "median_s"),
+    ),
+    Goal(
+        what="`obk validate` of the dummy with its model",
+        most=0.35,
+        unit=" s",
+        figure=at("tool", "runs", "obk validate dummy", "median_s"),
+    ),
+    Goal(
+        what="the same to `check-jsonschema`",
+        most=1.0,
+        figure=at("tool", "obk over check-jsonschema", "dummy"),
+    ),
+    Goal(
+        what="`obk validate` of 1,000 nodes",
+        most=2.0,
+        unit=" s",
+        figure=at("tool", "runs", "obk validate big", "median_s"),
+    ),
+    Goal(
+        what="`obk lifecycle get` on a running stack",
+        most=0.3,
+        unit=" s",
+        figure=at("looking", "commands", "lifecycle get", "median_s"),
+    ),
+    Goal(
+        what="the slowest of `obk topic`, `node`, `param`, `service`",
+        most=0.5,
+        unit=" s",
+        figure=lambda results: max(
+            float(took["median_s"])
+            for words, took in results["looking"]["commands"].items()
+            if words not in ("lifecycle get", "completion")
+        ),
+    ),
+    Goal(
+        what="`obk launch` of the dummy to all active",
+        most=1.5,
+        unit=" s",
+        figure=at("launches", "up_s", "median"),
+    ),
+    Goal(what="its end", most=1.0, unit=" s", figure=at("launches", "down_s", "median")),
+)
+
+
+def with_figures(text: str, results: Results) -> str:
+    """A text with the table of these results between its marks.
+
+    Raises:
+        ValueError: the text has no marks.
+    """
+    head, mark, rest = text.partition(BEGIN)
+    _, end, tail = rest.partition(END)
+    if not (mark and end):
+        raise ValueError(f"no '{BEGIN}' and '{END}'")
+    return "\n".join([f"{head}{BEGIN}", "", *_table(results), "", f"{END}{tail}"])
+
+
+def _table(results: Results) -> Iterator[str]:
+    yield "| | goal | measured | |"
+    yield "|---|---|---|---|"
+    for goal in GOALS:
+        value = goal.figure(results)
+        met = "met" if goal.is_met_by(value) else "**not met**"
+        yield f"| {goal.what} | {goal.words} | {value:.3g}{goal.unit} | {met} |"
+
+
+def read_results() -> Results:
+    """All of them."""
+    return {
+        path.stem: json.loads(path.read_text(encoding="utf-8")) for path in RESULTS.glob("*.json")
+    }
+
+
+def main() -> int:
+    """Write the table."""
+    readme = ROOT / "README.md"
+    text = with_figures(readme.read_text(encoding="utf-8"), read_results())
+    replace_file(readme, text.encode())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
