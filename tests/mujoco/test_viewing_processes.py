@@ -103,6 +103,35 @@ def test_a_page_on_this_machine_only_behind_the_robot_gone_when_it_is_closed(
     assert len(looked.said) == 1
 
 
+@pytest.mark.parametrize(
+    ("host", "origin", "answer"),
+    [
+        ("127.0.0.1:{port}", "http://127.0.0.1:{port}", "101"),
+        ("localhost:{port}", "http://localhost:{port}", "101"),
+        ("127.0.0.1:{port}", "https://robot.example", "403"),
+        ("127.0.0.1:{port}", "http://127.0.0.1:1", "403"),
+        ("127.0.0.1:{port}", "null", "403"),
+        ("robot.example:{port}", "http://robot.example:{port}", "403"),
+    ],
+)
+def test_a_page_of_somebody_else_in_the_same_browser_sees_nothing(
+    looking: Callable[..., Looked], host: str, origin: str, answer: str
+) -> None:
+    pytest.importorskip("mjviser")
+    port = looking("web", "0").port
+    headers = (
+        f"Host: {host.format(port=port)}",
+        f"Origin: {origin.format(port=port)}",
+        "Upgrade: websocket",
+        "Connection: Upgrade",
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+        "Sec-WebSocket-Version: 13",
+    )
+    with socket.create_connection(("127.0.0.1", port), timeout=DEADLINE_S) as line:
+        line.sendall("\r\n".join(("GET / HTTP/1.1", *headers, "", "")).encode())
+        assert line.makefile("rb").readline().split()[1].decode() == answer
+
+
 def test_two_at_once_have_a_port_each(looking: Callable[..., Looked]) -> None:
     pytest.importorskip("mjviser")
     one, other = looking("web", "0"), looking("web", "0")

@@ -4,7 +4,7 @@ import importlib.util
 
 from obk_cli.errors import CommandFailedError
 
-__all__ = ["require_extra"]
+__all__ = ["no_ros", "require_extra", "require_ros"]
 
 
 def require_extra(module: str, extra: str) -> None:
@@ -19,6 +19,31 @@ def require_extra(module: str, extra: str) -> None:
     """
     if importlib.util.find_spec(module) is None:
         raise CommandFailedError(
-            f"the library `{module}` is not installed",
-            help=f"install obk with its `{extra}` extra: obelisk-cli[{extra}]",
+            f"the library `{module}` is not installed", help=f"{_install(extra)} brings it"
         )
+
+
+def require_ros() -> None:
+    """Make sure that rclpy is here.
+
+    Raises:
+        CommandFailedError: it is not.
+    """
+    if importlib.util.find_spec("rclpy") is None:
+        raise no_ros("the library `rclpy` is not installed")
+
+
+def no_ros(why: object) -> CommandFailedError:
+    """What a command ends with that needs ROS 2.
+
+    Args:
+        why: it cannot be used.
+    """
+    return CommandFailedError(
+        f"ROS 2 is not here: {why}",
+        help=f"{_install('ros')} brings it (x86-64); or source a ROS 2 setup file",
+    )
+
+
+def _install(extra: str) -> str:
+    return f"`pip install 'obelisk-cli[{extra}]'`"

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from obk_cli.adapters.bag_writer import BagWriter
+from obk_cli.adapters.extras import no_ros
 from obk_cli.adapters.files import explain_os_error
 from obk_cli.adapters.ros_recorder import RosRecorder
 from obk_cli.errors import EXIT_DONE, EXIT_MISUSE, CommandFailedError
@@ -101,10 +102,7 @@ def _node() -> Iterator[Any]:
         import rclpy
         from rclpy.signals import SignalHandlerOptions
     except ImportError as error:
-        raise CommandFailedError(
-            f"ROS 2 is not here: {error}",
-            help="install obk with its `ros` extra, or source a ROS 2 setup file",
-        ) from error
+        raise no_ros(error) from error
     context = rclpy.Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
     try:

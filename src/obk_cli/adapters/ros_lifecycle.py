@@ -12,6 +12,7 @@ from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Any, Final, Self
 
+from obk_cli.adapters.extras import no_ros
 from obk_cli.adapters.ros_clients import NodeClients
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_graph import RosGraph
@@ -44,10 +45,7 @@ def open_ros(name: str, environment: RosEnvironment) -> "Iterator[RosLifecycle]"
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.signals import SignalHandlerOptions
     except ImportError as error:
-        raise CommandFailedError(
-            f"ROS 2 is not here: {error}",
-            help="install obk with its `ros` extra, or source a ROS 2 setup file",
-        ) from error
+        raise no_ros(error) from error
     with ExitStack() as stack:
         context = rclpy.Context()
         try:

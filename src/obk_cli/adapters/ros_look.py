@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Final, TypeVar
 
+from obk_cli.adapters.extras import no_ros
 from obk_cli.adapters.raw_topics import RawTopic, offer_of
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.errors import CommandFailedError
@@ -47,10 +48,7 @@ def open_look(environment: RosEnvironment, needs: Iterable[str] = ()) -> "Iterat
         from rclpy.context import Context
         from rclpy.impl.implementation_singleton import rclpy_implementation
     except ImportError as error:
-        raise CommandFailedError(
-            f"ROS 2 is not here: {error}",
-            help="install obk with its `ros` extra, or source a ROS 2 setup file",
-        ) from error
+        raise no_ros(error) from error
     context: Any = Context()
     try:
         context.init(domain_id=environment.domain)

@@ -35,7 +35,7 @@ from obk_cli.plan import OnCrash, ParameterValue, Plan
 from obk_cli.read.nodes import LOG_LEVELS
 from obk_cli.recording.choice import Wish
 from obk_cli.report.text import report_text, summary
-from obk_cli.running.simulated import with_simulator_parameters
+from obk_cli.running.simulated import require_libraries, with_simulator_parameters
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -156,6 +156,7 @@ def command(
     if network is not None:
         _check_word("--network", network, get_args(Network))
     share = share_of(plan, device, lead)
+    require_libraries(plan, share)
     film = FilmWords(path=render, camera=render_camera, size=render_size, rate_hz=render_fps)
     plan = with_film(_with_viewer(plan, share, viewer), share, film)
     environment = ros_environment(cast(Network | None, network), devices_are_split=share.is_part)

@@ -22,6 +22,7 @@ from obk_cli.cli.config_options import (
 )
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
+from obk_cli.launch.devices import share_of
 from obk_cli.launch.units import Unit, units_of
 from obk_cli.pipeline import Outcome, compile_config
 from obk_cli.plan import OnCrash, Plan
@@ -30,6 +31,7 @@ from obk_cli.rehearsal.judge import Row
 from obk_cli.rehearsal.promise import FAULTS, Fault
 from obk_cli.report.launch import short_name
 from obk_cli.report.text import report_text, summary
+from obk_cli.running.simulated import require_libraries
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -90,6 +92,7 @@ def command(
     from obk_cli.rehearsal.guard import refuse_hardware
 
     refuse_hardware(outcome.config)
+    require_libraries(plan, share_of(plan, None, None))
     cases = make_cases(
         _units(plan, config, is_composed=composed),
         faults=faults,

@@ -2,12 +2,28 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Final
 
+from obk_cli.adapters.extras import require_extra, require_ros
 from obk_cli.errors import MisuseError
 from obk_cli.launch.devices import Share
 from obk_cli.plan import ParameterValue, Plan, Process
 
-__all__ = ["simulated_robots", "with_simulator_parameters"]
+__all__ = ["require_libraries", "simulated_robots", "with_simulator_parameters"]
+
+SIMULATOR: Final = "obelisk_sim_py"
+"""The package whose node runs in this very environment."""
+
+
+def require_libraries(plan: Plan, share: Share) -> None:
+    """Make sure that ROS 2 is here, and MuJoCo where our simulator is to run.
+
+    Raises:
+        CommandFailedError: one of them is not.
+    """
+    require_ros()
+    if any(robot.package == SIMULATOR for robot in simulated_robots(plan, share)):
+        require_extra("mujoco", "sim")
 
 
 def with_simulator_parameters(

@@ -9,12 +9,11 @@ import secrets
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
-from urllib.parse import urlsplit
+
+from obelisk_spec.own_pages import is_of_the_page, names_this_host
 
 __all__ = ["HEADERS", "Refusal", "WebRequest", "new_token", "refusal"]
 
-HOSTS: Final = frozenset({"127.0.0.1", "localhost", "::1"})
-"""By which this host calls itself; the port may be another one, behind `ssh -L`."""
 HEADERS: Final = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
@@ -62,23 +61,16 @@ def refusal(request: WebRequest, token: str) -> Refusal | None:
         request: what it says.
         token: that it has to know.
     """
-    if _host_name(request.host) not in HOSTS:
+    if not names_this_host(request.host):
         return Refusal(status=403, why="this page is for 127.0.0.1 and localhost only")
     changes = request.method not in ("GET", "HEAD")
-    if (changes or request.origin) and request.origin != f"http://{request.host}":
+    if (changes or request.origin) and not is_of_the_page(request.origin or "", request.host):
         return Refusal(status=403, why="only the page itself may ask this")
     if not _is_any(request.tokens, token):
         return Refusal(
             status=401, why="the token is missing or old: open the address that `obk web` printed"
         )
     return None
-
-
-def _host_name(host: str) -> str | None:
-    try:
-        return urlsplit(f"//{host}").hostname
-    except ValueError:
-        return None
 
 
 def _is_any(given: Iterable[str], token: str) -> bool:

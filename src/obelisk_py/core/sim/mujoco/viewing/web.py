@@ -17,6 +17,7 @@ from mjviser import ViserMujocoScene
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.viewing.states import States
+from obelisk_py.core.sim.mujoco.viewing.web_guard import own_page_only
 from obelisk_py.core.sim.mujoco.viewing.words import Tell
 
 __all__ = ["look"]
@@ -42,14 +43,15 @@ def look(states: States, tell: Tell, arguments: Sequence[str]) -> None:
     """Serve the page until the states are over.
 
     Raises:
-        ObeliskConfigError: the port is taken.
+        ObeliskConfigError: the port is taken, or viser cannot be kept from other pages.
     """
     (port,) = map(int, arguments)
     # It would win over the port that was asked for.
     os.environ.pop("_VISER_PORT_OVERRIDE", None)
     if port:
         _refuse_taken(port)
-    server = _Server(host=_HOST, port=port or _PORT, verbose=False)
+    with own_page_only():
+        server = _Server(host=_HOST, port=port or _PORT, verbose=False)
     scene = _scene(server, states)
     tell("info", f"the simulation is shown at http://{_HOST}:{server.get_port()}")
     while not states.is_over:

@@ -1,0 +1,104 @@
+"""What obk does without its extras: no ROS 2, no MuJoCo, no numpy; and what it says of the rest."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from obk_cli.cli.commands import VERBS
+
+LIGHT = {
+    "init": ["my_robot"],
+    "new": ["controller", "other", "--dest", "my_robot/src"],
+    "validate": ["my_robot/my_robot.yaml"],
+    "compile": ["my_robot/my_robot.yaml"],
+    "graph": ["my_robot/my_robot.yaml"],
+    "build": ["--workspace", "my_robot"],
+    "ps": [],
+    "stop": [],
+    "logs": [],
+    "reap": [],
+    "doctor": ["folders"],
+    "explain": ["OBK303"],
+    "migrate": ["my_robot/my_robot.yaml"],
+    "schema": [],
+}
+"""Verb -> arguments with which it needs no extra, in this order."""
+NEEDS = {
+    "launch": ("ros", ["my_robot/my_robot.yaml"]),
+    "rehearse": ("ros", ["my_robot/my_robot.yaml"]),
+    "lifecycle": ("ros", ["get"]),
+    "topic": ("ros", ["list"]),
+    "node": ("ros", ["list"]),
+    "param": ("ros", ["list"]),
+    "service": ("ros", ["list"]),
+    "monitor": ("ros", ["--once"]),
+    "record": ("record", []),
+    "bag": ("record", ["info", "run.mcap"]),
+    "plot": ("plot", ["run.mcap", "est.q"]),
+    "web": ("web", []),
+}
+"""Verb -> the extra that it asks for first, and arguments."""
+FAILS_WITHOUT_A_RUN = {"stop", "logs"}
+
+Result = tuple[int, str, str]
+
+
+@pytest.fixture(scope="module")
+def said(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Result]:
+    """Verb -> its exit code, output and errors, all from one process."""
+    told = {**LIGHT, **{verb: arguments for verb, (_, arguments) in NEEDS.items()}}
+    folder = tmp_path_factory.mktemp("light")
+    environment = {
+        **{name: os.environ[name] for name in ("PATH", "XDG_CACHE_HOME")},
+        "HOME": str(folder),
+        "OBK_HOME": str(folder / "home"),
+    }
+    done = subprocess.run(
+        [
+            sys.executable,
+            Path(__file__).with_name("light.py"),
+            json.dumps([[verb, *arguments] for verb, arguments in told.items()]),
+        ],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    results = dict(zip(told, json.loads(done.stdout), strict=True))
+    return results.__getitem__
+
+
+def test_every_command_is_tried() -> None:
+    assert LIGHT.keys() | NEEDS.keys() == VERBS.keys()
+
+
+@pytest.mark.parametrize("verb", LIGHT)
+def test_a_command_that_needs_no_extra(said: Callable[[str], Result], verb: str) -> None:
+    code, out, err = said(verb)
+    assert "fault of obk" not in err
+    assert "ROS 2 is not here" not in out + err
+    assert (code, out != "") == ((1, False) if verb in FAILS_WITHOUT_A_RUN else (0, True)), err
+
+
+@pytest.mark.parametrize("verb", NEEDS)
+def test_a_command_that_needs_one_says_which_and_how(
+    said: Callable[[str], Result], verb: str
+) -> None:
+    code, out, err = said(verb)
+    extra, _ = NEEDS[verb]
+    assert (code, out) == (1, "")
+    assert err.startswith("error: ")
+    assert f"help: `pip install 'obelisk-cli[{extra}]'` brings it" in err
+
+
+def test_without_mujoco_a_config_is_checked_but_for_its_model(
+    said: Callable[[str], Result],
+) -> None:
+    _, out, _ = said("validate")
+    assert "info[OBK300]: MuJoCo is not installed" in out
