@@ -5,12 +5,14 @@ The adapters answer; tests answer with tables. Looks at nothing itself.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from obelisk_spec.model import ModelFacts
 from obelisk_spec.near import list_names
-from obk_cli.node_code import CodeFault, NodeCode
 from obk_cli.source import Span
+
+if TYPE_CHECKING:
+    from obk_cli.node_code import CodeFault, NodeCode
 
 __all__ = [
     "UNSEARCHED",
@@ -104,7 +106,7 @@ class Surroundings(Protocol):
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         """How an executable is started."""
 
-    def read_node_code(self, package: str, executable: str) -> NodeCode | CodeFault | None:
+    def read_node_code(self, package: str, executable: str) -> "NodeCode | CodeFault | None":
         """What the Python source of an executable says, None where that cannot be known."""
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:

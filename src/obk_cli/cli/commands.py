@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-import click
 import typer
 from typer.core import TyperGroup
 
@@ -18,6 +17,9 @@ from obelisk_spec.near import did_you_mean
 from obk_cli.errors import EXIT_FAILED, EXIT_INTERRUPTED, MisuseError, ObkError
 
 __all__ = ["VERBS", "root_command", "run"]
+
+# Help is plain here; with rich, typer imports a renderer only to escape a bracket for it.
+typer.core.HAS_RICH = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +87,6 @@ def _load(name: str, verb: Verb) -> Any:
         app.command(name, epilog=getattr(module, "EXAMPLE", None))(module.command)
     command = typer.main.get_command(app)
     command.name = name
-    _show_plain_help(command)
     return command
 
 
@@ -100,24 +101,6 @@ def _words_below(verb: str) -> Collection[str]:
     module = importlib.import_module(VERBS[verb].module)
     words: Collection[str] = getattr(module, "WORDS", ())
     return words if words else getattr(_load(verb, VERBS[verb]), "commands", ())
-
-
-class _PlainHelp(click.HelpFormatter):
-    """Typer writes `[default: 1]` with a backslash, for a renderer that is not used here."""
-
-    def write_dl(self, rows: Any, *arguments: Any, **options: Any) -> None:
-        plain = [(name, text.replace("\\[", "[")) for name, text in rows]
-        super().write_dl(plain, *arguments, **options)
-
-
-class _PlainContext(typer.Context):
-    formatter_class = _PlainHelp
-
-
-def _show_plain_help(command: Any) -> None:
-    command.context_class = _PlainContext
-    for inner in getattr(command, "commands", {}).values():
-        _show_plain_help(inner)
 
 
 def _show_version(is_wanted: bool) -> None:

@@ -56,6 +56,17 @@ def test_the_help_is_plain_text(capsys: pytest.CaptureFixture[str], verb: str) -
     assert "\\[" not in Result(capsys, verb, "--help").out
 
 
+def test_plain_help_needs_no_renderer() -> None:
+    code = (
+        "import sys\n"
+        "from obk_cli.cli.main import main\n"
+        "try: main(['topic', 'echo', '--help'])\n"
+        "except SystemExit as ended: print(ended.code, 'rich' in sys.modules)\n"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.stdout.splitlines()[-1] == "0 False"
+
+
 def test_a_misspelt_command_is_misuse(capsys: pytest.CaptureFixture[str]) -> None:
     result = Result(capsys, "valdate")
     assert result.code == 2
