@@ -67,7 +67,7 @@ def _start_anew_unless(wanted: dict[str, list[str]], prefix: str) -> None:
         else:
             os.environ.pop(name, None)
     os.environ[_DONE] = this_process
-    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
+    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606 - as it was begun
 
 
 def _libraries(layers: list[str], site: str) -> list[str]:

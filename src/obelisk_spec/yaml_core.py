@@ -68,7 +68,7 @@ def load_yaml_core(text: str) -> object:
         YamlTextError: the text is not YAML, or uses a tag that builds objects.
     """
     try:
-        return yaml.load(text, Loader=_CoreLoader)
+        return yaml.load(text, Loader=_CoreLoader)  # noqa: S506 - a SafeLoader
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""

@@ -25,7 +25,7 @@ from typing import Final
 
 __all__ = ["remove_dead_segments"]
 
-SHARED_MEMORY: Final = Path("/dev/shm")
+SHARED_MEMORY: Final = Path("/dev/shm")  # noqa: S108 - where DDS has it
 _LOCK: Final = re.compile(r"fastrtps_[0-9a-f]{16}_el")
 _OF_PORT: Final = re.compile(
     r"(?:sem\.)?(?P<port>fastrtps_port[0-9]+)(?:|_el|_sl|_mutex)", re.ASCII

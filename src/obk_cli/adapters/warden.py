@@ -196,7 +196,7 @@ def main() -> None:
         finally:
             warden.end_all()
     if not warden.ends_in_order:
-        os.execv(sys.executable, [sys.executable, "-I", "-S", str(SWEEPER)])
+        os.execv(sys.executable, [sys.executable, "-I", "-S", str(SWEEPER)])  # noqa: S606 - itself
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ from obk_cli.web.traces import Heard, Wish, number_fields
 
 __all__ = ["TOKEN", "Change", "Drawn", "Site", "make_app"]
 
-TOKEN: Final = "token"
+TOKEN: Final = "token"  # noqa: S105 - the word in front of it
 """In the page's address, with a port in the cookie's name, as a header `X-Obk-Token`."""
 LOOK_S: Final = 0.1
 """Between two looks at what there is to tell [s]."""

@@ -38,7 +38,7 @@ def judge_shared_memory(facts: SharedMemoryFacts) -> Iterator[Finding]:
             "sudo mount -t tmpfs -o size=512M tmpfs /dev/shm",
         )
         return
-    told = f"/dev/shm has {told_bytes(facts.free_bytes)} of {told_bytes(facts.total_bytes)} free"
+    told = f"/dev/shm has {told_bytes(facts.free_bytes)} of {told_bytes(facts.total_bytes)} free"  # noqa: S108
     sizes: dict[str, Fact] = {"total_bytes": facts.total_bytes, "free_bytes": facts.free_bytes}
     if facts.fault:
         yield warning(

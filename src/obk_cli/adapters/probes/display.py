@@ -40,7 +40,7 @@ def _x_fault(value: str) -> str:
         return "it is no display's name, such as :0"
     number = int(display["number"])
     if display["host"] in ("", "unix"):
-        return _connect_fault(f"/tmp/.X11-unix/X{number}")
+        return _connect_fault(f"/tmp/.X11-unix/X{number}")  # noqa: S108 - X has it there
     return _connect_fault((display["host"], _X_FIRST_PORT + number))
 
 

@@ -13,7 +13,7 @@ __all__ = ["probe_multicast"]
 
 GROUP: Final = "239.255.0.1"
 LOOPBACK: Final = "127.0.0.1"
-ANY: Final = "0.0.0.0"
+ANY: Final = "0.0.0.0"  # noqa: S104 - the kernel's choice; nothing is bound to it
 ANSWER_S: Final = 1.0
 WORDS: Final = b"obk doctor"
 

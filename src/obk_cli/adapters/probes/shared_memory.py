@@ -9,7 +9,7 @@ from obk_cli.doctor.memory import SharedMemoryFacts
 
 __all__ = ["probe_shared_memory"]
 
-FOLDER: Final = Path("/dev/shm")
+FOLDER: Final = Path("/dev/shm")  # noqa: S108 - where DDS has it
 
 
 def probe_shared_memory(folder: Path = FOLDER) -> SharedMemoryFacts:
