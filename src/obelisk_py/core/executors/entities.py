@@ -13,6 +13,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, ClassVar
 
+from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor
 from rclpy.subscription import Subscription
@@ -20,6 +21,7 @@ from rclpy.task import Task
 
 from obelisk_py.core.executors.lane import Handler, Lane
 from obelisk_py.core.executors.listeners import EntityKind, open_signal, signal_off, signal_on
+from obelisk_py.core.local_delivery.exchange import inbox_of, local_topic
 
 __all__ = ["ClientRunner", "EventRunner", "Runner", "ServiceRunner", "SubscriptionRunner"]
 
@@ -79,41 +81,78 @@ class Runner(ABC):
     def _handle_of(self, entity: Any) -> Any:
         return entity.handle
 
-    def _more(self, lane: Lane) -> None:
+    def _more(self, lane: Lane, signal_fd: int) -> None:
         """See to it that what may be left is taken: later, or meanwhile by another lane."""
         if self.is_shared:
-            os.eventfd_write(self._signal_fd, 1)
+            os.eventfd_write(signal_fd, 1)
         else:
-            lane.again(self._signal_fd)
+            lane.again(signal_fd)
 
     def _begin(self, lane: Lane, callback: Callable[..., Any], *args: Any) -> None:
         lane.begin(Task(callback, args, None, executor=self._executor()), self.group)
 
 
 class SubscriptionRunner(Runner):
-    """Calls the user with each message."""
+    """Calls the user with each message, from DDS or from a publisher of this process."""
 
     kind = EntityKind.SUBSCRIPTION
 
-    def __init__(self, entity: Subscription, executor: ExecutorReference) -> None:
+    def __init__(
+        self, entity: Subscription, executor: ExecutorReference, *, context: Context
+    ) -> None:
+        """As the base; `context` is that of the subscription's node."""
         super().__init__(entity, executor)
         self._take = self._handle.take_message
         self._callback: Callable[..., Any] | None = None
         self._is_plain = False
+        self._inbox = inbox_of(entity)
+        self._local_topic = local_topic(context, self._handle.get_topic_name())
+
+    def listen(self) -> None:
+        """Begin to be signalled, by DDS and by publishers of this process."""
+        super().listen()
+        if self._inbox is not None:
+            self._local_topic.open(self._inbox)
+
+    def silence(self) -> None:
+        """Be signalled no longer."""
+        if self._inbox is not None:
+            self._local_topic.close(self._inbox)
+        super().silence()
+
+    def handlers(self, lane: Lane) -> Mapping[int, Handler]:
+        """What a lane calls when there is something in DDS, and when there is in the inbox."""
+        inbox = self._inbox
+        if inbox is None:
+            return super().handlers(lane)
+        inbox.wake = inbox.signal if self.is_shared else partial(lane.signal, inbox.signal_fd)
+        run_local = partial(self._deliver, lane, inbox.take, inbox.signal_fd)
+        return {**super().handlers(lane), inbox.signal_fd: run_local}
+
+    def close(self) -> None:
+        """Let go of the subscription; what is in its inbox waits for the next runner."""
+        if self._inbox is not None:
+            self._inbox.wake = self._inbox.signal
+        super().close()
 
     def _run(self, lane: Lane) -> bool:
-        subscription, take = self.entity, self._take
-        msg_type, raw = subscription.msg_type, subscription.raw
+        return self._deliver(lane, self._next, self._signal_fd)
+
+    def _deliver(
+        self, lane: Lane, take: Callable[[], tuple[Any, Any] | None], signal_fd: int
+    ) -> bool:
+        """Call the user with what there is to take, which `signal_fd` told of."""
+        subscription = self.entity
         ran = False
         for _ in range(_MESSAGES_PER_TURN):
-            taken = take(msg_type, raw)
+            taken = take()
             if taken is None:
                 return ran
             callback = subscription.callback
             if callback is not self._callback:
                 self._learn(callback)
             if self.is_shared:
-                self._more(lane)
+                self._more(lane, signal_fd)
             if self._is_plain:
                 callback(taken[0])
             else:
@@ -121,8 +160,25 @@ class SubscriptionRunner(Runner):
             ran = True
             if lane.attention:
                 break
-        self._more(lane)
+        self._more(lane, signal_fd)
         return ran
+
+    def _next(self) -> tuple[Any, Any] | None:
+        """The oldest message: what is in the inbox was published before what is in DDS."""
+        inbox = self._inbox
+        if inbox is None:
+            return self._take_from_dds()
+        taken = inbox.take()
+        if taken is None:
+            sent = inbox.sent_by_dds
+            taken = self._take_from_dds()
+            if taken is None:
+                inbox.taken_from_dds = sent
+        return taken
+
+    def _take_from_dds(self) -> tuple[Any, Any] | None:
+        taken: tuple[Any, Any] | None = self._take(self.entity.msg_type, self.entity.raw)
+        return taken
 
     def _learn(self, callback: Callable[..., Any]) -> None:
         """What can be told of a callback once instead of at every message."""
@@ -149,7 +205,7 @@ class ServiceRunner(Runner):
         request, header = self._handle.service_take_request(service.srv_type.Request)
         if header is None:
             return False
-        self._more(lane)
+        self._more(lane, self._signal_fd)
         if inspect.iscoroutinefunction(service.callback):
             self._begin(lane, self._answer_later, request, header)
         else:
@@ -180,7 +236,7 @@ class ClientRunner(Runner):
         header, response = self._handle.take_response(client.srv_type.Response)
         if header is None:
             return False
-        self._more(lane)
+        self._more(lane, self._signal_fd)
         # A request that was cancelled is not pending any more.
         with suppress(KeyError):
             future = client.get_pending_request(header.request_id.sequence_number)

@@ -75,6 +75,13 @@ class Lane:
         self._jobs.append((group, job))
         self.call()
 
+    def signal(self, fd: int) -> None:
+        """Have the handler of an eventfd called; without the kernel from the lane's own thread."""
+        if self.thread_id == threading.get_ident():
+            self._ready.append(fd)
+        else:
+            os.eventfd_write(fd, 1)
+
     def add(self, watched: Watched, *, shared: bool) -> None:
         """Watch descriptors; those of a `shared` one wake only one of the lanes that wait."""
         flags = _EDGE | select.EPOLLEXCLUSIVE if shared else _EDGE

@@ -164,7 +164,7 @@ def _entities(nodes: Iterable[Any]) -> Iterator[tuple[Callable[..., Runner], Any
     for node in nodes:
         for make, entities in (
             (TimerRunner, node.timers),
-            (SubscriptionRunner, node.subscriptions),
+            (partial(SubscriptionRunner, context=node.context), node.subscriptions),
             (ServiceRunner, node.services),
             (ClientRunner, node.clients),
             (EventRunner, [w for w in node.waitables if isinstance(w, EventHandler)]),
