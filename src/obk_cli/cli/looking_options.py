@@ -5,12 +5,14 @@ import sys
 from dataclasses import replace
 from typing import Annotated, Final
 
+import click
 import typer
+from click.core import ParameterSource
 
 from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.cli.complete import complete_nodes, complete_topics
 from obk_cli.errors import MisuseError
-from obk_cli.looking.place import Place, place_of
+from obk_cli.looking.place import NOBODY_S, Place, place_of
 
 __all__ = [
     "TIMEOUT_S",
@@ -26,6 +28,7 @@ __all__ = [
 
 TIMEOUT_S: Final = 5.0
 """Longer than any node takes to be found [s]."""
+GIVEN: Final = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
 
 DomainOption = Annotated[
     int | None,
@@ -37,7 +40,10 @@ TopicArgument = Annotated[
 NodeArgument = Annotated[
     str, typer.Argument(help="A node, full or in short.", autocompletion=complete_nodes)
 ]
-TimeoutOption = Annotated[float, typer.Option(help="Seconds to wait for whoever is to answer.")]
+TimeoutOption = Annotated[
+    float,
+    typer.Option(help="Seconds to wait for whoever is to answer; unless given, 1 for anybody."),
+]
 
 
 def here(domain: int | None, timeout_s: float) -> Place:
@@ -51,7 +57,8 @@ def here(domain: int | None, timeout_s: float) -> Place:
     environment = ros_environment()
     for note in environment.notes:
         print(f"warning: {note}", file=sys.stderr)
-    return place_of(environment, domain)
+    is_asked_for = click.get_current_context().get_parameter_source("timeout") in GIVEN
+    return place_of(environment, domain, timeout_s if is_asked_for else NOBODY_S)
 
 
 def with_types(place: Place) -> Place:

@@ -30,11 +30,10 @@ def settle(look: RosLook, place: Place, timeout_s: float, *, wait_s: float | Non
     Raises:
         CommandFailedError: there is no node at all.
     """
-    look.settle(place.nodes, OTHERS_QUIET_S, timeout_s)
     if wait_s is not None:
         look.rest(wait_s)
-    if not look.nodes() and not look.topic_types():
-        raise place.nobody()
+    _require_somebody(look, place, timeout_s)
+    look.settle(place.nodes, OTHERS_QUIET_S, timeout_s)
 
 
 def find_topic(
@@ -124,6 +123,7 @@ def _find(
     there: Callable[[], Collection[str]],
 ) -> str:
     likely = meant(name, planned) or ((name,) if name.startswith("/") else ())
+    _require_somebody(look, place, timeout_s)
     if len(likely) != 1:
         settle(look, place, timeout_s)
         likely = meant(name, there())
@@ -133,3 +133,11 @@ def _find(
             return full
     settle(look, place, timeout_s)
     return one_meant(kind, name, there(), place.domain)
+
+
+def _require_somebody(look: RosLook, place: Place, timeout_s: float) -> None:
+    def is_anybody() -> bool | None:
+        return bool(look.nodes() or look.topic_types()) or None
+
+    if not look.wait_for(is_anybody, timeout_s if place.nodes else place.nobody_s):
+        raise place.nobody()

@@ -12,9 +12,11 @@ from obk_cli.launch.runs import Run, runs_folder
 from obk_cli.looking.names import meant
 from obk_cli.recording.made_from import run_plan, run_topics
 
-__all__ = ["Place", "place_of"]
+__all__ = ["NOBODY_S", "Place", "place_of"]
 
 DOMAIN: Final = "ROS_DOMAIN_ID"
+NOBODY_S: Final = 1.0
+"""After which there is nobody: longer than nodes that obk started take to be found [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,6 +26,8 @@ class Place:
     environment: RosEnvironment
     runs: Mapping[Path, Run]
     """Folder -> live run of this host in the domain, newest first."""
+    nobody_s: float
+    """In which some node has to be found where none is known to run [s]."""
 
     @property
     def domain(self) -> int:
@@ -62,19 +66,21 @@ class Place:
             help=(
                 f"in other domains there are: {', '.join(others)}; use `--domain`, see `obk ps`"
                 if others
-                else "start a stack with `obk launch`; one on another host needs "
+                else "start a stack with `obk launch`; nodes that obk did not start tell of "
+                "themselves every 3 s, `--timeout 5` waits for them; a stack on another host needs "
                 "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET here and there"
             ),
         )
 
 
-def place_of(environment: RosEnvironment, domain: int | None) -> Place:
+def place_of(environment: RosEnvironment, domain: int | None, nobody_s: float = NOBODY_S) -> Place:
     """Where to look.
 
     Args:
         environment: of ROS, as the user has it.
         domain: as the user names it; None: that of ROS_DOMAIN_ID, else that of the stacks of this
             host where all are in one, else 0.
+        nobody_s: in which some node has to be found where none is known to run [s].
     """
     variables = environment.variables
     live = live_folders(runs_folder(variables))
@@ -84,4 +90,4 @@ def place_of(environment: RosEnvironment, domain: int | None) -> Place:
     if domain is not None:
         environment = replace(environment, variables={**variables, DOMAIN: str(domain)})
     here = {folder: run for folder, run in live.items() if run.domain == environment.domain}
-    return Place(environment=environment, runs=here)
+    return Place(environment=environment, runs=here, nobody_s=nobody_s)

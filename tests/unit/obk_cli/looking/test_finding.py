@@ -1,0 +1,71 @@
+"""How long somebody is waited for, against a graph in which nobody ever is."""
+
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from obk_cli.adapters.ros_environment import RosEnvironment
+from obk_cli.adapters.ros_look import RosLook
+from obk_cli.errors import CommandFailedError
+from obk_cli.launch.runs import Run
+from obk_cli.looking.finding import find_node, find_topic, settle
+from obk_cli.looking.place import NOBODY_S, Place
+
+RUN = Run(name="dummy", pid=1, started=0.0, domain=7, config="dummy.yaml", nodes=("/arm",))
+
+
+class Nobody:
+    """A graph that stays empty; notes how long it is looked at."""
+
+    def __init__(self) -> None:
+        self.waited_s: list[float] = []
+
+    def nodes(self) -> tuple[str, ...]:
+        return ()
+
+    def topic_types(self) -> dict[str, tuple[str, ...]]:
+        return {}
+
+    def wait_for(self, probe: Any, timeout_s: float) -> None:
+        assert probe() is None
+        self.waited_s.append(timeout_s)
+
+    def rest(self, seconds: float) -> None:
+        self.waited_s.append(seconds)
+
+
+def place(tmp_path: Path, nobody_s: float = NOBODY_S, *, runs: bool = False) -> Place:
+    variables = {"ROS_DOMAIN_ID": "7", "OBK_HOME": str(tmp_path)}
+    environment = RosEnvironment(variables=variables, notes=())
+    folders = {tmp_path / "dummy": RUN} if runs else {}
+    return Place(environment=environment, runs=folders, nobody_s=nobody_s)
+
+
+def waited_for(where: Place, *, wait_s: float | None = None) -> list[float]:
+    look = Nobody()
+    with pytest.raises(CommandFailedError, match="no stack runs in the ROS domain 7"):
+        settle(cast(RosLook, look), where, 5.0, wait_s=wait_s)
+    return look.waited_s
+
+
+def test_an_empty_domain_is_known_to_be_empty_soon(tmp_path: Path) -> None:
+    assert waited_for(place(tmp_path)) == [1.0]
+
+
+def test_somebody_is_waited_for_as_long_as_a_user_says(tmp_path: Path) -> None:
+    assert waited_for(place(tmp_path, 20.0)) == [20.0]
+    assert waited_for(place(tmp_path), wait_s=3.3) == [3.3, 1.0]
+
+
+def test_nodes_that_are_known_to_run_are_waited_for(tmp_path: Path) -> None:
+    assert waited_for(place(tmp_path, runs=True)) == [5.0]
+
+
+@pytest.mark.parametrize("name", ["/arm/joints", "joints"])
+def test_what_is_named_is_not_waited_for_where_nobody_is(tmp_path: Path, name: str) -> None:
+    for find in (find_topic, find_node):
+        look = Nobody()
+        with pytest.raises(CommandFailedError, match="no stack runs"):
+            find(cast(RosLook, look), place(tmp_path), name, 5.0)
+        assert look.waited_s == [1.0]
