@@ -67,7 +67,8 @@ def command(
 
 
 def _report_states(states: Mapping[str, str], *, is_json: bool) -> None:
-    print(json.dumps(states, indent=1) if is_json else "\n".join(_columns(states)))
+    shown = map(plain, _columns(states))
+    print(json.dumps(states, indent=1) if is_json else "\n".join(shown))
 
 
 def _report_possible(states: Mapping[str, str], *, is_json: bool) -> None:
@@ -80,7 +81,7 @@ def _report_possible(states: Mapping[str, str], *, is_json: bool) -> None:
         node: f"{states[node]:<12}  {', '.join(transitions) or _no_transition(states[node])}"
         for node, transitions in possible.items()
     }
-    print("\n".join(_columns(rows)))
+    print("\n".join(map(plain, _columns(rows))))
 
 
 def _no_transition(state: str) -> str:
@@ -97,14 +98,14 @@ def _report_change(answer: ChangeAnswer, *, is_json: bool) -> None:
     members = sorted(answer.members, key=lambda member: not member.is_culprit)
     width = max((len(member.node) for member in members), default=0)
     for member in members:
-        print("\n".join(_member(member, width)))
+        print("\n".join(map(plain, _member(member, width))))
 
 
 def _member(member: Member, width: int) -> Iterator[str]:
     result = "" if member.result == "reached" else f"  {member.result}"
     yield f"{member.node:<{width}}  {member.state}{result}"
     for line in member.fault.splitlines():
-        yield f"    {plain(line)}"
+        yield f"    {line}"
 
 
 def _columns(rows: Mapping[str, str]) -> Iterator[str]:

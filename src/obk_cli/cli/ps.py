@@ -34,7 +34,7 @@ def command(format: FormatOption = "text") -> None:
         print(json.dumps(told, indent=1))
         return
     for stack in stacks:
-        print("\n".join(_text(stack)))
+        print("\n".join(map(plain, _text(stack))))
     if not stacks:
         print("no stack runs on this host")
     if leftovers:

@@ -29,7 +29,7 @@ def command(
     """
     found = find_leftovers(runs_folder(os.environ))
     for left in found:
-        print(f"{left.pid}  {left.run}  {plain(left.command)}")
+        print(plain(f"{left.pid}  {left.run}  {left.command}"))
     if not found:
         print("nothing is left behind")
     if dry_run:

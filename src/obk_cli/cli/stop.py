@@ -12,6 +12,7 @@ from obk_cli.adapters.launchers import end_launcher
 from obk_cli.asking.stacks import runs_meant
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseError
 from obk_cli.launch.runs import Run, read_run, runs_folder
+from obk_cli.report.escapes import plain
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -75,7 +76,7 @@ def _end(folder: Path, run: Run, timeout_s: float, *, may_kill: bool) -> bool:
     if end == "killed":
         print(f"{run.name}: killed")
     elif told and told.cause:
-        print(f"{run.name}: ended; it had failed: {told.cause}")
+        print(f"{run.name}: ended; it had failed: {plain(told.cause)}")
     else:
         print(f"{run.name}: ended")
     return True

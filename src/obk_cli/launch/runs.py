@@ -9,7 +9,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
@@ -17,6 +17,7 @@ from typing import Any, Final
 from platformdirs import user_state_path
 
 from obk_cli.launch.events import Ended
+from obk_cli.launch.json_values import value_of
 
 __all__ = [
     "MadeFrom",
@@ -26,12 +27,15 @@ __all__ = [
     "note_end",
     "read_run",
     "read_runs",
+    "read_told",
     "run_folders",
     "runs_folder",
     "write_run",
 ]
 
 RUN_FILE: Final = "run.json"
+LONGEST_RUN_FILE: Final = 1 << 23
+"""A stack of hundreds of nodes, with its plan [bytes]."""
 _FOLDER_NAME: Final = re.compile(r"(?P<config>.+)_(?P<stamp>\d{8}_\d{6})(?:_(?P<suffix>\d+))?")
 
 
@@ -116,7 +120,7 @@ def write_run(folder: Path, run: Run, made_from: MadeFrom | None = None) -> None
     Raises:
         OSError: it cannot be written.
     """
-    told = {**_read(folder), **asdict(run)}
+    told = {**read_told(folder), **asdict(run)}
     if made_from is not None:
         told["versions"] = dict(made_from.versions)
         told["plan_sha256"] = made_from.plan_sha256
@@ -163,18 +167,19 @@ def config_of(folder: Path) -> str:
 
 def read_run(folder: Path) -> Run | None:
     """What a run folder's `run.json` tells; None where it cannot be read."""
-    data = _read(folder)
-    try:
-        known = {field.name: data[field.name] for field in fields(Run) if field.name in data}
-        lists = {key: tuple(data.get(key, ())) for key in ("nodes", "other_nodes", "devices")}
-        return Run(**{**known, **lists})
-    except TypeError:
-        return None
+    run = value_of(Run, read_told(folder))
+    is_shown = run is not None and all(map(str.isprintable, (run.name, *run.all_nodes)))
+    return run if is_shown else None
 
 
-def _read(folder: Path) -> Mapping[str, Any]:
+def read_told(folder: Path) -> Mapping[str, Any]:
+    """All that a run folder's `run.json` tells; empty where it cannot be read."""
+    path = folder / RUN_FILE
     try:
-        data = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))
+        # A pipe would never end, and what is longer is none of ours.
+        if not path.is_file() or path.stat().st_size > LONGEST_RUN_FILE:
+            return {}
+        data = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
         return {}
     return data if isinstance(data, dict) else {}

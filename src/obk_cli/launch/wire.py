@@ -6,11 +6,11 @@ Pure: bytes to values and back. What comes from outside is checked; a fault is a
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from obelisk_spec.rates import Rate
-from obk_cli.launch.asks import ChangeAnswer, Member, NodeStatus, StackStatus
+from obk_cli.launch.asks import ChangeAnswer, StackStatus
+from obk_cli.launch.json_values import value_of
 from obk_cli.launch.transitions import TRANSITIONS
 
 __all__ = [
@@ -130,17 +130,7 @@ def emit_fault(sentence: str) -> bytes:
 
 def parse_status(line: bytes) -> StackStatus | None:
     """The stack's state in an answer; None where there is none."""
-    data = _object(line) or {}
-    try:
-        nodes = tuple(map(_node, data["nodes"]))
-        return StackStatus(**{**_known(StackStatus, data), "nodes": nodes})
-    except (KeyError, TypeError):
-        return None
-
-
-def _node(data: Mapping[str, Any]) -> NodeStatus:
-    rates = tuple(Rate(**_known(Rate, rate)) for rate in data.get("rates", ()))
-    return NodeStatus(**{**_known(NodeStatus, data), "rates": rates})
+    return value_of(StackStatus, _object(line))
 
 
 def parse_change(line: bytes) -> ChangeAnswer | None:
@@ -148,21 +138,12 @@ def parse_change(line: bytes) -> ChangeAnswer | None:
     data = _object(line) or {}
     if isinstance(data.get("error"), str):
         return ChangeAnswer(success=False, why=data["error"])
-    try:
-        members = tuple(Member(**_known(Member, member)) for member in data["members"])
-        return ChangeAnswer(success=data["success"], why=data["why"], members=members)
-    except (KeyError, TypeError):
-        return None
+    return value_of(ChangeAnswer, data)
 
 
 def is_stop_heard(line: bytes) -> bool:
     """Whether an answer says that the stack will stop."""
     return line == HEARD
-
-
-def _known(kind: type[NodeStatus | Rate | StackStatus | Member], data: Mapping[str, Any]) -> Any:
-    """Of a JSON object what this version knows."""
-    return {field.name: data[field.name] for field in fields(kind) if field.name in data}
 
 
 def _object(line: bytes) -> Mapping[str, Any] | None:

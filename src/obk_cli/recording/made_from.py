@@ -6,9 +6,13 @@ metadata for the beginning of the file.
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
+
+from obk_cli.launch.json_values import value_of
+from obk_cli.launch.runs import read_told
+from obk_cli.plan import Endpoint, Origin, SensorGroup
 
 __all__ = ["Background", "background_of", "run_plan", "run_topics"]
 
@@ -23,11 +27,36 @@ class Background:
     attachments: Mapping[str, str] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Process:
+    """Of a plan's process what is looked at while it runs."""
+
+    node: str
+    namespace: str
+    section: str
+    device: str
+    package: str
+    executable: str
+    origin: Origin
+    publishes: tuple[Endpoint, ...]
+    subscribes: tuple[Endpoint, ...]
+    model: str | None = None
+    sensor_groups: tuple[SensorGroup, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Plan:
+    name: str
+    processes: tuple[_Process, ...]
+
+
 def background_of(folder: Path) -> Background:
     """The background of a run; what its folder does not tell is left out."""
-    run = _read(folder)
+    run = read_told(folder)
     told = {key: str(run[key]) for key in ("name", "config", "domain", "plan_sha256") if key in run}
-    versions = {key: str(value) for key, value in run.get("versions", {}).items()}
+    told_versions = run.get("versions")
+    every = told_versions.items() if isinstance(told_versions, dict) else ()
+    versions = {key: str(value) for key, value in every}
     plan = {PLAN_FILE: json.dumps(run["plan"], indent=1)} if "plan" in run else {}
     return Background(
         metadata={"obelisk": {"run": folder.name, **told}, "obelisk_versions": versions},
@@ -45,21 +74,13 @@ def run_topics(folder: Path) -> Mapping[str, str | None]:
 
 
 def run_plan(folder: Path) -> Mapping[str, Any]:
-    """The config of a run as compiled; empty where its folder does not tell."""
-    plan: Mapping[str, Any] = _read(folder).get("plan", {})
-    return plan
-
-
-def _read(folder: Path) -> Mapping[str, Any]:
-    try:
-        told = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return told if isinstance(told, dict) else {}
+    """Of a run's config as compiled its processes and topics; empty where its folder has none."""
+    plan = value_of(_Plan, read_told(folder).get("plan"))
+    return {} if plan is None else asdict(plan)
 
 
 def _parameters(folder: Path) -> Mapping[str, str]:
     texts = {}
     for path in sorted((folder / "params").glob("*.yaml")):
-        texts[f"params/{path.name}"] = path.read_text(encoding="utf-8")
+        texts[f"params/{path.name}"] = path.read_text(encoding="utf-8", errors="replace")
     return texts

@@ -13,7 +13,7 @@ _SEQUENCE: Final = re.compile(
     r"|(?:\x1b\[|\x9b)[0-?]*[ -/]*[@-~]?"  # control sequences
     r"|(?:\x1b[\]PX^_]|[\x9d\x90\x98\x9e\x9f])[^\x07\x1b\x9c]*(?:\x07|\x1b\\|\x9c)?"  # strings
     r"|\x1b[ -/]*[0-~]?"  # what is left of two characters
-    r"|[\x00-\x08\x0a-\x1f\x7f-\x9f]"
+    r"|[\x00-\x08\x0a-\x1f\x7f-\x9f\ud800-\udfff]"  # the last are halves of characters
 )
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 """Characters that a terminal obeys, breaks lines at, or turns the direction of writing for."""
@@ -31,7 +31,7 @@ def only_colour(text: str) -> str:
 
 
 def plain(text: str) -> str:
-    """The text without any escape sequence and control character."""
+    """The text without any escape sequence, control character, and byte that is no text."""
     return _SEQUENCE.sub("", text)
 
 

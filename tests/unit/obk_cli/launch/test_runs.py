@@ -1,9 +1,12 @@
 """Run folders."""
 
 import json
-from dataclasses import replace
+import os
+from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
+
+import pytest
 
 from obk_cli.launch.events import Ended
 from obk_cli.launch.runs import (
@@ -44,6 +47,28 @@ def test_runs_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
     for second, text in enumerate(("{", "[]", '{"pid": 1}')):
         folder = make_run_folder(tmp_path, "dummy", NOW.replace(second=second))
         (folder / "run.json").write_text(text)
+    assert read_runs(tmp_path) == ()
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        *(("pid", "1"), ("started", "2"), ("domain", None), ("nodes", [1]), ("nodes", "/a")),
+        *(("name", "a\x1b[2J"), ("name", "\ud800"), ("started", 10**400)),
+    ],
+)
+def test_a_run_of_another_shape_is_left_out(tmp_path: Path, field: str, value: object) -> None:
+    folder = make_run_folder(tmp_path, "dummy", NOW)
+    (folder / "run.json").write_text(json.dumps({**asdict(RUN), field: value}))
+    assert read_runs(tmp_path) == ()
+
+
+def test_a_run_file_that_is_no_file_or_too_long_is_not_waited_for(tmp_path: Path) -> None:
+    pipe, device, long = (make_run_folder(tmp_path, name, NOW) for name in "abc")
+    os.mkfifo(pipe / "run.json")
+    (device / "run.json").symlink_to("/dev/zero")
+    with (long / "run.json").open("wb") as file:
+        file.truncate(1 << 40)
     assert read_runs(tmp_path) == ()
 
 

@@ -1,5 +1,8 @@
 """Requests and answers of the control socket as lines."""
 
+import json
+from dataclasses import asdict
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -81,6 +84,14 @@ def test_answers_are_read_back() -> None:
 def test_an_answer_of_a_later_version_is_read_as_far_as_it_is_known() -> None:
     line = emit_answer(STATUS).replace(b'"pid": 7', b'"pid": 7, "colour": "red"')
     assert parse_status(line) == STATUS
+
+
+@pytest.mark.parametrize(
+    "nodes", [["/a"], {}, 7, [{"node": "/a"}], [{**asdict(STATUS.nodes[0]), "pid": "7"}]]
+)
+def test_an_answer_of_another_shape_is_none(nodes: object) -> None:
+    told = {**asdict(STATUS), "nodes": nodes}
+    assert parse_status(json.dumps(told).encode()) is None
 
 
 def test_a_fault_is_no_state_and_a_failed_change() -> None:

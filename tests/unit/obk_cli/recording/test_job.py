@@ -7,14 +7,25 @@ from obk_cli.recording.choice import Wish
 from obk_cli.recording.job import Job, job_from_json, job_to_json
 from obk_cli.recording.made_from import Background, background_of, run_topics
 
+PROCESS = {
+    "node": "n",
+    "namespace": "/",
+    "section": "robot",
+    "device": "",
+    "package": "p",
+    "executable": "e",
+    "origin": {"path": "c.yaml", "line": 1, "column": 1},
+}
 PLAN = {
+    "name": "arm",
     "processes": [
         {
+            **PROCESS,
             "publishes": [{"topic": "/a", "msg_type": None}],
             "subscribes": [{"topic": "/b", "msg_type": "x/msg/B"}],
         },
-        {"publishes": [], "subscribes": [{"topic": "/a", "msg_type": "x/msg/A"}]},
-    ]
+        {**PROCESS, "publishes": [], "subscribes": [{"topic": "/a", "msg_type": "x/msg/A"}]},
+    ],
 }
 
 

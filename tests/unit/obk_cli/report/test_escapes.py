@@ -51,6 +51,10 @@ def test_tabs_and_letters_of_all_languages_stay() -> None:
     assert only_colour("\tgrün 机器人 °") == "\tgrün 机器人 °"
 
 
+def test_bytes_that_are_no_text_are_taken_out() -> None:
+    assert plain(b"caf\xe9".decode(errors="surrogateescape")) == "caf"
+
+
 def test_what_must_not_be_lost_is_escaped() -> None:
     assert escaped("a\x1b[2J\x9b31m\n\tb\x7f") == r"a\u001b[2J\u009b31m\n\tb\u007f"
     assert escaped("\u202etxt\u2028") == r"\u202etxt\u2028"

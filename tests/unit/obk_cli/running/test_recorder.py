@@ -16,11 +16,18 @@ from obk_cli.running.output import Output
 from obk_cli.running.recorder import UNIT, Recorder
 
 ENDED = Ended(exit_code=0, cause="")
-PLAN = {
-    "processes": [
-        {"publishes": [{"topic": "/a", "msg_type": "x/msg/A"}], "subscribes": []},
-    ]
+PROCESS = {
+    "node": "n",
+    "namespace": "/",
+    "section": "robot",
+    "device": "",
+    "package": "p",
+    "executable": "e",
+    "origin": {"path": "c.yaml", "line": 1, "column": 1},
+    "publishes": [{"topic": "/a", "msg_type": "x/msg/A"}],
+    "subscribes": [],
 }
+PLAN = {"name": "x", "processes": [PROCESS]}
 
 
 class Shown(Screen):

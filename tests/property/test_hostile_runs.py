@@ -1,0 +1,164 @@
+"""Whatever the files and answers of a run hold: it is shown or left out, and never raises."""
+
+import json
+import os
+import tempfile
+from contextlib import AbstractContextManager, redirect_stdout, suppress
+from io import StringIO
+from pathlib import Path
+from unittest import mock
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from obk_cli.adapters.live_runs import live_folders
+from obk_cli.adapters.overlay import FOLDER, RECORD, read_record
+from obk_cli.adapters.process_start import boot_id, this_process
+from obk_cli.asking.stacks import Stack
+from obk_cli.cli import lifecycle, logs, ps
+from obk_cli.errors import ObkError
+from obk_cli.launch.runs import RUN_FILE, Run, read_runs
+from obk_cli.launch.wire import emit_fault, parse_change, parse_request, parse_status
+from obk_cli.monitoring.promised import planned_topics
+from obk_cli.recording.made_from import background_of, run_plan, run_topics
+from obk_cli.web.picture import live_picture
+
+from .hostile import FEW, JSON, SPOILT, assert_shows_only_text, damaged, respelt
+
+PID, STARTED = this_process()
+END = {"topic": "/t", "msg_type": "a/msg/B", "rate_hz": 1.0}
+PROCESS = {
+    "node": "n",
+    "namespace": "/",
+    "section": "robot",
+    "device": "",
+    "model": "m.xml",
+    "publishes": [END],
+    "subscribes": [END],
+    "sensor_groups": [],
+    "package": "p",
+    "executable": "e",
+    "origin": {"path": "c", "line": 1, "column": 1},
+}
+RUN = {
+    "name": "arm",
+    "pid": PID,
+    "started": STARTED,
+    "domain": 1,
+    "config": "c.yaml",
+    "nodes": ["/a", "/b"],
+    "other_nodes": [],
+    "devices": ["d"],
+    "boot": boot_id(),
+    "ended": None,
+    "exit_code": 1,
+    "cause": "why",
+    "versions": {"obk": "1"},
+    "plan": {"name": "arm", "processes": [PROCESS]},
+}
+RATE = {
+    "name": "t",
+    "wanted_hz": 1.0,
+    "measured_hz": 0.5,
+    "ticks": 1,
+    "overruns": 1,
+    "late_p50_us": 1.0,
+    "late_p99_us": 1.0,
+    "late_max_us": 1.0,
+    "standing": "off",
+}
+NODE = {
+    "node": "/a",
+    "section": "robot",
+    "device": "",
+    "state": "active",
+    "process": "/a",
+    "pid": 7,
+    "restarts": 1,
+    "hangs": True,
+    "rates": [RATE],
+}
+STATUS = {"name": "arm", "state": "active", "phase": "active", "seconds": 1.0, "nodes": [NODE]}
+MEMBER = {"node": "/a", "result": "refused", "state": "active", "fault": "no"}
+CHANGE = {"success": False, "why": "no", "members": [MEMBER]}
+ANSWERS = [json.dumps(STATUS).encode(), json.dumps(CHANGE).encode()]
+FILES = st.binary() | damaged([json.dumps(RUN).encode()]) | st.builds(json.dumps, respelt(RUN))
+
+
+def no_leftovers() -> AbstractContextManager[object]:
+    """No look at all processes of this machine, which takes most of the time."""
+    return mock.patch.object(ps, "find_leftovers", return_value=())
+
+
+def shown(call: object, *arguments: object, **options: object) -> list[str]:
+    """What a command prints; a refusal prints nothing."""
+    text = StringIO()
+    with redirect_stdout(text), suppress(ObkError, SystemExit):
+        call(*arguments, **options)  # type: ignore[operator]
+    text.getvalue().encode()  # as a terminal gets it
+    return text.getvalue().splitlines()
+
+
+@FEW
+@given(FILES)
+def test_a_run_file_of_any_content_is_shown_or_left_out(content: bytes | str) -> None:
+    with tempfile.TemporaryDirectory() as home:
+        folder = Path(home, "runs", "arm_20260101_000000")
+        folder.mkdir(parents=True)
+        data = content.encode(errors="replace") if isinstance(content, str) else content
+        (folder / RUN_FILE).write_bytes(data)
+        (folder / "launch.log").write_bytes(data)
+        with mock.patch.dict(os.environ, {"OBK_HOME": home}), no_leftovers():
+            live_folders(folder.parent)
+            assert_shows_only_text(shown(ps.command))
+            shown(ps.command, format="json")
+            assert_shows_only_text(shown(logs.command, color="never"))
+            shown(logs.command, "arm", "a", color="never")
+        for run in read_runs(folder.parent):
+            assert run.name.isprintable()
+        planned_topics(run_plan(folder))
+        live_picture(run_plan(folder))
+        run_topics(folder)
+        background_of(folder)
+
+
+@FEW
+@given(st.binary() | damaged(ANSWERS) | JSON.map(json.dumps))
+def test_any_answer_of_a_launcher_is_understood_or_none(line: bytes | str) -> None:
+    data = line.encode() if isinstance(line, str) else line
+    parse_status(data)
+    parse_change(data)
+    asked = parse_request(data)
+    if isinstance(asked, str):
+        assert_shows_only_text(asked)
+        assert emit_fault(asked).endswith(b"\n")
+
+
+@FEW
+@given(respelt(STATUS), SPOILT)
+def test_a_status_of_any_shape_is_shown(told: object, spoilt: str) -> None:
+    status = parse_status(json.dumps(told).replace("/a", json.dumps(spoilt)[1:-1]).encode())
+    run = Run(name="arm", pid=PID, started=STARTED, domain=1, config=f"{spoilt}.yaml", nodes=())
+    stack = Stack(folder=Path("runs/arm"), run=run, status=status)
+    with mock.patch.object(ps, "live_stacks", return_value=(stack,)), no_leftovers():
+        assert_shows_only_text(shown(ps.command))
+        shown(ps.command, format="json")
+
+
+@FEW
+@given(respelt(CHANGE), SPOILT)
+def test_a_change_of_any_shape_is_shown(told: object, spoilt: str) -> None:
+    answer = parse_change(json.dumps(told).replace("no", json.dumps(spoilt)[1:-1]).encode())
+    if answer is not None:
+        assert_shows_only_text(shown(lifecycle._report_change, answer, is_json=False))
+        shown(lifecycle._report_change, answer, is_json=True)
+
+
+@FEW
+@given(st.binary() | JSON.map(json.dumps))
+def test_a_record_of_an_overlay_of_any_content_is_read_or_none(content: bytes | str) -> None:
+    with tempfile.TemporaryDirectory() as workspace:
+        path = Path(workspace, FOLDER, "overlay", RECORD)
+        path.parent.mkdir(parents=True)
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        read_record(Path(workspace))
