@@ -4,29 +4,34 @@ Messages are decoded by the definitions in the file; neither ROS nor the types n
 """
 
 import struct
-import zlib
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Final
 
-from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+from mcap.exceptions import EndOfFile, InvalidMagic
 from mcap.reader import SeekingReader
 from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
-from mcap.stream_reader import CRCValidationError, StreamReader
+from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 
 from obk_cli.adapters.files import explain_os_error
 from obk_cli.errors import CommandFailedError
 from obk_cli.recording.bag import Bag, BagTopic
 from obk_cli.recording.tally import DROPS
+from obk_cli.report.escapes import plain
 
 __all__ = ["BagMessage", "messages_of", "read_bag"]
 
 _BREAKS = (EndOfFile, struct.error)
 """What the library raises where a file ends in the middle of a record."""
-_FAULTS = (McapError, CRCValidationError, ValueError, RuntimeError, zlib.error)
+LONGEST_FAULT: Final = 200
+"""Of the library's words [characters]."""
+LONGEST_RECORD: Final = 1 << 28
+"""What a record may claim to have: far more than any chunk or attachment of a recorder [bytes]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,11 +50,8 @@ def read_bag(path: Path) -> Bag:
     Raises:
         CommandFailedError: it cannot be read, or is none.
     """
-    try:
-        with path.open("rb") as file:
-            return _indexed(path, file) or _scanned(path, file)
-    except (OSError, *_FAULTS) as error:
-        raise _unreadable(path, error) from error
+    with _faults_told(path), path.open("rb") as file:
+        return _indexed(path, file) or _scanned(path, file)
 
 
 def messages_of(path: Path, topics: Collection[str]) -> Iterator[BagMessage]:
@@ -59,26 +61,25 @@ def messages_of(path: Path, topics: Collection[str]) -> Iterator[BagMessage]:
         CommandFailedError: the file cannot be read, or a message of it.
     """
     decoders = DecoderFactory()
-    try:
-        with path.open("rb") as file:
-            for schema, channel, message in _messages(file, topics):
+    with _faults_told(path), path.open("rb") as file:
+        for schema, channel, message in _messages(file, topics):
+            # It prints what it does not understand, whatever that does to a terminal.
+            with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
                 decode = decoders.decoder_for(channel.message_encoding, schema)
-                if decode is None:
-                    raise CommandFailedError(
-                        f"{path}: {channel.topic} cannot be decoded: it is not in the form of "
-                        "ROS 2 messages with their definition"
-                    )
-                value = decode(message.data)
-                yield BagMessage(topic=channel.topic, received_ns=message.log_time, value=value)
-    except (OSError, *_FAULTS) as error:
-        raise _unreadable(path, error) from error
+            if decode is None:
+                raise CommandFailedError(
+                    f"{path}: {plain(channel.topic)} cannot be decoded: it is not in the form of "
+                    "ROS 2 messages with their definition"
+                )
+            value = decode(message.data)
+            yield BagMessage(topic=channel.topic, received_ns=message.log_time, value=value)
 
 
 def _messages(
     file: IO[bytes], topics: Collection[str]
 ) -> Iterator[tuple[Schema | None, Channel, Message]]:
     if _is_complete(file):
-        yield from SeekingReader(file).iter_messages(topics=list(topics))
+        yield from _seeking(file).iter_messages(topics=list(topics))
         return
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
@@ -96,8 +97,8 @@ def _messages(
 def _is_complete(file: IO[bytes]) -> bool:
     """Whether a recording was ended; leaves the file at its beginning."""
     try:
-        summary = SeekingReader(file).get_summary()
-    except (OSError, *_BREAKS, *_FAULTS):  # the end of the file is no footer
+        summary = _seeking(file).get_summary()
+    except Exception:  # the end of the file is no footer, whatever the library makes of it
         summary = None
     file.seek(0)
     return summary is not None and summary.statistics is not None
@@ -106,7 +107,7 @@ def _is_complete(file: IO[bytes]) -> bool:
 def _records(file: IO[bytes]) -> Iterator[object]:
     """Every record up to where the file breaks off."""
     try:
-        yield from StreamReader(file).records
+        yield from StreamReader(file, record_size_limit=LONGEST_RECORD).records
     except _BREAKS:
         return
 
@@ -128,7 +129,7 @@ def _indexed(path: Path, file: IO[bytes]) -> Bag | None:
     """Read what the index at the end tells; None where there is none."""
     if not _is_complete(file):
         return None
-    reader = SeekingReader(file)
+    reader = _seeking(file)
     summary = reader.get_summary()
     assert summary is not None
     assert summary.statistics is not None
@@ -194,9 +195,27 @@ def _bag(path: Path, file: IO[bytes], found: _Found, *, is_complete: bool) -> Ba
     )
 
 
-def _unreadable(path: Path, error: Exception) -> CommandFailedError:
-    if isinstance(error, OSError):
-        return CommandFailedError(f"{path}: {explain_os_error(error)}")
-    if isinstance(error, InvalidMagic):
-        return CommandFailedError(f"{path} is no MCAP file")
-    return CommandFailedError(f"{path} cannot be read: {error}")
+def _seeking(file: IO[bytes]) -> SeekingReader:
+    return SeekingReader(file, record_size_limit=LONGEST_RECORD)
+
+
+@contextmanager
+def _faults_told(path: Path) -> Iterator[None]:
+    """While entered, what comes out of the libraries is told of the file.
+
+    They look at no field before they use it: a damaged file makes them raise anything.
+
+    Raises:
+        CommandFailedError: the file cannot be read.
+    """
+    try:
+        yield
+    except CommandFailedError:
+        raise
+    except OSError as error:
+        raise CommandFailedError(f"{path}: {explain_os_error(error)}") from error
+    except InvalidMagic as error:
+        raise CommandFailedError(f"{path} is no MCAP file") from error
+    except Exception as error:
+        fault = plain(f"{type(error).__name__}: {error}")[:LONGEST_FAULT]
+        raise CommandFailedError(f"{path} cannot be read: it is damaged ({fault})") from error

@@ -1,0 +1,106 @@
+"""Recordings that were cut, changed or made up are read, read in part, or refused in a sentence."""
+
+import struct
+import tempfile
+from contextlib import suppress
+from functools import cache
+from io import BytesIO
+from pathlib import Path
+
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.writer import CompressionType, Writer
+
+from obk_cli.adapters.bag_reader import messages_of, read_bag
+from obk_cli.adapters.bag_writer import BagWriter
+from obk_cli.errors import ObkError
+from obk_cli.recording.fields import Lines, parse_field
+from obk_cli.report.bag import bag_data, bag_text
+from obk_cli.report.messages import json_line
+
+from .hostile import FEW, SPOILT, assert_shows_only_text, damaged
+
+TYPE = "demo_msgs/msg/Reading"
+DEFINITION = (
+    "float64 data\nstring name\nPart[] parts\n" + "=" * 80 + "\nMSG: demo_msgs/Part\nint8[] x\n"
+)
+MESSAGE = b"\0\1\0\0" + struct.pack("<dI4sIIb", 1.5, 4, b"arm\0", 1, 1, 7)
+
+
+@cache
+def seeds() -> tuple[bytes, ...]:
+    """One of obk's own, ended and not, and one with compressed chunks and everything else."""
+    with tempfile.TemporaryDirectory() as folder:
+        own, other = Path(folder, "own.mcap"), Path(folder, "other.mcap")
+        with BagWriter(own) as writer:
+            writer.describe({"obelisk": {"run": "arm"}}, {"plan.json": "{}"}, 1)
+            channel = writer.add_topic("/speed", TYPE, DEFINITION, {"topic_type_hash": "RIHS01_0"})
+            for number in range(4):
+                writer.add_message(channel, MESSAGE, number + 1, number, number + 1)
+        with other.open("wb") as file:
+            made = Writer(file, compression=CompressionType.ZSTD)
+            made.start("ros2", "test")
+            schema = made.register_schema(TYPE, "ros2msg", DEFINITION.encode())
+            channel = made.register_channel("/speed", "cdr", schema)
+            made.add_message(channel, 5, MESSAGE, 5)
+            made.add_metadata("m", {"a": "b"})
+            made.add_attachment(1, 1, "a", "text/plain", b"attached")
+            made.finish()
+        ended = own.read_bytes()
+        return ended, ended[: len(ended) // 2], other.read_bytes()
+
+
+def look_at(data: bytes) -> None:
+    """What `obk bag info` and `obk plot` do with a file."""
+    with tempfile.NamedTemporaryFile(suffix=".mcap") as file:
+        file.write(data)
+        file.flush()
+        path = Path(file.name)
+        try:
+            bag = read_bag(path)
+        except ObkError:
+            return
+        assert_shows_only_text(list(bag_text(bag)))
+        json_line(bag_data(bag))
+        lines = Lines(parse_field("/speed.data"))
+        with suppress(ObkError):
+            for message in messages_of(path, {topic.topic for topic in bag.topics}):
+                lines.add(message.received_ns * 1e-9, message.value)
+
+
+@FEW
+@given(st.binary(max_size=200).map(lambda data: b"\x89MCAP0\r\n" + data) | st.binary())
+def test_a_file_of_any_bytes_is_read_or_refused(data: bytes) -> None:
+    look_at(data)
+
+
+@FEW
+@given(st.deferred(lambda: damaged(seeds())))
+def test_a_damaged_recording_is_read_or_refused(data: bytes) -> None:
+    look_at(data)
+
+
+def made_up(topic: str, definition: str, name: str, message: bytes) -> bytes:
+    """A sound file about something that is not."""
+    file = BytesIO()
+    made = Writer(file, compression=CompressionType.NONE)
+    made.start("ros2", name)
+    schema = made.register_schema(TYPE, "ros2msg", definition.encode(errors="replace"))
+    channel = made.register_channel(topic, "cdr", schema, {"topic_type_hash": name})
+    made.add_message(channel, 5, message, 5)
+    made.add_metadata(name, {name: name})
+    made.finish()
+    return file.getvalue()
+
+
+@FEW
+@given(
+    st.just("/speed") | SPOILT,
+    damaged([DEFINITION.encode()]).map(lambda data: data.decode(errors="replace")) | st.text(),
+    SPOILT,
+    damaged([MESSAGE]) | st.binary(),
+)
+def test_definitions_and_messages_of_any_bytes_are_read_or_refused(
+    topic: str, definition: str, name: str, message: bytes
+) -> None:
+    look_at(made_up(topic, definition, name, message))
