@@ -14,7 +14,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
 INSTALL := $(PIP) install --no-deps --no-build-isolation
 PYTHONS := 3.12 3.13
 
-.PHONY: setup demo test test-unit check golden docs bench bench-loop bench-tool bench-launches bench-simulator lock wheel clean
+.PHONY: setup demo test test-unit check golden docs site bench bench-loop bench-tool bench-launches bench-simulator lock wheel clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.interfaces
@@ -42,6 +42,16 @@ golden: setup
 docs: setup
 	$(BIN)/python tools/rule_pages.py
 	$(BIN)/python tools/reference_pages.py
+
+# The documents as pages to read without a network. A dead link ends it, and so does a page that
+# would load something from elsewhere.
+site:
+	$(PYTHON) -m venv build/site-environment
+	build/site-environment/bin/python -m pip --disable-pip-version-check -qq install "$$($(PYTHON) -c \
+		'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["docs"])')"
+	NO_MKDOCS_2_WARNING=1 build/site-environment/bin/mkdocs build --quiet --clean
+	! grep -rnE '(src|<link[^>]* href)="?https?://' build/site --include='*.html'
+	@echo "site: build/site/index.html; with search: $(PYTHON) -m http.server --directory build/site"
 
 # What has to be measured on a quiet machine, one after another; QUICK=1: whether the loop's suite
 # runs, in a minute.
@@ -110,17 +120,17 @@ $(VENV)/.interfaces: $(shell find interfaces -type f -not -path 'interfaces/buil
 
 # --- maintenance ---
 
-# Builds both wheels, installs them into an environment that knows nothing of this checkout, and
-# uses them there.
+# Builds what is released, sdist and wheel of both, and uses it in empty environments of these Pythons.
+WHEEL_PYTHONS ?= $(PYTHON)
+
 wheel: setup
-	rm -rf dist build/wheel-environment
-	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist . ./interfaces
-	$(PYTHON) -m venv build/wheel-environment
-	build/wheel-environment/bin/python -m pip -qq install --no-deps -r $(VENV)/requirements.txt
-	build/wheel-environment/bin/python -m pip -qq install --no-deps dist/*.whl
-	cd build && wheel-environment/bin/obk validate ../examples/dummy/dummy.yaml
-	cd build && wheel-environment/bin/python -c "import rclpy, obelisk_control_msgs.msg"
-	test -x build/wheel-environment/lib/obelisk_sim_py/obelisk_mujoco_robot
+	rm -rf dist
+	$(BIN)/python -m hatchling build --target sdist --directory dist
+	cd interfaces && ../$(BIN)/python -m hatchling build --target sdist --directory ../dist
+	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist dist/obelisk_cli-*.tar.gz
+	for python in $(WHEEL_PYTHONS); do \
+		$$python tools/try_release.py dist $(VENV)/requirements.txt || exit 1; \
+	done
 
 # Resolved for the oldest Python, so that one version of each package fits all; then checked
 # that the newer ones need nothing else.

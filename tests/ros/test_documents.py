@@ -17,6 +17,8 @@ DOCUMENTS = (
     ROOT / "examples" / "arm" / "README.md",
     ROOT / "examples" / "dummy" / "README.md",
     ROOT / "examples" / "quadruped" / "README.md",
+    ROOT / "docs" / "how-to" / "ci.md",
+    ROOT / "docs" / "how-to" / "from-launch-files.md",
     ROOT / "docs" / "reference" / "compile.md",
     ROOT / "docs" / "how-to" / "doctor.md",
     ROOT / "docs" / "how-to" / "viewing.md",

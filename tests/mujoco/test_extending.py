@@ -1,0 +1,68 @@
+"""The examples of `docs/extending.md`, carried out in a copy of what they change."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ..ros.walkthrough import (  # noqa: TID252 - shared by folders of tests
+    Commands,
+    apply,
+    steps,
+)
+
+pytestmark = pytest.mark.mujoco
+
+DOCUMENT = Path("docs/extending.md")
+LISTING = re.compile(r"^`(?P<path>\S+)`:\n\n```\w+\n(?P<text>.*?)^```$", re.DOTALL | re.MULTILINE)
+NEEDED = ("src", "schema", "templates", "examples/dummy", "tests/cases", "tests/golden")
+ADDED = "OBK299 or MagneticField or magnetic or csv-dummy/dummy.yaml"
+
+
+@pytest.fixture(scope="module")
+def extended(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the repository, as far as needed, with everything that the document adds."""
+    copy = tmp_path_factory.mktemp("repository")
+    unwanted = shutil.ignore_patterns("__pycache__", ".obk", "build")
+    for folder in NEEDED:
+        shutil.copytree(repository / folder, copy / folder, ignore=unwanted)
+    (copy / "tests/mujoco").mkdir()
+    for file in ("pyproject.toml", "tests/conftest.py", "tests/mujoco/test_sensors.py"):
+        shutil.copy(repository / file, copy / file)
+    shutil.copy(repository / "tests/mujoco/conftest.py", copy / "tests/mujoco")
+    for listing in LISTING.finditer((repository / DOCUMENT).read_text()):
+        path = copy / listing["path"]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(listing["text"])
+    for step in steps(repository / DOCUMENT):
+        if not isinstance(step, Commands):
+            apply(step, copy)
+            continue
+        for line in step.lines:
+            subprocess.run(["sh", "-c", line], cwd=copy, check=True, timeout=20)
+    return copy
+
+
+def test_what_was_added_is_tested_and_found_good(extended: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-rA", "-k", ADDED],
+        cwd=extended,
+        env={**os.environ, "PYTHONPATH": str(extended / "src")},
+        capture_output=True,
+        text=True,
+        timeout=150,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    for told in (
+        "test_a_fault_is_reported_word_for_word[OBK299/hardware]",
+        "test_the_right_twin_is_not_reported[OBK299/hardware]",
+        "test_a_kind_publishes_the_type_that_the_language_says[MagneticField]",
+        "test_the_field_is_given_in_the_frame_of_its_site",
+        "test_an_example_compiles_to_what_is_written_down[csv-dummy/dummy.yaml]",
+    ):
+        assert re.search(rf"^PASSED .*{re.escape(told)}$", done.stdout, re.MULTILINE), done.stdout

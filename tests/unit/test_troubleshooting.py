@@ -1,0 +1,46 @@
+"""docs/troubleshooting.md quotes what the source says."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "troubleshooting.md"
+ROW = re.compile(r"^\| (?P<marks>`+)(?P<quote>.+?)(?P=marks)[ |]", re.MULTILINE)
+QUOTES = [row["quote"].strip() for row in ROW.finditer(PAGE.read_text(encoding="utf-8"))]
+
+
+def template(node: ast.expr) -> str:
+    """A text of the source, what is filled in as `…`."""
+    if isinstance(node, ast.JoinedStr):
+        return re.sub("…+", "…", "".join(map(template, node.values)))
+    return str(node.value) if isinstance(node, ast.Constant) else "…"
+
+
+def templates() -> Iterator[str]:
+    """Every text of the source; docstrings are none."""
+    for path in (ROOT / "src").rglob("*.py"):
+        for statement in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for node in ast.iter_child_nodes(statement):
+                is_docstring = isinstance(statement, ast.Expr) and isinstance(node, ast.Constant)
+                if isinstance(node, ast.JoinedStr | ast.Constant) and not is_docstring:
+                    yield template(node)
+
+
+@pytest.fixture(scope="module")
+def source() -> str:
+    return "\n".join(templates())
+
+
+def test_every_row_is_read() -> None:
+    rows = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line[:3] == "| `"]
+    assert len(QUOTES) == len(rows) > 50
+
+
+@pytest.mark.parametrize("quote", QUOTES)
+def test_a_message_is_one_of_the_source(quote: str, source: str) -> None:
+    assert len(re.findall(r"\w", quote)) >= 6
+    assert quote in source, f"no message of the source says: {quote}"
