@@ -16,9 +16,12 @@ from typing import Any, ClassVar
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor
+from rclpy.logging import get_logger
 from rclpy.subscription import Subscription
 from rclpy.task import Task
 
+from obelisk_py.core.codecs import codec_for
+from obelisk_py.core.exceptions import ObeliskMsgError
 from obelisk_py.core.executors.lane import Handler, Lane
 from obelisk_py.core.executors.listeners import EntityKind, open_signal, signal_off, signal_on
 from obelisk_py.core.local_delivery.exchange import inbox_of, local_topic
@@ -29,6 +32,7 @@ ExecutorReference = Callable[[], Executor | None]
 
 # Then the others get a turn, however many messages are waiting.
 _MESSAGES_PER_TURN = 32
+_DROPS_TOLD_EVERY_S = 1.0
 
 
 class Runner(ABC):
@@ -103,6 +107,7 @@ class SubscriptionRunner(Runner):
         """As the base; `context` is that of the subscription's node."""
         super().__init__(entity, executor)
         self._take = self._handle.take_message
+        self._codec = codec_for(entity.msg_type)
         self._callback: Callable[..., Any] | None = None
         self._is_plain = False
         self._inbox = inbox_of(entity)
@@ -145,7 +150,11 @@ class SubscriptionRunner(Runner):
         subscription = self.entity
         ran = False
         for _ in range(_MESSAGES_PER_TURN):
-            taken = take()
+            try:
+                taken = take()
+            except ObeliskMsgError as error:
+                self._tell_of_drop(error)
+                continue
             if taken is None:
                 return ran
             callback = subscription.callback
@@ -177,8 +186,20 @@ class SubscriptionRunner(Runner):
         return taken
 
     def _take_from_dds(self) -> tuple[Any, Any] | None:
-        taken: tuple[Any, Any] | None = self._take(self.entity.msg_type, self.entity.raw)
-        return taken
+        subscription, codec = self.entity, self._codec
+        taken: tuple[Any, Any] | None
+        if codec is None or subscription.raw:
+            taken = self._take(subscription.msg_type, subscription.raw)
+            return taken
+        taken = self._take(subscription.msg_type, True)
+        return None if taken is None else (codec.unpack(taken[0]), taken[1])
+
+    def _tell_of_drop(self, error: ObeliskMsgError) -> None:
+        # Middleware that unpacks drops what it cannot read as well, but says nothing.
+        get_logger(self.entity.logger_name).error(
+            f"dropped a message on '{self.entity.topic_name}': {error}",
+            throttle_duration_sec=_DROPS_TOLD_EVERY_S,
+        )
 
     def _learn(self, callback: Callable[..., Any]) -> None:
         """What can be told of a callback once instead of at every message."""
