@@ -10,7 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
+import click
 import typer
+from click.shell_completion import CompletionItem
 from typer.core import TyperGroup
 
 from obelisk_spec.near import did_you_mean
@@ -69,10 +71,20 @@ class _LazyGroup(TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name in VERBS:
-            return _load(cmd_name, VERBS[cmd_name])
+            command = _load(cmd_name, VERBS[cmd_name])
+            if ctx.resilient_parsing:  # the shell asks what can follow
+                from obk_cli.cli.complete import make_completable
+
+                make_completable(command)
+            return command
         if ctx.resilient_parsing:
             return None
         raise MisuseError(f"there is no command `{cmd_name}`", help=_meant(cmd_name))
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        verbs = (name for name in VERBS if name.startswith(incomplete))
+        items = [CompletionItem(name, help=VERBS[name].help) for name in verbs]
+        return [*items, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def format_commands(self, _: Any, formatter: Any) -> None:
         with formatter.section("Commands"):

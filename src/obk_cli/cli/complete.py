@@ -1,15 +1,52 @@
-"""Names for the shell's completion: from the plans of the stacks that run here; loads no ROS."""
+"""Names for the shell's completion: from the plans of the stacks that run here; loads no ROS.
+
+What nothing is known of is left to the shell, which completes names of files.
+"""
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
+from typing import Final
+
+import click
+from click.shell_completion import CompletionItem
 
 from obk_cli.adapters.live_runs import live_folders
-from obk_cli.launch.runs import Run, runs_folder
+from obk_cli.codes import RULES
+from obk_cli.launch.runs import Run, config_of, run_folders, runs_folder
 from obk_cli.recording.made_from import run_topics
 
-__all__ = ["complete_nodes", "complete_topics"]
+__all__ = [
+    "complete_kept_runs",
+    "complete_nodes",
+    "complete_rules",
+    "complete_runs",
+    "complete_topics",
+    "make_completable",
+]
+
+Find = Callable[[str], list[str]]
+
+
+def complete_runs(incomplete: str) -> list[str]:
+    """The stacks that run here, by their configs' names."""
+    return _beginning(incomplete, (run.name for _, run in _runs()))
+
+
+def complete_kept_runs(incomplete: str) -> list[str]:
+    """The runs that have logs: by their configs' names, where more is typed by their folders'."""
+    with suppress(OSError):
+        folders = run_folders(runs_folder(os.environ))
+        configs = _beginning(incomplete, map(config_of, folders))
+        return configs or _beginning(incomplete, (folder.name for folder in folders))
+    return []
+
+
+def complete_rules(incomplete: str) -> list[str]:
+    """The codes of the rules."""
+    return _beginning(incomplete.upper(), RULES)
 
 
 def complete_topics(incomplete: str) -> list[str]:
@@ -35,4 +72,49 @@ def _fitting(incomplete: str, names: Iterable[str]) -> list[str]:
     every = sorted(set(names))
     if not incomplete.startswith("/") and incomplete:
         every = [name.rpartition("/")[2].removeprefix("obelisk_") for name in every]
-    return [name for name in every if name.startswith(incomplete)]
+    return _beginning(incomplete, every)
+
+
+def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
+    return sorted({name for name in names if name.startswith(incomplete)})
+
+
+BY_NAME: Final[Mapping[str, Find]] = {
+    "run": complete_runs,
+    "node": complete_nodes,
+    "nodes": complete_nodes,
+    "topics": complete_topics,
+    "code": complete_rules,
+    "ignore": complete_rules,
+}
+"""Arguments and options that mean the same in every command -> what they can be."""
+
+
+def make_completable(command: click.Command) -> None:
+    """Have texts that a command takes completed: to the words that its help lists, or by name."""
+    for inner in getattr(command, "commands", {}).values():
+        make_completable(inner)
+    for parameter in command.params:
+        find = _find(parameter)
+        if find is not None and type(parameter.type) is click.types.StringParamType:
+            parameter.type = _Completed(find)
+
+
+def _find(parameter: click.Parameter) -> Find | None:
+    words = tuple((parameter.metavar or "").split("|"))
+    if len(words) > 1 and all(map(str.islower, words)):
+        return partial(_beginning, names=words)
+    return BY_NAME.get(parameter.name or "")
+
+
+class _Completed(click.types.StringParamType):
+    """A text of which the shell is told what it can be."""
+
+    def __init__(self, find: Find) -> None:
+        self._find = find
+
+    def shell_complete(
+        self, _ctx: click.Context, _param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """What it can be."""
+        return [CompletionItem(name) for name in self._find(incomplete)]

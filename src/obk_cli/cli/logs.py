@@ -12,6 +12,7 @@ import typer
 from obk_cli.adapters.files import explain_os_error
 from obk_cli.adapters.follow import follow_lines, read_lines
 from obk_cli.asking.run_logs import log_meant
+from obk_cli.cli.complete import complete_kept_runs
 from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.runs import runs_folder
@@ -25,7 +26,11 @@ EXAMPLE = "Example: obk logs dummy control_0 -f"
 def command(
     run: Annotated[
         str | None,
-        typer.Argument(metavar="[RUN]", help="By its config's name or its folder's; else newest."),
+        typer.Argument(
+            metavar="[RUN]",
+            help="By its config's name or its folder's; else newest.",
+            autocompletion=complete_kept_runs,
+        ),
     ] = None,
     node: Annotated[
         str | None, typer.Argument(metavar="[NODE]", help="By name; else what the launcher showed.")

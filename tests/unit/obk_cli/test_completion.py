@@ -1,0 +1,106 @@
+"""What the shell offers while a command line is typed."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.shell_completion import ShellComplete
+
+from obk_cli.cli.commands import VERBS, root_command
+
+
+@pytest.fixture(autouse=True)
+def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of the runs, with two that have ended."""
+    monkeypatch.setenv("OBK_HOME", str(tmp_path))
+    for name in ("arm_20260102_030405", "arm_20260102_030406", "dummy_20260102_030405"):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+    return tmp_path / "runs"
+
+
+def offered(*words: str) -> list[str]:
+    """What is offered for the last of the words."""
+    shell = ShellComplete(root_command(), {}, "obk", "_OBK_COMPLETE")
+    return [item.value for item in shell.get_completions(list(words[:-1]), words[-1])]
+
+
+def test_commands_and_the_commands_below_them() -> None:
+    assert offered("") == list(VERBS)
+    assert offered("val") == ["validate"]
+    assert offered("topic", "e") == ["echo"]
+
+
+def test_options_of_a_command() -> None:
+    assert offered("validate", "--f") == ["--format", "--fix"]
+    assert "--version" in offered("--")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("validate", "--format", ""), ["github", "json", "sarif", "text"]),
+        (("launch", "--network", "l"), ["lan", "localhost"]),
+        (("lifecycle", "ac"), ["activate"]),
+        (("topic", "list", "--format", "j"), ["json"]),
+    ],
+)
+def test_the_words_that_the_help_lists(words: tuple[str, ...], expected: list[str]) -> None:
+    assert offered(*words) == expected
+
+
+def test_the_codes_of_rules() -> None:
+    assert offered("explain", "obk00") == [f"OBK00{n}" for n in range(1, 10)]
+    assert offered("validate", "--ignore", "OBK303") == ["OBK303"]
+
+
+def test_runs_by_their_configs_and_by_their_folders() -> None:
+    assert offered("logs", "") == ["arm", "dummy"]
+    assert offered("logs", "arm_") == ["arm_20260102_030405", "arm_20260102_030406"]
+    assert offered("stop", "") == []
+
+
+def test_the_names_of_files_are_left_to_the_shell() -> None:
+    assert offered("validate", "my") == []
+    assert offered("plot", "run") == []
+
+
+SCRIPTS = {
+    "bash": """
+        eval "$(obk --show-completion bash)"
+        COMP_WORDS=(obk lifecycle dea) COMP_CWORD=2
+        _obk_completion obk
+        echo "${COMPREPLY[@]}"
+    """,
+    "zsh": """
+        compdef() { :; }
+        _arguments() { print -r -- "$@"; }
+        eval "$(obk --show-completion zsh)"
+        words=(obk lifecycle dea) CURRENT=3
+        _obk_completion
+    """,
+    "fish": """
+        obk --show-completion fish | source
+        complete --do-complete 'obk lifecycle dea'
+    """,
+}
+
+
+@pytest.mark.parametrize("shell", SCRIPTS)
+def test_a_shell_is_told(shell: str, tmp_path: Path) -> None:
+    program = shutil.which(shell)
+    if program is None:
+        pytest.skip(f"{shell} is not installed")
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        [program, "-c", SCRIPTS[shell]],
+        env={**os.environ, "PATH": path, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    assert "deactivate" in done.stdout
+    assert " activate" not in done.stdout
