@@ -98,15 +98,15 @@ class Codec:
             try:
                 value = attrgetter(field)(message)
             except AttributeError as error:
-                return ObeliskMsgError(f"a {name} has no field `{field}`: {error}")
+                return ObeliskMsgError(f"{name} has no field `{field}`: {error}")
             try:
                 kind.write(bytearray(_HEAD), (value,) if spelling in FORMATS else value)
             except REFUSALS as error:
                 return ObeliskMsgError(
-                    f"the field `{field}` of a {name} is {reprlib.repr(value)}, "
+                    f"the field `{field}` of {name} is {reprlib.repr(value)}, "
                     f"expected {spelling}: {error}"
                 )
-        return ObeliskMsgError(f"a {name} cannot be packed: it changed meanwhile")
+        return ObeliskMsgError(f"{name} cannot be packed: it changed meanwhile")
 
     def _unreadable(self, data: bytes) -> ObeliskMsgError:
         beginning = f"{len(data)} bytes are no {message_name(self._class)}"
