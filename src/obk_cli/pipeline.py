@@ -15,6 +15,7 @@ from obk_cli.check import check_stack
 from obk_cli.config import Stack
 from obk_cli.diagnostics import Diagnostic, counted, found, in_order, worst
 from obk_cli.lower import lower_stack
+from obk_cli.node_code import NodeCode
 from obk_cli.parse import (
     MOST_VALUES,
     decode_source,
@@ -76,6 +77,8 @@ class Outcome:
     plan: Plan | None
     config: Stack | None
     diagnostics: tuple[Diagnostic, ...] = field(default=())
+    spun: frozenset[tuple[str, str]] = frozenset()
+    """Package and executable of the nodes whose source says which class it spins."""
 
     @property
     def has_errors(self) -> bool:
@@ -119,7 +122,22 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
     codes = [code.value for code in ignored]
     heard = in_order(silence(tuple(_causes(faults, are_whole=files.are_whole)), codes))
     plan = lower_stack(stack) if stack is not None and worst(heard) != "error" else None
-    return Outcome(path=source.path, plan=plan, config=stack, diagnostics=counted(heard))
+    return Outcome(
+        path=source.path,
+        plan=plan,
+        config=stack,
+        diagnostics=counted(heard),
+        spun=_spun(plan, surroundings),
+    )
+
+
+def _spun(plan: Plan | None, surroundings: Surroundings) -> frozenset[tuple[str, str]]:
+    programs = {(node.package, node.executable) for node in (plan.processes if plan else ())}
+    return frozenset(
+        program
+        for program in programs
+        if isinstance(surroundings.read_node_code(*program), NodeCode)
+    )
 
 
 def _causes(faults: tuple[Diagnostic, ...], *, are_whole: bool) -> Iterator[Diagnostic]:

@@ -20,6 +20,7 @@ from rclpy.task import Future
 from obelisk_py.core.end_signals import EndSignals
 from obelisk_py.core.executors import EventLoopExecutor
 from obelisk_py.core.faults import Fault
+from obelisk_py.core.gate import wait_at_gate
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 
 __all__ = ["NodeDied", "Wanted", "ros_process", "spin_nodes", "spin_wanted", "spun_by"]
@@ -121,6 +122,8 @@ def spin_nodes(
 
 
 def _spin_alone(wanted: Wanted) -> int:
+    # Before the handlers of signals are there: a process that waits ends at once.
+    wait_at_gate()
     with ros_process(wanted.args) as signals:
         executor = (wanted.executor_type or EventLoopExecutor)()
         try:

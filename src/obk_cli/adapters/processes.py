@@ -82,6 +82,9 @@ class WardenProcesses:
         self._last_lines: dict[str, deque[str]] = {}
         self._running: dict[str, int] = {}
         """Unit -> process id."""
+        self._untold: dict[str, list[Heard]] = {}
+        """Unit that was started early -> what has become of it, for when it is to start."""
+        self._telling = threading.Lock()
         self._before = {child.pid for child in psutil.Process().children()}
         _adopt_orphans(is_wanted=True)
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -123,6 +126,19 @@ class WardenProcesses:
 
     def start(self, unit: Unit) -> None:
         """Start a process; `ProcessStarted` or `ProcessEnded` follows."""
+        with self._telling:
+            untold = self._untold.pop(unit.name, None)
+            for news in untold or ():
+                self._hear(news)
+        if untold is None:
+            self._start(unit)
+
+    def start_early(self, unit: Unit) -> None:
+        """Start a process of which nothing is told before `start`."""
+        self._untold[unit.name] = []
+        self._start(unit)
+
+    def _start(self, unit: Unit) -> None:
         command = self._commands[unit.name]
         read_fd, write_fd = os.pipe2(os.O_CLOEXEC)
         request = {
@@ -135,7 +151,7 @@ class WardenProcesses:
         is_sent = self._send(request, write_fd)
         os.close(write_fd)
         if not is_sent:
-            self._hear(ProcessEnded(process=unit.name, code=127, text=NO_WARDEN))
+            self._tell(ProcessEnded(process=unit.name, code=127, text=NO_WARDEN))
         pump = threading.Thread(
             target=self._pump, args=(unit.name, read_fd), name="output", daemon=True
         )
@@ -188,14 +204,22 @@ class WardenProcesses:
             node = news["node"]
             if news["news"] == "started":
                 self._running[node] = news["pid"]
-                self._hear(ProcessStarted(process=node, pid=news["pid"]))
+                self._tell(ProcessStarted(process=node, pid=news["pid"]))
             else:
                 self._running.pop(node, None)
                 text = news["text"] or (self._last_words(node) if news["code"] > 0 else "")
-                self._hear(ProcessEnded(process=node, code=news["code"], text=text))
+                self._tell(ProcessEnded(process=node, code=news["code"], text=text))
         # The nodes die with the warden, and nobody else would tell.
         for node in sorted(self._running):
-            self._hear(ProcessEnded(process=node, code=-signal.SIGKILL, text=NO_WARDEN))
+            self._tell(ProcessEnded(process=node, code=-signal.SIGKILL, text=NO_WARDEN))
+
+    def _tell(self, news: ProcessStarted | ProcessEnded) -> None:
+        with self._telling:
+            untold = self._untold.get(news.process)
+            if untold is not None:
+                untold.append(news)
+                return
+        self._hear(news)
 
     def _last_words(self, node: str) -> str:
         """The last line that a process wrote: of a Python program that died, its exception."""

@@ -161,12 +161,11 @@ def command(
     plan = with_film(_with_viewer(plan, share, viewer), share, film)
     environment = ros_environment(cast(Network | None, network), devices_are_split=share.is_part)
     _warn(environment.notes)
-    working_folder = Path.cwd()
-    folder = (working_folder / config).resolve().parent
+    folder = Path(config).resolve().parent
     packages, environment = on_overlays(folder, environment, may_build=build, color=color)
     options = LaunchOptions(
         config=config,
-        folder=working_folder,
+        folder=Path.cwd(),
         share=share,
         until=cast(Until, until),
         duration_s=duration,
@@ -178,6 +177,7 @@ def command(
         allows_foreign=allow_foreign,
         recording=_recording(record_topic) if record or record_topic else None,
         kept_runs=keep,
+        spun=outcome.spun,
     )
     with open_surface(
         sys.stdout.fileno(),

@@ -40,3 +40,5 @@ class LaunchOptions:
     recording: Wish | None = None
     """What is recorded; without topics and patterns those of the plan. None: nothing."""
     kept_runs: int = KEPT_RUNS
+    spun: frozenset[tuple[str, str]] = frozenset()
+    """Package and executable of programs of which is known that `spin_obelisk` makes their node."""

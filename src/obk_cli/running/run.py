@@ -29,6 +29,7 @@ from obk_cli.launch.units import Unit, units_of
 from obk_cli.plan import Plan
 from obk_cli.running.claim import claimed
 from obk_cli.running.commands import Executables, composable, find_executables, unit_commands
+from obk_cli.running.early import early_units, gate_variables, held_at_gate
 from obk_cli.running.film import Film
 from obk_cli.running.neighbours import looking_on, refuse_strangers, refuse_taken_names
 from obk_cli.running.options import LaunchOptions
@@ -72,7 +73,7 @@ def run_plan(
         output = stack.enter_context(Output(claim.folder, surface.screen, voice, units))
         claim.tell(output)
         marks = launch_marks(claim.folder)
-        variables = {**environment.variables, **marks}
+        variables = {**environment.variables, **marks, **gate_variables(claim.folder)}
         commands = _commands(units, executables, claim.folder, variables, output, stack)
         recorder = Recorder(options.recording, claim.folder, output)
         film = Film(plan, share, output)
@@ -87,10 +88,10 @@ def run_plan(
             )
         )
         recorder.start(processes)
-        ros = stack.enter_context(open_ros("obk_launch", environment))
-        stack.enter_context(_alone(plan, units, ros, environment, options, inbox))
-        _listen_to_nodes(ros, units, inbox)
-        _serve_ros(share.leads, plan, ros, inbox, output)
+        with held_at_gate(claim.folder, early_units(units, executables, options.spun), processes):
+            ros = stack.enter_context(open_ros("obk_launch", environment))
+            stack.enter_context(_alone(plan, units, ros, environment, options, inbox))
+        _join_nodes(ros, plan, units, inbox, output if share.leads else None)
         _serve_others(claim.folder, inbox, output, stack)
         supervisor = Supervisor(
             plan,
@@ -141,24 +142,25 @@ def _alone(
         yield
 
 
-def _listen_to_nodes(
-    ros: RosLifecycle, units: tuple[Unit, ...], inbox: "SimpleQueue[Heard]"
-) -> None:
-    """Hear what nodes answer, and of the rates of those that run here."""
-    ros.listen(inbox.put)
-    ros.listen_to_rates(name for unit in units for name in unit.node_names)
-
-
 def _state_node(plan: Plan) -> str:
     return f"/{state_node_name(plan.name)}"
 
 
-def _serve_ros(
-    leads: bool, plan: Plan, ros: RosLifecycle, inbox: "SimpleQueue[Heard]", output: Output
+def _join_nodes(
+    ros: RosLifecycle,
+    plan: Plan,
+    units: tuple[Unit, ...],
+    inbox: "SimpleQueue[Heard]",
+    leader: Output | None,
 ) -> None:
-    """Offer the state node, where this launch leads."""
-    if leads:
-        output.also_to(_shown_by(StateNode(ros, plan.name, inbox.put, output.note)))
+    """Hear what nodes answer, and of the rates of those that run here.
+
+    Where this launch leads, the state node is offered, and shows what `leader` is told.
+    """
+    ros.listen(inbox.put)
+    ros.listen_to_rates(name for unit in units for name in unit.node_names)
+    if leader is not None:
+        leader.also_to(_shown_by(StateNode(ros, plan.name, inbox.put, leader.note)))
 
 
 def _shown_by(node: StateNode) -> Callable[[Told], None]:

@@ -8,6 +8,7 @@ from obk_cli.silence import near_codes
 from obk_cli.source import LONGEST_FILE_BYTES, SourceFile
 
 CASES = Path(__file__).parents[2] / "cases"
+DUMMY = Path(__file__).parents[3] / "examples" / "dummy" / "dummy.yaml"
 SOUND = (CASES / "accept/OBK004/topic_twice.yaml").read_text()
 
 
@@ -38,6 +39,12 @@ def test_a_sound_config_has_a_plan() -> None:
     assert outcome.diagnostics == ()
     assert outcome.plan is not None
     assert [p.section for p in outcome.plan.processes] == ["control", "estimation", "robot"]
+
+
+def test_programs_whose_source_says_what_they_spin_are_known() -> None:
+    outcome = compile_config(str(DUMMY), options(DUMMY.parent))
+    assert outcome.plan is not None
+    assert outcome.spun == {(node.package, node.executable) for node in outcome.plan.processes}
 
 
 def test_compiling_twice_gives_equal_plans() -> None:

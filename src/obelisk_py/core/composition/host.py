@@ -20,6 +20,7 @@ from obelisk_py.core.composition.programs import Program, logger_name
 from obelisk_py.core.end_signals import EndSignals
 from obelisk_py.core.executors import EventLoopExecutor
 from obelisk_py.core.faults import Fault, fault_of
+from obelisk_py.core.gate import wait_at_gate
 from obelisk_py.core.lifecycle import GuardedLifecycleNode, node_arguments
 from obelisk_py.core.spinning import Wanted, ros_process, spin_nodes, spun_by
 
@@ -106,6 +107,7 @@ class _Host:
             self._blame(program, fault)
 
     def _spin(self) -> None:
+        wait_at_gate()
         executor = EventLoopExecutor()
         with ExitStack() as stack:
             stack.callback(executor.shutdown)

@@ -250,3 +250,20 @@ def test_a_process_can_be_started_again_under_its_name(bench: MakeBench) -> None
         assert run.ended() == ProcessEnded(process="/a", code=0)
         assert run.line() == "hello"
     assert run.processes.last_lines("/a") == ("hello", "hello")
+
+
+def test_of_a_process_that_is_started_early_nothing_is_told_before_its_start(
+    bench: MakeBench,
+) -> None:
+    one = bench({"a": "print('up'); raise SystemExit(3)", "b": "print('up')"})
+    one.processes.start_early(unit("a"))
+    assert one.line() == "up"
+    # The end of another one comes after that of the first, and is the first that is told.
+    one.start("b")
+    ended = one.ended()
+    assert isinstance(ended, ProcessEnded)
+    assert ended.process == "/b"
+    assert one.heard.empty()
+    one.start("a")
+    assert one.ended() == ProcessEnded(process="/a", code=3, text="up")
+    one.start("a")  # anew, as after a crash

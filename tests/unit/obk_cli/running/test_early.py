@@ -1,0 +1,84 @@
+"""Which processes load their programs early, and what holds them."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from obk_cli.adapters.gate import gate_path
+from obk_cli.launch.units import Unit, units_of
+from obk_cli.plan import Origin, Plan, Process
+from obk_cli.running.early import early_units, gate_variables, held_at_gate
+from obk_cli.surroundings import Command
+
+
+def node(name: str, executable: str = "e", **kwargs: object) -> Process:
+    return Process(
+        node=name,
+        namespace="/",
+        section="control",
+        device="onboard",
+        package="p",
+        executable=executable,
+        origin=Origin(path="c.yaml", line=1, column=1),
+        **kwargs,  # type: ignore[arg-type]
+    )
+
+
+def command(program: str = sys.executable) -> Command:
+    return Command(arguments=(program,), found_in="here", module="m")
+
+
+def early(*nodes: Process, program: str = sys.executable, together: bool = False) -> list[str]:
+    names = [node.full_name for node in nodes]
+    plan = Plan(name="s", processes=nodes)
+    units = units_of(plan, devices={"onboard"}, together=names if together else [])
+    executables = dict.fromkeys(names, command(program))
+    return [unit.name for unit in early_units(units, executables, {("p", "e")})]
+
+
+def test_a_program_whose_node_the_library_makes_is_early() -> None:
+    assert early(node("a"), node("b", "of_another_kind")) == ["/a"]
+
+
+@pytest.mark.parametrize(
+    "late",
+    [node("a", env={"A": "1"}), node("a", has_lifecycle=False)],
+    ids=["env", "no life cycle"],
+)
+def test_what_may_be_of_another_library_is_not(late: Process) -> None:
+    assert not early(late)
+    assert not early(node("a"), program="/usr/bin/python3")
+
+
+def test_nodes_in_one_process_are_early_when_all_of_them_wait() -> None:
+    assert early(node("a"), node("b"), together=True) == ["/s/composed"]
+    assert not early(node("a"), node("b", "of_another_kind"), together=True)
+
+
+class Started:
+    """The door to the processes."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+
+    def start_early(self, unit: Unit) -> None:
+        self.names.append(unit.name)
+
+
+def test_where_there_can_be_no_gate_nothing_is_early(tmp_path: Path) -> None:
+    units = units_of(Plan(name="s", processes=(node("a"),)), devices={"onboard"})
+    started = Started()
+    gate_path(tmp_path).mkdir()
+    for folder in (None, tmp_path):
+        with held_at_gate(folder, units, started):  # type: ignore[arg-type]
+            assert not started.names
+    gate_path(tmp_path).rmdir()
+    with held_at_gate(tmp_path, units, started):  # type: ignore[arg-type]
+        assert started.names == ["/a"]
+    assert gate_variables(None) == {}
+
+
+def test_what_goes_wrong_while_they_are_held_comes_through(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="no room"), held_at_gate(tmp_path, (), Started()):  # type: ignore[arg-type]
+        raise OSError("no room")
