@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 import rclpy
 from rclpy.context import Context
@@ -13,6 +13,8 @@ from rclpy.node import Node
 from obelisk_py.core.executors import EventLoopExecutor
 
 DEADLINE_S = 20.0
+
+N = TypeVar("N", bound=Node)
 
 
 class World:
@@ -26,7 +28,10 @@ class World:
 
     def node(self, name: str = "node", **options: Any) -> Node:
         """A node that the executor runs."""
-        node = Node(name, context=self.context, **options)
+        return self.adopt(Node(name, context=self.context, **options))
+
+    def adopt(self, node: N) -> N:
+        """Let the executor run a node of this context."""
         self._nodes.append(node)
         self.executor.add_node(node)
         return node

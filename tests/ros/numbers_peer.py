@@ -1,0 +1,34 @@
+"""A listener in a process of its own: `python numbers_peer.py TOPIC COUNT`.
+
+Prints the numbers of COUNT messages as they came, one JSON list, and ends.
+"""
+
+import json
+import sys
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from std_msgs.msg import Int64
+
+DEPTH = 10_000
+"""Of both ends, so that a machine that is busy drops nothing."""
+
+
+def main(topic: str, count: int) -> None:
+    """Listen."""
+    rclpy.init(args=[])
+    node = rclpy.create_node("peer")
+    numbers: list[int] = []
+    node.create_subscription(Int64, topic, lambda message: numbers.append(message.data), DEPTH)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while len(numbers) < count:
+        executor.spin_once()
+    print(json.dumps(numbers))
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]))
