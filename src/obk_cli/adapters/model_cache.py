@@ -14,9 +14,10 @@ from hashlib import sha256
 from pathlib import Path
 
 from obelisk_spec.model import ModelFacts, SensorFact
+from obk_cli.adapters.bounded_model import read_model_bounded
 from obk_cli.adapters.distributions import distribution_version
 from obk_cli.adapters.mjcf_places import mjcf_files
-from obk_cli.adapters.mujoco_model import missing_files, read_model
+from obk_cli.adapters.mujoco_model import missing_files
 from obk_cli.surroundings import ModelFault, ModelRead
 
 __all__ = ["cache_folder", "read_model_once"]
@@ -44,7 +45,7 @@ def read_model_once(path: Path, folder: Path | None) -> ModelRead | ModelFault:
     """
     key = None if folder is None else _key(path)
     if folder is None or key is None:
-        return read_model(path)
+        return read_model_bounded(path)
     entry = folder / f"{key}.json"
     known = _read_entry(entry)
     if known is not None:
@@ -52,7 +53,7 @@ def read_model_once(path: Path, folder: Path | None) -> ModelRead | ModelFault:
         missing = missing_files(wanted, path)
         if missing or was_compiled:
             return ModelRead(facts=facts, wanted_files=wanted, missing_files=missing)
-    read = read_model(path)
+    read = read_model_bounded(path)
     if isinstance(read, ModelRead) and read.fault is None:
         _write_entry(entry, read)
     return read

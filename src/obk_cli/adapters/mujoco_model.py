@@ -15,7 +15,7 @@ from typing import Any
 from obelisk_spec.model import read_model_facts
 from obk_cli.surroundings import ModelFault, ModelRead
 
-__all__ = ["has_mujoco", "missing_files", "read_model"]
+__all__ = ["has_mujoco", "import_mujoco", "missing_files", "read_model"]
 
 _LINE = re.compile(r"[Ll]ine(?: number)?[ =]+(\d+)")
 _NOT_XML = re.compile(r"Error=XML_ERROR_(\w+).*XMLElement name=(\w*)", re.DOTALL)
@@ -33,10 +33,10 @@ def read_model(path: Path) -> ModelRead | ModelFault:
     Raises:
         ImportError: MuJoCo is not installed; ask `has_mujoco` first.
     """
-    mujoco = _import_mujoco()
+    mujoco = import_mujoco()
     try:
         spec = mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
+    except (ValueError, mujoco.FatalError) as error:
         return _fault(str(error))
     wanted = _wanted_files(spec, path)
     facts = read_model_facts(spec)
@@ -53,12 +53,12 @@ def _compile_fault(spec: Any) -> ModelFault | None:
     """What is wrong with a model that could be read: only now the names in it are looked up."""
     try:
         spec.compile()
-    except ValueError as error:
+    except (ValueError, import_mujoco().FatalError) as error:
         return _fault(str(error))
     return None
 
 
-def _import_mujoco() -> Any:
+def import_mujoco() -> Any:
     """MuJoCo without its window system, whose search for libraries takes longer than the model."""
     chosen = os.environ.get("MUJOCO_GL")
     os.environ["MUJOCO_GL"] = "disable"

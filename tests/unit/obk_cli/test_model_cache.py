@@ -27,7 +27,7 @@ def test_a_model_is_read_once_and_then_known(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = read_model_once(path, tmp_path)
-    monkeypatch.setattr(model_cache, "read_model", never)
+    monkeypatch.setattr(model_cache, "read_model_bounded", never)
     assert read_model_once(path, tmp_path) == first
 
 

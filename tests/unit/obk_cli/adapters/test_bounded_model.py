@@ -1,0 +1,49 @@
+"""A model that brings MuJoCo down: told of the file, whatever became of the process."""
+
+import os
+import signal
+import time
+from pathlib import Path
+from typing import NoReturn
+
+import pytest
+
+from obk_cli.adapters import bounded_model
+from obk_cli.adapters.bounded_model import read_model_bounded
+from obk_cli.surroundings import ModelFault, ModelRead
+
+pytestmark = pytest.mark.mujoco
+
+MODEL = Path(__file__).parents[4] / "examples" / "dummy" / "dummy.xml"
+
+
+def test_a_sound_model_has_its_facts() -> None:
+    read = read_model_bounded(MODEL)
+    assert isinstance(read, ModelRead)
+    assert read.fault is None
+    assert read.facts.keyframes == ("ic", "other")
+
+
+@pytest.mark.parametrize("number", [signal.SIGSEGV, signal.SIGABRT])
+def test_a_crash_is_a_fault_of_the_model(
+    monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    monkeypatch.setattr(bounded_model, "read_model", lambda _: os.kill(os.getpid(), number))
+    fault = read_model_bounded(MODEL)
+    assert fault == ModelFault(message=f"MuJoCo crashed while it read it ({number.name})")
+
+
+def test_what_our_own_code_raises_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: Path) -> NoReturn:
+        raise RecursionError
+
+    monkeypatch.setattr(bounded_model, "read_model", fail)
+    fault = read_model_bounded(MODEL)
+    assert fault == ModelFault(message="MuJoCo crashed while it read it (exit code 1)")
+
+
+def test_a_model_without_an_end_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bounded_model, "_DEADLINE_S", 1)
+    monkeypatch.setattr(bounded_model, "read_model", lambda _: time.sleep(1000))
+    fault = read_model_bounded(MODEL)
+    assert fault == ModelFault(message="MuJoCo has not read it within 1 s")
