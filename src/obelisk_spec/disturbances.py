@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
+from obelisk_spec.articles import with_article
 from obelisk_spec.messages import bare_name
 from obelisk_spec.near import did_you_mean, list_names, sure_name
 from obelisk_spec.sim_faults import SimFault, SimPath
@@ -75,8 +76,8 @@ def check_disturbances(group: Mapping[str, Any], path: SimPath) -> Iterator[SimF
             code="OBK103",
             severity="error",
             path=(*path, "delay"),
-            message=f"`delay` is {delay:g}, and a `{written}` cannot be delayed: it is published "
-            "when it is drawn",
+            message=f"`delay` is {delay:g}, and {with_article(written)} cannot be delayed: "
+            "it is published when it is drawn",
         )
 
 

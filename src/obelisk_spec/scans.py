@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from obelisk_spec.articles import with_article
 from obelisk_spec.limits import LARGEST_COUNT
 from obelisk_spec.near import did_you_mean, list_names
 from obelisk_spec.sensors import RAY_PATTERNS, GroupRule
@@ -176,7 +177,7 @@ def _check_pattern(
             help=f"it takes {list_names(rule.patterns)}",
         )
     keys = {"type": ScanKey("text", _is_text), "offset": _OFFSET, **PATTERN_KEYS[kind]}
-    wrong = list(_check_keys(pattern, f"a `{kind}`", keys, path))
+    wrong = list(_check_keys(pattern, with_article(kind), keys, path))
     yield from wrong
     if not wrong:
         yield from _check_ray_count(pattern, path)

@@ -7,6 +7,7 @@ A block, the node's parameters and the facts of a model in; findings out. Reads 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from obelisk_spec.articles import with_article
 from obelisk_spec.model import ModelFacts
 from obelisk_spec.near import did_you_mean, sure_name
 from obelisk_spec.sim_faults import SimFault, SimPath
@@ -84,7 +85,8 @@ def _check_viz_geoms(viz_geoms: Mapping[str, Any], facts: ModelFacts) -> Iterato
                 code="OBK312",
                 severity="error",
                 path=path,
-                message=f"geom `{name}` is written as `{written}`, in the model it is a `{actual}`",
+                message=f"geom `{name}` is written as `{written}`, in the model it is "
+                f"{with_article(actual)}",
                 help=f"write `{name}: {actual}`",
                 element=("geom", name),
             )

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from obelisk_spec.articles import with_article
 from obelisk_spec.disturbances import check_disturbances
 from obelisk_spec.model import ModelFacts, SensorFact
 from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
@@ -63,7 +64,7 @@ def _not_carried(
     if _CAMERA in rule.takes and facts is not None and name in facts.cameras:
         help = f"write `{name}: {_CAMERA}`"
     elif sensor is not None and sensor.type in rule.takes:
-        help = f"in the model it is a `{sensor.type}`: write `{name}: {sensor.type}`"
+        help = f"in the model it is {with_article(sensor.type)}: write `{name}: {sensor.type}`"
     elif near_names(sensor_type, rule.takes):
         help = did_you_mean(sensor_type, rule.takes) or ""
     else:
@@ -182,9 +183,9 @@ def _check_sensor(
             code="OBK304",
             severity="error",
             path=path,
-            message=f"sensor `{name}` is written as `{written}`, in the model it is a "
-            f"`{sensor.type}`",
-            help=f"write `{name}: {sensor.type}`, or name a `{written}` sensor",
+            message=f"sensor `{name}` is written as `{written}`, in the model it is "
+            f"{with_article(sensor.type)}",
+            help=f"write `{name}: {sensor.type}`, or name {with_article(written)} sensor",
             element=("sensor", name),
         )
     elif rule and rule.objects == "scalar joint" and sensor.joint_type in ("ball", "free"):

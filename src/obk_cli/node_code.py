@@ -5,7 +5,7 @@ Made by reading source, never by running it; what cannot be known that way is sa
 
 from dataclasses import dataclass
 
-from obelisk_spec.components import component_spellings
+from obelisk_spec.components import SETTING_SUFFIX, component_identity, component_spellings
 from obk_cli.config import Component, ComponentKind
 from obk_cli.source import Span
 
@@ -42,8 +42,15 @@ class CodeComponent:
 
     @property
     def name(self) -> str:
-        """What a config would write: the ROS parameter, else the key."""
+        """What the code calls it: the ROS parameter, else the key."""
         return self.ros_parameter or self.key or ""
+
+    @property
+    def written(self) -> tuple[str, str]:
+        """How a config names it: `key` with its key, else `ros_parameter` with that."""
+        if self.ros_parameter is None or self.ros_parameter.endswith(SETTING_SUFFIX):
+            return "key", component_identity(self.name)
+        return ("key", self.key) if self.key else ("ros_parameter", self.ros_parameter)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -299,8 +299,8 @@ def test_code_and_config_may_not_name_different_types() -> None:
         assert not request(node, "configure")
         assert node.last_fault is not None
         assert (
-            "is a obelisk_control_msgs/msg/PositionSetpoint in the code "
-            "and a VelocityCommand in the config"
+            "is an `obelisk_control_msgs/msg/PositionSetpoint` in the code "
+            "and a `VelocityCommand` in the config"
         ) in node.last_fault.text
 
 

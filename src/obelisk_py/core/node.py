@@ -32,6 +32,7 @@ from obelisk_py.core.settings import (
     timer_settings,
     topic_settings,
 )
+from obelisk_spec.articles import with_article
 from obelisk_spec.components import CALLBACK_GROUP_TYPES, component_identity
 
 __all__ = ["ObeliskNode"]
@@ -301,7 +302,8 @@ class ObeliskNode(RatedNode):
         )
         if component.required:
             raise ObeliskConfigError(f"the {component} has no settings: set {where}")
-        self.get_logger().info(f"the optional {component} is left out: {where} is not set")
+        # The checks of the config tell it; at each launch it would be no news.
+        self.get_logger().debug(f"the optional {component} is left out: {where} is not set")
 
     def _publisher(self, component: Component, raw: Mapping[str, Any]) -> LifecyclePublisher:
         settings = topic_settings(component, raw)
@@ -362,8 +364,8 @@ class ObeliskNode(RatedNode):
             return message_class(configured)
         if configured is not None and message_class(configured) is not component.msg_type:
             raise ObeliskMsgError(
-                f"the {component} is a {message_name(component.msg_type)} in the code "
-                f"and a {configured} in the config"
+                f"the {component} is {with_article(message_name(component.msg_type))} in the code "
+                f"and {with_article(configured)} in the config"
             )
         return component.msg_type
 

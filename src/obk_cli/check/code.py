@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from difflib import SequenceMatcher
 
+from obelisk_spec.articles import with_article
 from obelisk_spec.messages import resolve_msg_type
 from obelisk_spec.near import did_you_mean, list_names, near_names
 from obk_cli.config import Component, Node, Parameter, Spanned, Stack
@@ -147,10 +148,8 @@ def _not_configured(
 ) -> Iterator[Diagnostic]:
     if not registered.is_named_in_full or registered.has_default:
         return
-    line = f"{{ros_parameter: {registered.ros_parameter}"
-    if registered.ros_parameter is None:
-        line = f"{{key: {registered.key}"
-    line += ", timer_period_sec: ...}" if registered.kind == "timer" else ", topic: ...}"
+    rest = "timer_period_sec: ..." if registered.kind == "timer" else "topic: ..."
+    line = f"{{{': '.join(registered.written)}, {rest}}}"
     if registered.is_required:
         yield found(
             "OBK405",
@@ -179,11 +178,12 @@ def _check_type(
         return
     written = resolve_msg_type(component.msg_type.value)
     if written is not None and written != registered.msg_type:
-        taken = registered.msg_type.replace("/msg/", "/")
+        here = with_article(component.msg_type.value)
+        in_code = with_article(registered.msg_type.replace("/msg/", "/"))
         yield found(
             "OBK407",
-            f"{component.kind} `{component.identity}` is a `{component.msg_type.value}` here and a "
-            f"`{taken}` in class `{code.class_name}`",
+            f"{component.kind} `{component.identity}` is {here} here and {in_code} in class "
+            f"`{code.class_name}`",
             component.msg_type.span,
             help=f"write `{_shortest(registered.msg_type)}`, or leave `msg_type` out",
             related=(Related(message="in the code", span=registered.span),),

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from obelisk_spec.articles import with_article
 from obelisk_spec.messages import resolve_msg_type
 from obk_cli.config import Component, Node, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
@@ -40,10 +41,11 @@ def check_controls(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnos
 def _check_message(component: Component) -> Iterator[Diagnostic]:
     if component.msg_type is None:
         return
-    if resolve_msg_type(component.msg_type.value) in _WITHOUT_ACTUATORS:
+    written = component.msg_type.value
+    if resolve_msg_type(written) in _WITHOUT_ACTUATORS:
         yield found(
             "OBK315",
-            f"the simulator cannot apply a `{component.msg_type.value}`: it has no `u_mujoco`, "
+            f"the simulator cannot apply {with_article(written)}: it has no `u_mujoco`, "
             "the values for the actuators",
             component.msg_type.span,
             help="it takes `PositionSetpoint` and `PDFeedForward`; a low-level controller can "

@@ -300,7 +300,7 @@ def test_noise_is_a_number_or_one_for_each_axis(noise: dict[str, Any]) -> None:
         ),
         (
             {"msg_type": "ObkImage", "delay": 0.1},
-            "OBK103 delay: `delay` is 0.1, and a `ObkImage` cannot be delayed: it is published "
+            "OBK103 delay: `delay` is 0.1, and an `ObkImage` cannot be delayed: it is published "
             "when it is drawn",
         ),
         ({"dropout": 1.5}, "OBK103 dropout: `dropout` is 1.5, expected a number from 0 to 1"),

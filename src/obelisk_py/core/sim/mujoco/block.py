@@ -13,6 +13,7 @@ from obelisk_py.core.sim.mujoco.disturbances import Disturbances, typed_disturba
 from obelisk_py.core.sim.mujoco.geoms import GEOM_KINDS
 from obelisk_py.core.sim.mujoco.scans import RayCaster, typed_ray_caster
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS
+from obelisk_spec.articles import with_article
 from obelisk_spec.messages import bare_name
 from obelisk_spec.model import ModelFacts
 from obelisk_spec.settings import SettingTextError, parse_mapping
@@ -121,7 +122,7 @@ def _beyond_this_simulator(block: Mapping[str, Any]) -> list[str]:
     ]
     geoms = block.get("viz_geoms") or {}
     found += [
-        f"viz_geoms.{name}: a `{kind}` cannot be shown as a marker; there are: "
+        f"viz_geoms.{name}: {with_article(kind)} cannot be shown as a marker; there are: "
         f"{', '.join(GEOM_KINDS)}"
         for name, kind in geoms.items()
         if name != "dt" and kind not in GEOM_KINDS

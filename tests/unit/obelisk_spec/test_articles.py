@@ -1,0 +1,17 @@
+import pytest
+
+from obelisk_spec.articles import with_article
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("hinge", "a `hinge`"),
+        ("ellipsoid", "an `ellipsoid`"),
+        ("ObkImu", "an `ObkImu`"),
+        ("obelisk_control_msgs/PositionSetpoint", "an `obelisk_control_msgs/PositionSetpoint`"),
+        ("UInt16", "a `UInt16`"),
+    ],
+)
+def test_a_name_has_the_article_that_it_is_said_with(name: str, said: str) -> None:
+    assert with_article(name) == said
