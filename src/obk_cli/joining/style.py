@@ -34,7 +34,7 @@ class Style:
     """From a key within a node to the dashes of its list."""
     gap: int = 1
     """Spaces behind a dash."""
-    naming: Literal["ros_parameter", "key"] = "ros_parameter"
+    naming: Literal["ros_parameter", "key"] = "key"
     flow_components: bool = False
     """Whether components are in braces."""
 
@@ -55,7 +55,7 @@ def style_of(source: SourceFile, tree: TreeMap, section: str) -> Style:
         section_dash=usual.section_dash if section_dash is None else section_dash,
         dash=next((d for d in (dash, section_dash) if d is not None), usual.dash),
         gap=next(_gaps((*lists, *sections)), usual.gap),
-        naming="key" if _uses_keys(components) else "ros_parameter",
+        naming="ros_parameter" if _uses_parameters(components) else "key",
         flow_components=bool(components) and is_flow(components[0]),
     )
 
@@ -105,9 +105,9 @@ def _gaps(entries: tuple[Entry, ...]) -> Iterator[int]:
                     yield len(behind[1])
 
 
-def _uses_keys(components: list[TreeMap]) -> bool:
+def _uses_parameters(components: list[TreeMap]) -> bool:
     named = [c for c in components if c.get("ros_parameter") or c.get("key")]
-    return bool(named) and named[0].get("ros_parameter") is None
+    return bool(named) and named[0].get("ros_parameter") is not None
 
 
 def _line_end(text: str) -> str:

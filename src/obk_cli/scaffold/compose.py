@@ -20,7 +20,7 @@ from obk_cli.scaffold.render import (
     Template,
     render_templates,
 )
-from obk_cli.scaffold.snippet import EXAMPLE_TOPICS
+from obk_cli.scaffold.snippet import TOPICS_TO_FILL_IN
 from obk_cli.scaffold.variables import dependencies, entry_point, template_variables
 
 __all__ = ["Composition", "compose_addition", "compose_package", "layers_of"]
@@ -46,7 +46,7 @@ def compose_package(
     templates: Iterable[Template],
     *,
     render: Renderer = render_templates,
-    topics: str = EXAMPLE_TOPICS,
+    topics: str = TOPICS_TO_FILL_IN,
 ) -> Composition:
     """A package of its own; `topics` is the name under which its topics are.
 

@@ -12,7 +12,7 @@ from obk_cli.scaffold.decide import Decision
 from obk_cli.scaffold.difference import unified_diff
 from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
 from obk_cli.scaffold.questions import Answers
-from obk_cli.scaffold.snippet import config_snippet
+from obk_cli.scaffold.snippet import TOPICS_TO_FILL_IN, config_snippet
 
 __all__ = ["Added", "Outcome", "describe_json", "describe_text", "file_lines"]
 
@@ -123,8 +123,8 @@ def _config_lines(answers: Answers) -> tuple[str, ...]:
         return ()
     return (
         "",
-        f"what a config says under `{SECTIONS[answers.kind]}:` to run it, with the example's "
-        "topics; --add-to CONFIG writes it with the config's:",
+        f"what a config says under `{SECTIONS[answers.kind]}:` to run it, {TOPICS_TO_FILL_IN} "
+        "being what its topics begin with; --add-to CONFIG writes it with the config's topics:",
         *(f"  {line}" for line in config_snippet(answers).splitlines()),
     )
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from obk_cli.scaffold.fields import control_filling
 from obk_cli.scaffold.questions import Answers, MessageType
 
-__all__ = ["EXAMPLE_TOPICS", "Wire", "config_snippet", "sensor_topic", "wires_of"]
+__all__ = ["TOPICS_TO_FILL_IN", "Wire", "config_snippet", "sensor_topic", "wires_of"]
 
-EXAMPLE_TOPICS = "/obelisk/dummy"
-"""Where the dummy example has its topics."""
+TOPICS_TO_FILL_IN = "/STACK"
+"""Stands for what the topics of a stack begin with, where no stack is known."""
 
 _SENSOR_TOPICS = {
     "obelisk_sensor_msgs/msg/JointEncoders": "joint_encoders",
@@ -22,21 +22,21 @@ _SENSOR_TOPICS = {
 _PERIOD_S = {"controller": 0.001, "estimator": 0.001, "robot": 0.001, "sensor": 0.01}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Wire:
-    """A publisher or subscriber of a node: its ROS parameter, its topic and its message type."""
+    """A publisher or subscriber of a node: its key, its topic and its message type."""
 
-    ros_parameter: str
+    key: str
     topic: str
     message: MessageType
 
 
-def sensor_topic(message: MessageType, topics: str = EXAMPLE_TOPICS) -> str:
+def sensor_topic(message: MessageType, topics: str = TOPICS_TO_FILL_IN) -> str:
     """The topic of a kind of sensor message."""
     return f"{topics}/{_SENSOR_TOPICS.get(message.full, 'sensor')}"
 
 
-def wires_of(answers: Answers, topics: str = EXAMPLE_TOPICS) -> dict[str, tuple[Wire, ...]]:
+def wires_of(answers: Answers, topics: str = TOPICS_TO_FILL_IN) -> dict[str, tuple[Wire, ...]]:
     """What a kind of node has under `publishers` and under `subscribers`."""
     ctrl = (f"{topics}/ctrl", answers.ctrl)
     est = (f"{topics}/est", answers.est)
@@ -50,14 +50,14 @@ def wires_of(answers: Answers, topics: str = EXAMPLE_TOPICS) -> dict[str, tuple[
     publisher = sends.get(answers.kind, ("pub_sensor", *sensor))
     subscriber = hears.get(answers.kind)
     return {
-        "publishers": (_wire(*publisher),),
-        "subscribers": (_wire(*subscriber),) if subscriber else (),
+        "publishers": (Wire(*publisher),),
+        "subscribers": (Wire(*subscriber),) if subscriber else (),
     }
 
 
-def config_snippet(answers: Answers, topics: str = EXAMPLE_TOPICS) -> str:
+def config_snippet(answers: Answers, topics: str = TOPICS_TO_FILL_IN) -> str:
     """The node as one entry of a section's list."""
-    timers = {"controller": "timer_ctrl_setting", "estimator": "timer_est_setting"}
+    timers = {"controller": "timer_ctrl", "estimator": "timer_est"}
     return "\n".join(
         [
             f"- pkg: {answers.package}",
@@ -71,14 +71,10 @@ def config_snippet(answers: Answers, topics: str = EXAMPLE_TOPICS) -> str:
                 for line in (f"  {name}:", *(line for wire in wires for line in _lines(wire)))
             ),
             "  timers:",
-            f"    - ros_parameter: {timers.get(answers.kind, 'timer_sensor_setting')}",
+            f"    - key: {timers.get(answers.kind, 'timer_sensor')}",
             f"      timer_period_sec: {_PERIOD_S[answers.kind]}",
         ]
     )
-
-
-def _wire(name: str, topic: str, message: MessageType) -> Wire:
-    return Wire(ros_parameter=f"{name}_setting", topic=topic, message=message)
 
 
 def _parameter_lines(answers: Answers) -> tuple[str, ...]:
@@ -91,7 +87,7 @@ def _parameter_lines(answers: Answers) -> tuple[str, ...]:
 
 def _lines(wire: Wire) -> tuple[str, ...]:
     return (
-        f"    - ros_parameter: {wire.ros_parameter}",
+        f"    - key: {wire.key}",
         f"      topic: {wire.topic}",
         f"      msg_type: {wire.message.spelling}",
     )

@@ -131,8 +131,7 @@ def _node_lines(stack: Stack, node: StackNode) -> Iterator[str]:
         if components:
             yield f"    {title}:"
         for component in components:
-            name = "ros_parameter" if component.ros_parameter else "key"
-            yield f"      - {name}: {component.name}"
+            yield f"      - {': '.join(component.written)}"
             yield from (f"        {line}" for line in _settings(stack, node, component))
 
 
@@ -179,12 +178,11 @@ def _simulated_lines(stack: Stack) -> Iterator[str]:
         yield "    params:"
         yield f"      ic_keyframe: {stack.model.keyframes[0]}"
     yield "    subscribers:"
-    yield "      - ros_parameter: sub_ctrl_setting"
+    yield "      - key: sub_ctrl"
     yield f"        topic: /{stack.name}/ctrl"
     yield f"        msg_type: {_control_type(stack).spelling}"
     yield "    sim:"
-    yield "      - ros_parameter: mujoco_setting"
-    yield f"        model_xml_path: {stack.model.path}"
+    yield f"      - model_xml_path: {stack.model.path}"
     groups = dict(_sensor_groups(stack, stack.model))
     for message in (message for message, sensors in groups.items() if not sensors):
         takes = " and ".join(f"`{kind}`" for kind in sorted(_takes(message)))

@@ -13,7 +13,7 @@ from obk_cli.scaffold.fields import (
 from obk_cli.scaffold.imports import LINE_LENGTH, import_block, message_imports
 from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
 from obk_cli.scaffold.questions import Answers
-from obk_cli.scaffold.snippet import EXAMPLE_TOPICS, config_snippet
+from obk_cli.scaffold.snippet import TOPICS_TO_FILL_IN, config_snippet
 
 __all__ = ["dependencies", "entry_point", "template_variables"]
 
@@ -26,7 +26,7 @@ _BASES = {
 _LIFECYCLE = "rclpy.lifecycle"
 
 
-def template_variables(answers: Answers, topics: str = EXAMPLE_TOPICS) -> dict[str, object]:
+def template_variables(answers: Answers, topics: str = TOPICS_TO_FILL_IN) -> dict[str, object]:
     """The variables of a node's package, or of a message package."""
     common: dict[str, object] = {
         "kind": answers.kind,

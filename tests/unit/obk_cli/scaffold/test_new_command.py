@@ -68,7 +68,10 @@ def test_the_snippet_sets_the_parameter_that_the_node_declares(workspace: Path) 
 
 def test_the_snippet_says_who_would_wire_it(workspace: Path) -> None:
     said = obk_new("estimator", "foo")
-    assert "under `estimation:` to run it, with the example's topics; --add-to CONFIG" in said
+    assert (
+        "under `estimation:` to run it, /STACK being what its topics begin with; --add-to CONFIG"
+    ) in said
+    assert "    - key: pub_est\n        topic: /STACK/est\n" in said
 
 
 def test_a_misspelt_kind_is_told_with_the_near_one() -> None:
@@ -126,6 +129,7 @@ def test_what_the_config_is_to_say_is_valid_in_place_of_the_example(
         for kind, name in (("controller", "my_control"), ("estimator", "my_estimate"))
     ]
     nodes = "".join(f"{node['section']}:\n{node['config']}\n" for node in made)
+    nodes = nodes.replace("/STACK/", "/obelisk/dummy/")
     robot = "robot:" + example.partition("\nrobot:")[2]
     (workspace / "config.yaml").write_text(f"config: mine\n{nodes}{robot}")
     options = Options(environment={}, working_folder=workspace)
