@@ -40,6 +40,9 @@ class BagMessage:
 
     topic: str
     received_ns: int
+    """When the recorder got it [ns since 1970]."""
+    published_ns: int
+    """When it was published [ns since 1970]; that of receipt where the recorder did not know."""
     value: Any
     """Its fields as attributes."""
 
@@ -72,7 +75,12 @@ def messages_of(path: Path, topics: Collection[str]) -> Iterator[BagMessage]:
                     "ROS 2 messages with their definition"
                 )
             value = decode(message.data)
-            yield BagMessage(topic=channel.topic, received_ns=message.log_time, value=value)
+            yield BagMessage(
+                topic=channel.topic,
+                received_ns=message.log_time,
+                published_ns=message.publish_time or message.log_time,
+                value=value,
+            )
 
 
 def _messages(

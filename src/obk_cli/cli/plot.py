@@ -36,12 +36,16 @@ def command(
         Path | None,
         typer.Option("--output", "-o", metavar="FILE", help="The picture, .png or .svg."),
     ] = None,
+    received: Annotated[
+        bool, typer.Option("--received", help="Draw over the time of receipt.")
+    ] = False,
 ) -> None:
     """Draw fields of a recording over time, as PNG or SVG.
 
     A field is a number, an array (a line for each number) or a message in the message (a line for
-    each number in it). Time is that at which the recorder got the messages. No ROS is needed: the
-    recording itself tells how its messages are read.
+    each number in it). Time is that at which the messages were published, with --received that at
+    which the recorder got them. No ROS is needed: the recording itself tells how its messages are
+    read.
     """
     from obk_cli.adapters.extras import require_extra
 
@@ -61,19 +65,20 @@ def command(
         print(f"note: {path} breaks off: its recorder did not end it", file=sys.stderr)
     topics = [topic.topic for topic in bag.topics]
     drawn = [Lines(replace(name, topic=topic_meant(name.topic, topics))) for name in names]
-    _fill(path, bag.start_ns or 0, drawn)
+    _fill(path, bag.start_ns or 0, drawn, by_receipt=received)
     draw(drawn, _stem(path), picture)
     print(picture)
 
 
-def _fill(path: Path, start_ns: int, drawn: Sequence[Lines]) -> None:
+def _fill(path: Path, start_ns: int, drawn: Sequence[Lines], *, by_receipt: bool) -> None:
     """Read the lines of every field, all in one pass."""
     from obk_cli.adapters.bag_reader import messages_of
 
     for message in messages_of(path, {lines.name.topic for lines in drawn}):
+        time_ns = message.received_ns if by_receipt else message.published_ns
         for lines in drawn:
             if lines.name.topic == message.topic:
-                lines.add((message.received_ns - start_ns) * 1e-9, message.value)
+                lines.add((time_ns - start_ns) * 1e-9, message.value)
     for lines in drawn:
         if not lines.lines:
             raise CommandFailedError(f"`{lines.name.text}`: no number was recorded")

@@ -70,6 +70,7 @@ def test_messages_come_back_by_the_definitions_in_the_file(tmp_path: Path) -> No
     got = list(messages_of(path, {"/speed"}))
     assert [one.value.data for one in got] == [float(n) for n in range(COUNT)]
     assert got[1].received_ns == BEGIN_NS + 10_000_000
+    assert got[1].published_ns == BEGIN_NS + 10_000_000 - 1
     assert list(messages_of(path, {"/silent"})) == []
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from obk_cli.adapters.bag_writer import BagWriter
 from obk_cli.cli.main import main
+from obk_cli.recording.fields import Lines
 from obk_cli.recording.tally import DROPS
 
 SECOND = 1_000_000_000
@@ -20,8 +21,10 @@ def bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     with BagWriter(path) as writer:
         writer.describe({"obelisk": {"run": "arm_1"}}, {"plan.json": "{}"}, SECOND)
         channel = writer.add_topic("/speed", "std_msgs/msg/Bool", "bool data\n", {})
-        for number in range(5):
-            writer.add_message(channel, b"\0\1\0\0\1", number * SECOND, 0, number)
+        for number in range(1, 6):
+            received_ns = number * SECOND
+            sent_ns = received_ns - SECOND // 4
+            writer.add_message(channel, b"\0\1\0\0\1", received_ns, sent_ns, number)
         writer.describe({DROPS: {"/speed": "2"}}, {}, SECOND)
     return path
 
@@ -56,6 +59,17 @@ def test_plot_names_the_picture_that_it_makes(
     assert obk("plot", bag, "speed.data") == 0
     assert capsys.readouterr().out == "speed_speed_data.png\n"
     assert Path("speed_speed_data.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("option", "first_s"), [((), -0.25), (("--received",), 0.0)])
+def test_plot_is_over_the_time_of_publication_or_of_receipt(
+    bag: Path, monkeypatch: pytest.MonkeyPatch, option: tuple[str, ...], first_s: float
+) -> None:
+    drawn: list[Lines] = []
+    monkeypatch.setattr("obk_cli.adapters.picture.draw", lambda fields, *_: drawn.extend(fields))
+    assert obk("plot", bag, "speed.data", *option) == 0
+    (line,) = drawn[0].lines
+    assert line.times_s == pytest.approx([first_s + number for number in range(5)])
 
 
 @pytest.mark.parametrize(
