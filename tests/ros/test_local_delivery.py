@@ -17,6 +17,7 @@ from std_msgs.msg import Int64
 
 from obelisk_py.core.executors import EventLoopExecutor
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
+from obelisk_py.core.local_delivery.inbox import Inbox
 from obelisk_py.core.local_delivery.publisher import LocalPublisher
 
 from .executor_world import DEADLINE_S, World, eventually, world
@@ -50,6 +51,11 @@ class Numbered:
         self.count = 0
         self.publisher = node.create_lifecycle_publisher(Int64, "numbers", DEPTH)
         self.publisher.on_activate(None)
+
+    @property
+    def inboxes(self) -> tuple[Inbox, ...]:
+        """Of the subscriptions that need no DDS."""
+        return self.publisher._local_topic.inboxes
 
     def publish(self, count: int = 1) -> None:
         """The next ones."""
@@ -86,16 +92,27 @@ def listener(node: Node, **options: Any) -> list[int]:
     return numbers
 
 
-def settle(made: World) -> None:
-    """Let the executor find what was made."""
-    made.executor.spin_once(timeout_sec=0)
+def settle(made: World, source: Numbered, count: int = 1) -> None:
+    """Let the executor find so many subscriptions, and see that DDS holds nothing for them."""
+
+    def is_settled() -> bool:
+        made.executor.spin_once(timeout_sec=0)
+        return is_read(source, count)
+
+    eventually(is_settled, f"{count} subscriptions")
+
+
+def is_read(source: Numbered, count: int = 1) -> bool:
+    """Whether there are so many subscriptions that need no DDS, and DDS holds nothing for them."""
+    inboxes = source.inboxes
+    return len(inboxes) == count and all(b.sent_by_dds == b.taken_from_dds for b in inboxes)
 
 
 def test_without_a_listener_outside_no_message_goes_by_dds(sent: list[int]) -> None:
     with world() as made:
         source = Numbered(made)
         heard = [listener(made.node("one")), listener(made.node("other"))]
-        settle(made)
+        settle(made, source, 2)
         source.publish(10)
         made.run_until(lambda: all(len(each) == 10 for each in heard), "all messages")
     assert heard == [list(range(10))] * 2
@@ -108,7 +125,7 @@ def test_a_listener_outside_comes_and_goes_and_each_end_gets_each_message_once(
     with world() as made:
         source = Numbered(made)
         heard = listener(made.node())
-        settle(made)
+        settle(made, source)
 
         def are_past_dds() -> bool:
             before, enough = len(sent), source.count + 50
@@ -139,7 +156,7 @@ def test_the_order_is_kept_while_messages_wait_on_both_ways(sent: list[int]) -> 
     with world() as made:
         source = Numbered(made)
         heard = listener(made.node())
-        settle(made)
+        settle(made, source)
         source.publish(3)
         # Nobody runs it: for the publisher that is somebody outside, matched at once.
         outsider = Node("outsider", context=made.context)
@@ -160,6 +177,20 @@ def test_the_order_is_kept_while_messages_wait_on_both_ways(sent: list[int]) -> 
             eventually(is_past_dds, "a message that DDS has no part in")
 
 
+def test_nothing_overtakes_what_was_sent_before_the_executor_knew_the_subscription(
+    sent: list[int],
+) -> None:
+    with world() as made:
+        source = Numbered(made)
+        heard = listener(made.node())
+        source.publish(3)
+        made.executor.remove_node(made.node("passing"))  # has it look at what its nodes have
+        assert source.inboxes
+        source.publish(3)
+        made.run_until(lambda: len(heard) == 6, "all messages")
+    assert heard == sent == list(range(6))
+
+
 def test_an_executor_of_another_thread_is_told(sent: list[int]) -> None:
     with world() as made:
         source = Numbered(made)
@@ -170,7 +201,7 @@ def test_an_executor_of_another_thread_is_told(sent: list[int]) -> None:
         thread = threading.Thread(target=other.spin)
         thread.start()
         try:
-            eventually(lambda: _has_inboxes(source, 1), "the other executor's subscription")
+            eventually(lambda: is_read(source), "the other executor's subscription")
             source.publish(10)
             eventually(lambda: len(heard) == 10, "all messages")
         finally:
@@ -185,7 +216,7 @@ def test_a_reentrant_group_hears_each_message_once(sent: list[int]) -> None:
     with world(num_threads=3) as made:
         source = Numbered(made)
         heard = listener(made.node(), callback_group=ReentrantCallbackGroup())
-        settle(made)
+        settle(made, source)
         with made.spinning():
             source.publish(300)
             eventually(lambda: len(heard) >= 300, "all messages")
@@ -202,7 +233,7 @@ def test_a_coroutine_hears_in_order(sent: list[int]) -> None:
             heard.append(message.data)
 
         made.node().create_subscription(Int64, "/numbers", hear, DEPTH)
-        settle(made)
+        settle(made, source)
         source.publish(10)
         made.run_until(lambda: len(heard) == 10, "all messages")
     assert heard == list(range(10))
@@ -220,7 +251,7 @@ def test_beside_one_that_only_dds_can_serve_all_are_served_by_dds(sent: list[int
         node.create_subscription(
             Int64, "/numbers", lambda _message, info: infos.append(info), DEPTH
         )
-        settle(made)
+        settle(made, source)
         source.publish(10)
         made.run_until(lambda: len(heard) + len(raw) + len(infos) >= 30, "all messages")
     assert heard == sent == list(range(10))
@@ -249,7 +280,7 @@ def test_publishers_of_rclpy_are_heard_beside(sent: list[int]) -> None:
         node = made.node()
         heard = listener(node)
         plain = node.create_publisher(Int64, "numbers", DEPTH)
-        settle(made)
+        settle(made, source)
         source.publish(10)
         plain.publish(Int64(data=100))
         source.publish(10)
@@ -264,11 +295,11 @@ def test_what_waits_for_a_subscription_that_is_destroyed_is_gone_with_it() -> No
         node = made.node()
         numbers: list[int] = []
         subscription = node.create_subscription(Int64, "/numbers", numbers.append, DEPTH)
-        settle(made)
+        settle(made, source)
         source.publish(10)
         node.destroy_subscription(subscription)
         heard = listener(node)
-        settle(made)
+        settle(made, source)
         source.publish(10)
         made.run_until(lambda: len(heard) == 10, "all messages")
     assert heard == list(range(10, 20))
@@ -280,16 +311,12 @@ def test_what_waits_while_no_executor_has_the_node_comes_when_one_has_it() -> No
         source = Numbered(made)
         node = made.node()
         heard = listener(node)
-        settle(made)
+        settle(made, source)
         source.publish(5)
         made.executor.remove_node(node)
-        assert _has_inboxes(source, 0)
+        assert not source.inboxes
         source.publish(5)
         made.executor.add_node(node)
-        settle(made)
+        settle(made, source)
         made.run_until(lambda: len(heard) == 10, "all messages")
     assert heard == list(range(10))
-
-
-def _has_inboxes(source: Numbered, count: int) -> bool:
-    return len(source.publisher._local_topic.inboxes) == count

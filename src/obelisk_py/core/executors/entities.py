@@ -117,6 +117,8 @@ class SubscriptionRunner(Runner):
         """Begin to be signalled, by DDS and by publishers of this process."""
         super().listen()
         if self._inbox is not None:
+            # DDS may hold messages already, which none may overtake.
+            self._inbox.sent_by_dds += 1
             self._local_topic.open(self._inbox)
 
     def silence(self) -> None:

@@ -40,7 +40,7 @@ class Inbox:
         self.message_class = message_class
         self.qos = qos
         self.sent_by_dds = 0
-        """Grows with each message that a publisher of this process sent it by DDS."""
+        """Grows whenever DDS may have got something for the subscription from this process."""
         self.taken_from_dds = 0
         """What `sent_by_dds` was when DDS was last seen to hold nothing."""
         self.signal_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
