@@ -14,7 +14,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
 INSTALL := $(PIP) install --no-deps --no-build-isolation
 PYTHONS := 3.12 3.13
 
-.PHONY: setup demo test test-unit check golden docs site bench bench-loop bench-tool bench-launches bench-simulator lock wheel clean
+.PHONY: setup demo test test-unit check golden docs pictures site bench bench-loop bench-tool bench-launches bench-simulator lock audit wheel release clean
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.interfaces
@@ -38,10 +38,16 @@ check: setup
 golden: setup
 	$(BIN)/python -m pytest tests/golden tests/cases --update-golden
 
-# Writes the pages of rules, commands, keys and messages, and the examples of `obk explain`.
+# Writes the pages of rules, commands, keys and messages, the examples of `obk explain`, and the
+# pictures that need no running stack.
 docs: setup
 	$(BIN)/python tools/rule_pages.py
 	$(BIN)/python tools/reference_pages.py
+	$(BIN)/python tools/pictures.py
+
+# The pictures of a running stack as well; on a machine with nothing else to do.
+pictures: docs
+	$(BIN)/python tools/pictures.py --live
 
 # The documents as pages to read without a network. A dead link ends it, and so does a page that
 # would load something from elsewhere.
@@ -142,6 +148,16 @@ lock: setup
 		$(BIN)/uv pip compile requirements.lock --quiet --python-version $$version --no-annotate \
 			--no-header --no-emit-index-url --no-emit-find-links | diff requirements.lock - || exit 1; \
 	done
+
+# Whether vulnerabilities are known of what is locked; asks a service outside, and fails without it.
+audit:
+	$(PYTHON) -m venv build/audit
+	build/audit/bin/python -m pip --disable-pip-version-check -qq install pip-audit
+	build/audit/bin/pip-audit --requirement requirements.lock --no-deps --disable-pip --strict
+
+# Puts the version where it stands, `make release VERSION=0.2.0`, and closes the changelog's part.
+release:
+	$(PYTHON) tools/release.py $(VERSION)
 
 clean:
 	rm -rf $(VENV) build dist interfaces/build .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -1,7 +1,9 @@
-"""What is generated is up to date: pages of rules and of reference, examples of `obk explain`."""
+"""What is generated is up to date: rules, reference, pictures, examples of `obk explain`."""
 
+from pathlib import Path
 from types import ModuleType
 
+import pictures
 import pytest
 import reference_pages
 import rule_pages
@@ -10,7 +12,7 @@ from obk_cli.cli.explain import command
 from obk_cli.codes import RULES
 
 
-@pytest.mark.parametrize("generator", [rule_pages, reference_pages], ids=lambda g: g.__name__)
+@pytest.mark.parametrize("generator", [rule_pages, reference_pages, pictures], ids=lambda g: g.__name__)
 def test_nothing_that_is_generated_is_stale(
     generator: ModuleType, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -27,3 +29,10 @@ def test_explain_shows_a_wrong_and_a_right_example(
     assert "Wrong:\n    " in told
     assert "Right:\n    " in told
     assert f"[{code}]: " in told
+
+
+def test_the_stages_of_the_picture_are_those_of_the_source(repository: Path) -> None:
+    source = repository / "src" / "obk_cli"
+    named = {box.name for box in pictures.STAGES} - {"stack.yaml"}
+    for name in named:
+        assert (source / name).is_dir() or (source / f"{name}.py").is_file(), name

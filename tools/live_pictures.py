@@ -1,0 +1,106 @@
+"""Pictures of a running stack: what `obk launch` shows, the monitor, the page in a browser.
+
+Starts the dummy stack, in a ROS domain of its own that `ROS_DOMAIN_ID` names. Needs the extras
+`monitor` and `web`, playwright and Chromium; no test asks for it, since no two pictures are alike.
+"""
+
+import asyncio
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from generated import ROOT
+from pictures import PICTURES, terminal
+from playwright.sync_api import sync_playwright
+
+from obk_cli.adapters.monitor_app import MonitorApp
+from obk_cli.adapters.ros_environment import ros_environment
+from obk_cli.cli.looking_options import TIMEOUT_S, with_types
+from obk_cli.looking.place import place_of
+from obk_cli.monitoring.watcher import Target, Watcher
+
+__all__ = ["make_live_pictures"]
+
+OBK = Path(sys.executable).with_name("obk")
+DUMMY = "examples/dummy/dummy_new.yaml"
+WARM_S = 20
+"""Until plots and rates show what is usual."""
+SHOWN = ("/obelisk/dummy/est q_joints", "/obelisk/dummy/imu angular_velocity.y")
+
+
+def make_live_pictures() -> None:
+    """Write `launch.svg`, `monitor.svg` and `web.png`."""
+    said = subprocess.run(
+        [OBK, "launch", DUMMY, "--duration", "2", "--quiet", "--color", "always"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    # Where the logs are is another place for everybody.
+    shown = re.sub(r"logs in \S+/runs/", "logs in ~/.local/state/obk/runs/", said)
+    picture = terminal(f"$ obk launch {DUMMY} --duration 2 --quiet\n{shown}", "obk launch", 100)
+    (PICTURES / "launch.svg").write_text(picture, encoding="utf-8")
+    with _stack():
+        asyncio.run(_monitor())
+        _page()
+
+
+@contextmanager
+def _stack() -> Iterator[None]:
+    """The dummy, active while entered."""
+    command = [OBK, "launch", DUMMY, "--color", "never"]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as launch:
+        assert launch.stdout is not None
+        next(line for line in launch.stdout if line.endswith("] active\n"))
+        try:
+            yield
+        finally:
+            launch.send_signal(signal.SIGINT)
+            launch.stdout.read()
+
+
+async def _monitor() -> None:
+    place = place_of(ros_environment(), None, TIMEOUT_S)
+    target = Target(environment=place.environment, domain=None, run=None)
+    app = MonitorApp(Watcher(target, with_types, 1.0), target.change)
+    async with app.run_test(size=(100, 26)) as pilot:
+        await asyncio.sleep(WARM_S)
+        await pilot.press("down", "d")
+        await pilot.pause()
+        picture = app.export_screenshot(title="obk monitor")
+        await pilot.press("n", "q")
+    app.end_watching()
+    without_fonts = re.sub(r"@font-face \{.*?\}\s*", "", picture, flags=re.DOTALL)
+    lines = (line.rstrip() for line in without_fonts.splitlines())
+    (PICTURES / "monitor.svg").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _page() -> None:
+    command = [OBK, "web", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as serving:
+        assert serving.stdout is not None
+        address = serving.stdout.readline().split()[-1]
+        try:
+            with sync_playwright() as playwright:
+                browser = playwright.chromium.launch(
+                    executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+                )
+                page = browser.new_page(viewport={"width": 960, "height": 968})
+                page.goto(f"{address}#{'&'.join(f'plot={one}' for one in SHOWN)}")
+                page.wait_for_timeout(WARM_S * 1000)
+                page.screenshot(path=PICTURES / "web.png")
+                browser.close()
+        finally:
+            serving.send_signal(signal.SIGINT)
+
+
+if __name__ == "__main__":
+    os.chdir(ROOT)
+    make_live_pictures()
