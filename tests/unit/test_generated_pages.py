@@ -12,7 +12,9 @@ from obk_cli.cli.explain import command
 from obk_cli.codes import RULES
 
 
-@pytest.mark.parametrize("generator", [rule_pages, reference_pages, pictures], ids=lambda g: g.__name__)
+@pytest.mark.parametrize(
+    "generator", [rule_pages, reference_pages, pictures], ids=lambda g: g.__name__
+)
 def test_nothing_that_is_generated_is_stale(
     generator: ModuleType, capsys: pytest.CaptureFixture[str]
 ) -> None:
