@@ -1,6 +1,7 @@
 """A lane calls handlers in turn, comes back when called, and keeps exclusive groups exclusive."""
 
 import os
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
@@ -102,6 +103,20 @@ def test_a_signal_from_before_it_was_watched_counts(world: World) -> None:
     world.lane.remove(source)
     os.close(source.fd)
     assert world.log == ["early"]
+
+
+@pytest.mark.parametrize("is_own", [True, False])
+def test_only_other_threads_signal_by_the_kernel(world: World, is_own: bool) -> None:
+    source = world.source("a")
+    world.lane.thread_id = threading.get_ident() if is_own else None
+    world.lane.signal(source.fd)
+    world.rounds(2)
+    assert world.log == ["a"]
+    if is_own:
+        with pytest.raises(BlockingIOError):
+            os.eventfd_read(source.fd)
+    else:
+        assert os.eventfd_read(source.fd) == 1
 
 
 def test_called_upon_within_a_callback_it_leaves_the_others_for_the_next_round(
