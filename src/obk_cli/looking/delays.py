@@ -23,6 +23,8 @@ class Delay:
     """Messages."""
     is_relative: bool
     """Whether the stamps are of another clock; then the quickest message's delay counts as 0."""
+    pace: float
+    """Seconds of the stamps' clock in one of the wall's; 1 where it is the wall's."""
     mean_s: float
     min_s: float
     max_s: float
@@ -38,32 +40,49 @@ class DelayMeter:
         Args:
             window: how many messages are kept.
         """
-        self._delays_ns: deque[int] = deque(maxlen=window)
+        self._taken: deque[tuple[int, int]] = deque(maxlen=window)
         self.unstamped = 0
         """Messages whose stamp is zero: it was never set."""
 
     def take(self, received_ns: int, stamp_ns: int) -> None:
         """Count a message: when it came and what its header says, both [ns]."""
         if stamp_ns:
-            self._delays_ns.append(received_ns - stamp_ns)
+            self._taken.append((received_ns, stamp_ns))
         else:
             self.unstamped += 1
 
     def delay(self) -> Delay | None:
         """What was measured; None where no stamped message came."""
-        if not self._delays_ns:
+        if not self._taken:
             return None
-        least = min(self._delays_ns)
-        is_relative = abs(least) > OTHER_CLOCK_NS
-        zero = least if is_relative else 0
-        delays = [one - zero for one in self._delays_ns]
+        delays: list[float] = [received - stamp for received, stamp in self._taken]
+        is_relative = abs(min(delays)) > OTHER_CLOCK_NS
+        pace = self._pace() if is_relative else 1.0
+        if is_relative:
+            delays = self._above_the_quickest(pace)
         mean = sum(delays) / len(delays)
         variance = sum((one - mean) ** 2 for one in delays) / len(delays)
         return Delay(
             seen=len(delays),
             is_relative=is_relative,
+            pace=pace,
             mean_s=mean * _NS,
             min_s=min(delays) * _NS,
             max_s=max(delays) * _NS,
             std_dev_s=sqrt(variance) * _NS,
         )
+
+    def _pace(self) -> float:
+        """From the first message to the last."""
+        (first_ns, first_stamp_ns), (last_ns, last_stamp_ns) = self._taken[0], self._taken[-1]
+        passed_ns, told_ns = last_ns - first_ns, last_stamp_ns - first_stamp_ns
+        return told_ns / passed_ns if passed_ns > 0 and told_ns > 0 else 1.0
+
+    def _above_the_quickest(self, pace: float) -> list[float]:
+        """Delays in wall time [ns]."""
+        first_ns, first_stamp_ns = self._taken[0]
+        delays = [
+            received - first_ns - (stamp - first_stamp_ns) / pace for received, stamp in self._taken
+        ]
+        least = min(delays)
+        return [one - least for one in delays]

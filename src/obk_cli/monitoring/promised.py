@@ -22,7 +22,7 @@ class PlannedTopic:
     msg_type: str | None
     """Full; None: only the code knows it."""
     wanted_hz: float | None
-    """The sum of what its publishers promise; None: one of them promises nothing."""
+    """The sum of what its publishers promise, in wall time; None: one of them promises nothing."""
     publishers: tuple[str, ...]
     """Full names of nodes."""
     made_from: tuple[str, ...]
@@ -31,6 +31,7 @@ class PlannedTopic:
 
 def planned_topics(plan: Mapping[str, Any]) -> tuple[PlannedTopic, ...]:
     """The topics of a plan along the way of data: those made from nothing first."""
+    clock = _speed_of_clock(plan)
     kinds: dict[str, str | None] = {}
     promised: defaultdict[str, list[float | None]] = defaultdict(list)
     publishers: defaultdict[str, dict[str, None]] = defaultdict(dict)
@@ -42,7 +43,7 @@ def planned_topics(plan: Mapping[str, Any]) -> tuple[PlannedTopic, ...]:
         for end in process["publishes"]:
             topic = end["topic"]
             kinds[topic] = kinds.get(topic) or end["msg_type"]
-            promised[topic].append(end["rate_hz"])
+            promised[topic].append(_in_wall_time(end["rate_hz"], _speed(process, clock)))
             publishers[topic][node] = None
             if process["section"] not in _MEASURING:
                 sources[topic].update(dict.fromkeys(one["topic"] for one in process["subscribes"]))
@@ -57,6 +58,25 @@ def planned_topics(plan: Mapping[str, Any]) -> tuple[PlannedTopic, ...]:
         for name, kind in kinds.items()
     )
     return tuple(sorted(found, key=lambda topic: (_depth(topic.name, sources), topic.name)))
+
+
+def _speed_of_clock(plan: Mapping[str, Any]) -> float:
+    """The speed of `/clock`; 0 where nobody knows it: no robot is simulated, or several differ."""
+    simulated = (process for process in plan.get("processes", ()) if process.get("model"))
+    speeds = {_speed(process, 0.0) for process in simulated}
+    return speeds.pop() if len(speeds) == 1 else 0.0
+
+
+def _speed(process: Mapping[str, Any], clock: float) -> float:
+    """How fast the time passes in which a node keeps its rates, over wall time; 0: not known."""
+    parameters = process.get("parameters", {})
+    if process.get("model"):
+        return float(parameters.get("realtime_factor", 1.0))
+    return clock if parameters.get("use_sim_time") else 1.0
+
+
+def _in_wall_time(rate_hz: float | None, speed: float) -> float | None:
+    return rate_hz * speed if rate_hz and speed else None
 
 
 def _sum(rates: list[float | None]) -> float | None:

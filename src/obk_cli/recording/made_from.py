@@ -28,6 +28,14 @@ class Background:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class _Parameters:
+    """Of a node's parameters those that say how fast its time passes."""
+
+    realtime_factor: float = 1.0
+    use_sim_time: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Process:
     """Of a plan's process what is looked at while it runs."""
 
@@ -40,6 +48,7 @@ class _Process:
     origin: Origin
     publishes: tuple[Endpoint, ...]
     subscribes: tuple[Endpoint, ...]
+    parameters: _Parameters = _Parameters()
     model: str | None = None
     sensor_groups: tuple[SensorGroup, ...] = ()
 

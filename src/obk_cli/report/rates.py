@@ -34,7 +34,8 @@ def rate_data(topic: str, rate: Rate) -> dict[str, Any]:
 
 def delay_text(delay: Delay) -> str:
     """The delays of a topic, for a person."""
-    zero = "  (above the quickest: the stamps are of another clock)" if delay.is_relative else ""
+    clock = f"the stamps are of another clock, {delay.pace:.3g} times as fast"
+    zero = f"  (above the quickest: {clock})" if delay.is_relative else ""
     return (
         f"mean {_ms(delay.mean_s)}  min {_ms(delay.min_s)}  max {_ms(delay.max_s)}  "
         f"std dev {_ms(delay.std_dev_s)}  {delay.seen} messages{zero}"

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from obk_cli.looking.delays import DelayMeter
 from obk_cli.looking.rates import MOST_KEPT, Meter, Rate
+from obk_cli.report.rates import delay_text
 
 MS = 1_000_000
 BEGIN = 1_700_000_000 * 1_000 * MS
@@ -136,6 +137,19 @@ def test_stamps_of_a_simulators_clock_tell_only_differences() -> None:
     assert delay is not None
     assert delay.is_relative
     assert (delay.min_s, delay.max_s) == pytest.approx((0.0, 2e-3))
+
+
+@pytest.mark.parametrize("pace", [0.5, 3.0])
+def test_a_simulators_clock_that_is_slow_or_fast_makes_no_delays(pace: float) -> None:
+    meter = DelayMeter(100)
+    for number in range(100):
+        late_ms = 4 if number == 50 else 1
+        meter.take(BEGIN + (20 * number + late_ms) * MS, round((1000 + 20 * number * pace) * MS))
+    delay = meter.delay()
+    assert delay is not None
+    assert delay.pace == pytest.approx(pace)
+    assert (delay.min_s, delay.max_s) == pytest.approx((0.0, 3e-3))
+    assert f"the stamps are of another clock, {pace:g} times as fast" in delay_text(delay)
 
 
 def test_delays_forget_what_is_beyond_the_window() -> None:

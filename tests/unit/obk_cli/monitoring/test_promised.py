@@ -9,8 +9,11 @@ def end(topic: str, rate_hz: float | None = None, msg_type: str | None = "p/msg/
     return {"topic": topic, "msg_type": msg_type, "rate_hz": rate_hz}
 
 
-def process(node: str, section: str, publishes: list[Any], subscribes: list[Any]) -> Any:
+def process(
+    node: str, section: str, publishes: list[Any], subscribes: list[Any], **more: object
+) -> Any:
     return {
+        **more,
         "node": node,
         "namespace": "/arm",
         "section": section,
@@ -46,6 +49,40 @@ def test_what_two_publish_is_wanted_from_both() -> None:
     assert both[0].wanted_hz == 15.0
     without = process("b", "control", [end("/x")], [])
     assert planned_topics({"processes": [one, without]})[0].wanted_hz is None
+
+
+def wanted_at(*factors: float) -> dict[str, float | None]:
+    """What is wanted of a robot of each factor, and of nodes with and without its time."""
+    robots = [
+        process(
+            f"r{number}",
+            "robot",
+            [end(f"/q{number}", 1000.0)],
+            [],
+            model="arm.xml",
+            parameters={"realtime_factor": factor},
+        )
+        for number, factor in enumerate(factors)
+    ]
+    follows = {"parameters": {"use_sim_time": True}}
+    nodes = [
+        process("e", "estimation", [end("/est", 500.0)], [end("/q0")], **follows),
+        process("c", "control", [end("/ctrl", 100.0)], [end("/est")]),
+    ]
+    return {topic.name: topic.wanted_hz for topic in planned_topics({"processes": robots + nodes})}
+
+
+def test_rates_of_simulated_time_are_wanted_at_its_speed() -> None:
+    assert wanted_at(0.5) == {"/q0": 500.0, "/est": 250.0, "/ctrl": 100.0}
+    assert wanted_at(1) == {"/q0": 1000.0, "/est": 500.0, "/ctrl": 100.0}
+
+
+def test_what_runs_as_fast_as_possible_is_not_judged() -> None:
+    assert wanted_at(0) == {"/q0": None, "/est": None, "/ctrl": 100.0}
+
+
+def test_whose_time_it_is_among_simulators_of_several_speeds_is_not_known() -> None:
+    assert wanted_at(0.5, 2.0) == {"/q0": 500.0, "/q1": 2000.0, "/est": None, "/ctrl": 100.0}
 
 
 def test_nodes_that_feed_each_other_have_an_order_too() -> None:

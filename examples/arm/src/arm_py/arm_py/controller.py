@@ -66,7 +66,7 @@ class ArmController(ObeliskController):
             kp=self.kp.tolist(),
             kd=self.kd.tolist(),
         )
-        msg.header.stamp = self.get_clock().now().to_msg()
+        msg.header.stamp = self.x_hat.header.stamp
         self.obk_publishers["pub_ctrl"].publish(msg)
         return msg
 

@@ -54,7 +54,7 @@ class QuadrupedController(ObeliskController):
         trunk = Trunk(place=base[:2], rotation=rotation_matrix(base[3:]))
         angles = wanted_angles(self.t - began_s, start, trunk, self.gait).ravel().tolist()
         msg = PositionSetpoint(q_des=angles, u_mujoco=angles)
-        msg.header.stamp = self.get_clock().now().to_msg()
+        msg.header.stamp = self.x_hat.header.stamp
         self.obk_publishers["pub_ctrl"].publish(msg)
         return msg
 

@@ -1,0 +1,101 @@
+"""A running arm as it is shown: ages along the way of data, rates of a slow simulation."""
+
+import json
+import shutil
+import signal
+import subprocess
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
+
+import pytest
+
+from .stack import OBK, calm, eventually, launched, obk
+
+pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
+
+WAY = ("/arm/encoders", "/arm/est", "/arm/ctrl")
+NODES = ("robot", "estimation", "control")
+
+
+@pytest.fixture
+def arm(tmp_path: Path, repository: Path) -> Path:
+    """The example, calm."""
+    folder = tmp_path / "arm"
+    shutil.copytree(repository / "examples" / "arm", folder)
+    calm(folder)
+    return folder / "arm.yaml"
+
+
+def monitored() -> Mapping[str, Any]:
+    """The topics of the way of data as `obk monitor` tells them."""
+    result = obk("monitor", "--once", "--format", "json", "--period", "2")
+    assert result.returncode == 0, result.stderr
+    return {topic["topic"]: topic for topic in json.loads(result.stdout)["topics"]}
+
+
+def delay(topic: str) -> Any:
+    words = ("topic", "delay", topic, "--duration", "3", "--timeout", "20", "--format", "json")
+    result = obk(*words)
+    assert result.returncode == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+@contextmanager
+def paged() -> Iterator[Callable[[], Mapping[str, Any]]]:
+    """The same topics as the page of `obk web` is told them, event by event."""
+    pytest.importorskip("starlette", reason="starlette is in the `web` extra")
+    process = subprocess.Popen([OBK, "web", "--port", "0"], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    try:
+        url = process.stdout.readline().split()[-1]
+        with urlopen(url.replace("/?", "/events?"), timeout=60) as events:
+
+            def told() -> Mapping[str, Any]:
+                for line in events:
+                    name, _, data = line.decode().partition(": ")
+                    if name == "data" and "topics" in (view := json.loads(data)):
+                        return {topic["topic"]: topic for topic in view["topics"]}
+                raise AssertionError("the page was told no topics")
+
+            yield told
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.stdout.close()
+        assert process.wait(60) == 0
+
+
+def is_carried(topics: Mapping[str, Any]) -> bool:
+    """Whether the ages of estimate and command are those of the measurement in them."""
+    passages = [topics[name]["passage"] for name in WAY]
+    return all(passages) and [passage["is_carried"] for passage in passages] == [False, True, True]
+
+
+def test_the_age_of_a_command_is_that_of_the_measurement_in_it(arm: Path) -> None:
+    with launched(arm):
+        eventually(lambda: is_carried(monitored()), "stamps that are handed on")
+        for name in WAY:
+            told = delay(name)
+            assert not told["is_relative"]
+            assert 0 < told["mean_s"] < 60
+        with paged() as topics:
+            eventually(lambda: is_carried(topics()), "the same on the page")
+
+
+def test_a_simulation_at_half_speed_keeps_its_rates_and_its_stamps_are_no_wall_time(
+    arm: Path,
+) -> None:
+    settings = [f"{node}.params.use_sim_time=true" for node in NODES]
+    words = [("--set", one) for one in (*settings, "robot.params.realtime_factor=0.5")]
+    with launched(arm, *(word for pair in words for word in pair)):
+
+        def is_kept() -> bool:
+            topics = monitored()
+            assert [topics[name]["wanted_hz"] for name in WAY] == [5.0, 5.0, 5.0]
+            assert not any(topics[name]["passage"] for name in WAY)
+            return not any(topics[name]["is_off"] for name in WAY)
+
+        eventually(is_kept, "rates that are kept")
+        assert delay("/arm/ctrl")["is_relative"]
