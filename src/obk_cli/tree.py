@@ -6,9 +6,12 @@ text that wrote it, whatever file that stands in.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from obelisk_spec.yaml_core import Scalar
 from obk_cli.source import Span
+
+if TYPE_CHECKING:
+    from obelisk_spec.yaml_core import Scalar
 
 __all__ = ["Entry", "Tree", "TreeList", "TreeMap", "TreeScalar", "kind_of", "plain_value", "shown"]
 
@@ -17,7 +20,7 @@ __all__ = ["Entry", "Tree", "TreeList", "TreeMap", "TreeScalar", "kind_of", "pla
 class TreeScalar:
     """Text, a number, a boolean or null."""
 
-    value: Scalar
+    value: "Scalar"
     span: Span
 
 

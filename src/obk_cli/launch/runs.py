@@ -12,12 +12,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from platformdirs import user_state_path
 
-from obk_cli.launch.events import Ended
 from obk_cli.launch.json_values import value_of
+
+if TYPE_CHECKING:
+    from obk_cli.launch.events import Ended
 
 __all__ = [
     "MadeFrom",
@@ -130,7 +132,7 @@ def write_run(folder: Path, run: Run, made_from: MadeFrom | None = None) -> None
     temporary.replace(folder / RUN_FILE)
 
 
-def note_end(folder: Path, run: Run, ended: Ended | None, now_s: float) -> None:
+def note_end(folder: Path, run: Run, ended: "Ended | None", now_s: float) -> None:
     """Write how a run ended, beside what is known of it.
 
     Args:
