@@ -57,7 +57,8 @@ def _examples_without_case() -> dict[str, Example]:
             "file": "a terminal",
             "wrong": "obk validate stakc.yaml",
             "right": is_there,
-            "report": _report("OBK001", "stakc.yaml", "there is no such file"),
+            "report": _report("OBK001", "stakc.yaml", "there is no such file")
+            + "\n  help: did you mean `stack.yaml`?",
         },
         "OBK007": {
             "file": "a terminal",

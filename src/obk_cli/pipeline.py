@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from obk_cli.adapters.files import STANDARD_INPUT, read_bytes
+from obk_cli.adapters.near_configs import did_you_mean_config
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.check import check_stack
 from obk_cli.config import Stack
@@ -92,7 +93,8 @@ def compile_config(path: str, options: Options) -> Outcome:
     data = options.read(path)
     if isinstance(data, str):
         place = Span.at(SourceFile.of(shown, ""), 1, 1)
-        fault = found("OBK001", f"`{shown}` cannot be read: {data}", place)
+        help = did_you_mean_config(path)
+        fault = found("OBK001", f"`{shown}` cannot be read: {data}", place, help=help)
         return Outcome(path=shown, plan=None, config=None, diagnostics=(fault,))
     source = decode_source(shown, data)
     if isinstance(source, Diagnostic):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from obk_cli.adapters.files import STANDARD_INPUT, explain_os_error, read_bytes
+from obk_cli.adapters.near_configs import did_you_mean_config
 from obk_cli.adapters.replace_file import replace_file
 from obk_cli.diagnostics import Diagnostic
 from obk_cli.errors import CommandFailedError
@@ -37,7 +38,7 @@ def open_for_edit(path: str) -> EditedFile | Diagnostic:
     """
     data = read_bytes(path)
     if isinstance(data, str):
-        raise CommandFailedError(f"`{path}` cannot be read: {data}")
+        raise CommandFailedError(f"`{path}` cannot be read: {data}", help=did_you_mean_config(path))
     shown = "<standard input>" if path == STANDARD_INPUT else path
     source = decode_source(shown, data)
     return source if isinstance(source, Diagnostic) else EditedFile(source=source, data=data)

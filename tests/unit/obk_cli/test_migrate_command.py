@@ -142,7 +142,11 @@ def test_a_file_that_is_no_config_is_left_alone(
             "error: `--write` does not go with a config from the standard input\n",
         ),
         (("c.yaml", "--write", "--check"), 2, "error: `--write` does not go with --check\n"),
-        (("no.yaml",), 1, "error: `no.yaml` cannot be read: there is no such file\n"),
+        (
+            ("d.yaml",),
+            1,
+            "error: `d.yaml` cannot be read: there is no such file\n  help: there is: `c.yaml`\n",
+        ),
     ],
 )
 def test_misuse(
