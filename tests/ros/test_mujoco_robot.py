@@ -223,6 +223,7 @@ def test_it_pauses_steps_and_goes_back_to_the_start() -> None:
         assert seconds[1] - seconds[0] == pytest.approx(0.001, abs=1e-9)
         eventually(lambda: _seconds(clock[-1]) == pytest.approx(seconds[1]), "the last step")
         assert _asked(node, Trigger, "reset").message == "at ic"
+        eventually(lambda: _seconds(clock[-1]) == 0.0, "the clock, set back")
         node.set_parameters(parameters(ic_keyframe="stand")["parameter_overrides"])
         refused = _asked(node, Trigger, "reset")
         assert (refused.success, refused.message) == (False, "keyframe `stand` is not in the model")
@@ -278,11 +279,11 @@ def test_with_simulation_time_stamps_are_that_time_and_the_clock_tells_it() -> N
         encoders, clock = collect(JointEncoders, "/joint_encoders"), collect(Clock, "/clock")
         assert request(node, "configure")
         assert request(node, "activate")
-        eventually(lambda: len(encoders) > 20 and len(clock) > 20, "sensors and clock")
+        eventually(lambda: len(encoders) > 20 and len(clock) > 21, "sensors and clock")
         assert request(node, "deactivate")
         stamps = [message.header.stamp.nanosec for message in encoders[:20]]
         assert stamps == [1_000_000 * step for step in range(1, 21)]
-        assert [message.clock.nanosec for message in clock[:20]] == stamps
+        assert [message.clock.nanosec for message in clock[:21]] == [0, *stamps]
 
 
 def test_a_simulation_that_diverges_takes_the_node_to_error_processing(tmp_path: Any) -> None:

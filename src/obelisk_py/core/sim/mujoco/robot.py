@@ -307,18 +307,27 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def _every_step(self, simulation: Simulation) -> list[Output]:
         """What follows each step, before the sensors: the clock, the copy for `TrueSimState`."""
-        calls: list[Callable[[int], None]] = []
+        step_s = simulation.step_s
+        outputs: list[Output] = []
         if self._uses_simulation_time():
             clock, message = self._own_publisher(Clock, "/clock", _DEPTH), PackedMessage(Clock())
-            calls.append(lambda stamp_ns: clock.publish(message.to_bytes(stamp_ns)))
+
+            def tell(stamp_ns: int) -> None:
+                clock.publish(message.to_bytes(stamp_ns))
+
+            outputs.append(
+                Output(
+                    times=SampleTimes(period_s=step_s, step_s=step_s),
+                    publish=tell,
+                    # At a reset too: while the simulation is paused no step follows.
+                    restart=lambda: tell(simulation.time_ns),
+                )
+            )
         if "pub_true_sim_state" in self.obk_publishers:
             self._true_state = TrueStateReader(simulation.model)
-            calls.append(self._copy_state)
-        step_s = simulation.step_s
-        return [
-            Output(times=SampleTimes(period_s=step_s, step_s=step_s), publish=call)
-            for call in calls
-        ]
+            times = SampleTimes(period_s=step_s, step_s=step_s)
+            outputs.append(Output(times=times, publish=self._copy_state))
+        return outputs
 
     def _uses_simulation_time(self) -> bool:
         return bool(self.get_parameter("use_sim_time").value)
