@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import psutil
 import pytest
 import rclpy
 from obelisk_sensor_msgs.msg import JointEncoders
@@ -171,6 +172,21 @@ def test_the_demo_runs_to_its_end(tmp_path: Path) -> None:
     assert "ended in order" in done.stdout
     assert "device: off after " in done.stdout
     assert not marked()
+
+
+def test_a_killed_demo_leaves_neither_drive_nor_stack(tmp_path: Path) -> None:
+    shutil.copytree(HARDWARE, tmp_path / "hardware")
+    take_another_port(tmp_path)
+    command = [sys.executable, tmp_path / "hardware" / "demo.py", "600"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as demo:
+        assert demo.stdout is not None
+        try:
+            assert next(line for line in demo.stdout if line.startswith("device: listening"))
+            drive, *_ = psutil.Process(demo.pid).children()
+        finally:
+            demo.kill()
+    drive.wait(DEADLINE_S)
+    eventually(lambda: not marked(), "the end of the stack")
 
 
 def take_another_port(folder: Path) -> None:
