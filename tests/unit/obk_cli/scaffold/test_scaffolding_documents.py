@@ -1,0 +1,62 @@
+"""The commands of docs/how-to/{scaffolding,adding-nodes}.md make what the pages say.
+
+What they launch is the workspace of `obk init`, which the tutorial's test launches.
+"""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from obk_cli.cli.commands import root_command
+
+from ....ros.walkthrough import (  # noqa: TID252 - shared by folders of tests
+    Commands,
+    missing_lines,
+    steps,
+)
+
+ROOT = Path(__file__).resolve().parents[4]
+HOW_TO = ROOT / "docs" / "how-to"
+
+pytestmark = pytest.mark.mujoco
+
+
+def type_all(document: Path) -> None:
+    for step in steps(document):
+        assert isinstance(step, Commands)
+        seen = ""
+        for line in step.lines:
+            program, *arguments = line.split()
+            if program == "cd":
+                os.chdir(arguments[0])
+            elif arguments[0] != "launch":
+                result = CliRunner().invoke(root_command(), arguments, catch_exceptions=False)
+                assert result.exit_code == 0, result.output
+                seen += result.output
+        assert not missing_lines(step.shown, seen), seen
+
+
+def test_a_workspace_and_a_node_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    type_all(HOW_TO / "scaffolding.md")
+    assert (tmp_path / "my_robot/src/my_controller/package.xml").is_file()
+    page = (HOW_TO / "scaffolding.md").read_text()
+    for made in ("src/my_robot_controller", "src/my_robot_estimator", ".vscode", "model"):
+        assert made in page
+        assert (tmp_path / "my_robot" / made).is_dir()
+
+
+def test_nodes_go_into_a_config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "src").mkdir()
+    monkeypatch.chdir(tmp_path)
+    example = (ROOT / "examples/dummy/dummy_new.yaml").read_text()
+    renamed = example.replace("/obelisk/dummy", "/arm").replace("config: dummy", "config: arm")
+    (tmp_path / "arm.yaml").write_text(renamed)
+    for file in ("dummy.xml", "dummy_params.txt"):
+        shutil.copy(ROOT / "examples/dummy" / file, tmp_path)
+    type_all(HOW_TO / "adding-nodes.md")
+    made = {folder.name for folder in (tmp_path / "src").iterdir()}
+    assert made == {"balance", "filter", "arm_hardware", "camera"}
