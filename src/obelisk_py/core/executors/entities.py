@@ -118,7 +118,7 @@ class SubscriptionRunner(Runner):
         super().listen()
         if self._inbox is not None:
             # DDS may hold messages already, which none may overtake.
-            self._inbox.sent_by_dds += 1
+            self._inbox.mark_dds()
             self._local_topic.open(self._inbox)
 
     def silence(self) -> None:
@@ -181,10 +181,10 @@ class SubscriptionRunner(Runner):
             return self._take_from_dds()
         taken = inbox.take()
         if taken is None:
-            sent = inbox.sent_by_dds
+            mark = inbox.dds_mark
             taken = self._take_from_dds()
             if taken is None:
-                inbox.taken_from_dds = sent
+                inbox.mark_dds_empty(mark)
         return taken
 
     def _take_from_dds(self) -> tuple[Any, Any] | None:

@@ -1,7 +1,7 @@
 """The messages that wait for one subscription without having gone through DDS.
 
-Messages come in from any thread, and go out on those that run the subscription. It also keeps count
-of what the same publishers sent to the subscription by DDS, so that nothing overtakes it.
+Messages come in from any thread, and go out on those that run the subscription. It also knows
+whether DDS may hold something from the same publishers, so that nothing overtakes it.
 """
 
 import os
@@ -39,10 +39,9 @@ class Inbox:
         """
         self.message_class = message_class
         self.qos = qos
-        self.sent_by_dds = 0
-        """Grows whenever DDS may have got something for the subscription from this process."""
-        self.taken_from_dds = 0
-        """What `sent_by_dds` was when DDS was last seen to hold nothing."""
+        self.dds_mark = object()
+        """Another one as often as DDS may have got something for it from this process."""
+        self._empty_mark: object = None
         self.signal_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         # Publishers signal until they let go of the inbox, which may be later than its runner does.
         # At the end of the process lanes may still watch it.
@@ -53,6 +52,19 @@ class Inbox:
         """Has whoever runs the subscription take what waits; called from any thread."""
         self._codec = codec
         self._waiting: deque[Any] = deque(maxlen=qos.depth)
+
+    @property
+    def waits_in_dds(self) -> bool:
+        """Whether DDS may hold something that nothing may overtake."""
+        return self._empty_mark is not self.dds_mark
+
+    def mark_dds(self) -> None:
+        """DDS may have got something by now."""
+        self.dds_mark = object()
+
+    def mark_dds_empty(self, mark: object) -> None:
+        """DDS held nothing any more, after `dds_mark` had been `mark`."""
+        self._empty_mark = mark
 
     def put(self, message: Any) -> None:
         """Hand over a message that nobody else has, or its bytes."""

@@ -52,9 +52,7 @@ class LocalPublisher(LifecyclePublisher):
         if not self._enabled:
             return
         inboxes = self._local_topic.inboxes
-        seen, matched = self._match
-        if seen is not inboxes:
-            matched = self._look_at(inboxes)
+        matched = self._matched(inboxes)
         if (
             matched
             and self._count() == len(matched)
@@ -64,8 +62,9 @@ class LocalPublisher(LifecyclePublisher):
         ):
             return
         self._send(msg)
-        for inbox in matched:
-            inbox.sent_by_dds += 1
+        # Also those that were opened meanwhile.
+        for inbox in self._matched(self._local_topic.inboxes):
+            inbox.mark_dds()
 
     def destroy(self) -> None:
         """Destroy the publisher; for `Node.destroy_publisher`."""
@@ -82,7 +81,11 @@ class LocalPublisher(LifecyclePublisher):
         else:
             Publisher.publish(self, message)
 
-    def _look_at(self, inboxes: tuple[Inbox, ...]) -> tuple[Inbox, ...]:
+    def _matched(self, inboxes: tuple[Inbox, ...]) -> tuple[Inbox, ...]:
+        """Those that DDS matches with this publisher."""
+        seen, matched = self._match
+        if seen is inboxes:
+            return matched
         matched = tuple(
             inbox
             for inbox in inboxes
@@ -95,7 +98,7 @@ class LocalPublisher(LifecyclePublisher):
     def _hand_over(self, message: Any, inboxes: tuple[Inbox, ...]) -> bool:
         """Give each inbox a copy of its own; false if that is DDS's to do."""
         for inbox in inboxes:
-            if inbox.taken_from_dds != inbox.sent_by_dds:
+            if inbox.waits_in_dds:
                 return False
         if isinstance(message, self._message_class):
             assert self._copy is not None

@@ -60,6 +60,17 @@ def test_each_message_signals_unless_somebody_else_is_to_be_told() -> None:
         os.eventfd_read(box.signal_fd)
 
 
+def test_dds_is_empty_only_as_of_the_mark_that_was_there_before_it_was_looked_at() -> None:
+    box = inbox()
+    mark = box.dds_mark
+    box.mark_dds_empty(mark)
+    assert not box.waits_in_dds
+    box.mark_dds()
+    assert box.waits_in_dds
+    box.mark_dds_empty(mark)
+    assert box.waits_in_dds
+
+
 def test_the_eventfd_is_open_as_long_as_a_publisher_may_write_to_it() -> None:
     box = inbox()
     descriptor, publishers = box.signal_fd, [box]

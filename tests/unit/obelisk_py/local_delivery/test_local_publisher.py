@@ -26,7 +26,8 @@ class Dds:
     def __init__(self) -> None:
         self.sent: list[Any] = []
         self.listeners = 0
-        self.meanwhile: Callable[[], None] = lambda: None
+        self.on_count: Callable[[], object] = lambda: None
+        self.on_send: Callable[[], object] = lambda: None
 
     def __enter__(self) -> Self:
         return self
@@ -41,11 +42,12 @@ class Dds:
         return "/topic"
 
     def get_subscription_count(self) -> int:
-        self.meanwhile()
+        self.on_count()
         return self.listeners
 
     def publish_raw(self, data: bytes) -> None:
         self.sent.append(deserialize_message(data, Int64))
+        self.on_send()
 
     def destroy_when_not_in_use(self) -> None:
         pass
@@ -76,6 +78,7 @@ class World:
         codec = codec_for(kind)
         assert codec is not None
         box = Inbox(kind, qos, codec)
+        box.mark_dds_empty(box.dds_mark)
         self.topic.open(box)
         self.dds.listeners += 1
         return box
@@ -161,10 +164,21 @@ def test_nothing_overtakes_what_dds_still_holds_for_a_subscription() -> None:
     world.dds.listeners = 1
     world.publisher.publish(Int64(data=2))
     assert len(world.dds.sent) == 2
-    box.taken_from_dds = box.sent_by_dds
+    box.mark_dds_empty(box.dds_mark)
     world.publisher.publish(Int64(data=3))
     assert len(world.dds.sent) == 2
     assert taken(box) == [Int64(data=3)]
+
+
+def test_nothing_overtakes_what_was_on_its_way_when_a_subscription_came() -> None:
+    world = World()
+    boxes: list[Inbox] = []
+    world.dds.on_send = lambda: boxes.append(world.listen())
+    world.publisher.publish(Int64(data=1))
+    assert boxes[0].waits_in_dds
+    world.dds.on_send = lambda: None
+    world.publisher.publish(Int64(data=2))
+    assert len(world.dds.sent) == 2
 
 
 def test_one_who_goes_while_one_comes_is_not_taken_for_the_other() -> None:
@@ -174,7 +188,7 @@ def test_one_who_goes_while_one_comes_is_not_taken_for_the_other() -> None:
     def change() -> None:
         world.topic.close(box)  # and the one that DDS counts is from outside
 
-    world.dds.meanwhile = change
+    world.dds.on_count = change
     world.publisher.publish(Int64(data=1))
     assert world.dds.sent == [Int64(data=1)]
     assert taken(box) == []
