@@ -12,6 +12,7 @@ from pathlib import Path
 
 from generated import ROOT, bring_up_to_date
 
+from obelisk_spec.near import did_you_mean
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.codes import RULES, Rule
 from obk_cli.pipeline import Options, compile_config
@@ -57,8 +58,7 @@ def _examples_without_case() -> dict[str, Example]:
             "file": "a terminal",
             "wrong": "obk validate stakc.yaml",
             "right": is_there,
-            "report": _report("OBK001", "stakc.yaml", "there is no such file")
-            + "\n  help: did you mean `stack.yaml`?",
+            "report": _report("OBK001", "stakc.yaml", "there is no such file"),
         },
         "OBK007": {
             "file": "a terminal",
@@ -90,6 +90,7 @@ def _report(code: str, path: str, data: bytes | str) -> str:
         working_folder=folder,
         surroundings=_WithoutMujoco(folder, folder, {}),
         read=lambda _: data,
+        meant=lambda _: did_you_mean(path, ("stack.yaml",)),
     )
     findings = compile_config(path, options).diagnostics
     own = (found for found in findings if found.code == code)

@@ -68,6 +68,8 @@ class Options:
     """What to ask about packages and models; None: this machine."""
     read: Callable[[str], bytes | str] = read_bytes
     """What a config file holds, or why it cannot be read."""
+    meant: Callable[[str], str | None] = did_you_mean_config
+    """What may be meant by the path of a file that cannot be read, as a help line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,8 +95,9 @@ def compile_config(path: str, options: Options) -> Outcome:
     data = options.read(path)
     if isinstance(data, str):
         place = Span.at(SourceFile.of(shown, ""), 1, 1)
-        help = did_you_mean_config(path)
-        fault = found("OBK001", f"`{shown}` cannot be read: {data}", place, help=help)
+        fault = found(
+            "OBK001", f"`{shown}` cannot be read: {data}", place, help=options.meant(path)
+        )
         return Outcome(path=shown, plan=None, config=None, diagnostics=(fault,))
     source = decode_source(shown, data)
     if isinstance(source, Diagnostic):

@@ -34,6 +34,15 @@ def test_a_file_that_cannot_be_read_is_a_finding(tmp_path: Path) -> None:
     assert "it is a folder" in str(compile_config(str(tmp_path), options(tmp_path)).diagnostics[0])
 
 
+def test_a_file_that_is_not_there_may_be_meant_to_be_one_that_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "stack.yaml").touch()
+    monkeypatch.chdir(tmp_path)
+    (fault,) = compile_config("stakc.yaml", options(tmp_path)).diagnostics
+    assert fault.help == "did you mean `stack.yaml`?"
+
+
 def test_a_sound_config_has_a_plan() -> None:
     outcome = compile_text(SOUND)
     assert outcome.diagnostics == ()
