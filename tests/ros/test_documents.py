@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from .opengl import require_opengl
 from .stack import launched, obk
 
 pytestmark = pytest.mark.ros
@@ -55,6 +56,8 @@ SHOWN = [document for document in DOCUMENTS if commands(document)]
 def test_the_commands_of_a_document_work_in_their_order(
     document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    if any("--render" in words for words in commands(document)):
+        require_opengl()
     monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     shutil.copytree(ROOT / "schema", tmp_path / "schema")

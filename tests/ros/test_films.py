@@ -1,4 +1,4 @@
-"""Films of running stacks, read again; where no OpenGL is, the launch that does not come up."""
+"""Films of running stacks, read again; a film that cannot be made."""
 
 from pathlib import Path
 
@@ -6,6 +6,7 @@ import av
 import numpy as np
 import pytest
 
+from .opengl import require_opengl
 from .stack import DUMMY, eventually, launched, obk
 
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
@@ -21,13 +22,10 @@ def orange(pixels: np.ndarray) -> np.ndarray:
 
 
 def test_a_launch_leaves_a_film_of_its_robot(tmp_path: Path) -> None:
+    require_opengl()
     path = tmp_path / "out.mp4"
     words = ("--render", path, "--render-camera", "overview", "--render-size", "160x120", *PATIENT)
     result = obk("launch", DUMMY, *words, "--duration", "3", "--color", "never")
-    if "cameras need OpenGL" in result.stdout:
-        assert result.returncode == 1
-        assert not list(tmp_path.iterdir())
-        return
     assert result.returncode == 0, result.stdout + result.stderr
     *_, told, end = result.stdout.splitlines()
     assert end == "ended in order"
@@ -46,6 +44,7 @@ def test_a_launch_leaves_a_film_of_its_robot(tmp_path: Path) -> None:
 
 
 def test_a_killed_launcher_leaves_a_whole_film_or_none(tmp_path: Path) -> None:
+    require_opengl()
     path = tmp_path / "out.mp4"
     with launched(DUMMY, "--render", path, "--render-size", "160x120", *PATIENT) as run:
         run.process.kill()

@@ -1,0 +1,22 @@
+"""Whether cameras can be drawn on this machine, for the tests of what is drawn."""
+
+import subprocess
+import sys
+
+import pytest
+
+__all__ = ["require_opengl"]
+
+OPEN = (
+    "from obelisk_py.core.sim.mujoco.cameras.back_end import choose_back_end, open_context\n"
+    "open_context(choose_back_end(), 16, 16)\n"
+)
+
+
+def require_opengl() -> None:
+    """Skip the test where there is no OpenGL, which a process of its own finds out."""
+    tried = subprocess.run(
+        [sys.executable, "-c", OPEN], capture_output=True, text=True, timeout=120, check=False
+    )
+    if tried.returncode != 0:
+        pytest.skip(tried.stderr.rpartition("Error: ")[2].strip() or "OpenGL cannot be opened")
