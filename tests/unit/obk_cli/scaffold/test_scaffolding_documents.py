@@ -1,4 +1,4 @@
-"""The commands of docs/how-to/{scaffolding,adding-nodes}.md make what the pages say.
+"""The commands of the pages on scaffolding and on adding nodes make what the pages say.
 
 What they launch is the workspace of `obk init`, which the tutorial's test launches.
 """
@@ -19,7 +19,8 @@ from ....ros.walkthrough import (  # noqa: TID252 - shared by folders of tests
 )
 
 ROOT = Path(__file__).resolve().parents[4]
-HOW_TO = ROOT / "docs" / "how-to"
+SCAFFOLDING = ROOT / "docs" / "how-to" / "scaffolding.md"
+ADDING_NODES = ROOT / "docs" / "how-to" / "adding-nodes.md"
 
 pytestmark = pytest.mark.mujoco
 
@@ -41,9 +42,9 @@ def type_all(document: Path) -> None:
 
 def test_a_workspace_and_a_node_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    type_all(HOW_TO / "scaffolding.md")
+    type_all(SCAFFOLDING)
     assert (tmp_path / "my_robot/src/my_controller/package.xml").is_file()
-    page = (HOW_TO / "scaffolding.md").read_text()
+    page = SCAFFOLDING.read_text()
     for made in ("src/my_robot_controller", "src/my_robot_estimator", ".vscode", "model"):
         assert made in page
         assert (tmp_path / "my_robot" / made).is_dir()
@@ -57,6 +58,6 @@ def test_nodes_go_into_a_config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     (tmp_path / "arm.yaml").write_text(renamed)
     for file in ("dummy.xml", "dummy_params.txt"):
         shutil.copy(ROOT / "examples/dummy" / file, tmp_path)
-    type_all(HOW_TO / "adding-nodes.md")
+    type_all(ADDING_NODES)
     made = {folder.name for folder in (tmp_path / "src").iterdir()}
     assert made == {"balance", "filter", "arm_hardware", "camera"}
