@@ -2,8 +2,10 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -95,6 +97,17 @@ def test_a_command_that_needs_one_says_which_and_how(
     assert (code, out) == (1, "")
     assert err.startswith("error: ")
     assert f"help: `pip install 'obelisk-cli[{extra}]'` brings it" in err
+
+
+def test_the_document_tells_the_same(repository: Path) -> None:
+    text = (repository / "docs" / "how-to" / "installing.md").read_text()
+    told, _, rest = text.partition("\nthen work; every other command")
+    assert set(re.findall(r"`(\w+)`", told.rpartition("```")[2])) == LIGHT.keys()
+    project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
+    rows = re.findall(r"(?m)^\| `([\w-]+)` \| (.*?) \|", rest)
+    assert {extra for extra, _ in rows} == project["optional-dependencies"].keys()
+    for verb, (extra, _) in NEEDS.items():
+        assert re.search(rf"`(obk )?{verb}`", dict(rows)[extra]), verb
 
 
 def test_without_mujoco_a_config_is_checked_but_for_its_model(
