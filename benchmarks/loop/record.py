@@ -60,13 +60,15 @@ def phase_ns(until_next_call_ns: Callable[[], int]) -> int:
 
 def record_of(name: str, notes: Notes, timer: Any) -> NodeRecord:
     """What a node noted, and when its rclpy timer is due."""
+    # The node goes on: it may have noted an arrival and not its delay yet.
+    delays_ns = tuple(notes.delays_ns)
     return NodeRecord(
         name=name,
         period_ns=timer.timer_period_ns,
         phase_ns=phase_ns(timer.time_until_next_call),
         ticks_ns=tuple(notes.ticks_ns),
-        arrivals_ns=tuple(notes.arrivals_ns),
-        delays_ns=tuple(notes.delays_ns),
+        arrivals_ns=tuple(notes.arrivals_ns[: len(delays_ns)]),
+        delays_ns=delays_ns,
     )
 
 
