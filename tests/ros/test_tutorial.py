@@ -1,4 +1,4 @@
-"""A new user's first five minutes, as `docs/tutorial.md` has them, at a real terminal."""
+"""A new user's first stack, as `docs/tutorial.md` has it, at a real terminal."""
 
 import os
 import re
@@ -32,7 +32,7 @@ rclpy.shutdown()
 
 
 @pytest.mark.timeout(280)
-def test_the_first_five_minutes_go_as_the_document_has_them(
+def test_the_first_stack_goes_as_the_tutorial_has_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("NO_COLOR", raising=False)
