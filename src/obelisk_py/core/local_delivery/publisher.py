@@ -1,7 +1,6 @@
 """`LocalPublisher`: a life-cycle publisher that leaves DDS out where only this process listens."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 from rclpy.context import Context
@@ -40,7 +39,7 @@ class LocalPublisher(LifecyclePublisher):
         # Those of rclpy take some microseconds for keeping the handle from being destroyed; these
         # raise if it is.
         self._count = self.handle.get_subscription_count
-        self._send_bytes: Callable[[bytes], None] = self.handle.publish_raw
+        self._send_bytes: Callable[[bytes], None] | None = self.handle.publish_raw
 
     def publish(self, msg: Any) -> None:
         """Send a message, or the bytes of a packed one, if the publisher is enabled.
@@ -69,17 +68,17 @@ class LocalPublisher(LifecyclePublisher):
     def destroy(self) -> None:
         """Destroy the publisher; for `Node.destroy_publisher`."""
         self._local_topic = LocalTopic()
-        self._send_bytes = partial(Publisher.publish, self)  # which says that it is destroyed
+        self._send_bytes = None
         super().destroy()
 
     def _send(self, message: Any) -> None:
         """Send by DDS to all."""
         if self._pack is not None and isinstance(message, self._message_class):
             message = self._pack(message)
-        if isinstance(message, bytes):
+        if isinstance(message, bytes) and self._send_bytes is not None:
             self._send_bytes(message)
         else:
-            Publisher.publish(self, message)
+            Publisher.publish(self, message)  # says what is wrong
 
     def _matched(self, inboxes: tuple[Inbox, ...]) -> tuple[Inbox, ...]:
         """Those that DDS matches with this publisher."""
