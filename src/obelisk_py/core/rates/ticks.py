@@ -75,7 +75,10 @@ class TimerTicks:
 
 
 class SampleTicks:
-    """Counts samples in simulation time; they are due when they come."""
+    """Counts samples in simulation time; they are due when they come, so none is late.
+
+    How late their steps are by wall time is counted of the steps.
+    """
 
     def __init__(self, counter: TickCounter, *, period_ns: int, clock: Callable[[], int]) -> None:
         """Make a count.
