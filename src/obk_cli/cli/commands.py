@@ -172,9 +172,10 @@ def _is_interruption(error: BaseException | None) -> bool:
 
 
 def _complain(message: str, help: str | None) -> None:
-    print(f"error: {message}", file=sys.stderr)
-    if help:
-        print(f"  help: {help}", file=sys.stderr)
+    from obk_cli.report.escapes import visible
+
+    told = f"error: {message}\n  help: {help}" if help else f"error: {message}"
+    print("\n".join(map(visible, told.split("\n"))), file=sys.stderr)
 
 
 def _bug_report(error: Exception) -> str:

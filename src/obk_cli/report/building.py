@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from obk_cli.report.escapes import visible
 from obk_interfaces import Problem, Progress
 
 __all__ = ["report_problems", "showing_progress"]
@@ -29,17 +30,17 @@ def report_problems(problems: Iterable[Problem], *, colour: bool) -> str:
 def _problem(problem: Problem, *, colour: bool) -> Iterator[str]:
     red, end = ("\x1b[31m", "\x1b[0m") if colour else ("", "")
     path = _short(problem.path)
-    yield f"{path}:{problem.line}:{problem.column}: {red}error{end}: {problem.sentence}"
+    yield f"{path}:{problem.line}:{problem.column}: {red}error{end}: {visible(problem.sentence)}"
     text = problem.path.read_text(encoding="utf-8", errors="replace").splitlines()
     line = text[problem.line - 1] if 0 < problem.line <= len(text) else ""
     if line:
         before = line[: problem.column - 1]
         indent = "".join("\t" if char == "\t" else " " for char in before)
         length = len((line[problem.column - 1 :].split() or ["x"])[0])
-        yield f"  {problem.line} | {line}"
+        yield f"  {problem.line} | {visible(line)}"
         yield f"  {'':>{len(str(problem.line))}} | {indent}{red}{'^' * length}{end}"
     if problem.help:
-        yield f"  help: {problem.help}"
+        yield f"  help: {visible(problem.help)}"
 
 
 def _short(path: Path) -> str:

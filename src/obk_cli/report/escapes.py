@@ -6,7 +6,7 @@ Takes a line, gives a line. Source: ECMA-48, 5.4 (control sequences) and 5.6 (co
 import re
 from typing import Final
 
-__all__ = ["escaped", "only_colour", "plain"]
+__all__ = ["escaped", "only_colour", "plain", "visible"]
 
 _SEQUENCE: Final = re.compile(
     r"(?P<colour>\x1b\[[0-9;:]*m)"
@@ -17,6 +17,9 @@ _SEQUENCE: Final = re.compile(
 )
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 """Characters that a terminal obeys, breaks lines at, or turns the direction of writing for."""
+_INVISIBLE: Final = re.compile(
+    r"[\x00-\x08\x0a-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
 _NAMES: Final = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
 _RESET: Final = "\x1b[0m"
 
@@ -33,6 +36,11 @@ def only_colour(text: str) -> str:
 def plain(text: str) -> str:
     """The text without any escape sequence, control character, and byte that is no text."""
     return _SEQUENCE.sub("", text)
+
+
+def visible(text: str) -> str:
+    """The text with a sign in place of each control character but tabs: columns stay."""
+    return _INVISIBLE.sub("\ufffd", text)
 
 
 def escaped(text: str) -> str:

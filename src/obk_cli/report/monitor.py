@@ -357,7 +357,8 @@ def _ms(seconds: float | None, digits: int = 2) -> str:
 
 
 def _fitted(text: str, width: int) -> str:
-    """The text, cut where it is longer."""
-    if cell_len(text) <= width:
-        return text
-    return set_cell_size(text, max(0, width - 1)) + "…"
+    """The text, whoever it is of, cut where it is longer."""
+    shown = plain(text)
+    if cell_len(shown) <= width:
+        return shown
+    return set_cell_size(shown, max(0, width - 1)) + "…"

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 
 from obk_cli.diagnostics import Diagnostic, Severity
+from obk_cli.report.escapes import visible
 from obk_cli.source import Span
 
 __all__ = ["report_text", "summary"]
@@ -95,7 +96,7 @@ def _excerpt(span: Span, width: int, paint: _Paint, role: str) -> Iterator[str]:
     length = max(min(span.first_line_end - span.column, len(shown) + 1 - column), 1)
     # A tab stays a tab under itself, so that the mark stands where the text does.
     indent = "".join("\t" if char == "\t" else " " for char in shown[: column - 1])
-    yield f"  {span.line:>{width}} | {shown}"
+    yield f"  {span.line:>{width}} | {visible(shown)}"
     if column <= len(shown) + 1:
         yield f"  {'':>{width}} | {indent}{paint(role, '^' * length)}"
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from obk_cli.report.escapes import escaped, only_colour, plain
+from obk_cli.report.escapes import escaped, only_colour, plain, visible
 
 
 @pytest.mark.parametrize(
@@ -59,3 +59,7 @@ def test_what_must_not_be_lost_is_escaped() -> None:
     assert escaped("a\x1b[2J\x9b31m\n\tb\x7f") == r"a\u001b[2J\u009b31m\n\tb\u007f"
     assert escaped("\u202etxt\u2028") == r"\u202etxt\u2028"
     assert escaped("grün 机器人 °") == "grün 机器人 °"
+
+
+def test_columns_stay_where_control_characters_are_shown_as_a_sign() -> None:
+    assert visible("a\x1b[2J\tb\x00") == "a\ufffd[2J\tb\ufffd"

@@ -5,6 +5,7 @@ thread, and what the process says, as sentences for the user. Whatever becomes o
 simulation goes on; it ends when the link to the robot does, however the robot ended.
 """
 
+import mmap
 import os
 import socket
 import subprocess
@@ -15,6 +16,7 @@ from contextlib import contextmanager
 from typing import Final
 
 import mujoco
+import numpy as np
 
 from obelisk_py.core.sim.mujoco.viewing.states import StateSender
 from obelisk_py.core.sim.mujoco.viewing.words import Tell, hear
@@ -113,7 +115,12 @@ def _saved(model: mujoco.MjModel) -> Iterator[int]:
     """A file without a name that holds a model; its descriptor."""
     descriptor = os.memfd_create("model")
     try:
-        mujoco.mj_saveModel(model, f"/proc/self/fd/{descriptor}")
+        size = mujoco.mj_sizeModel(model)
+        os.ftruncate(descriptor, size)
+        # Written in place: MuJoCo's own buffer for a file tears holes into the robot's heap, round
+        # after round.
+        with mmap.mmap(descriptor, size) as memory:
+            mujoco.mj_saveModel(model, None, np.frombuffer(memory, np.uint8))
         yield descriptor
     finally:
         os.close(descriptor)
