@@ -1,5 +1,6 @@
 """What every test can ask for: the checkout's folder, and for ROS tests a world of their own."""
 
+import compileall
 import fcntl
 import os
 import tempfile
@@ -13,6 +14,7 @@ import pytest
 
 from obk_cli.adapters.shared_memory import remove_dead_segments
 
+_SOURCE = Path(__file__).resolve().parents[1] / "src"
 # Above these the ports of DDS run into those the kernel hands out to others.
 _DOMAIN_IDS = range(1, 101)
 _MARK = "OBELISK_TEST_RUN"
@@ -26,15 +28,33 @@ _FOREIGN_ROS_VARIABLES = (
 )
 
 
-# On CI the same examples each time: a fault found by luck belongs to whoever looks for it.
-hypothesis.settings.register_profile("ci", derandomize=True)
-if os.environ.get("CI"):
-    hypothesis.settings.load_profile("ci")
+# No example is too slow, whatever else the machine does. On CI they are the same each time: a fault
+# found by luck belongs to whoever looks for it.
+hypothesis.settings.register_profile(
+    "obelisk",
+    deadline=None,
+    suppress_health_check=(hypothesis.HealthCheck.too_slow,),
+    derandomize=bool(os.environ.get("CI")),
+)
+hypothesis.settings.load_profile("obelisk")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """`--update-golden` writes what the golden tests and the reject cases expect."""
     parser.addoption("--update-golden", action="store_true", help="rewrite expected outputs")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile the tool once: a thousand processes import it, also where Python writes nothing."""
+    if not hasattr(config, "workerinput"):
+        compileall.compile_dir(_SOURCE, quiet=1)
+        config.option.loadscopereorder = False  # the order is the one below
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Among several workers the long files come first, so that none is left alone with one."""
+    if hasattr(config, "workerinput"):
+        items.sort(key=lambda item: item.get_closest_marker("ros") is None)
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ import ast
 import re
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -42,12 +43,18 @@ def area(module: str) -> str:
     return module.split(".")[1] if module.count(".") else ""
 
 
+@cache
 def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-def imports(path: Path) -> Iterator[str]:
+@cache
+def imports(path: Path) -> tuple[str, ...]:
     """Every module that a module imports, wherever in it; `from a import b` counts as `a.b`."""
+    return tuple(_imports(path))
+
+
+def _imports(path: Path) -> Iterator[str]:
     for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             yield from (name.name for name in node.names)
@@ -140,7 +147,7 @@ def test_what_is_recorded_is_decided_without_ros_and_without_the_file_format() -
 
 def test_looking_into_a_stack_is_pure_but_for_what_finds_and_asks() -> None:
     for path in in_area("looking"):
-        asking = {"adapters"} if path.stem in ("place", "finding", "nodes") else set()
+        asking = {"adapters"} if path.stem in ("place", "nodes", "sight") else set()
         allowed = SPINE_MODULES | {"launch", "recording"} | asking
         assert areas_imported(path) <= allowed, path
 

@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from obelisk_py.core.executors import EventLoopExecutor
 
-DEADLINE_S = 20.0
+DEADLINE_S = 60.0
 
 N = TypeVar("N", bound=Node)
 

@@ -11,7 +11,7 @@ import pytest
 
 from obk_cli.adapters.process_start import start_s
 
-from .stack import DUMMY, Launched, eventually, launched, obk
+from .stack import DEADLINE_S, DUMMY, Launched, eventually, launched, obk
 
 pytestmark = pytest.mark.ros
 
@@ -34,6 +34,11 @@ def told(*arguments: str) -> dict[str, object]:
     result = obk(*arguments, "--format", "json")
     assert result.returncode == 0, result.stdout + result.stderr
     return dict(json.loads(result.stdout))
+
+
+def states() -> dict[str, str]:
+    """Of the nodes that are found by now."""
+    return dict(json.loads(obk("lifecycle", "get", "--format", "json").stdout or "{}"))
 
 
 def node_pids(run: Launched) -> dict[str, int]:
@@ -60,7 +65,7 @@ def test_without_the_run_registry_the_graph_alone_is_enough(
 ) -> None:
     with launched(DUMMY, "--quiet") as run:
         monkeypatch.setenv("OBK_HOME", str(tmp_path / "another host"))
-        eventually(lambda: told("lifecycle", "get") == dict.fromkeys(NODES, "active"), "all three")
+        eventually(lambda: states() == dict.fromkeys(NODES, "active"), "all three")
         for verb, goal in ROUND:
             # By their full names, so that all are waited for however slow the graph is.
             assert told("lifecycle", verb, *NODES)["success"] is True
@@ -77,7 +82,7 @@ def test_stop_brings_the_stack_down_in_order_and_waits_for_it() -> None:
         assert (result.returncode, result.stdout) == (0, "dummy: ended\n")
         assert not run.left_over()
         assert obk("ps").stdout == "no stack runs on this host\n"
-        assert run.process.wait(20) == 0
+        assert run.process.wait(DEADLINE_S) == 0
     assert "stopping (asked by `obk stop`)" in run.text
 
 
@@ -85,7 +90,7 @@ def test_whoever_replaces_a_stack_brings_it_down_in_order_first() -> None:
     with launched(DUMMY, "--quiet") as run:
         second = obk("launch", DUMMY, "--replace", "--duration", "0", "--quiet")
         assert second.returncode == 0, second.stdout + second.stderr
-        assert run.process.wait(20) == 0
+        assert run.process.wait(DEADLINE_S) == 0
     assert "stopping (replaced)" in run.text
 
 
@@ -106,7 +111,7 @@ def test_what_outlives_its_launcher_in_spite_of_all_is_found_and_ended() -> None
         (warden,) = psutil.Process(run.process.pid).children()
         warden.suspend()
         run.process.send_signal(signal.SIGKILL)
-        run.process.wait(20)
+        run.process.wait(DEADLINE_S)
         left = json.loads(obk("ps", "--format", "json").stdout)["leftovers"]
         assert {process["pid"] for process in left} >= set(nodes.values())
         assert "obk reap" in obk("ps").stdout

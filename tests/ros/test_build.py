@@ -56,7 +56,8 @@ for _ in range(600):
     rclpy.spin_once(node, timeout_sec=0.1)
     if tasks and judged:
         break
-rclpy.spin_once(node, timeout_sec=0.1)
+while node.count_publishers("task"):  # the answer may be under way
+    rclpy.spin_once(node, timeout_sec=0.1)
 print(tasks[0].name, list(tasks[0].steps[0].joints))
 rclpy.shutdown()
 """

@@ -1,262 +1,40 @@
 """Several programs' nodes in one process: each as in a process of its own, and all ended as one."""
 
 import json
-import os
 import signal
-import subprocess
-import sys
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
-import rclpy
-from lifecycle_msgs.srv import ChangeState, GetState
 from obelisk_control_msgs.msg import PositionSetpoint
 from obelisk_estimator_msgs.msg import EstimatedState
 from obelisk_sensor_msgs.msg import JointEncoders
 from rcl_interfaces.srv import ListParameters
-from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
 from obk_cli.adapters.node_lines import NodeLines
 
+from .composed import NODES, Composed, Entry, client_context, entry, started_module
 from .stack import DUMMY, eventually, obk
 
 pytestmark = pytest.mark.ros
 
-NODES = """
-import sys, time
-import rclpy
-from obelisk_py.core.node import ObeliskNode
-from obelisk_py.core.utils.ros import spin_obelisk
-
-
-class Told(ObeliskNode):
-    def __init__(self, node_name="told"):
-        super().__init__(node_name)
-        self.declare_parameter("gain", 0)
-        self.last_argument = sys.argv[-1]
-
-    def tell(self, what):
-        print(self.get_name(), what, flush=True)
-
-    def on_configure(self, state):
-        self.get_logger().debug("a detail")
-        self.tell(self.get_parameter("gain").value)
-        self.tell(self.resolve_topic_name("in"))
-        self.tell(self.last_argument)
-        return super().on_configure(state)
-
-    def on_deactivate(self, state):
-        self.tell("deactivated")
-        return super().on_deactivate(state)
-
-    def on_shutdown(self, state):
-        self.tell("shut down")
-        return super().on_shutdown(state)
-
-
-class Act(Told):
-    "Does something in a callback once it is active."
-
-    def on_activate(self, state):
-        self.create_timer(0.01, self.act)
-        return super().on_activate(state)
-
-
-class Raising(Act):
-    def act(self):
-        raise ValueError("no such motor")
-
-
-class Dying(Raising):
-    def on_error(self, state):
-        raise RuntimeError("nor is there a brake")
-
-
-class Leaving(Act):
-    def act(self):
-        sys.exit(0)
-
-
-class Stuck(Act):
-    def act(self):
-        self.tell("stuck")
-        time.sleep(1000)
-
-
-class Unmade(Told):
-    def __init__(self):
-        raise ValueError("no such port")
-
-
-def main(args=None):
-    spin_obelisk(args, Told)
-
-def held():
-    print("opened", flush=True)
-    try:
-        spin_obelisk(sys.argv, Told)
-    finally:
-        print("closed", flush=True)
-
-def raising(): spin_obelisk(None, Raising)
-def dying(): spin_obelisk(None, Dying)
-def leaving(): spin_obelisk(None, Leaving)
-def stuck(): spin_obelisk(None, Stuck)
-def unmade(): spin_obelisk(None, Unmade)
-def forgetful(): pass
-def broken(): raise KeyError("no_such_key")
-def own(args=None): rclpy.init(args=args)
-
-if __name__ == "__main__":
-    main()
-"""
-
-Entry = dict[str, Any]
-
-
-def entry(
-    node: str, function: str | None = "main", *arguments: str, module: str = "nodes"
-) -> Entry:
-    """A node of the specification with the ROS arguments that give it its name."""
-    namespace, name = node.rsplit("/", 1)
-    names = ["-r", f"__node:={name}", *(["-r", f"__ns:={namespace}"] if namespace else [])]
-    return {
-        "node": node,
-        "module": module,
-        "function": function,
-        "arguments": ["--ros-args", *names, *arguments],
-    }
-
-
-class Composed:
-    """A composed process, what it wrote, and a client for its services."""
-
-    def __init__(self, process: "subprocess.Popen[str]") -> None:
-        self.process = process
-        self.lines: list[str] = []
-        self.reader = threading.Thread(target=self._read, daemon=True)
-        self.reader.start()
-        self.client = rclpy.create_node("client")
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self.client)
-        self._clients: dict[str, Any] = {}
-
-    @property
-    def text(self) -> str:
-        """All that was written."""
-        return "\n".join(self.lines)
-
-    def ask(self, kind: Any, name: str, request: Any) -> Any:
-        """A service's answer; asked again if it gets lost, as the first one to a client may."""
-        client = self._client(kind, name)
-        while True:
-            answer = client.call_async(request)
-            self._executor.spin_until_future_complete(answer, timeout_sec=2.0)
-            if answer.done():
-                return answer.result()
-            assert self.process.poll() is None, self.text
-
-    def activate(self, *nodes: str) -> None:
-        """Configure and activate."""
-        for label, goal in (("configure", "inactive"), ("activate", "active")):
-            request = ChangeState.Request()
-            request.transition.label = label
-            for node in nodes:
-                self._client(ChangeState, f"{node}/change_state").call_async(request)
-                eventually(lambda node=node, goal=goal: self.state(node) == goal, f"{goal} {node}")
-
-    def state(self, node: str) -> str:
-        """The state of a node."""
-        answer = self.ask(GetState, f"{node}/get_state", GetState.Request())
-        return str(answer.current_state.label)
-
-    def listen(self, kind: type[Any], topic: str) -> Callable[[], bool]:
-        """Whether a message has come by now."""
-        heard: list[Any] = []
-        self.client.create_subscription(kind, topic, heard.append, 10)
-
-        def has_come() -> bool:
-            self._executor.spin_once(0.01)
-            return bool(heard)
-
-        return has_come
-
-    def wait_for_line(self, part: str) -> None:
-        """Wait for a line with these words."""
-        eventually(lambda: part in self.text, f"'{part}': {self.text}")
-
-    def end(self, *signals: int) -> int:
-        """The exit code, after these signals."""
-        for number in signals:
-            self.process.send_signal(number)
-        code = self.process.wait(20)
-        self.reader.join()
-        return code
-
-    def close(self) -> None:
-        """Leave nothing behind."""
-        self.process.kill()
-        self.end()
-        self._executor.shutdown()
-        self.client.destroy_node()
-
-    def _client(self, kind: Any, name: str) -> Any:
-        if name not in self._clients:
-            client = self.client.create_client(kind, name)
-            assert client.wait_for_service(20.0), f"no service {name}: {self.text}"
-            self._clients[name] = client
-        return self._clients[name]
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        with self.process.stdout as output:
-            for line in output:
-                self.lines.append(line.rstrip("\n"))
-
 
 @pytest.fixture
 def compose(tmp_path: Path) -> Iterator[Callable[..., Composed]]:
-    """Starts composed processes whose module `nodes` is the one above."""
+    """Starts composed processes whose module `nodes` is NODES."""
     (tmp_path / "nodes.py").write_text(NODES)
-    with _client_context() as made:
+    with client_context() as made:
 
         def start(*entries: Entry) -> Composed:
             specification = tmp_path / "composed.json"
             specification.write_text(json.dumps({"nodes": entries}))
             made.append(
-                Composed(_started(["obelisk_py.core.composition", specification], tmp_path))
+                Composed(started_module(["obelisk_py.core.composition", specification], tmp_path))
             )
             return made[-1]
 
         yield start
-
-
-@contextmanager
-def _client_context() -> Iterator[list[Composed]]:
-    rclpy.init(args=[])
-    made: list[Composed] = []
-    try:
-        yield made
-    finally:
-        for composed in made:
-            composed.close()
-        rclpy.try_shutdown()
-
-
-def _started(module: Sequence[str | Path], python_path: Path) -> "subprocess.Popen[str]":
-    return subprocess.Popen(
-        [sys.executable, "-P", "-m", *module],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env={**os.environ, "PYTHONPATH": str(python_path)},
-        cwd=DUMMY.parent,
-    )
 
 
 @pytest.mark.mujoco
@@ -414,8 +192,8 @@ def test_asked_by_a_signal_a_stuck_process_tells_where_and_the_second_end_signal
 def test_a_process_of_one_node_tells_where_it_is_too(tmp_path: Path) -> None:
     (tmp_path / "nodes.py").write_text(NODES)
     arguments = ["--ros-args", "-r", "__node:=b"]
-    with _client_context() as made:
-        made.append(Composed(_started(["nodes", *arguments], tmp_path)))
+    with client_context() as made:
+        made.append(Composed(started_module(["nodes", *arguments], tmp_path)))
         made[0].activate("/b")
         made[0].process.send_signal(signal.SIGUSR1)
         made[0].wait_for_line("in spin_obelisk")

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from .opengl import require_opengl
-from .stack import launched, obk
+from .stack import calm, launched, obk
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(600)]
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = (
@@ -60,6 +60,7 @@ def test_the_commands_of_a_document_work_in_their_order(
         require_opengl()
     monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    calm(tmp_path / "examples" / "dummy")
     shutil.copytree(ROOT / "schema", tmp_path / "schema")
     monkeypatch.chdir(tmp_path)
     found = commands(document)

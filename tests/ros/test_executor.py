@@ -1,6 +1,5 @@
 """The event-loop executor runs what nodes have, in the manner that users of rclpy rely on."""
 
-import itertools
 import threading
 import time
 from collections.abc import Iterator
@@ -10,23 +9,17 @@ import pytest
 from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.executors import ExternalShutdownException
 from rclpy.guard_condition import GuardCondition
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from rclpy.waitable import NumberOfEntities, Waitable
-from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
-from .executor_world import World, eventually, world
+from .executor_world import DEADLINE_S, World, eventually, world
 
 pytestmark = pytest.mark.ros
-
-S_IN_NS = 10**9
 
 
 @pytest.fixture
@@ -55,112 +48,6 @@ def test_messages_arrive_in_order_and_with_their_info_where_asked_for(one: World
     assert b"79" in raw[-1]
 
 
-@pytest.mark.parametrize("clock_type", [ClockType.STEADY_TIME, ClockType.SYSTEM_TIME])
-def test_a_timer_is_never_early_and_rests_while_it_is_cancelled(
-    one: World, clock_type: ClockType
-) -> None:
-    node = one.node()
-    clock = Clock(clock_type=clock_type)
-    ticks: list[int] = []
-    start_ns = clock.now().nanoseconds
-    timer = node.create_timer(0.01, lambda: ticks.append(clock.now().nanoseconds), clock=clock)
-    with one.spinning():
-        eventually(lambda: len(ticks) >= 10, "ten ticks")
-        timer.cancel()
-        time.sleep(0.02)
-        count = len(ticks)
-        time.sleep(0.05)
-        assert len(ticks) == count
-        timer.reset()
-        eventually(lambda: len(ticks) > count, "a tick after reset")
-    assert all(at >= start_ns + (n + 1) * 10_000_000 for n, at in enumerate(ticks[:10]))
-
-
-def test_a_timer_that_is_not_started_waits_for_its_reset(one: World) -> None:
-    node = one.node()
-    ticks: list[int] = []
-    timer = node.create_timer(0.005, lambda: ticks.append(1), autostart=False)
-    with one.spinning():
-        time.sleep(0.05)
-        assert not ticks
-        timer.reset()
-        eventually(lambda: len(ticks) >= 3, "ticks after reset")
-
-
-def test_a_timer_takes_a_new_period_and_may_cancel_and_reset_itself(one: World) -> None:
-    node = one.node()
-    ticks: list[int] = []
-
-    def tick() -> None:
-        ticks.append(1)
-        if len(ticks) == 1:
-            timer.timer_period_ns = 1_000_000
-        if len(ticks) == 20:
-            timer.cancel()
-            timer.reset()
-        if len(ticks) == 40:
-            timer.cancel()
-
-    # So slow that without the new period it would not come to its 20th tick in time.
-    timer = node.create_timer(1.2, tick)
-    with one.spinning():
-        eventually(lambda: len(ticks) == 40, "40 ticks of a timer that became faster")
-        time.sleep(0.02)
-    assert len(ticks) == 40
-
-
-def test_a_timer_that_was_late_skips_periods_instead_of_catching_up(one: World) -> None:
-    node = one.node()
-    ticks: list[float] = []
-
-    def tick() -> None:
-        ticks.append(time.monotonic())
-        if len(ticks) == 3:
-            time.sleep(0.3)
-
-    node.create_timer(0.02, tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
-    start = time.monotonic()
-    one.run_until(lambda: len(ticks) >= 10, "ten ticks")
-    assert len(ticks) <= (time.monotonic() - start - 0.28) / 0.02 + 2
-
-
-def test_simulated_time_drives_timers(one: World) -> None:
-    node = one.node(parameter_overrides=[Parameter("use_sim_time", value=True)])
-    clock_source = one.node("clock")
-    ticks: list[int] = []
-    node.create_timer(1.0, lambda: ticks.append(node.get_clock().now().nanoseconds))
-    publisher = clock_source.create_publisher(ClockMessage, "/clock", 10)
-    now_ns = [0]
-
-    def advance() -> None:
-        now_ns[0] += S_IN_NS // 4
-        message = ClockMessage()
-        message.clock.sec, message.clock.nanosec = divmod(now_ns[0], S_IN_NS)
-        publisher.publish(message)
-
-    clock_source.create_timer(0.002, advance, clock=Clock(clock_type=ClockType.STEADY_TIME))
-    one.run_until(lambda: len(ticks) >= 8, "eight simulated seconds")
-    steps = [later - earlier for earlier, later in itertools.pairwise(ticks[1:])]
-    assert min(steps) >= S_IN_NS // 2
-    assert ticks[-1] <= now_ns[0]
-
-
-def test_a_flood_of_messages_does_not_stop_timers(one: World) -> None:
-    node = one.node()
-    received, ticks = [0], [0]
-    publisher = node.create_publisher(String, "flood", 10)
-
-    def again(_message: String) -> None:
-        received[0] += 1
-        publisher.publish(String())
-        publisher.publish(String())
-
-    node.create_subscription(String, "flood", again, 10)
-    node.create_timer(0.002, lambda: ticks.__setitem__(0, ticks[0] + 1))
-    publisher.publish(String())
-    one.run_until(lambda: received[0] > 500 and ticks[0] > 20, "ticks during the flood")
-
-
 def test_parameters_and_services_work_while_it_runs(one: World) -> None:
     server, asker = one.node("server"), one.node("asker")
     server.declare_parameter("gain", 1)
@@ -173,8 +60,8 @@ def test_parameters_and_services_work_while_it_runs(one: World) -> None:
         answers.append(await set_gain.call_async(SetParameters.Request(parameters=[gain])))
         answers.append(await get_gain.call_async(GetParameters.Request(names=["gain"])))
 
-    assert set_gain.wait_for_service(10)
-    assert get_gain.wait_for_service(10)
+    assert set_gain.wait_for_service(DEADLINE_S)
+    assert get_gain.wait_for_service(DEADLINE_S)
     one.executor.create_task(ask)
     one.run_until(lambda: len(answers) == 2, "both answers")
     assert answers[0].results[0].successful
@@ -191,10 +78,10 @@ def test_a_coroutine_service_may_wait_for_a_client_of_its_own_group(one: World) 
 
     node.create_service(GetState, "outer", outer)
     asker = node.create_client(GetState, "outer")
-    assert asker.wait_for_service(10)
-    assert client.wait_for_service(10)
+    assert asker.wait_for_service(DEADLINE_S)
+    assert client.wait_for_service(DEADLINE_S)
     future = asker.call_async(GetState.Request())
-    one.executor.spin_until_future_complete(future, 10)
+    one.executor.spin_until_future_complete(future, DEADLINE_S)
     assert future.result().current_state.label == "inner"
 
 
@@ -273,143 +160,6 @@ def test_tasks_come_from_any_thread_and_their_result_is_a_future(one: World) -> 
     assert sum(task.result() for task in tasks) == 8 * sum(n * 2 for n in range(100))
 
 
-def test_what_a_callback_raises_comes_out_of_spin_which_can_go_on(one: World) -> None:
-    node = one.node()
-    received: list[str] = []
-
-    def receive(message: String) -> None:
-        received.append(message.data)
-        if message.data == "0":
-            raise ValueError("boom")
-
-    node.create_subscription(String, "topic", receive, 10)
-    publisher = node.create_publisher(String, "topic", 10)
-    for number in range(3):
-        publisher.publish(String(data=str(number)))
-    with pytest.raises(ValueError, match="boom"):
-        one.executor.spin()
-    one.run_until(lambda: received == ["0", "1", "2"], "the messages after the one that failed")
-
-
-@pytest.mark.parametrize("kind", ["timer", "task", "coroutine", "guard", "service"])
-def test_exceptions_come_out_whatever_raised_them(one: World, kind: str) -> None:
-    node = one.node()
-
-    def fail(*_args: object) -> None:
-        raise ValueError("boom")
-
-    async def fail_later() -> None:
-        await future
-        raise ValueError("boom")
-
-    future: Future = Future()
-    if kind == "timer":
-        node.create_timer(0.001, fail)
-    elif kind == "task":
-        one.executor.create_task(fail)
-    elif kind == "coroutine":
-        one.executor.create_task(fail_later)
-        threading.Timer(0.02, lambda: future.set_result(None)).start()
-    elif kind == "guard":
-        node.create_guard_condition(fail).trigger()
-    else:
-        node.create_service(GetState, "state", fail)
-        client = node.create_client(GetState, "state")
-        assert client.wait_for_service(10)
-        client.call_async(GetState.Request())
-    with pytest.raises(ValueError, match="boom"):
-        one.executor.spin()
-
-
-def test_spin_once_runs_one_callback(one: World) -> None:
-    node = one.node()
-    received: list[str] = []
-    node.create_subscription(String, "topic", lambda m: received.append(m.data), 10)
-    publisher = node.create_publisher(String, "topic", 10)
-    for number in range(3):
-        publisher.publish(String(data=str(number)))
-    counts = [0]
-    end = time.monotonic() + 10
-    while len(received) < 3 and time.monotonic() < end:
-        one.executor.spin_once(timeout_sec=0.5)
-        counts.append(len(received))
-    assert received == ["0", "1", "2"]
-    assert {later - earlier for earlier, later in itertools.pairwise(counts)} <= {0, 1}
-
-
-def test_waits_end_at_their_timeout(one: World) -> None:
-    one.node()
-    start = time.monotonic()
-    one.executor.spin_once(timeout_sec=0)
-    one.executor.spin_once(timeout_sec=0.05)
-    one.executor.spin_until_future_complete(Future(), timeout_sec=0.05)
-    one.executor.spin_once_until_future_complete(Future(), timeout_sec=0.05)
-    assert time.monotonic() - start >= 0.15
-
-
-def test_waiting_for_a_future_ends_with_it_and_leaves_nothing_on_it(one: World) -> None:
-    one.node()
-    never: Future = Future()
-    for _ in range(3):
-        one.executor.spin_until_future_complete(never, timeout_sec=0)
-    assert never._callbacks == []
-    for end in (lambda future: future.set_result(1), Future.cancel):
-        future: Future = Future()
-        timer = threading.Timer(0.02, end, [future])
-        timer.start()
-        one.executor.spin_until_future_complete(future, timeout_sec=3e8)
-        timer.join()
-        assert future.done() or future.cancelled()
-
-
-def test_a_second_spin_of_the_same_executor_is_refused(one: World) -> None:
-    node = one.node()
-    refused: list[str] = []
-
-    def nested() -> None:
-        try:
-            one.executor.spin_once(0)
-        except RuntimeError as error:
-            refused.append(str(error))
-
-    node.create_timer(0.001, nested)
-    one.run_until(lambda: refused, "the refusal")
-    assert refused[0] == "this executor is spinning already"
-
-
-def test_the_end_of_the_context_ends_spin(one: World) -> None:
-    one.node()
-    timer = threading.Timer(0.05, one.context.shutdown)
-    timer.start()
-    one.executor.spin()
-    timer.join()
-    with pytest.raises(ExternalShutdownException):
-        one.executor.spin_once()
-
-
-def test_shutdown_within_a_callback_ends_spin(one: World) -> None:
-    node = one.node()
-    node.create_timer(0.001, one.executor.shutdown)
-    one.executor.spin()
-    assert one.executor.get_nodes() == []
-    one.executor.spin()  # returns at once
-    one.executor.wake()
-    assert one.executor.shutdown()
-
-
-def test_shutdown_tells_of_a_callback_that_takes_too_long(one: World) -> None:
-    node = one.node()
-    entered, leave = threading.Event(), threading.Event()
-    node.create_timer(0.001, lambda: (entered.set(), leave.wait()))
-    thread = threading.Thread(target=one.executor.spin)
-    thread.start()
-    assert entered.wait(10)
-    assert not one.executor.shutdown(timeout_sec=0.05)
-    leave.set()
-    thread.join()
-    assert one.executor.shutdown(timeout_sec=5)
-
-
 def test_no_thread_at_all_is_refused() -> None:
     with (
         world() as made,
@@ -460,19 +210,6 @@ def test_with_more_threads_a_callback_may_wait_for_an_answer() -> None:
         node.create_timer(0.001, lambda: ticks.append(1))
         made.run_until(lambda: len(answers) >= 3 and len(ticks) > 3, "answers to blocking calls")
     assert set(answers) == {"here"}
-
-
-def test_an_exception_on_another_thread_comes_out_of_spin() -> None:
-    with world(num_threads=2) as made:
-        node = made.node()
-
-        def fail() -> None:
-            raise ValueError("boom")
-
-        node.create_timer(0.01, lambda: None)
-        node.create_timer(0.001, fail, callback_group=MutuallyExclusiveCallbackGroup())
-        with pytest.raises(ValueError, match="boom"):
-            made.executor.spin()
 
 
 def _label(label: str) -> Any:

@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from obelisk_py.core.executors import EventLoopExecutor
 
-from .executor_world import World, eventually, world
+from .executor_world import DEADLINE_S, World, eventually, world
 
 pytestmark = pytest.mark.ros
 
@@ -119,8 +119,8 @@ def test_a_service_may_make_and_destroy_entities_and_even_itself(one: World) -> 
     ending = node.create_service(Trigger, "end", end)
     asker = one.node("asker")
     rewire, finish = asker.create_client(Trigger, "wire"), asker.create_client(Trigger, "end")
-    assert rewire.wait_for_service(10)
-    assert finish.wait_for_service(10)
+    assert rewire.wait_for_service(DEADLINE_S)
+    assert finish.wait_for_service(DEADLINE_S)
     with one.spinning():
         for _ in range(10):
             received.clear()

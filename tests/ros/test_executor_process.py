@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+from .stack import DEADLINE_S
+
 pytestmark = pytest.mark.ros
 
 PREPARE = """
@@ -88,7 +90,7 @@ def start(code: str, *args: str) -> subprocess.Popen[str]:
 
 def ended(process: subprocess.Popen[str]) -> tuple[int, str, str]:
     try:
-        output, errors = process.communicate(timeout=20)
+        output, errors = process.communicate(timeout=DEADLINE_S)
     except subprocess.TimeoutExpired:
         process.kill()
         output, errors = process.communicate()

@@ -19,7 +19,7 @@ MODEL = re.compile(
 ACTIVE = re.compile(r"s\] active$", re.MULTILINE)
 
 
-@pytest.mark.timeout(280)
+@pytest.mark.timeout(600)
 def test_a_model_becomes_a_running_stack_as_the_document_has_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

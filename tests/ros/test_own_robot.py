@@ -30,7 +30,7 @@ def test_the_listings_are_the_examples() -> None:
         assert any(listing in module for module in modules), listing
 
 
-@pytest.mark.timeout(280)
+@pytest.mark.timeout(600)
 def test_the_document_leads_to_a_stack_that_moves_the_motor(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unused_udp_port: str
 ) -> None:

@@ -21,13 +21,13 @@ from obk_cli.rehearsal.judge import Row
 from obk_cli.rehearsal.promise import FAULTS, Allowances, Fault
 from obk_cli.report.rehearsal import rehearsal_text
 
-from .stack import DUMMY, OBK, eventually, marked, obk
+from .stack import DEADLINE_S, DUMMY, OBK, eventually, marked, obk
 
 pytestmark = pytest.mark.ros
 
 PATIENT = Allowances(end_noticed_s=20.0, hang_noticed_s=20.0, down_s=40.0, back_s=40.0)
 """What is tested is what happens, not how soon on a machine that does other things too."""
-HANG_S = 3.0
+HANG_S = 5.0
 """So that there a node that is not frozen is not taken for one."""
 
 
@@ -124,7 +124,7 @@ def test_a_rehearsal_that_is_killed_leaves_no_stack(tmp_path: Path, ros_domain: 
     with subprocess.Popen(command, stderr=subprocess.PIPE, env=env) as process:
         eventually(lambda: nodes_below(process.pid) == 3, "the nodes")
         process.kill()
-        process.wait(20)
+        process.wait(DEADLINE_S)
         eventually(lambda: not marked(), "the end of the nodes")
 
 
@@ -134,7 +134,7 @@ def test_a_rehearsal_that_is_interrupted_leaves_no_stack(tmp_path: Path, ros_dom
     with subprocess.Popen(command, stderr=subprocess.PIPE, env=env) as process:
         eventually(lambda: nodes_below(process.pid) == 3, "the nodes")
         process.send_signal(signal.SIGINT)
-        assert process.wait(40) != 0
+        assert process.wait(DEADLINE_S) != 0
         assert process.stderr is not None
         assert b"Traceback" not in process.stderr.read()
     assert not marked()

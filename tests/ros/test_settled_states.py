@@ -24,6 +24,8 @@ from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.robot import ObeliskRobot, ObeliskSimRobot
 
+from .stack import DEADLINE_S
+
 pytestmark = pytest.mark.ros
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
@@ -54,7 +56,7 @@ def spun(
         yield node
     finally:
         runner.shutdown()
-        thread.join(10)
+        thread.join(DEADLINE_S)
         node.destroy_node()
         rclpy.try_shutdown()
         # A life-cycle node is part of reference cycles, and in the ROS graph until they are gone.
@@ -63,7 +65,7 @@ def spun(
 
 
 def eventually(condition: Callable[[], object]) -> None:
-    end = time.monotonic() + 15
+    end = time.monotonic() + DEADLINE_S
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.01)
@@ -267,7 +269,7 @@ def test_a_simulator_that_does_not_stop_is_never_joined_by_a_second_one(
 
     class Deaf(ObeliskSimRobot):
         def run_simulator(self) -> None:
-            release.wait(15)
+            release.wait(DEADLINE_S)
 
         def apply_control(self, control_msg: Any) -> None:
             del control_msg
@@ -328,7 +330,7 @@ def test_a_signal_shuts_down_also_a_node_that_does_not_deactivate(
         assert process.stdout is not None
         assert process.stdout.readline() == "up\n"
         process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=30)
+        output, errors = process.communicate(timeout=DEADLINE_S)
     assert output == f"shutdown from {shutdown_from}\n"
     assert "RCLError" not in errors
     assert process.returncode == 1

@@ -11,7 +11,18 @@ import pytest
 from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
 
-from .stack import DUMMY, OBK, Launched, eventually, launched, marked, obk, started
+from .stack import (
+    DEADLINE_S,
+    DUMMY,
+    EXAMPLE,
+    OBK,
+    Launched,
+    eventually,
+    launched,
+    marked,
+    obk,
+    started,
+)
 
 pytestmark = pytest.mark.ros
 
@@ -31,7 +42,7 @@ def states(*arguments: str) -> dict[str, str]:
 
 @pytest.mark.parametrize("config", ["dummy.yaml", "dummy_new.yaml"])
 def test_both_spellings_come_up_and_end_in_order(config: str) -> None:
-    result = obk("launch", DUMMY.with_name(config), "--duration", "1", "--color", "never")
+    result = obk("launch", EXAMPLE.with_name(config), "--duration", "1", "--color", "never")
     assert result.returncode == 0, result.stdout + result.stderr
     lines = [line.strip() for line in result.stdout.splitlines()]
     steps = [line.partition(" ok")[0] for line in lines if " ok (" in line]
@@ -76,6 +87,7 @@ def test_all_nodes_go_round_the_life_cycle_from_another_terminal() -> None:
         assert "did you mean" in unknown.stderr
         assert "`/obelisk_control_0`" in unknown.stderr
         assert states("shutdown") == dict.fromkeys(NODES, "finalized")
+        run.process.wait(DEADLINE_S)  # A SIGINT on its way down would hurry it.
     assert run.process.returncode == 0, run.text
     assert not run.left_over()
 
@@ -84,7 +96,7 @@ def test_all_nodes_go_round_the_life_cycle_from_another_terminal() -> None:
 def test_a_signal_to_the_launcher_ends_the_stack_in_order(number: int) -> None:
     with launched(DUMMY, "--quiet") as run:
         run.process.send_signal(number)
-        run.process.wait(20)
+        run.process.wait(DEADLINE_S)
     assert run.process.returncode == 0, run.text
     assert run.lines[-1] == "ended in order"
     assert not run.left_over()
@@ -102,7 +114,7 @@ def test_a_launcher_killed_during_the_bring_up_leaves_no_process(moment: str) ->
     with started(DUMMY, "--quiet") as run:
         run.wait_for_line(moment)
         run.process.kill()
-        run.process.wait(20)
+        run.process.wait(DEADLINE_S)
         eventually(lambda: not marked(), f"the end of all processes after '{moment}'")
 
 
@@ -112,7 +124,7 @@ def test_a_killed_warden_takes_the_nodes_along_and_the_launcher_says_so() -> Non
             p for p in run.descendants if any(a.endswith("warden.py") for a in p.cmdline())
         )
         warden.kill()
-        run.process.wait(20)
+        run.process.wait(DEADLINE_S)
     assert run.process.returncode == 1
     assert "the process that watched over the nodes is gone" in run.cause
     assert not run.left_over()
@@ -121,7 +133,7 @@ def test_a_killed_warden_takes_the_nodes_along_and_the_launcher_says_so() -> Non
 def test_a_node_that_is_killed_takes_the_stack_down_and_is_named() -> None:
     with launched(DUMMY, "--quiet") as run:
         run.node("obelisk_estimation_0").kill()
-        run.process.wait(20)
+        run.process.wait(DEADLINE_S)
     assert run.process.returncode == 1
     cause = "failed: /obelisk_estimation_0: the process was ended by SIGKILL"
     assert run.cause.startswith(cause)
@@ -132,7 +144,7 @@ def test_a_node_that_fails_to_configure_is_shown_with_its_own_words(tmp_path: Pa
     result = obk("launch", broken(tmp_path), "--ignore", "OBK2,OBK407", "--set", _wrong_type())
     assert result.returncode == 1, result.stdout
     assert "estimation_0: configure FAILED" in result.stdout
-    assert "in the code and a ObkImu in the config" in result.stdout
+    assert "in the code and an `ObkImu` in the config" in result.stdout
     assert "ended in order" not in result.stdout
 
 
@@ -214,7 +226,7 @@ def test_output_that_nobody_reads_holds_up_neither_the_stack_nor_its_end(tmp_pat
         )
         eventually(lambda: states("get") == dict.fromkeys(NODES, "active"), "the stack")
         process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 0
+        assert process.wait(DEADLINE_S) == 0
     os.close(read_fd)
     (log,) = events.glob("*/launch.log")
     assert log.read_text().splitlines()[-1] == "ended in order"
@@ -232,7 +244,7 @@ def test_a_reader_that_leaves_brings_the_stack_down_in_order(tmp_path: Path) -> 
         process.stdout.readline()
         process.stdout.close()
         assert process.stderr.read() == ""
-        assert process.wait(20) == 0
+        assert process.wait(DEADLINE_S) == 0
     (log,) = (tmp_path / "home" / "runs").glob("*/launch.log")
     assert "stopping (the output was closed)" in log.read_text()
 
@@ -277,7 +289,7 @@ def test_a_fault_in_a_transition_asked_for_elsewhere_leaves_the_stack_up(tmp_pat
 
 
 def test_a_node_that_is_stopped_is_listed_without_an_answer() -> None:
-    with launched(DUMMY, "--quiet", "--on-crash", "ignore") as run:
+    with launched(DUMMY, "--quiet", "--on-crash", "ignore", "--hang-after", "3") as run:
         run.node("obelisk_estimation_0").suspend()
         eventually(lambda: obk("lifecycle", "get").returncode == 1, "that it does not answer")
         result = obk("lifecycle", "get", "--format", "json")
@@ -298,7 +310,7 @@ def test_a_second_sigint_ends_a_stack_that_hangs_on_its_way_down() -> None:
         run.wait_for_line("stopping")
         # Signals at the same moment are one request; these come until it is no more.
         eventually(lambda: is_killing(run) or run.process.send_signal(signal.SIGINT), "the end")
-        run.process.wait(20)
+        run.process.wait(DEADLINE_S)
     assert run.process.returncode == 1
     assert not run.left_over()
 

@@ -216,7 +216,12 @@ def test_a_stranger_that_publishes_on_a_control_topic_is_found(
     environment: RosEnvironment,
 ) -> None:
     with running_node(), open_ros("probe", environment) as ros:
-        found = ros.foreign_publishers(["/control", "/other"], [], FOREIGN_DISCOVERY_S)
-        assert found == (("/control", "/n"),)
+        topics = ["/control", "/other"]
+        eventually(
+            lambda: (
+                ros.foreign_publishers(topics, [], FOREIGN_DISCOVERY_S) == (("/control", "/n"),)
+            ),
+            "the stranger, found",
+        )
         assert ros.foreign_publishers(["/other"], [], OWN_DISCOVERY_S) == ()
         assert ros.foreign_publishers(["/control"], ["/n"], OWN_DISCOVERY_S) == ()

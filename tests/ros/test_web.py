@@ -14,7 +14,7 @@ from urllib.request import Request, urlopen
 import pytest
 
 from ..browser import chromium, opened, seen  # noqa: TID252 - shared by folders of tests
-from .stack import DUMMY, OBK, launched, obk
+from .stack import DUMMY, EXAMPLE, OBK, launched, obk
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -70,7 +70,7 @@ def shown_in_document() -> list[str]:
 
 def test_a_stack_is_shown_changed_and_its_end_told() -> None:
     chromium()
-    with launched(DUMMY) as run, served(command=shown_in_document()) as url:
+    with launched(EXAMPLE) as run, served(command=shown_in_document()) as url:
         asked: list[str] = []
         with opened("about:blank", width=1280, height=800) as page:
             page.on("request", lambda request: asked.append(request.url))
