@@ -9,6 +9,7 @@ import pytest
 from obelisk_control_msgs.msg import PDFeedForward
 from std_srvs.srv import Trigger
 
+from obelisk_py.core import refusals, silences
 from obelisk_py.core.robot import ObeliskRobot
 
 from .stack import DEADLINE_S, eventually, parameters, request, spinning
@@ -61,9 +62,9 @@ def arm(kind: type[Arm] = Arm, **settings: object) -> Iterator[Any]:
     written = {"topic": "/ctrl", "max_age_sec": 0.5, **settings}
     text = ", ".join(f"{key}: {value}" for key, value in written.items())
     with spinning(lambda: kind(**parameters(sub_ctrl_setting=f"{{{text}}}"))) as node:
-        node.told = []
-        for level in ("error", "warning"):
-            setattr(node.get_logger(), level, node.told.append)
+        node.told, node.errors = [], []
+        node.get_logger().error = lambda text: (node.errors.append(text), node.told.append(text))
+        node.get_logger().warning = node.told.append
         yield node
 
 
@@ -85,11 +86,14 @@ def test_zeros_are_applied_once_and_the_next_command_goes_through() -> None:
         assert [*zeros.kp, *zeros.kd, *zeros.pos_target, *zeros.feed_forward] == [0.0] * 8
         assert zeros.joint_names == ["hip", "knee"]
         assert zeros.header.stamp.sec > 0
+        eventually(lambda: node.told, "what is told of the silence")
         publisher.publish(COMMAND)
         eventually(lambda: len(node.applied) >= 3, "the next command")
         assert node.applied[2] == COMMAND
+        eventually(lambda: len(node.told) > 1, "what is told of the command")
         old, again, *_ = node.told
-        assert old.startswith("no command for 0.")
+        assert node.errors[0] == old
+        assert old.startswith("no command for ")
         assert old.endswith(
             "s, more than `max_age_sec` of 0.5 s: every number of the control is set to zero "
             "(`stale_action: zero`)"
@@ -145,6 +149,40 @@ def test_a_refused_command_counts_for_nothing(refused: PDFeedForward, told: list
         assert node._age.deadline_s == before
         assert node.applied == [COMMAND]
         assert node.told == told
+
+
+def test_a_controller_that_is_ended_before_its_robot_is_no_error() -> None:
+    with arm() as node:
+        publisher = active(node)
+        publisher.publish(COMMAND)
+        eventually(lambda: node.applied, "the command")
+        node.destroy_publisher(publisher)
+        eventually(lambda: node.told, "what is told of the silence")
+        assert node.told[0].endswith("(`stale_action: zero`); nobody publishes /ctrl any more")
+        assert node.errors == []
+
+
+def test_a_robot_that_is_deactivated_soon_after_the_last_command_says_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(silences, "GRACE_S", 1000.0)
+    with arm(max_age_sec=0.01) as node:
+        active(node).publish(COMMAND)
+        eventually(lambda: len(node.applied) == 2, "the command and the zeros")
+        assert request(node, "deactivate")
+        assert node.told == []
+
+
+def test_a_robot_that_gets_nothing_but_refused_commands_says_so_as_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(refusals, "LASTING_S", 0.0)
+    with arm() as node:
+        active(node)
+        node._take_control(PDFeedForward(kp=[1.0, float("nan")]))
+        (error,) = node.errors
+        assert "control refused: `kp[1]` is nan (1x); 1 since the start; nothing else" in error
+        assert node._age.deadline_s is None
 
 
 def test_to_hold_is_only_to_tell() -> None:

@@ -13,6 +13,7 @@ from obelisk_control_msgs.msg import ExecutionFSM, PDFeedForward, PositionSetpoi
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
+from obelisk_py.core import refusals
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
 from obelisk_spec.settings import format_setting
 
@@ -210,7 +211,8 @@ def test_old_commands_become_zeros_although_the_executor_is_busy(tmp_path: Path,
         eventually(lambda: controls(node) == [0.0, 0.0] and node._age.is_stale, "the zeros")
         assert not is_free.is_set()
         is_free.set()
-        assert said(node, "s: every number of the control is set to zero (`stale_action: zero`)")
+        set_to_zero = "s: every number of the control is set to zero (`stale_action: zero`)"
+        eventually(lambda: said(node, set_to_zero), "what is told of the silence")
         publisher.publish(make(0.1, 0.2))
         eventually(lambda: said(node, "commands come again, after "), "the next command")
 
@@ -236,6 +238,16 @@ def test_refused_commands_do_not_count(tmp_path: Path, wrong: PositionSetpoint) 
         assert node._age.deadline_s == deadline_s
         node._take_control(setpoint(1.0, 2.0))
         assert node._age.deadline_s > deadline_s
+
+
+def test_a_simulator_that_gets_nothing_but_refused_commands_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(refusals, "LASTING_S", 0.0)
+    with simulator(tmp_path, PositionSetpoint) as node:
+        active(node, PositionSetpoint)
+        node._take_control(setpoint(NAN, 0.0))
+        assert said(node, "nothing else has come for 0.0 s, so the robot has no commands")
 
 
 def test_no_command_grows_old_while_the_simulation_is_paused(tmp_path: Path) -> None:

@@ -70,6 +70,11 @@ class CommandAge:
             self.is_stale = True
             return now_s - deadline_s + self.policy.max_age_s
 
+    def silence_s(self, now_s: float) -> float | None:
+        """How long no command has come [s], where the newest is known to be too old."""
+        with self._lock:
+            return now_s - self._newest_s if self.is_stale and self._newest_s is not None else None
+
     def postpone(self, now_s: float) -> None:
         """Count anew without a command: the time up to now is nobody's fault."""
         with self._lock:

@@ -1,14 +1,12 @@
 """A thread that wakes when a robot's newest command becomes too old.
 
-In: a `CommandAge`. Out: a call at its deadline, on this thread, whatever the node's executor is
-busy with. It sleeps from one deadline to the next, so commands that come in time cost nothing.
+In: deadlines. Out: a call at each of them, on this thread, whatever the node's executor is busy
+with. It sleeps from one deadline to the next, so commands that come in time cost nothing.
 """
 
 import threading
 import time
 from collections.abc import Callable
-
-from obelisk_py.core.command_age import CommandAge
 
 __all__ = ["Lookout"]
 
@@ -16,14 +14,14 @@ __all__ = ["Lookout"]
 class Lookout:
     """Looks after one run of a robot, from `start` to `stop`."""
 
-    def __init__(self, age: CommandAge, look: Callable[[], None]) -> None:
+    def __init__(self, deadline_s: Callable[[], float | None], look: Callable[[], None]) -> None:
         """Make a lookout that does not run yet.
 
         Args:
-            age: gives the deadlines, in times of `time.monotonic`.
-            look: called at each deadline; it has `age.look` say whether the command is too old.
+            deadline_s: gives the next deadline, a time of `time.monotonic`; None: there is none.
+            look: called at each deadline, which is to give way to a later one then.
         """
-        self._age = age
+        self._deadline_s = deadline_s
         self._look = look
         self._woken = threading.Event()
         self._is_ended = False
@@ -46,7 +44,7 @@ class Lookout:
 
     def _run(self) -> None:
         while not self._is_ended:
-            deadline_s = self._age.deadline_s
+            deadline_s = self._deadline_s()
             left_s = None if deadline_s is None else deadline_s - time.monotonic()
             if left_s is None or left_s > 0:
                 self._woken.wait(None if left_s is None else min(left_s, threading.TIMEOUT_MAX))

@@ -17,8 +17,9 @@ from obelisk_py.core.lookout import Lookout
 from obelisk_py.core.message_numbers import non_finite_number, zeroed
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
-from obelisk_py.core.refusals import Refusals
+from obelisk_py.core.refusals import REFUSED_ON_END, Refusals, Report
 from obelisk_py.core.settings import stale_policy
+from obelisk_py.core.silences import Silences
 from obelisk_spec.components import CONTROL_SUBSCRIPTION
 
 __all__ = ["ObeliskRobot", "ObeliskSimRobot"]
@@ -55,9 +56,10 @@ class ObeliskRobot(ABC, ObeliskNode):
         """
         super().__init__(node_name, **kwargs)
         self._age: CommandAge | None = None
+        self._silences = Silences()
         self._lookout: Lookout | None = None
         self._newest_control: Any = None
-        self._refused_controls = Refusals("control refused", time.monotonic)
+        self._refused_controls = Refusals("control refused", time.monotonic, REFUSED_ON_END)
         # apply_control has one caller at a time: the executor's thread or the lookout's.
         self._applying = threading.Lock()
         # The key is written out: `obk validate` reads constructors, it does not run them.
@@ -103,7 +105,7 @@ class ObeliskRobot(ABC, ObeliskNode):
             self._refused_controls.add(refusal)
             told = self._refused_controls.report()
             if told is not None:
-                self.get_logger().warning(told)
+                self._tell_refusal(told)
             return
         with self._applying:
             if self.apply_control(control_msg) is False:
@@ -111,9 +113,10 @@ class ObeliskRobot(ABC, ObeliskNode):
             self._newest_control = control_msg
             was_idle = self._age.deadline_s is None
             silent_s = self._age.accept(time.monotonic())
+        self._refused_controls.accept()
         if was_idle and self._lookout is not None:
             self._lookout.wake()
-        if silent_s is not None:
+        if silent_s is not None and self._silences.end(silent_s):
             self.get_logger().warning(f"commands come again, after {silent_s:.3f} s without")
 
     def _refusal_of(self, control_msg: ObeliskControlMsg) -> str | None:
@@ -123,20 +126,44 @@ class ObeliskRobot(ABC, ObeliskNode):
     def _can_damp(self) -> bool:
         return type(self).apply_damping is not ObeliskRobot.apply_damping
 
+    def _tell_refusal(self, report: Report) -> None:
+        logger = self.get_logger()
+        (logger.error if report.is_lasting else logger.warning)(report.text)
+
     def _is_stale(self) -> bool:
-        """Whether the newest command is too old by now; tells when it has become so."""
+        """Whether the newest command is too old by now."""
         assert self._age is not None
-        age_s = self._age.look(time.monotonic())
-        if age_s is not None:
-            policy = self._age.policy
-            self.get_logger().error(
-                f"no command for {age_s:.3f} s, more than `max_age_sec` of {policy.max_age_s:g} s: "
-                f"{_TOLD[policy.action]} (`stale_action: {policy.action}`)"
-            )
+        self._becomes_stale()
         return self._age.is_stale
 
+    def _becomes_stale(self) -> bool:
+        """Whether the newest command has just become too old; tells of silences when it is time."""
+        assert self._age is not None
+        now_s = time.monotonic()
+        is_new = self._age.look(now_s) is not None
+        if is_new:
+            self._silences.begin(now_s)
+        due_s = self._silences.due_s
+        if due_s is not None and now_s >= due_s:
+            self._tell_silence(now_s)
+        return is_new
+
+    def _tell_silence(self, now_s: float) -> None:
+        assert self._age is not None
+        silent_s, policy = self._age.silence_s(now_s), self._age.policy
+        text = (
+            f"{self._silences.report(now_s, silent_s)}, more than `max_age_sec` of "
+            f"{policy.max_age_s:g} s: {_TOLD[policy.action]} (`stale_action: {policy.action}`)"
+        )
+        topic = self.obk_subscriptions[CONTROL_SUBSCRIPTION].topic_name
+        if silent_s is not None and self.count_publishers(topic) == 0:
+            # A controller that was ended, in order perhaps; of one that crashed its launcher tells.
+            self.get_logger().warning(f"{text}; nobody publishes {topic} any more")
+        else:
+            self.get_logger().error(text)
+
     def _act_if_stale(self) -> None:
-        if self._is_stale():
+        if self._becomes_stale():
             self.guarded(self._act_on_old_commands)()
 
     def _act_on_old_commands(self) -> None:
@@ -180,9 +207,21 @@ class ObeliskRobot(ABC, ObeliskNode):
 
     def _look_out(self) -> None:
         if self._age is not None and self._lookout is None:
-            self._age.forget()
-            self._lookout = Lookout(self._age, self._act_if_stale)
+            self._forget_commands()
+            self._lookout = Lookout(self._next_look_s, self._act_if_stale)
             self._lookout.start()
+
+    def _next_look_s(self) -> float | None:
+        assert self._age is not None
+        times_s = (self._age.deadline_s, self._silences.due_s)
+        return min((time_s for time_s in times_s if time_s is not None), default=None)
+
+    def _forget_commands(self) -> None:
+        """Begin with no command again."""
+        self._refused_controls.accept()
+        self._silences.forget()
+        if self._age is not None:
+            self._age.forget()
 
     def _stop_lookout(self) -> None:
         if self._lookout is None:

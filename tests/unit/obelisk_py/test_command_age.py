@@ -48,6 +48,16 @@ def test_the_command_that_ends_the_silence_tells_how_long_it_was(age):
     assert age.look(13.2) == pytest.approx(0.6)
 
 
+def test_how_long_none_has_come_is_known_while_the_newest_is_too_old(age):
+    assert age.silence_s(9.0) is None
+    age.accept(10.0)
+    assert age.silence_s(11.0) is None
+    age.look(11.0)
+    assert age.silence_s(12.0) == pytest.approx(2.0)
+    age.accept(12.5)
+    assert age.silence_s(13.5) is None
+
+
 def test_a_command_that_is_late_but_comes_before_anybody_looks_is_in_time(age):
     age.accept(10.0)
     assert age.accept(11.0) is None

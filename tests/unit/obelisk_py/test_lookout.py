@@ -17,7 +17,7 @@ def _lookout(max_age_s):
         if age.look(time.monotonic()) is not None:
             told.set()
 
-    return age, Lookout(age, look), told
+    return age, Lookout(lambda: age.deadline_s, look), told
 
 
 def test_it_tells_of_a_command_that_none_follows():

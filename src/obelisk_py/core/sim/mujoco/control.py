@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from obelisk_control_msgs.msg import PDFeedForward
 
 from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_py.core.refusals import Refusals
+from obelisk_py.core.refusals import REFUSED_ON_END, Refusals, Report
 from obelisk_py.core.sim.mujoco.bounds import out_of_bounds
 from obelisk_py.core.sim.mujoco.stamps import DEFAULT_LATENESS_S, StampOrder
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S
@@ -70,7 +70,7 @@ class ControlInbox:
         self._size = size
         self._torques = torques
         self._stamps = stamps
-        self._refused = Refusals("control refused", monotonic_s)
+        self._refused = Refusals("control refused", monotonic_s, REFUSED_ON_END)
         self._late = Refusals("control applied though late", monotonic_s)
         self.newest: Control | None = None
         """The control to apply; None until there is one."""
@@ -78,6 +78,7 @@ class ControlInbox:
     def clear(self) -> None:
         """Forget the newest control."""
         self.newest = None
+        self._refused.accept()
         if self._stamps is not None:
             self._stamps.restart()
 
@@ -93,13 +94,14 @@ class ControlInbox:
         late = self._stamps.accept(sent_ns) if self._stamps is not None else None
         if late is not None:
             self._late.add(late)
+        self._refused.accept()
         self.newest = control
         return True
 
-    def reports(self) -> list[str]:
-        """Sentences about what no log line has told yet, each at most once per second."""
+    def reports(self) -> list[Report]:
+        """What no log line has told yet, each kind at most once per second."""
         told = (self._refused.report(), self._late.report())
-        return [sentence for sentence in told if sentence is not None]
+        return [report for report in told if report is not None]
 
     def _read(self, message: Any) -> Control | str:
         """The control of a message, or why it is refused."""

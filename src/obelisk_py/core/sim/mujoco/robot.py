@@ -215,8 +215,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         if self._inbox is None:
             return False
         is_taken = self._inbox.offer(control_msg)
-        for sentence in self._inbox.reports():
-            self._warn(sentence)
+        for refusal in self._inbox.reports():
+            self._tell_refusal(refusal)
         return is_taken
 
     def publish_true_sim_state(self) -> TrueSimState:
@@ -230,8 +230,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     def _reset(self) -> Answer:
         assert self._simulation is not None
         self._simulation.reset(self._keyframe)
-        if self._age is not None:
-            self._age.forget()
+        self._forget_commands()
         self._copy_state(self._stamp_ns())
         return Answer(is_done=True, text=f"at {self._keyframe or 'the start of the model'}")
 
@@ -347,8 +346,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         )
 
     def _report(self, report: StepReport) -> None:
-        for sentence in self._inbox.reports() if self._inbox is not None else ():
-            self._warn(sentence)
+        for refusal in self._inbox.reports() if self._inbox is not None else ():
+            self._tell_refusal(refusal)
         if report.overruns:
             self._warn(
                 f"the simulation fell behind ({report.overruns}x in the last second) and gave up "
