@@ -4,6 +4,7 @@ What they launch is the workspace of `obk init`, which the tutorial's test launc
 """
 
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -21,6 +22,9 @@ from ....ros.walkthrough import (  # noqa: TID252 - shared by folders of tests
 ROOT = Path(__file__).resolve().parents[4]
 SCAFFOLDING = ROOT / "docs" / "how-to" / "scaffolding.md"
 ADDING_NODES = ROOT / "docs" / "how-to" / "adding-nodes.md"
+CI = ROOT / "docs" / "how-to" / "ci.md"
+"""Its listings that begin inside a file are those of `obk init`, in this order."""
+OF_INIT = (".github/workflows/check.yaml", ".pre-commit-config.yaml")
 
 pytestmark = pytest.mark.mujoco
 
@@ -48,6 +52,9 @@ def test_a_workspace_and_a_node_are_made(tmp_path: Path, monkeypatch: pytest.Mon
     for made in ("src/my_robot_controller", "src/my_robot_estimator", ".vscode", "model"):
         assert made in page
         assert (tmp_path / "my_robot" / made).is_dir()
+    listings = re.findall(r"```yaml\n( .*?)```", CI.read_text(), re.DOTALL)
+    for file, listing in zip(OF_INIT, listings, strict=True):
+        assert listing in (tmp_path / "my_robot" / file).read_text()
 
 
 def test_nodes_go_into_a_config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
