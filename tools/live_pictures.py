@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from generated import ROOT
-from pictures import PICTURES, terminal
+from pictures import PICTURES, terminal, without_fonts
 from playwright.sync_api import sync_playwright
 
 from obk_cli.adapters.monitor_app import MonitorApp
@@ -77,9 +77,7 @@ async def _monitor() -> None:
         picture = app.export_screenshot(title="obk monitor")
         await pilot.press("n", "q")
     app.end_watching()
-    without_fonts = re.sub(r"@font-face \{.*?\}\s*", "", picture, flags=re.DOTALL)
-    lines = (line.rstrip() for line in without_fonts.splitlines())
-    (PICTURES / "monitor.svg").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (PICTURES / "monitor.svg").write_text(without_fonts(picture), encoding="utf-8")
 
 
 def _page() -> None:

@@ -15,7 +15,6 @@ from pathlib import Path
 
 from diagrams import Arrow, Box, Frame, draw
 from generated import ROOT, bring_up_to_date
-from rich._export_format import CONSOLE_SVG_FORMAT
 from rich.console import Console
 from rich.text import Text
 
@@ -25,12 +24,10 @@ from obk_cli.pipeline import Options, compile_config, compile_source
 from obk_cli.report.text import report_text, summary
 from obk_cli.source import SourceFile
 
-__all__ = ["PICTURES", "generated_files", "main", "terminal"]
+__all__ = ["PICTURES", "STAGES", "generated_files", "main", "terminal", "without_fonts"]
 
 PICTURES = ROOT / "docs" / "pictures"
 DUMMY = ROOT / "examples" / "dummy"
-WITHOUT_FONTS = re.sub(r"@font-face \{\{.*?\}\}\s*", "", CONSOLE_SVG_FORMAT, flags=re.DOTALL)
-"""rich's picture of a terminal, but for the fonts that it would load from elsewhere."""
 MISTAKES = {
     "msg_type: PositionSetpoint}\n  subscribers": "msg_type: PositionSetpiont}\n  subscribers",
     "tip_acc_sensor: acc": "tip_ac_sensor: acc",
@@ -174,8 +171,13 @@ def terminal(text: str, title: str, columns: int) -> str:
     """A picture of a terminal that shows a text with its colours."""
     console = Console(record=True, width=columns, file=StringIO())
     console.print(Text.from_ansi(text.rstrip()))
-    picture = console.export_svg(title=title, code_format=WITHOUT_FONTS, unique_id="terminal")
-    return "\n".join(line.rstrip() for line in picture.splitlines()) + "\n"
+    return without_fonts(console.export_svg(title=title, unique_id="terminal"))
+
+
+def without_fonts(picture: str) -> str:
+    """A picture of rich's, but for the fonts that it would load from elsewhere."""
+    own = re.sub(r"@font-face \{.*?\}\s*", "", picture, flags=re.DOTALL)
+    return "\n".join(line.rstrip() for line in own.splitlines()) + "\n"
 
 
 def _options() -> Options:

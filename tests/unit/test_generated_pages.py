@@ -13,7 +13,12 @@ from obk_cli.codes import RULES
 
 
 @pytest.mark.parametrize(
-    "generator", [rule_pages, reference_pages, pictures], ids=lambda g: g.__name__
+    "generator",
+    [
+        pytest.param(rule_pages, id="rules"),
+        pytest.param(reference_pages, id="reference"),
+        pytest.param(pictures, id="pictures", marks=pytest.mark.mujoco),
+    ],
 )
 def test_nothing_that_is_generated_is_stale(
     generator: ModuleType, capsys: pytest.CaptureFixture[str]
