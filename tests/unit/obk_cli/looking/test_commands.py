@@ -15,8 +15,16 @@ from obk_cli.launch.runs import MadeFrom, Run, make_run_folder, write_run
 from obk_cli.looking.place import place_of
 
 PLAN = {
+    "name": "arm",
     "processes": [
         {
+            "node": "estimator",
+            "namespace": "/arm",
+            "section": "estimation",
+            "device": "onboard",
+            "package": "arm_py",
+            "executable": "estimator",
+            "origin": {"path": "arm.yaml", "line": 1, "column": 1},
             "publishes": [{"topic": "/arm/est", "msg_type": "pkg/msg/State"}],
             "subscribes": [{"topic": "/arm/imu", "msg_type": None}],
         }
