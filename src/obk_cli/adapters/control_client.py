@@ -6,24 +6,27 @@ Takes a run's folder, gives what its launcher answered, or None where it did not
 import os
 import socket
 import time
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from obk_cli.launch.asks import ChangeAnswer, StackStatus
 from obk_cli.launch.wire import (
     CONTROL_SOCKET,
     LONGEST_ANSWER,
     ChangeRequest,
+    LookRequest,
     Request,
     StatusRequest,
     StopRequest,
     emit_request,
     is_stop_heard,
     parse_change,
+    parse_look,
     parse_status,
 )
 
-__all__ = ["ANSWER_S", "ask_change", "ask_status", "ask_stop"]
+__all__ = ["ANSWER_S", "ask_change", "ask_look", "ask_status", "ask_stop"]
 
 ANSWER_S: Final = 1.0
 """How long a launcher that is well may take at most to say how its stack is [s]."""
@@ -59,6 +62,20 @@ def ask_change(
     request = ChangeRequest(transition=transition, nodes=nodes, timeout_s=timeout_s)
     line = _ask(folder, request, wait_s)
     return None if line is None else parse_change(line)
+
+
+def ask_look(
+    folder: Path, question: Mapping[str, Any], timeout_s: float = ANSWER_S
+) -> Mapping[str, Any] | None:
+    """What the launcher's node knows of the ROS graph; None: no answer in time.
+
+    Args:
+        folder: the run's.
+        question: see `adapters.ros_answers`.
+        timeout_s: for the answer [s].
+    """
+    line = _ask(folder, LookRequest(question=question), timeout_s)
+    return None if line is None else parse_look(line)
 
 
 def ask_stop(folder: Path, reason: str, timeout_s: float = ANSWER_S) -> bool:

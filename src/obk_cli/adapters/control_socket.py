@@ -10,10 +10,10 @@ import os
 import socket
 import struct
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from obk_cli.launch.asks import ChangeAnswer, ChangeAsked, StackStatus, StatusAsked
 from obk_cli.launch.events import Heard, StopAsked
@@ -21,14 +21,19 @@ from obk_cli.launch.wire import (
     CONTROL_SOCKET,
     LONGEST_REQUEST,
     ChangeRequest,
+    LookRequest,
     StatusRequest,
     StopRequest,
     emit_answer,
     emit_fault,
+    emit_look,
     parse_request,
 )
 
-__all__ = ["serve_control"]
+__all__ = ["Look", "serve_control"]
+
+Look = Callable[[Mapping[str, Any], Callable[[Mapping[str, Any]], None]], object]
+"""Takes a question about the ROS graph and what is to be called with the answer, from a thread."""
 
 READ_S: Final = 2.0
 """How long a request may take to come [s]."""
@@ -44,12 +49,15 @@ _CREDENTIALS: Final = struct.Struct("3i")
 
 
 @contextmanager
-def serve_control(folder: Path, put: Callable[[Heard], None]) -> Iterator[None]:
+def serve_control(
+    folder: Path, put: Callable[[Heard], None], look: Look | None = None
+) -> Iterator[None]:
     """While entered, requests that come to a run folder's socket are put into an inbox.
 
     Args:
         folder: the run's; its path may be longer than a socket's address can be.
         put: takes `StatusAsked`, `ChangeAsked` and `StopAsked`, from a thread.
+        look: answers questions about the ROS graph; None: they are refused.
 
     Raises:
         OSError: the socket cannot be made.
@@ -63,7 +71,7 @@ def serve_control(folder: Path, put: Callable[[Heard], None]) -> Iterator[None]:
         listener.bind(f"/proc/self/fd/{folder_fd}/{CONTROL_SOCKET}")
         stack.callback(_remove, folder_fd)
         listener.listen(MOST_CONNECTIONS)
-        server = _Server(listener, put)
+        server = _Server(listener, put, look)
         stack.callback(server.end)
         server.start()
         yield
@@ -77,9 +85,12 @@ def _remove(folder_fd: int) -> None:
 class _Server:
     """An event loop in a thread."""
 
-    def __init__(self, listener: socket.socket, put: Callable[[Heard], None]) -> None:
+    def __init__(
+        self, listener: socket.socket, put: Callable[[Heard], None], look: Look | None
+    ) -> None:
         self._listener = listener
         self._put = put
+        self._look = look
         self._loop = asyncio.new_event_loop()
         self._ending = asyncio.Event()
         self._handlers: set[asyncio.Task[None]] = set()
@@ -146,6 +157,8 @@ class _Server:
             case StopRequest(reason=reason):
                 self._put(StopAsked(reason=reason))
                 return emit_answer(None)
+            case LookRequest(question=question):
+                return await self._look_at(question)
             case str() as fault:
                 return emit_fault(fault)
 
@@ -170,6 +183,13 @@ class _Server:
         )
         return await answer
 
+    async def _look_at(self, question: Mapping[str, Any]) -> bytes:
+        if self._look is None:
+            return emit_fault("the launcher does not tell of the ROS graph")
+        answer = self._awaited()
+        self._look(question, lambda told: self._settle_from_a_thread(answer, emit_look(told)))
+        return await answer
+
     def _awaited(self) -> "asyncio.Future[bytes]":
         answer: asyncio.Future[bytes] = self._loop.create_future()
         self._waiting.add(answer)
@@ -180,10 +200,13 @@ class _Server:
         self, answer: "asyncio.Future[bytes]"
     ) -> Callable[[StackStatus | ChangeAnswer], None]:
         def reply(value: StackStatus | ChangeAnswer) -> None:
-            with suppress(RuntimeError):  # the loop has ended, and whoever asked was told so
-                self._loop.call_soon_threadsafe(_settle, answer, emit_answer(value))
+            self._settle_from_a_thread(answer, emit_answer(value))
 
         return reply
+
+    def _settle_from_a_thread(self, answer: "asyncio.Future[bytes]", line: bytes) -> None:
+        with suppress(RuntimeError):  # the loop has ended, and whoever asked was told so
+            self._loop.call_soon_threadsafe(_settle, answer, line)
 
 
 def _settle(answer: "asyncio.Future[bytes]", line: bytes) -> None:

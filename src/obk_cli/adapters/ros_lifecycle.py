@@ -16,6 +16,7 @@ from obk_cli.adapters.extras import no_ros
 from obk_cli.adapters.ros_clients import NodeClients
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_graph import RosGraph
+from obk_cli.adapters.ros_look import RosLook
 from obk_cli.adapters.ros_rates import listen_to_rates
 from obk_cli.adapters.ros_watch import NodeWatch
 from obk_cli.errors import CommandFailedError
@@ -107,6 +108,13 @@ class RosLifecycle:
         self._nodes.append(node)
         self._executor.add_node(node)
         return node
+
+    def look(self) -> RosLook:
+        """The graph as our node sees it, to be looked at from any thread."""
+        from rclpy.impl.implementation_singleton import rclpy_implementation
+
+        domain = self._context.get_domain_id()
+        return RosLook(self._node.handle, rclpy_implementation, domain)
 
     def listen(self, hear: Callable[[Heard], None]) -> None:
         """Send what nodes answer and tell to `hear`, from a thread."""

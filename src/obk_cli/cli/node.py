@@ -43,12 +43,12 @@ def list_(
     is_json = wants_json(format)
     place = here(domain, timeout)
 
-    from obk_cli.adapters.ros_look import open_look
     from obk_cli.looking.finding import settle
     from obk_cli.looking.nodes import known_nodes
+    from obk_cli.looking.sight import open_sight
     from obk_cli.report.nodes import nodes_data, nodes_text
 
-    with open_look(place.environment) as look:
+    with open_sight(place) as look:
         settle(look, place, timeout, wait_s=wait)
         nodes = look.nodes()
     known = known_nodes(place)
@@ -72,13 +72,12 @@ def info(
     is_json = wants_json(format)
     place = here(domain, timeout)
 
-    from obk_cli.adapters.ros_look import open_look
-    from obk_cli.adapters.ros_parameters import MODULES
     from obk_cli.looking.finding import find_node, settle
     from obk_cli.looking.nodes import look_at_node
+    from obk_cli.looking.sight import open_sight
     from obk_cli.report.nodes import node_data, node_text
 
-    with open_look(place.environment, MODULES) as look:
+    with open_sight(place, node, asks_nodes=True) as look:
         name = find_node(look, place, node, timeout)
         settle(look, place, timeout)
         seen = look_at_node(look, place, name, timeout)

@@ -27,7 +27,7 @@ from obk_cli.looking.parameters import NOT_SET, Parameter, fit_parameter, parse_
 from obk_cli.report.escapes import escaped, plain
 
 if TYPE_CHECKING:
-    from obk_cli.adapters.ros_parameters import NodeParameters
+    from obk_cli.looking.sight import Parameters
 
 __all__ = ["app"]
 
@@ -58,14 +58,13 @@ def list_(
     is_json = wants_json(format)
     place = here(domain, timeout)
 
-    from obk_cli.adapters.ros_look import open_look
-    from obk_cli.adapters.ros_parameters import MODULES, NodeParameters
     from obk_cli.looking.finding import find_node, settle
     from obk_cli.looking.graph import parameter_nodes
+    from obk_cli.looking.sight import open_sight, parameters_of
 
     names: dict[str, tuple[str, ...]] = {}
     silent: list[str] = []
-    with open_look(place.environment, MODULES) as look:
+    with open_sight(place, node, asks_nodes=True) as look:
         if node is None:
             settle(look, place, timeout)
             meant = parameter_nodes(look.graph())
@@ -73,7 +72,7 @@ def list_(
             meant = (find_node(look, place, node, timeout),)
         for one in meant:
             try:
-                names[one] = NodeParameters(look, one, timeout).names()
+                names[one] = parameters_of(look, one, timeout).names()
             except CommandFailedError as error:
                 silent.append(error.message)
     if is_json:
@@ -182,20 +181,19 @@ class _Asked:
     """One node and its parameters."""
 
     node: str
-    parameters: "NodeParameters"
+    parameters: "Parameters"
 
 
 @contextmanager
 def _asked(node: str, domain: int | None, timeout_s: float) -> Iterator[_Asked]:
     place = here(domain, timeout_s)
 
-    from obk_cli.adapters.ros_look import open_look
-    from obk_cli.adapters.ros_parameters import MODULES, NodeParameters
     from obk_cli.looking.finding import find_node
+    from obk_cli.looking.sight import open_sight, parameters_of
 
-    with open_look(place.environment, MODULES) as look:
+    with open_sight(place, node, asks_nodes=True) as look:
         found = find_node(look, place, node, timeout_s)
-        yield _Asked(node=found, parameters=NodeParameters(look, found, timeout_s))
+        yield _Asked(node=found, parameters=parameters_of(look, found, timeout_s))
 
 
 def _require_known(node: str, wanted: Sequence[str], known: Sequence[str]) -> None:

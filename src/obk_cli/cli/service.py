@@ -45,12 +45,12 @@ def list_(
     is_json = wants_json(format)
     place = here(domain, timeout)
 
-    from obk_cli.adapters.ros_look import open_look
     from obk_cli.looking.finding import find_node, settle
     from obk_cli.looking.graph import special_services
+    from obk_cli.looking.sight import open_sight
     from obk_cli.report.graph import services_text
 
-    with open_look(place.environment) as look:
+    with open_sight(place) as look:
         of_node = None if node is None else find_node(look, place, node, timeout)
         settle(look, place, timeout)
         services = look.service_types() if of_node is None else look.services_of(of_node)

@@ -47,12 +47,12 @@ def list_(
     is_json = wants_json(format)
     place = here(domain, timeout)
 
-    from obk_cli.adapters.ros_look import open_look
     from obk_cli.looking.finding import settle
     from obk_cli.looking.graph import visible
+    from obk_cli.looking.sight import open_sight
     from obk_cli.report.graph import topics_data, topics_text
 
-    with open_look(place.environment) as look:
+    with open_sight(place) as look:
         settle(look, place, timeout, wait_s=wait)
         graph = look.graph() if all_ else visible(look.graph())
     if is_json:
@@ -75,11 +75,11 @@ def info(
     is_json = wants_json(format)
     place = here(domain, timeout)
 
-    from obk_cli.adapters.ros_look import open_look
     from obk_cli.looking.finding import find_topic, settle
+    from obk_cli.looking.sight import open_sight
     from obk_cli.report.graph import topic_data, topic_text
 
-    with open_look(place.environment) as look:
+    with open_sight(place) as look:
         found = find_topic(look, place, topic, timeout, is_heard=False)
         settle(look, place, timeout)
         seen = look.topic(found.name)

@@ -18,14 +18,17 @@ __all__ = [
     "LONGEST_ANSWER",
     "LONGEST_REQUEST",
     "ChangeRequest",
+    "LookRequest",
     "Request",
     "StatusRequest",
     "StopRequest",
     "emit_answer",
     "emit_fault",
+    "emit_look",
     "emit_request",
     "is_stop_heard",
     "parse_change",
+    "parse_look",
     "parse_request",
     "parse_status",
 ]
@@ -63,7 +66,15 @@ class StopRequest:
     reason: str
 
 
-Request = StatusRequest | ChangeRequest | StopRequest
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LookRequest:
+    """What does the launcher's node know of the ROS graph?"""
+
+    question: Mapping[str, Any]
+    """JSON, as `adapters.ros_answers` takes it."""
+
+
+Request = StatusRequest | ChangeRequest | StopRequest | LookRequest
 
 
 def emit_request(request: Request) -> bytes:
@@ -75,6 +86,8 @@ def emit_request(request: Request) -> bytes:
             return _line({"ask": "change", **asdict(request)})
         case StopRequest():
             return _line({"ask": "stop", "reason": request.reason})
+        case LookRequest():
+            return _line({"ask": "look", "question": request.question})
 
 
 def parse_request(line: bytes) -> Request | str:
@@ -94,8 +107,13 @@ def parse_request(line: bytes) -> Request | str:
                 if isinstance(reason, str)
                 else "`reason` is a text"
             )
+        case "look":
+            question = data.get("question")
+            if not isinstance(question, dict):
+                return "`question` is an object"
+            return LookRequest(question=question)
         case other:
-            return f"`ask` is `status`, `change` or `stop`, not {json.dumps(other)[:40]}"
+            return f"`ask` is `status`, `change`, `look` or `stop`, not {json.dumps(other)[:40]}"
 
 
 def _change(data: Mapping[str, Any]) -> ChangeRequest | str:
@@ -123,6 +141,11 @@ def emit_answer(answer: StackStatus | ChangeAnswer | None) -> bytes:
             return HEARD
 
 
+def emit_look(answer: Mapping[str, Any]) -> bytes:
+    """The line that answers a question about the ROS graph."""
+    return _line({"answer": "look", "told": answer})
+
+
 def emit_fault(sentence: str) -> bytes:
     """The line that says what is wrong with a request."""
     return _line({"error": sentence})
@@ -131,6 +154,12 @@ def emit_fault(sentence: str) -> bytes:
 def parse_status(line: bytes) -> StackStatus | None:
     """The stack's state in an answer; None where there is none."""
     return value_of(StackStatus, _object(line))
+
+
+def parse_look(line: bytes) -> Mapping[str, Any] | None:
+    """What is told of the ROS graph in an answer; None where there is none."""
+    told = (_object(line) or {}).get("told")
+    return told if isinstance(told, dict) else None
 
 
 def parse_change(line: bytes) -> ChangeAnswer | None:

@@ -5,13 +5,10 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from obk_cli.adapters.control_client import ask_status
-from obk_cli.adapters.ros_calls import ServiceClient
-from obk_cli.adapters.ros_look import RosLook
-from obk_cli.adapters.ros_parameters import NodeParameters
-from obk_cli.adapters.ros_types import find_type
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.asks import NodeStatus
 from obk_cli.looking.place import Place
+from obk_cli.looking.sight import Sight, parameters_of
 
 __all__ = ["NodeSeen", "known_nodes", "look_at_node"]
 
@@ -44,7 +41,7 @@ def known_nodes(place: Place) -> Mapping[str, NodeStatus]:
     return {node.node: node for status in asked if status for node in status.nodes}
 
 
-def look_at_node(look: RosLook, place: Place, node: str, timeout_s: float) -> NodeSeen:
+def look_at_node(look: Sight, place: Place, node: str, timeout_s: float) -> NodeSeen:
     """Ask for all that is known of a node; one that does not answer is shown all the same.
 
     Args:
@@ -72,7 +69,13 @@ def look_at_node(look: RosLook, place: Place, node: str, timeout_s: float) -> No
     )
 
 
-def _state(look: RosLook, node: str, timeout_s: float) -> str | None:
+def _state(look: Sight, node: str, timeout_s: float) -> str | None:
+    from obk_cli.adapters.ros_calls import ServiceClient
+    from obk_cli.adapters.ros_look import RosLook
+    from obk_cli.adapters.ros_types import find_type
+
+    if not isinstance(look, RosLook):  # a launcher has told all that it knows
+        return None
     kind = find_type(GET_STATE)
     try:
         client = ServiceClient(look, f"{node}/get_state", kind)
@@ -81,10 +84,10 @@ def _state(look: RosLook, node: str, timeout_s: float) -> str | None:
         return None
 
 
-def _parameters(look: RosLook, node: str, timeout_s: float) -> int | None:
+def _parameters(look: Sight, node: str, timeout_s: float) -> int | None:
     if f"{node}/list_parameters" not in look.service_types():
         return None
     try:
-        return len(NodeParameters(look, node, timeout_s).names())
+        return len(parameters_of(look, node, timeout_s).names())
     except CommandFailedError:
         return None

@@ -18,6 +18,7 @@ from obk_cli.adapters.control_socket import serve_control
 from obk_cli.adapters.leftovers import launch_marks
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
+from obk_cli.adapters.ros_answers import RosAnswers
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
 from obk_cli.adapters.shared_memory import remove_dead_segments
@@ -92,7 +93,7 @@ def run_plan(
             ros = stack.enter_context(open_ros("obk_launch", environment))
             stack.enter_context(_alone(plan, units, ros, environment, options, inbox))
         _join_nodes(ros, plan, units, inbox, output if share.leads else None)
-        _serve_others(claim.folder, inbox, output, stack)
+        _serve_others(claim.folder, ros, inbox, output, stack)
         supervisor = Supervisor(
             plan,
             units=units,
@@ -172,13 +173,17 @@ def _shown_by(node: StateNode) -> Callable[[Told], None]:
 
 
 def _serve_others(
-    folder: Path | None, inbox: "SimpleQueue[Heard]", output: Output, stack: ExitStack
+    folder: Path | None,
+    ros: RosLifecycle,
+    inbox: "SimpleQueue[Heard]",
+    output: Output,
+    stack: ExitStack,
 ) -> None:
     """Answer other terminals of this host; where that cannot be they ask the nodes."""
     if folder is None:
         return
     try:
-        stack.enter_context(serve_control(folder, inbox.put))
+        stack.enter_context(serve_control(folder, inbox.put, RosAnswers(ros.look()).ask))
     except OSError as error:
         output.note(f"warning: other terminals are not answered: {error}")
 

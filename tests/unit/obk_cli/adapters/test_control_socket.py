@@ -134,7 +134,7 @@ def test_a_folder_that_is_gone_at_the_end_is_no_fault(tmp_path: Path) -> None:
     [
         (b"hello\n", "a request is one line with a JSON object"),
         (b"x" * 1_000_000, "a request has at most 65536 bytes"),
-        (b'{"ask": "dance"}\n', '`ask` is `status`, `change` or `stop`, not "dance"'),
+        (b'{"ask": "dance"}\n', '`ask` is `status`, `change`, `look` or `stop`, not "dance"'),
     ],
 )
 def test_what_is_no_request_gets_an_answer_and_harms_nothing(

@@ -11,14 +11,17 @@ from obelisk_spec.rates import Rate
 from obk_cli.launch.asks import ChangeAnswer, Member, NodeStatus, StackStatus
 from obk_cli.launch.wire import (
     ChangeRequest,
+    LookRequest,
     Request,
     StatusRequest,
     StopRequest,
     emit_answer,
     emit_fault,
+    emit_look,
     emit_request,
     is_stop_heard,
     parse_change,
+    parse_look,
     parse_request,
     parse_status,
 )
@@ -67,6 +70,7 @@ ANSWER = ChangeAnswer(
         StopRequest(reason="asked by `obk stop`"),
         ChangeRequest(transition="activate"),
         ChangeRequest(transition="cleanup", nodes=("/a", "/b"), timeout_s=2.5),
+        LookRequest(question={"about": "graph"}),
     ],
 )
 def test_a_request_is_one_line_and_read_back(request_: Request) -> None:
@@ -79,6 +83,7 @@ def test_answers_are_read_back() -> None:
     assert parse_status(emit_answer(STATUS)) == STATUS
     assert parse_change(emit_answer(ANSWER)) == ANSWER
     assert is_stop_heard(emit_answer(None))
+    assert parse_look(emit_look({"names": ["gain"]})) == {"names": ["gain"]}
 
 
 def test_an_answer_of_a_later_version_is_read_as_far_as_it_is_known() -> None:
@@ -98,6 +103,7 @@ def test_a_fault_is_no_state_and_a_failed_change() -> None:
     line = emit_fault("the stack has ended")
     assert parse_status(line) is None
     assert parse_change(line) == ChangeAnswer(success=False, why="the stack has ended")
+    assert parse_look(line) is None
     assert not is_stop_heard(line)
 
 
@@ -107,8 +113,8 @@ def test_a_fault_is_no_state_and_a_failed_change() -> None:
         (b"", "a request is one line with a JSON object"),
         (b"\xff\xfe", "a request is one line with a JSON object"),
         (b"[" * 60_000, "a request is one line with a JSON object"),
-        (b"{}", "`ask` is `status`, `change` or `stop`, not null"),
-        (b'{"ask": ["stop"]}', '`ask` is `status`, `change` or `stop`, not ["stop"]'),
+        (b"{}", "`ask` is `status`, `change`, `look` or `stop`, not null"),
+        (b'{"ask": ["stop"]}', '`ask` is `status`, `change`, `look` or `stop`, not ["stop"]'),
         (b'{"ask": "stop", "reason": 1}', "`reason` is a text"),
         (
             b'{"ask": "change", "transition": ["activate"]}',
