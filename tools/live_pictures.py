@@ -90,7 +90,7 @@ def _page() -> None:
                 browser = playwright.chromium.launch(
                     executable_path=shutil.which("chromium"), args=["--no-sandbox"]
                 )
-                page = browser.new_page(viewport={"width": 960, "height": 968})
+                page = browser.new_page(viewport={"width": 1200, "height": 1210})
                 page.goto(f"{address}#{'&'.join(f'plot={one}' for one in SHOWN)}")
                 page.wait_for_timeout(WARM_S * 1000)
                 page.screenshot(path=PICTURES / "web.png")
