@@ -51,7 +51,9 @@ class LocalPublisher(LifecyclePublisher):
         if not self._enabled:
             return
         inboxes = self._local_topic.inboxes
-        matched = self._matched(inboxes)
+        seen, matched = self._match
+        if seen is not inboxes:
+            matched = self._look_at(inboxes)
         if (
             matched
             and self._count() == len(matched)
@@ -61,8 +63,9 @@ class LocalPublisher(LifecyclePublisher):
         ):
             return
         self._send(msg)
-        # Also those that were opened meanwhile.
-        for inbox in self._matched(self._local_topic.inboxes):
+        if self._local_topic.inboxes is not inboxes:
+            matched = self._look_at(self._local_topic.inboxes)
+        for inbox in matched:
             inbox.mark_dds()
 
     def destroy(self) -> None:
@@ -80,11 +83,8 @@ class LocalPublisher(LifecyclePublisher):
         else:
             Publisher.publish(self, message)  # says what is wrong
 
-    def _matched(self, inboxes: tuple[Inbox, ...]) -> tuple[Inbox, ...]:
+    def _look_at(self, inboxes: tuple[Inbox, ...]) -> tuple[Inbox, ...]:
         """Those that DDS matches with this publisher."""
-        seen, matched = self._match
-        if seen is inboxes:
-            return matched
         matched = tuple(
             inbox
             for inbox in inboxes
@@ -101,12 +101,11 @@ class LocalPublisher(LifecyclePublisher):
                 return False
         if isinstance(message, self._message_class):
             assert self._copy is not None
-            # All copies before any is handed over: one that fails leaves nobody with a message.
-            copies = [self._copy(message) for _ in inboxes]
+            for inbox in inboxes:
+                inbox.put(self._copy(message))
         elif isinstance(message, bytes):
-            copies = [message] * len(inboxes)
+            for inbox in inboxes:
+                inbox.put(message)
         else:
             return False
-        for inbox, copy in zip(inboxes, copies, strict=True):
-            inbox.put(copy)
         return True

@@ -12,6 +12,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Float64MultiArray, Int64
 
 from obelisk_py.core.codecs import codec_for
+from obelisk_py.core.exceptions import ObeliskMsgError
 from obelisk_py.core.local_delivery.exchange import local_topic
 from obelisk_py.core.local_delivery.inbox import Inbox
 from obelisk_py.core.local_delivery.publisher import LocalPublisher
@@ -210,13 +211,13 @@ def test_what_is_no_message_of_the_class_is_refused() -> None:
     assert taken(box) == []
 
 
-def test_where_a_copy_fails_nobody_has_the_message() -> None:
+def test_a_message_that_cannot_be_copied_reaches_nobody() -> None:
     world = World()
     boxes = world.listen(), world.listen()
-    copies = iter([Int64()])
-    world.publisher._copy = lambda _message: next(copies)
-    with pytest.raises(StopIteration):
-        world.publisher.publish(Int64())
+    bad = Int64()
+    bad._data = "five"
+    with pytest.raises(ObeliskMsgError, match=r"`data` of std_msgs/msg/Int64 is 'five'"):
+        world.publisher.publish(bad)
     assert [taken(box) for box in boxes] == [[], []]
 
 
