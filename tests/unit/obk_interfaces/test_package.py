@@ -1,3 +1,4 @@
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -82,6 +83,27 @@ def test_broken_xml_is_told_with_its_place(tmp_path: Path) -> None:
     with pytest.raises(PackageError) as caught:
         discover([tmp_path])
     assert str(caught.value) == f"{manifest}:2:17: not well-formed XML: mismatched tag"
+
+
+def growing(times: int) -> str:
+    """Entities that each stand for so many of the one before, the last one called `e`."""
+    lines = [f'<!ENTITY {name} "{f"&{before};" * times}">' for before, name in pairwise("abcde")]
+    return "".join(['<!ENTITY a "haha">', *lines])
+
+
+@pytest.mark.parametrize(
+    "entities",
+    ['<!ENTITY e SYSTEM "secret">', growing(times=100)],
+    ids=["a file of the host", "a text that grows without bound"],
+)
+def test_xml_brings_nothing_in_and_does_not_grow(tmp_path: Path, entities: str) -> None:
+    folder = write_package(tmp_path, "a_msgs")
+    (folder / "secret").write_text("a secret")
+    text = f"<!DOCTYPE package [{entities}]><package><name>&e;</name></package>"
+    (folder / "package.xml").write_text(text)
+    with pytest.raises(PackageError, match="not well-formed XML") as caught:
+        discover([tmp_path])
+    assert "a secret" not in str(caught.value)
 
 
 def test_a_manifest_without_a_version_is_refused(tmp_path: Path) -> None:
