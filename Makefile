@@ -14,7 +14,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
 INSTALL := $(PIP) install --no-deps --no-build-isolation
 PYTHONS := 3.12 3.13
 
-.PHONY: setup demo test test-unit check golden docs pictures site bench bench-loop bench-tool bench-launches bench-simulator lock audit wheel release clean
+.PHONY: setup demo test test-unit check golden docs pictures site bench bench-loop bench-tool bench-launches bench-simulator lock audit wheel release clean fuzz soak
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.interfaces
@@ -90,6 +90,16 @@ bench-launches: setup
 # How exactly the simulator keeps time and what it costs; writes benchmarks/results/simulator.json.
 bench-simulator: setup
 	$(BIN)/python benchmarks/simulator.py
+
+# Hostile input for SECONDS in all, see tests/fuzz; writes benchmarks/results/fuzz.json.
+fuzz: SECONDS ?= 60
+fuzz: setup
+	$(BIN)/python -m tests.fuzz --seconds $(SECONDS)
+
+# The dummy stack in trouble for SECONDS; writes benchmarks/results/soak.json and soak.png.
+soak: SECONDS ?= 1800
+soak: setup
+	$(BIN)/python benchmarks/soak.py --seconds $(SECONDS)
 
 # --- the environment, in four steps; each is done again only when what it is made from changes ---
 
