@@ -10,10 +10,11 @@ from typer.testing import CliRunner
 
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.cli.new import app
-from obk_cli.errors import CommandFailedError, MisuseError, ObkError
-from obk_cli.pipeline import Options, compile_config
+from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.surroundings import Command
 from obk_interfaces import discover
+
+from .new_command import empty_workspace, obk_new, refused
 
 Tree = Callable[[Path], dict[str, bytes]]
 
@@ -21,22 +22,7 @@ Tree = Callable[[Path], dict[str, bytes]]
 @pytest.fixture(autouse=True)
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty workspace to stand in."""
-    folder = tmp_path / "ws"
-    (folder / "src").mkdir(parents=True)
-    monkeypatch.chdir(folder)
-    return folder
-
-
-def obk_new(*arguments: str) -> str:
-    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-    return result.stdout
-
-
-def refused(*arguments: str) -> ObkError:
-    result = CliRunner().invoke(app, arguments)
-    assert isinstance(result.exception, ObkError), result.output
-    return result.exception
+    return empty_workspace(tmp_path / "ws", monkeypatch)
 
 
 def test_a_package_goes_into_src_of_the_workspace(
@@ -118,28 +104,6 @@ def test_the_launcher_finds_the_executable_in_the_sources(workspace: Path) -> No
     assert "from foo.foo import main" in command.arguments[-1]
 
 
-@pytest.mark.mujoco
-def test_what_the_config_is_to_say_is_valid_in_place_of_the_example(
-    workspace: Path, repository: Path
-) -> None:
-    example = (repository / "examples/dummy/dummy_new.yaml").read_text()
-    shutil.copy(repository / "examples/dummy/dummy.xml", workspace)
-    made = [
-        json.loads(obk_new(kind, name, "--format", "json"))
-        for kind, name in (("controller", "my_control"), ("estimator", "my_estimate"))
-    ]
-    nodes = "".join(f"{node['section']}:\n{node['config']}\n" for node in made)
-    nodes = nodes.replace("/STACK/", "/obelisk/dummy/")
-    robot = "robot:" + example.partition("\nrobot:")[2]
-    (workspace / "config.yaml").write_text(f"config: mine\n{nodes}{robot}")
-    options = Options(environment={}, working_folder=workspace)
-    outcome = compile_config("config.yaml", options)
-    faults = [str(d) for d in outcome.diagnostics if d.severity != "info"]
-    # The simulator's package is there only where the tool is installed.
-    assert [fault for fault in faults if "`obelisk_sim_py`" not in fault] == []
-    assert outcome.config is not None
-
-
 def test_a_dry_run_shows_the_tree_and_makes_nothing(workspace: Path, tree: Tree) -> None:
     said = obk_new("controller", "foo", "--dry-run")
     assert said.startswith("would make the controller `foo`")
@@ -173,57 +137,6 @@ def test_a_changed_file_is_never_lost_without_force(workspace: Path, tree: Tree)
     assert tree(workspace) == before
     assert "  replace   foo/foo.py\n" in obk_new("controller", "foo", "--force")
     assert mine.read_text() != "mine"
-
-
-def test_inside_a_package_a_node_is_added(
-    workspace: Path, tree: Tree, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    obk_new("controller", "foo")
-    before = tree(workspace / "src/foo")
-    monkeypatch.chdir(workspace / "src/foo")
-    said = obk_new("estimator", "second", "--sensor-msg", "ObkImu")
-    assert said.startswith("made the estimator `second`, package `foo`, in ./\n")
-    after = tree(workspace / "src/foo")
-    changed = {path for path in after if after[path] != before.get(path)}
-    assert changed == {"foo/second.py", "package.xml", "setup.py", "test/test_second.py"}
-    assert b"<exec_depend>obelisk_sensor_msgs</exec_depend>" in after["package.xml"]
-    index = PackageIndex.around(workspace, workspace, {})
-    for executable in ("foo", "second"):
-        assert isinstance(index.find_executable("foo", executable), Command)
-
-
-@pytest.mark.parametrize(
-    ("manifest", "sentence"),
-    [
-        ("<package><name>foo</name></package>", "the build type `catkin`"),
-        ("nothing", "no package.xml that can be read"),
-        (
-            "<package><name>foo</name><export><build_type>ament_python</build_type></export>"
-            "</package>",
-            "has no module `foo/__init__.py`",
-        ),
-    ],
-)
-def test_a_package_that_cannot_take_a_node_is_told_so(
-    workspace: Path, tree: Tree, manifest: str, sentence: str
-) -> None:
-    (workspace / "package.xml").write_text(manifest)
-    fault = refused("controller", "foo")
-    assert sentence in fault.message
-    assert fault.help is not None
-    assert "--dest" in fault.help
-    assert list(tree(workspace)) == ["package.xml"]
-
-
-def test_a_setup_that_is_not_plain_stops_the_addition(
-    workspace: Path, tree: Tree, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    obk_new("controller", "foo")
-    (workspace / "src/foo/setup.py").write_text("setup()")
-    before = tree(workspace)
-    monkeypatch.chdir(workspace / "src/foo")
-    assert "cannot be added" in refused("controller", "second").message
-    assert tree(workspace) == before
 
 
 @pytest.mark.parametrize("name", ["../x_y", "/tmp/x_y", "FooBar", "class", "json", "std_msgs"])
@@ -298,20 +211,6 @@ def test_a_file_is_no_destination(workspace: Path) -> None:
     assert fault.message == "--dest: file is a file; a folder was expected"
 
 
-def test_a_config_takes_nodes_that_fit_together(workspace: Path) -> None:
-    obk_new("controller", "a_control")
-    obk_new("estimator", "a_estimate", "--sensor-msg", "ObkImu")
-    obk_new("estimator", "b_estimate", "--sensor-msg", "ObkJointEncoders")
-    obk_new("robot", "a_robot", "--sensor-msg", "JointEncoders")
-    obk_new("robot", "b_robot", "--sensor-msg", "ObkJointEncoders")
-    obk_new("config", "stack")
-    outcome = compile_config("stack.yaml", Options(environment={}, working_folder=workspace))
-    assert outcome.config is not None
-    executables = {node.executable.value for node in outcome.config.nodes}
-    assert executables == {"a_control", "b_estimate", "b_robot"}
-    assert [str(d) for d in outcome.diagnostics if d.severity != "info"] == []
-
-
 def test_a_file_in_the_way_is_told(workspace: Path) -> None:
     (workspace / "src/foo").write_text("")
     assert "src/foo is a file" in refused("controller", "foo").message
@@ -363,127 +262,6 @@ def test_without_srv_a_message_package_has_no_service(workspace: Path) -> None:
     assert "srv" not in (workspace / "src/my_msgs/CMakeLists.txt").read_text()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (("msgs", "my_msgs"), "is a package already, and messages are in one of their own"),
-        (("controller", "bar", "--lang", "cpp"), "a C++ node is made as a package of its own"),
-    ],
-)
-def test_what_cannot_go_into_a_package_is_told(
-    workspace: Path,
-    tree: Tree,
-    monkeypatch: pytest.MonkeyPatch,
-    arguments: tuple[str, ...],
-    sentence: str,
-) -> None:
-    obk_new("controller", "foo")
-    before = tree(workspace)
-    monkeypatch.chdir(workspace / "src/foo")
-    fault = refused(*arguments)
-    assert sentence in fault.message
-    assert fault.help is not None
-    assert "--dest" in fault.help
-    assert tree(workspace) == before
-
-
-@pytest.mark.parametrize("kind", ["controller", "estimator", "robot", "sensor"])
-def test_a_package_that_keeps_its_scripts_in_pyproject_gets_the_node_there(
-    workspace: Path, monkeypatch: pytest.MonkeyPatch, kind: str
-) -> None:
-    root = workspace / "src/foo"
-    (root / "src/foo").mkdir(parents=True)
-    (root / "src/foo/__init__.py").write_text("")
-    (root / "package.xml").write_text(
-        "<package><name>foo</name><export><build_type>ament_python</build_type></export>"
-        "\n</package>\n"
-    )
-    (root / "pyproject.toml").write_text('[project]\nname = "foo" # mine\nversion = "1"\n')
-    monkeypatch.chdir(root)
-    obk_new(kind, "second")
-    assert (root / "src/foo/second.py").is_file()
-    assert "# mine" in (root / "pyproject.toml").read_text()
-    command = PackageIndex.around(workspace, workspace, {}).find_executable("foo", "second")
-    assert isinstance(command, Command)
-    assert command.python_path == (root / "src",)
-
-
-def test_a_config_joins_the_nodes_of_the_workspace(workspace: Path) -> None:
-    obk_new("controller", "my_control", "--ctrl-msg", "VelocityCommand")
-    obk_new("estimator", "my_estimate", "--sensor-msg", "ObkJointEncoders")
-    obk_new(
-        "robot", "my_robot", "--ctrl-msg", "VelocityCommand", "--sensor-msg", "ObkJointEncoders"
-    )
-    obk_new("sensor", "my_imu")
-    assert obk_new("config", "stack").startswith(
-        "made the config `stack` in ./\n  create    stack.yaml\n\n"
-    )
-    outcome = compile_config("stack.yaml", Options(environment={}, working_folder=workspace))
-    assert outcome.config is not None
-    assert [str(d) for d in outcome.diagnostics if d.severity != "info"] == []
-    executables = {node.executable.value for node in outcome.config.nodes}
-    assert executables == {"my_control", "my_estimate", "my_robot", "my_imu"}
-
-
-@pytest.mark.mujoco
-def test_a_config_without_a_robot_simulates_the_model_that_is_there(workspace: Path) -> None:
-    obk_new("controller", "my_control")
-    obk_new("estimator", "my_estimate", "--sensor-msg", "ObkImu")
-    obk_new("config", "one")
-    assert (workspace / "one.xml").is_file()
-    (workspace / "model").mkdir()
-    (workspace / "one.xml").rename(workspace / "model/arm.xml")
-    obk_new("config", "two")
-    text = (workspace / "two.yaml").read_text()
-    assert "model_xml_path: model/arm.xml" in text
-    assert "tip_gyro: gyro" in text
-    assert not (workspace / "two.xml").exists()
-    outcome = compile_config("two.yaml", Options(environment={}, working_folder=workspace))
-    faults = [str(d) for d in outcome.diagnostics if d.severity != "info"]
-    # The simulator's package is there only where the tool is installed.
-    assert [fault for fault in faults if "`obelisk_sim_py`" not in fault] == []
-
-
-def test_a_config_says_which_sensors_its_model_lacks(workspace: Path) -> None:
-    obk_new("estimator", "my_estimate", "--sensor-msg", "ObkJointEncoders")
-    (workspace / "arm.xml").write_text("<mujoco/>")
-    obk_new("config", "arm")
-    text = (workspace / "arm.yaml").read_text()
-    assert (
-        "# ObkJointEncoders: arm.xml names no sensors for it (`jointpos` and `jointvel`)." in text
-    )
-    assert "sensor_settings:" not in text
-
-
-def test_a_config_goes_into_the_working_folder_and_may_have_the_name_of_a_package(
-    workspace: Path,
-) -> None:
-    obk_new("controller", "foo")
-    obk_new("config", "foo")
-    assert (workspace / "foo.yaml").is_file()
-    assert isinstance(refused("config", "../foo"), MisuseError)
-
-
 @pytest.mark.parametrize("kind", ["controller", "estimator", "robot", "sensor", "msgs", "config"])
 def test_every_kind_shows_an_example(kind: str) -> None:
     assert f"Example: obk new {kind} my_" in obk_new(kind, "--help")
-
-
-def test_deep_inside_a_package_is_inside_it(
-    workspace: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    obk_new("controller", "foo")
-    monkeypatch.chdir(workspace / "src/foo/foo")
-    assert f"in {workspace / 'src/foo'}/\n" in obk_new("sensor", "second")
-    assert (workspace / "src/foo/foo/second.py").is_file()
-
-
-def test_between_the_packages_of_a_workspace_is_inside_none(
-    workspace: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (workspace / "src/package.xml").write_text("<package><name>outer</name></package>")
-    group = workspace / "src/inner/src/group"
-    group.mkdir(parents=True)
-    monkeypatch.chdir(group)
-    obk_new("sensor", "foo")
-    assert (group / "foo/package.xml").is_file()

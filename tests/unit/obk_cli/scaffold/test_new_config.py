@@ -1,0 +1,110 @@
+"""`obk new config`: a config of the nodes and the model that are there."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from obk_cli.errors import MisuseError
+from obk_cli.pipeline import Options, compile_config
+
+from .new_command import empty_workspace, obk_new, refused
+
+
+@pytest.fixture(autouse=True)
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty workspace to stand in."""
+    return empty_workspace(tmp_path / "ws", monkeypatch)
+
+
+@pytest.mark.mujoco
+def test_what_the_config_is_to_say_is_valid_in_place_of_the_example(
+    workspace: Path, repository: Path
+) -> None:
+    example = (repository / "examples/dummy/dummy_new.yaml").read_text()
+    shutil.copy(repository / "examples/dummy/dummy.xml", workspace)
+    made = [
+        json.loads(obk_new(kind, name, "--format", "json"))
+        for kind, name in (("controller", "my_control"), ("estimator", "my_estimate"))
+    ]
+    nodes = "".join(f"{node['section']}:\n{node['config']}\n" for node in made)
+    nodes = nodes.replace("/STACK/", "/obelisk/dummy/")
+    robot = "robot:" + example.partition("\nrobot:")[2]
+    (workspace / "config.yaml").write_text(f"config: mine\n{nodes}{robot}")
+    options = Options(environment={}, working_folder=workspace)
+    outcome = compile_config("config.yaml", options)
+    faults = [str(d) for d in outcome.diagnostics if d.severity != "info"]
+    # The simulator's package is there only where the tool is installed.
+    assert [fault for fault in faults if "`obelisk_sim_py`" not in fault] == []
+    assert outcome.config is not None
+
+
+def test_a_config_takes_nodes_that_fit_together(workspace: Path) -> None:
+    obk_new("controller", "a_control")
+    obk_new("estimator", "a_estimate", "--sensor-msg", "ObkImu")
+    obk_new("estimator", "b_estimate", "--sensor-msg", "ObkJointEncoders")
+    obk_new("robot", "a_robot", "--sensor-msg", "JointEncoders")
+    obk_new("robot", "b_robot", "--sensor-msg", "ObkJointEncoders")
+    obk_new("config", "stack")
+    outcome = compile_config("stack.yaml", Options(environment={}, working_folder=workspace))
+    assert outcome.config is not None
+    executables = {node.executable.value for node in outcome.config.nodes}
+    assert executables == {"a_control", "b_estimate", "b_robot"}
+    assert [str(d) for d in outcome.diagnostics if d.severity != "info"] == []
+
+
+def test_a_config_joins_the_nodes_of_the_workspace(workspace: Path) -> None:
+    obk_new("controller", "my_control", "--ctrl-msg", "VelocityCommand")
+    obk_new("estimator", "my_estimate", "--sensor-msg", "ObkJointEncoders")
+    obk_new(
+        "robot", "my_robot", "--ctrl-msg", "VelocityCommand", "--sensor-msg", "ObkJointEncoders"
+    )
+    obk_new("sensor", "my_imu")
+    assert obk_new("config", "stack").startswith(
+        "made the config `stack` in ./\n  create    stack.yaml\n\n"
+    )
+    outcome = compile_config("stack.yaml", Options(environment={}, working_folder=workspace))
+    assert outcome.config is not None
+    assert [str(d) for d in outcome.diagnostics if d.severity != "info"] == []
+    executables = {node.executable.value for node in outcome.config.nodes}
+    assert executables == {"my_control", "my_estimate", "my_robot", "my_imu"}
+
+
+@pytest.mark.mujoco
+def test_a_config_without_a_robot_simulates_the_model_that_is_there(workspace: Path) -> None:
+    obk_new("controller", "my_control")
+    obk_new("estimator", "my_estimate", "--sensor-msg", "ObkImu")
+    obk_new("config", "one")
+    assert (workspace / "one.xml").is_file()
+    (workspace / "model").mkdir()
+    (workspace / "one.xml").rename(workspace / "model/arm.xml")
+    obk_new("config", "two")
+    text = (workspace / "two.yaml").read_text()
+    assert "model_xml_path: model/arm.xml" in text
+    assert "tip_gyro: gyro" in text
+    assert not (workspace / "two.xml").exists()
+    outcome = compile_config("two.yaml", Options(environment={}, working_folder=workspace))
+    faults = [str(d) for d in outcome.diagnostics if d.severity != "info"]
+    # The simulator's package is there only where the tool is installed.
+    assert [fault for fault in faults if "`obelisk_sim_py`" not in fault] == []
+
+
+def test_a_config_says_which_sensors_its_model_lacks(workspace: Path) -> None:
+    obk_new("estimator", "my_estimate", "--sensor-msg", "ObkJointEncoders")
+    (workspace / "arm.xml").write_text("<mujoco/>")
+    obk_new("config", "arm")
+    text = (workspace / "arm.yaml").read_text()
+    assert (
+        "# ObkJointEncoders: arm.xml names no sensors for it (`jointpos` and `jointvel`)." in text
+    )
+    assert "sensor_settings:" not in text
+
+
+def test_a_config_goes_into_the_working_folder_and_may_have_the_name_of_a_package(
+    workspace: Path,
+) -> None:
+    obk_new("controller", "foo")
+    obk_new("config", "foo")
+    assert (workspace / "foo.yaml").is_file()
+    assert isinstance(refused("config", "../foo"), MisuseError)
