@@ -4,13 +4,15 @@ What a run's plan tells helps to find it at once; whether it is there only the g
 """
 
 from collections.abc import Callable, Collection, Iterable
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.looking.graph import TopicSeen
 from obk_cli.looking.names import Kind, meant, one_meant
 from obk_cli.looking.place import Place
-from obk_cli.looking.sight import Sight
+
+if TYPE_CHECKING:
+    from obk_cli.looking.sight import Sight
 
 __all__ = ["find_node", "find_service", "find_topic", "settle", "the_type"]
 
@@ -18,7 +20,7 @@ OTHERS_QUIET_S: Final = 1.0
 """In which nothing is told any more, where it is not known who is there [s]."""
 
 
-def settle(look: Sight, place: Place, timeout_s: float, *, wait_s: float | None = None) -> None:
+def settle(look: "Sight", place: Place, timeout_s: float, *, wait_s: float | None = None) -> None:
     """Wait until the graph is told of.
 
     Args:
@@ -37,7 +39,7 @@ def settle(look: Sight, place: Place, timeout_s: float, *, wait_s: float | None 
 
 
 def find_topic(
-    look: Sight, place: Place, name: str, timeout_s: float, *, is_heard: bool = True
+    look: "Sight", place: Place, name: str, timeout_s: float, *, is_heard: bool = True
 ) -> TopicSeen:
     """A topic that somebody has.
 
@@ -59,7 +61,7 @@ def find_topic(
     return look.topic(full)
 
 
-def find_node(look: Sight, place: Place, name: str, timeout_s: float) -> str:
+def find_node(look: "Sight", place: Place, name: str, timeout_s: float) -> str:
     """The full name of a node.
 
     Raises:
@@ -77,7 +79,7 @@ def find_node(look: Sight, place: Place, name: str, timeout_s: float) -> str:
     )
 
 
-def find_service(look: Sight, place: Place, name: str, timeout_s: float) -> str:
+def find_service(look: "Sight", place: Place, name: str, timeout_s: float) -> str:
     """The full name of a service.
 
     Raises:
@@ -113,7 +115,7 @@ def the_type(kind: Kind, name: str, types: Collection[str]) -> str:
 
 
 def _find(
-    look: Sight,
+    look: "Sight",
     place: Place,
     kind: Kind,
     name: str,
@@ -135,7 +137,7 @@ def _find(
     return one_meant(kind, name, there(), place.domain)
 
 
-def _require_somebody(look: Sight, place: Place, timeout_s: float) -> None:
+def _require_somebody(look: "Sight", place: Place, timeout_s: float) -> None:
     def is_anybody() -> bool | None:
         return bool(look.nodes() or look.topic_types()) or None
 

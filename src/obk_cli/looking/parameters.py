@@ -7,7 +7,6 @@ Source: rcl_interfaces/msg/ParameterType.
 from dataclasses import dataclass
 from typing import Final
 
-from obelisk_spec.yaml_core import YamlTextError, load_yaml_core
 from obk_cli.config import ParameterValue
 from obk_cli.errors import MisuseError
 
@@ -49,6 +48,9 @@ def parse_parameter(text: str) -> Parameter:
     Raises:
         MisuseError: it is none, or none that a parameter can have.
     """
+    # Who only looks at parameters needs no parser.
+    from obelisk_spec.yaml_core import YamlTextError, load_yaml_core
+
     try:
         value = load_yaml_core(text)
     except YamlTextError as error:
