@@ -15,7 +15,7 @@ from ..ros.walkthrough import (  # noqa: TID252 - shared by folders of tests
     steps,
 )
 
-pytestmark = pytest.mark.mujoco
+pytestmark = [pytest.mark.mujoco, pytest.mark.timeout(400)]
 
 DOCUMENT = Path("docs/extending.md")
 LISTING = re.compile(r"^`(?P<path>\S+)`:\n\n```\w+\n(?P<text>.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -54,7 +54,7 @@ def test_what_was_added_is_tested_and_found_good(extended: Path) -> None:
         env={**os.environ, "PYTHONPATH": str(extended / "src")},
         capture_output=True,
         text=True,
-        timeout=150,
+        timeout=300,
         check=False,
     )
     assert done.returncode == 0, done.stdout
