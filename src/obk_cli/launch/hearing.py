@@ -320,10 +320,12 @@ class Hearing:
         names = self.roster.units[unit].node_names
         is_early = self.is_early(unit)
         has_lifecycle = self.roster.with_lifecycle.issuperset(names)
+        # What is left of such a process is Python's end, which a busy machine may draw out.
+        is_over = has_lifecycle and self.roster.are_all(names, FINALIZED)
         self.roster.ended(unit)
         self.pulse.forget(names)
         ends = {0} | ({-signal.SIGTERM} if is_early else set())
-        if not has_lifecycle:
+        if is_over or not has_lifecycle:
             ends |= {-signal.SIGINT, -signal.SIGTERM}
         if unit in self._condemned:
             self._condemned.discard(unit)

@@ -163,6 +163,21 @@ def test_a_process_that_ignores_sigint_gets_harder_signals() -> None:
     assert not world.alive
 
 
+def test_a_finalized_node_whose_process_takes_long_to_end_has_ended_in_order() -> None:
+    world = World(deaf_to={(ROBOT, signal.SIGINT)})
+    ended = world.run()
+    assert (ROBOT, signal.SIGTERM) in world.signals
+    assert (ended.exit_code, ended.cause) == (0, "")
+
+
+def test_a_node_that_does_not_shut_down_and_ends_by_sigterm_has_not_ended_in_order() -> None:
+    world = World(silent={(ROBOT, "shutdown")}, deaf_to={(ROBOT, signal.SIGINT)})
+    ended = world.run()
+    assert ended.exit_code == 1
+    assert "'shutdown' was not done within 3.0 s" in ended.cause
+    assert ended.consequences == 1
+
+
 def test_a_process_that_had_to_be_killed_is_no_end_in_order() -> None:
     world = World(deaf_to={(ROBOT, signal.SIGINT), (ROBOT, signal.SIGTERM)})
     ended = world.run()
