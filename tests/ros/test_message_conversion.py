@@ -91,6 +91,18 @@ def test_what_a_field_cannot_hold_is_refused_and_nothing_is_sent(one: World) -> 
     assert raw == [HEAD + struct.pack("<I", 5) + b"good\0"]
 
 
+def test_bytes_handed_over_within_the_process_are_looked_at_as_well(one: World) -> None:
+    node = one.adopt(GuardedLifecycleNode("node", context=one.context))
+    received: list[str] = []
+    node.create_subscription(String, "topic", lambda message: received.append(message.data), DEPTH)
+    publisher = enabled_publisher(node, String)
+    with one.spinning():
+        publisher.publish(HEAD + struct.pack("<I", 100) + b"too short\0")
+        publisher.publish(String(data="good"))
+        eventually(lambda: received, "the message behind the wrong one")
+    assert received == ["good"]
+
+
 def test_a_message_of_another_class_is_refused(one: World) -> None:
     node = one.adopt(GuardedLifecycleNode("node", context=one.context))
     with pytest.raises(TypeError, match="JointState"):
