@@ -109,7 +109,10 @@ def test_a_killed_recorder_leaves_what_it_heard_and_the_stack_goes_on() -> None:
     with launched(DUMMY, "--record", "--quiet") as run:
         recording = only_run() / "recording.mcap"
         eventually(lambda: told(recording)["count"] > 50, "messages in the file")
-        recorder = next(p for p in run.descendants if "obk_cli.adapters.record" in p.cmdline())
+        (recorder,) = (p for p in run.descendants if "obk_cli.adapters.record" in p.cmdline())
+        assert recorder.environ()["OBK_RUN"] == only_run().name
+        states = json.loads(obk("lifecycle", "get", "--format", "json").stdout)
+        assert len(states) == 3  # it is no node of the stack
         recorder.kill()
         run.wait_for_line("warning: the recorder has ended: the process was ended by SIGKILL")
     assert run.process.returncode == 0, run.text
@@ -204,17 +207,6 @@ def test_publishers_that_offer_less_or_more_are_heard_all_the_same(tmp_path: Pat
 def counts(path: Path) -> dict[str, int]:
     """Topic -> messages in a file that is being written."""
     return {topic["topic"]: topic["count"] for topic in told(path)["topics"] if topic["count"]}
-
-
-def test_the_recorder_is_one_of_the_launch_and_no_node_of_it() -> None:
-    with launched(DUMMY, "--record", "--quiet") as run:
-        recorders = [p for p in run.descendants if "obk_cli.adapters.record" in p.cmdline()]
-        assert len(recorders) == 1
-        assert recorders[0].environ()["OBK_RUN"] == only_run().name
-        states = json.loads(obk("lifecycle", "get", "--format", "json").stdout)
-        assert len(states) == 3
-    assert run.process.returncode == 0, run.text
-    assert not run.left_over()
 
 
 def test_the_commands_of_the_document_work_in_their_order(

@@ -57,16 +57,6 @@ def test_both_spellings_come_up_and_end_in_order(config: str) -> None:
     assert lines[-1] == "ended in order"
 
 
-def test_a_run_leaves_its_logs_and_events(tmp_path: Path) -> None:
-    assert obk("launch", DUMMY, "--duration", "0.5").returncode == 0
-    (run,) = (tmp_path / "home" / "runs").glob("dummy_*")
-    events = [json.loads(line) for line in (run / "events.jsonl").read_text().splitlines()]
-    assert events[0]["event"] == "Phase"
-    assert events[-1] == {**events[-1], "event": "Ended", "exit_code": 0, "cause": ""}
-    assert json.loads((run / "run.json").read_text())["nodes"] == list(NODES)
-    assert (run / "params" / "obelisk_robot_0.yaml").is_file()
-
-
 def test_all_nodes_go_round_the_life_cycle_from_another_terminal() -> None:
     with launched(DUMMY, "--quiet") as run:
         assert states("get") == dict.fromkeys(NODES, "active")
