@@ -1,0 +1,76 @@
+"""A running stack that gets bytes which are no message, and one whose simulation diverges."""
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from obelisk_control_msgs.msg import PositionSetpoint
+from std_msgs.msg import String
+
+from .stack import DUMMY, Launched, eventually, launched, obk
+
+pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
+
+TOPIC = "/obelisk/dummy/ctrl"
+HEADER = b"\0\1\0\0"
+MALFORMED = (
+    b"",
+    b"\0",
+    HEADER,
+    b"\xff" * 64,
+    HEADER + struct.pack("<iII", 0, 0, 2**32 - 1),
+    HEADER + struct.pack("<iII", 0, 0, 5) + b"frame",
+    HEADER + struct.pack("<iIIxI", 0, 0, 1, 2**31) + b"\0" * 8,
+    b"\0\2\0\0" + b"\x7f" * 200,
+)
+"""Cut short, of lengths beyond the end, of another encoding."""
+
+
+def states() -> dict[str, Any]:
+    told: dict[str, Any] = json.loads(obk("lifecycle", "get", "--format", "json").stdout)
+    return told
+
+
+def is_refused(publisher: Any, run: Launched) -> bool:
+    """Whether a control of the wrong length was refused, after another one is sent."""
+    publisher.publish(PositionSetpoint(u_mujoco=[1.0, 2.0, 3.0]))
+    return "`u_mujoco` has the length 3" in run.text
+
+
+def test_bytes_that_are_no_message_end_neither_robot_nor_stack() -> None:
+    with launched(DUMMY, "--allow-foreign") as run:
+        rclpy.init()
+        try:
+            node = rclpy.create_node("stranger")
+            publisher = node.create_publisher(PositionSetpoint, TOPIC, 10)
+            other = node.create_publisher(String, f"{TOPIC}/other", 10)
+            eventually(publisher.get_subscription_count, "the robot's subscription")
+            for data in MALFORMED * 3:
+                publisher.publish(data)
+                other.publish(data)
+            run.wait_for_line("dropped a message on")
+            eventually(lambda: is_refused(publisher, run), "the refusal of a wrong length")
+            node.destroy_node()
+        finally:
+            rclpy.try_shutdown()
+        assert set(states().values()) == {"active"}
+    assert "Traceback" not in run.text
+    assert run.lines[-1] == "ended in order"
+
+
+def test_a_simulation_that_diverges_ends_the_stack_with_time_joint_and_body(
+    tmp_path: Path,
+) -> None:
+    model = DUMMY.with_name("dummy.xml").read_text()
+    stiff = model.replace('name="joint1"', 'name="joint1" stiffness="1e9"')
+    (tmp_path / "dummy.xml").write_text(stiff.replace('timestep="0.001"', 'timestep="0.01"'))
+    (tmp_path / "dummy_params.txt").write_bytes(DUMMY.with_name("dummy_params.txt").read_bytes())
+    (tmp_path / "dummy.yaml").write_bytes(DUMMY.read_bytes())
+    result = obk("launch", tmp_path / "dummy.yaml", "--duration", "30")
+    assert result.returncode == 1, result.stdout
+    failed = next(line for line in result.stdout.splitlines() if line.startswith("failed: "))
+    assert "the simulation diverged at 0." in failed
+    assert "of joint `joint1` of body `link1`" in failed
