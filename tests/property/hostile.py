@@ -3,12 +3,16 @@
 import string
 from collections.abc import Sequence
 
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
 __all__ = ["FEW", "JSON", "SPOILT", "assert_shows_only_text", "damaged", "respelt"]
 
-FEW = settings(max_examples=40, deadline=None)
+FEW = settings(
+    max_examples=40,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],  # a busy machine
+)
 """For the tests of every day; `make fuzz` runs the same tests for as long as one likes."""
 _CONTROLS = frozenset(map(chr, (*range(0x20), *range(0x7F, 0xA0)))) - {"\t"}
 _SEQUENCES = (
