@@ -28,7 +28,7 @@ PLAN = {
             "publishes": [{"topic": "/arm/est", "msg_type": "pkg/msg/State"}],
             "subscribes": [{"topic": "/arm/imu", "msg_type": None}],
         }
-    ]
+    ],
 }
 
 
