@@ -14,7 +14,10 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
 INSTALL := $(PIP) install --no-deps --no-build-isolation
 PYTHONS := 3.12 3.13
 
-.PHONY: setup demo test test-unit check golden docs pictures site bench bench-loop bench-tool bench-launches bench-simulator lock audit wheel release clean fuzz soak
+# Where Python may not keep what it compiled, every start of obk compiles all of it anew.
+unexport PYTHONDONTWRITEBYTECODE
+
+.PHONY: setup demo test test-unit check golden docs pictures site bench bench-loop bench-tool bench-launches bench-simulator bench-looking bench-summary lock audit wheel release clean fuzz soak
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.interfaces
@@ -66,11 +69,13 @@ bench: setup
 	$(BIN)/python -m benchmarks.loop --quick
 else
 bench: setup
-	@echo "bench: loop 65 min, tool 3 min, launches 6 min, simulator 16 min; about 90 min in all"
+	@echo "bench: loop 45 min, simulator 16 min, the others 3 to 6 min each; about 80 min in all"
 	$(MAKE) bench-loop
 	$(MAKE) bench-tool
 	$(MAKE) bench-launches
 	$(MAKE) bench-simulator
+	$(MAKE) bench-looking
+	$(MAKE) bench-summary
 endif
 
 # What a control loop costs, on several executors; writes benchmarks/results/loop.*.
@@ -90,6 +95,16 @@ bench-launches: setup
 # How exactly the simulator keeps time and what it costs; writes benchmarks/results/simulator.json.
 bench-simulator: setup
 	$(BIN)/python benchmarks/simulator.py
+
+# How long commands on a running stack take, and whether it keeps its rates while it is watched;
+# writes benchmarks/results/looking.json and watched.json.
+bench-looking: setup
+	$(BIN)/python benchmarks/looking.py
+	$(BIN)/python benchmarks/watched.py
+
+# Holds the newest results against their goals, in the README.
+bench-summary: setup
+	$(BIN)/python benchmarks/summary.py
 
 # Hostile input for SECONDS in all, see tests/fuzz; writes benchmarks/results/fuzz.json.
 fuzz: SECONDS ?= 60

@@ -75,7 +75,7 @@ def test_a_stack_is_told_with_its_nodes_and_rates_and_a_throttled_topic_is_marke
         assert est["rate"]["count"] > 5
         assert topics["/obelisk/dummy/imu"]["passage"]["p50_s"] < 60
         assert any("active" in line for line in view["lines"])
-        assert f"\n  {EST.rpartition('/')[2]} " in obk("monitor", "--once").stdout
+        assert f" {EST.rpartition('/')[2]} " in obk("monitor", "--once").stdout
         with throttled(estimation):
             eventually(lambda: EST in off(), "the throttled topic")
 

@@ -21,12 +21,19 @@ class Shown(Screen):
         self.lines.append(line)
 
 
+class Ros:
+    """The door to ROS, which nobody goes through."""
+
+    def look(self) -> None:
+        return None
+
+
 def test_a_socket_that_cannot_be_is_told_and_no_more(tmp_path: Path) -> None:
     (tmp_path / "control.sock").write_text("in the way")
     screen = Shown()
     inbox: SimpleQueue[Heard] = SimpleQueue()
     output = Output(None, screen, LaunchReport((), colour=False, quiet=False), ())
     with ExitStack() as stack:
-        _serve_others(tmp_path, inbox, output, stack)
+        _serve_others(tmp_path, Ros(), inbox, output, stack)  # type: ignore[arg-type]
     (line,) = screen.lines
     assert line.startswith("warning: other terminals are not answered: ")
