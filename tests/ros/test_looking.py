@@ -342,7 +342,8 @@ def test_services_are_listed_and_called(talker: Talker) -> None:
 
 def test_a_stack_is_looked_into_from_any_domain(monkeypatch: pytest.MonkeyPatch) -> None:
     domain = os.environ["ROS_DOMAIN_ID"]
-    with launched(DUMMY, "--quiet"):
+    # In its first seconds a launch takes whoever else publishes commands for a danger.
+    with launched(DUMMY, "--quiet", "--allow-foreign"):
         monkeypatch.delenv("ROS_DOMAIN_ID")
         nodes = {node["node"]: node for node in told("node", "list")}
         assert nodes["/obelisk_control_0"]["state"] == "active"

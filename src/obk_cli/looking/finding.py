@@ -18,6 +18,8 @@ __all__ = ["find_node", "find_service", "find_topic", "settle", "the_type"]
 
 OTHERS_QUIET_S: Final = 1.0
 """In which nothing is told any more, where it is not known who is there [s]."""
+STRANGERS_S: Final = 3.3
+"""Within which also nodes that announce themselves every 3 s have done so [s]."""
 
 
 def settle(look: "Sight", place: Place, timeout_s: float, *, wait_s: float | None = None) -> None:
@@ -128,6 +130,10 @@ def _find(
     _require_somebody(look, place, timeout_s)
     if len(likely) != 1:
         settle(look, place, timeout_s)
+        likely = meant(name, there())
+    if not likely:
+        # The nodes that are known to run were waited for; it may be one that is not.
+        look.rest(min(place.nobody_s, STRANGERS_S))
         likely = meant(name, there())
     if len(likely) == 1:
         full = likely[0]

@@ -69,3 +69,28 @@ def test_what_is_named_is_not_waited_for_where_nobody_is(tmp_path: Path, name: s
         with pytest.raises(CommandFailedError, match="no stack runs"):
             find(cast(RosLook, look), place(tmp_path), name, 5.0)
         assert look.waited_s == [1.0]
+
+
+class Later(Nobody):
+    """A stack's node at once, and another one after a rest."""
+
+    def nodes(self) -> tuple[str, ...]:
+        return ("/arm", "/talker") if self.waited_s else ("/arm",)
+
+    def wait_for(self, probe: Any, timeout_s: float) -> Any:
+        return probe()
+
+    def settle(self, *_: object) -> bool:
+        return True
+
+
+def test_a_node_that_is_not_of_the_stack_is_given_time_to_tell_of_itself(tmp_path: Path) -> None:
+    look = Later()
+    where = place(tmp_path, runs=True)
+    assert find_node(cast(RosLook, look), where, "talker", 5.0) == "/talker"
+    assert look.waited_s == [1.0]
+    assert find_node(cast(RosLook, Later()), where, "arm", 5.0) == "/arm"
+    patient = Later()
+    with pytest.raises(CommandFailedError, match="there is no node `walker`"):
+        find_node(cast(RosLook, patient), place(tmp_path, 20.0, runs=True), "walker", 5.0)
+    assert patient.waited_s == [3.3]
