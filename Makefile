@@ -102,7 +102,7 @@ bench-looking: setup
 	$(BIN)/python benchmarks/looking.py
 	$(BIN)/python benchmarks/watched.py
 
-# Holds the newest results against their goals, in the README.
+# Holds the newest results against their goals; writes benchmarks/results/goals.md.
 bench-summary: setup
 	$(BIN)/python benchmarks/summary.py
 

@@ -1,25 +1,21 @@
-"""The newest results held against their goals, as a table of the README.
+"""The newest results held against their goals.
 
     python benchmarks/summary.py
 
-Reads `benchmarks/results/*.json` and writes the table between the marks in `README.md`.
+Reads `benchmarks/results/*.json`, all of which have to be there, and writes `goals.md` beside them.
 """
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from obk_cli.adapters.replace_file import replace_file
-
-__all__ = ["main", "with_figures"]
+__all__ = ["Goal", "goals_table", "main"]
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 RESULTS: Final = ROOT / "benchmarks" / "results"
-BEGIN: Final = "<!-- figures: written by benchmarks/summary.py -->"
-END: Final = "<!-- end of figures -->"
 LIBRARY: Final = "obelisk nodes"
 WORK: Final = {"rate_hz": 1000, "joints": 30, "nodes": 3}
 
@@ -216,23 +212,15 @@ GOALS: Final = (
 )
 
 
-def with_figures(text: str, results: Results) -> str:
-    """A text with the table of these results between its marks.
+def goals_table(goals: Iterable[Goal], results: Results) -> Iterator[str]:
+    """The lines of a Markdown table.
 
     Raises:
-        ValueError: the text has no marks.
+        KeyError: a result is not there.
     """
-    head, mark, rest = text.partition(BEGIN)
-    _, end, tail = rest.partition(END)
-    if not (mark and end):
-        raise ValueError(f"no '{BEGIN}' and '{END}'")
-    return "\n".join([f"{head}{BEGIN}", "", *_table(results), "", f"{END}{tail}"])
-
-
-def _table(results: Results) -> Iterator[str]:
     yield "| | goal | measured | |"
     yield "|---|---|---|---|"
-    for goal in GOALS:
+    for goal in goals:
         value = goal.figure(results)
         met = "met" if goal.is_met_by(value) else "**not met**"
         yield f"| {goal.what} | {goal.words} | {value:.3g}{goal.unit} | {met} |"
@@ -247,9 +235,9 @@ def read_results() -> Results:
 
 def main() -> int:
     """Write the table."""
-    readme = ROOT / "README.md"
-    text = with_figures(readme.read_text(encoding="utf-8"), read_results())
-    replace_file(readme, text.encode())
+    lines = goals_table(GOALS, read_results())
+    text = "\n".join(["# The newest figures, held against their goals", "", *lines, ""])
+    (RESULTS / "goals.md").write_text(text, encoding="utf-8")
     return 0
 
 

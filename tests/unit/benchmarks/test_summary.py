@@ -1,0 +1,34 @@
+"""Goals, and the table of them."""
+
+import pytest
+
+from benchmarks.summary import Goal, goals_table
+
+
+@pytest.mark.parametrize(
+    ("least", "most", "value", "words", "is_met"),
+    [
+        (None, 0.33, 0.33, "≤ 0.33 s", True),
+        (None, 0.33, 0.34, "≤ 0.33 s", False),
+        (99.8, None, 99.7, "≥ 99.8 s", False),
+        (0.8, 1.2, 1.2, "0.8 to 1.2 s", True),
+        (0.8, 1.2, 0.7, "0.8 to 1.2 s", False),
+    ],
+)
+def test_a_goal_is_met_up_to_its_limits(
+    least: float | None, most: float | None, value: float, words: str, is_met: bool
+) -> None:
+    goal = Goal(what="it", least=least, most=most, unit=" s", figure=lambda _: value)
+    assert goal.words == words
+    assert goal.is_met_by(value) is is_met
+
+
+def test_the_table_holds_each_figure_against_its_goal() -> None:
+    goals = (
+        Goal(what="start", most=1.5, unit=" s", figure=lambda results: float(results["up"])),
+        Goal(what="rate", least=99.8, unit=" %", figure=lambda results: float(results["rate"])),
+    )
+    assert list(goals_table(goals, {"up": 1.8312, "rate": 99.9}))[2:] == [
+        "| start | ≤ 1.5 s | 1.83 s | **not met** |",
+        "| rate | ≥ 99.8 % | 99.9 % | met |",
+    ]
