@@ -5,12 +5,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from obk_cli.adapters.bounded_render import render_bounded
-from obk_cli.cli.new import app
-from obk_cli.errors import CommandFailedError, ObkError
+from obk_cli.errors import CommandFailedError
 from obk_cli.scaffold.render import Template, TemplateFaultError, render_templates
+
+from .new_command import obk_new, refused
 
 Tree = Callable[[Path], dict[str, bytes]]
 
@@ -33,18 +33,6 @@ def mine(tmp_path: Path) -> Path:
     (folder / "package_py").mkdir(parents=True)
     (folder / "package_py" / "LICENSE.jinja").write_text("Licence of {{ package }}\n")
     return folder
-
-
-def obk_new(*arguments: str) -> str:
-    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-    return result.stdout
-
-
-def refused(*arguments: str) -> ObkError:
-    result = CliRunner().invoke(app, arguments)
-    assert isinstance(result.exception, ObkError), result.output
-    return result.exception
 
 
 def test_they_are_layered_over_the_tools_own(workspace: Path, mine: Path) -> None:
