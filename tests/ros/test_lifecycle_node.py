@@ -110,8 +110,21 @@ def test_a_forgotten_return_is_named() -> None:
     with spinning(lambda: Misbehaving(None)) as node:
         assert not request(node, "configure")
         assert node.last_fault is not None
-        assert "returned None, expected a TransitionCallbackReturn" in node.last_fault.text
+        assert node.last_fault.text == (
+            "`Misbehaving.on_configure` returned None, expected a TransitionCallbackReturn "
+            "(did the callback forget its return statement?)"
+        )
         assert node.state_label == "unconfigured"
+
+
+def test_an_answer_of_another_type_is_named_with_the_class_and_the_method() -> None:
+    with spinning(lambda: Misbehaving(False)) as node:
+        assert not request(node, "configure")
+        assert node.last_fault is not None
+        assert str(node.last_fault) == (
+            "on_configure: `Misbehaving.on_configure` returned False, expected a "
+            "TransitionCallbackReturn"
+        )
 
 
 def test_a_failure_leaves_the_node_where_it_was_and_says_so() -> None:
@@ -119,7 +132,7 @@ def test_a_failure_leaves_the_node_where_it_was_and_says_so() -> None:
         assert not request(node, "configure")
         assert node.state_label == "unconfigured"
         assert node.last_fault is not None
-        assert node.last_fault.text == "returned FAILURE"
+        assert node.last_fault.text.startswith("`Misbehaving.on_configure` returned FAILURE and ")
 
 
 def test_what_a_callback_told_before_it_answers_error_is_what_is_kept() -> None:

@@ -211,7 +211,7 @@ class GuardedLifecycleNode(LifecycleNode):
         self.get_logger().error(str(self.last_fault).replace("\n", "\n  "))
 
     def _guarded_transition(self, callback: TransitionCallback) -> TransitionCallback:
-        where = callback.__name__
+        where, method = callback.__name__, callback.__qualname__
         failed = TransitionCallbackReturn.FAILURE if where == "on_error" else ERROR
 
         def call(state: LifecycleState) -> TransitionCallbackReturn:
@@ -233,15 +233,19 @@ class GuardedLifecycleNode(LifecycleNode):
                 self._keep(error, where)
                 return failed
             if not isinstance(result, TransitionCallbackReturn):
+                hint = " (did the callback forget its return statement?)" if result is None else ""
                 self._keep(
-                    f"returned {result!r}, expected a TransitionCallbackReturn "
-                    "(did the callback forget its return statement?)",
+                    f"`{method}` returned {result!r}, expected a TransitionCallbackReturn{hint}",
                     where,
                 )
                 return failed
             # A callback that told what is wrong by `fail` has said more than its answer does.
             if result != SUCCESS and not self.is_failing():
-                self._keep(f"returned {result.name}", where)
+                self._keep(
+                    f"`{method}` returned {result.name} and did not say why; "
+                    "what it raises in place of that is told here",
+                    where,
+                )
             return result
 
         return call
