@@ -13,6 +13,7 @@ ROS ?= $(or $(shell cat $(VENV)/.ros 2>/dev/null),wheels)
 PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
 INSTALL := $(PIP) install --no-deps --no-build-isolation
 PYTHONS := 3.12 3.13
+PEER := build/peer/bin/check-jsonschema
 
 # Where Python may not keep what it compiled, every start of obk compiles all of it anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -62,49 +63,44 @@ site:
 	! grep -rnE '(src|<link[^>]* href)="?https?://' build/site --include='*.html'
 	@echo "site: build/site/index.html; with search: $(PYTHON) -m http.server --directory build/site"
 
-# What has to be measured on a quiet machine, one after another; QUICK=1: whether the loop's suite
-# runs, in a minute.
+# What has to be measured on a quiet machine, one after another; says first how long it takes.
+#
+#   make bench GO_ON=1              what was interrupted goes on
+#   make bench PARTS="loop tool"    some of it
+#   make bench QUICK=1              whether the loop's suite runs, in a minute
 ifdef QUICK
 bench: setup
 	$(BIN)/python -m benchmarks.loop --quick
 else
-bench: setup
-	@echo "bench: loop 45 min, simulator 16 min, the others 3 to 6 min each; about 80 min in all"
-	$(MAKE) bench-loop
-	$(MAKE) bench-tool
-	$(MAKE) bench-launches
-	$(MAKE) bench-simulator
-	$(MAKE) bench-looking
-	$(MAKE) bench-summary
+bench: setup $(PEER)
+	$(BIN)/python -m benchmarks $(if $(GO_ON),--go-on) $(if $(PARTS),--parts $(PARTS))
 endif
 
-# What a control loop costs, on several executors; writes benchmarks/results/loop.*.
+# One part and its whole: more rounds than in `make bench`, an hour of the simulator's time.
 bench-loop: setup
 	$(BIN)/python -m benchmarks.loop
 
-# How long the command line takes, next to check-jsonschema; writes benchmarks/results/tool.json.
-bench-tool: setup
+bench-tool: setup $(PEER)
+	$(BIN)/python -m benchmarks.tool $(PEER)
+
+bench-launches: setup
+	$(BIN)/python -m benchmarks.launches
+
+bench-simulator: setup
+	$(BIN)/python -m benchmarks.simulator
+
+bench-looking: setup
+	$(BIN)/python -m benchmarks.looking
+	$(BIN)/python -m benchmarks.watched
+
+# Holds the results that are there against their goals; writes benchmarks/results/goals.md.
+bench-summary: setup
+	$(BIN)/python -m benchmarks.summary
+
+# What `obk validate` is held against.
+$(PEER):
 	$(PYTHON) -m venv build/peer
 	build/peer/bin/python -m pip -qq install check-jsonschema==0.39.0
-	$(BIN)/python benchmarks/tool.py build/peer/bin/check-jsonschema
-
-# How long the dummy stack takes to come up and to end; writes benchmarks/results/launches.json.
-bench-launches: setup
-	$(BIN)/python benchmarks/launches.py
-
-# How exactly the simulator keeps time and what it costs; writes benchmarks/results/simulator.json.
-bench-simulator: setup
-	$(BIN)/python benchmarks/simulator.py
-
-# How long commands on a running stack take, and whether it keeps its rates while it is watched;
-# writes benchmarks/results/looking.json and watched.json.
-bench-looking: setup
-	$(BIN)/python benchmarks/looking.py
-	$(BIN)/python benchmarks/watched.py
-
-# Holds the newest results against their goals; writes benchmarks/results/goals.md.
-bench-summary: setup
-	$(BIN)/python benchmarks/summary.py
 
 # Hostile input for SECONDS in all, see tests/fuzz; writes benchmarks/results/fuzz.json.
 fuzz: SECONDS ?= 60

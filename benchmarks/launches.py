@@ -1,6 +1,6 @@
 """Launches and ends the dummy stack again and again, and looks for what is left behind.
 
-    python benchmarks/launches.py [--rounds N] [--kills N]
+    python -m benchmarks.launches [--rounds N] [--kills N]
 
 Each round brings the stack to active and down again; each kill ends the launcher by SIGKILL at a
 random moment of the bring-up. Afterwards no process of a round and no file of ours in shared
@@ -22,6 +22,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import psutil
+
+from benchmarks.stolen import StolenTime, warn_of_stolen_time
 
 ROOT = Path(__file__).resolve().parents[1]
 OBK = Path(sys.executable).with_name("obk")
@@ -51,7 +53,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
     before = set(SHARED_MEMORY.iterdir())
-    tally = Tally()
+    tally, stolen = Tally(), StolenTime()
     with tempfile.TemporaryDirectory(prefix="obk-launches-") as home:
         environment = {**os.environ, "OBK_HOME": home, MARK: home}
         for number in range(asked.rounds):
@@ -61,9 +63,11 @@ def main() -> int:
         for number in range(asked.kills):
             kill_during_bring_up(environment, moments.uniform(0.0, 2.0), tally)
             print(f"\r{number + 1} of {asked.kills} kills   ", end="", flush=True)
+    stolen_percent = stolen.percent()
     tally.left_over += unused_files(before)
     print()
-    return report(tally, asked.rounds, asked.kills)
+    warn_of_stolen_time(stolen_percent)
+    return report(tally, asked, stolen_percent)
 
 
 def launch_and_end(environment: dict[str, str], tally: Tally) -> None:
@@ -139,12 +143,13 @@ def unused_files(before: set[Path]) -> list[str]:
     return sorted(path for path in new if not any(stem in path for stem in stems))
 
 
-def report(tally: Tally, rounds: int, kills: int) -> int:
+def report(tally: Tally, asked: argparse.Namespace, stolen_percent: float) -> int:
     """Print the figures and write them down."""
     figures = {
         "machine": f"{platform.machine()}, {os.cpu_count()} processors",
-        "rounds": rounds,
-        "kills": kills,
+        "stolen_percent": stolen_percent,
+        "rounds": asked.rounds,
+        "kills": asked.kills,
         "up_s": spread(tally.up_s),
         "down_s": spread(tally.down_s),
         "failed": tally.failed,

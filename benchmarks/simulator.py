@@ -1,6 +1,7 @@
 """How exactly the simulator keeps time, and what it costs beyond MuJoCo.
 
-    python benchmarks/simulator.py [--hour-steps N] [--schedule-s S] [--realtime-s S] [--rounds N]
+    python -m benchmarks.simulator [--only PART...] [--hour-steps N] [--schedule-s S]
+        [--realtime-s S] [--rounds N]
 
 Four parts, on the model and the sensor groups of the dummy example, with real publishers:
 
@@ -34,6 +35,7 @@ from obelisk_sensor_msgs.msg import ObkImu, ObkJointEncoders
 from rclpy.lifecycle import LifecycleNode
 from rclpy.serialization import deserialize_message
 
+from benchmarks.stolen import StolenTime, warn_of_stolen_time
 from obelisk_py.core.cdr import PackedMessage
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.loading import load_model
@@ -321,7 +323,9 @@ class _listener:  # noqa: N801  (used as a statement)
 
     def __init__(self, prefix: str) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, __file__, "--listen", prefix], stdin=subprocess.PIPE
+            [sys.executable, "-m", "benchmarks.simulator", "--listen", prefix],
+            stdin=subprocess.PIPE,
+            cwd=ROOT,
         )
 
     def __enter__(self) -> None:
@@ -365,7 +369,7 @@ def main() -> int:
     parser.add_argument("--realtime-s", type=float, default=60.0)
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--steps", type=int, default=5_000, help="of a round")
-    parser.add_argument("--only", choices=["hour", "schedule", "realtime", "cost"])
+    parser.add_argument("--only", nargs="+", choices=["hour", "schedule", "realtime", "cost"])
     parser.add_argument("--listen", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.listen:
@@ -383,9 +387,11 @@ def main() -> int:
     result = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {}
     result["machine"] = f"{platform.machine()}, {os.cpu_count()} processors"
     for name, part in parts.items():
-        if options.only in (None, name):
-            load = os.getloadavg()[0]
-            result[name] = rounded({**part(), "load_average": [load, os.getloadavg()[0]]})
+        if not options.only or name in options.only:
+            load, stolen = os.getloadavg()[0], StolenTime()
+            found = {**part(), "stolen_percent": stolen.percent()}
+            warn_of_stolen_time(found["stolen_percent"])
+            result[name] = rounded({**found, "load_average": [load, os.getloadavg()[0]]})
     text = json.dumps(result, indent=1)
     RESULT.write_text(text + "\n", encoding="utf-8")
     print(text)

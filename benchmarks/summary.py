@@ -1,8 +1,8 @@
 """The newest results held against their goals.
 
-    python benchmarks/summary.py
+    python -m benchmarks.summary
 
-Reads `benchmarks/results/*.json`, all of which have to be there, and writes `goals.md` beside them.
+Reads `benchmarks/results/*.json`, as many as there are, and writes `goals.md` beside them.
 """
 
 import json
@@ -12,7 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-__all__ = ["Goal", "goals_table", "main"]
+from benchmarks.stolen import DISTURBED_PERCENT
+
+__all__ = ["Goal", "goals_table", "main", "notes"]
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 RESULTS: Final = ROOT / "benchmarks" / "results"
@@ -52,7 +54,10 @@ def loop(results: Results, layout: str, **point: int) -> Mapping[str, Any]:
     """The library's row of the loop's suite at one point."""
     wanted = {"contestant": LIBRARY, "layout": layout, **WORK, **point}
     rows: list[Mapping[str, Any]] = results["loop"]["cases"]
-    return next(row for row in rows if row["case"] == wanted)
+    found = next((row for row in rows if row["case"] == wanted and row["runs"]), None)
+    if found is None:
+        raise KeyError(f"{wanted} was not measured")
+    return found
 
 
 def ratio(layout: str, name: str) -> Callable[[Results], float]:
@@ -213,17 +218,37 @@ GOALS: Final = (
 
 
 def goals_table(goals: Iterable[Goal], results: Results) -> Iterator[str]:
-    """The lines of a Markdown table.
-
-    Raises:
-        KeyError: a result is not there.
-    """
+    """The lines of a Markdown table."""
     yield "| | goal | measured | |"
     yield "|---|---|---|---|"
     for goal in goals:
-        value = goal.figure(results)
+        try:
+            value = goal.figure(results)
+        except KeyError:
+            yield f"| {goal.what} | {goal.words} | | not measured |"
+            continue
         met = "met" if goal.is_met_by(value) else "**not met**"
         yield f"| {goal.what} | {goal.words} | {value:.3g}{goal.unit} | {met} |"
+
+
+def notes(results: Results) -> Iterator[str]:
+    """Which of the results the machine's host, or other work, had a part in."""
+    for name, found in sorted(results.items()):
+        if (stolen := _stolen_percent(found)) > DISTURBED_PERCENT:
+            yield f"{name}: up to {stolen:.0f} % of a core was stolen by the machine's host"
+        if isinstance(found, dict) and found.get("is_quiet") is False:
+            yield f"{name}: the machine was not quiet before every round"
+
+
+def _stolen_percent(found: Any) -> float:
+    """The most that is told anywhere within a result [% of a core]."""
+    if isinstance(found, list):
+        return max(map(_stolen_percent, found), default=0.0)
+    if not isinstance(found, dict):
+        return 0.0
+    own = found.get("stolen_percent", 0.0)
+    inner = max(map(_stolen_percent, found.values()), default=0.0)
+    return max(inner, own if isinstance(own, int | float) else 0.0)
 
 
 def read_results() -> Results:
@@ -235,8 +260,10 @@ def read_results() -> Results:
 
 def main() -> int:
     """Write the table."""
-    lines = goals_table(GOALS, read_results())
-    text = "\n".join(["# The newest figures, held against their goals", "", *lines, ""])
+    results = read_results()
+    lines = ["# The newest figures, held against their goals", "", *goals_table(GOALS, results), ""]
+    told = [f"- {note}" for note in notes(results)]
+    text = "\n".join([*lines, *told, ""] if told else lines)
     (RESULTS / "goals.md").write_text(text, encoding="utf-8")
     return 0
 

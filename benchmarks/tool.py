@@ -1,6 +1,6 @@
 """How long the command line takes, next to check-jsonschema on the same files and schema.
 
-    python benchmarks/tool.py PEER [--repeats N]
+    python -m benchmarks.tool PEER [--repeats N]
 
 PEER is the path of a `check-jsonschema`. Every run is a fresh process; the kinds of runs take
 turns, so that whatever else the machine does falls on all of them. Medians and quartiles go to
@@ -20,6 +20,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from benchmarks.stolen import StolenTime, warn_of_stolen_time
 
 ROOT = Path(__file__).resolve().parents[1]
 OBK = Path(sys.executable).with_name("obk")
@@ -168,9 +170,15 @@ def main() -> None:
     parser.add_argument("peer", help="path of a check-jsonschema")
     parser.add_argument("--repeats", type=int, default=9)
     given = parser.parse_args()
+    stolen = StolenTime()
     with tempfile.TemporaryDirectory() as name:
         times = measured(given.peer, given.repeats, Path(name))
-    result = report(times, given.repeats, len(big_config().encode()))
+    stolen_percent = stolen.percent()
+    warn_of_stolen_time(stolen_percent)
+    result = {
+        "stolen_percent": stolen_percent,
+        **report(times, given.repeats, len(big_config().encode())),
+    }
     RESULT.parent.mkdir(exist_ok=True)
     RESULT.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     print(json.dumps(result, indent=2))

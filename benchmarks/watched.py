@@ -1,6 +1,6 @@
 """Whether the dummy stack keeps its rates while it is watched, and what the watching costs.
 
-    python benchmarks/watched.py [--seconds S] [--rounds N]
+    python -m benchmarks.watched [--seconds S] [--rounds N]
 
 Launches the stack, in a process for each node and composed in one, alone and watched: then `obk
 monitor` looks at it, and a life-cycle service of each node is called once a second. Ticks are the
@@ -28,6 +28,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import GetState
 from rclpy.executors import SingleThreadedExecutor
 
+from benchmarks.stolen import StolenTime, warn_of_stolen_time
 from obk_cli.adapters.free_domain import free_domain
 from obk_cli.adapters.ros_rates import rates_told
 
@@ -130,7 +131,7 @@ def measure(options: Sequence[str], seconds: float, *, is_watched: bool) -> dict
         if is_watched:
             time.sleep(SETTLE_S)
         node.create_subscription(DiagnosticArray, "/diagnostics", counts.take, 100)
-        begin, used = time.monotonic(), _cpu_s(watcher)
+        begin, used, stolen = time.monotonic(), _cpu_s(watcher), StolenTime()
         next_call = begin
         while (now := time.monotonic()) < begin + seconds:
             if is_watched and now >= next_call:
@@ -143,6 +144,7 @@ def measure(options: Sequence[str], seconds: float, *, is_watched: bool) -> dict
             "calls": len(answers),
             "answered": sum(answer.done() for answer in answers),
             "monitor_cores": (_cpu_s(watcher) - used) / took,
+            "stolen_percent": stolen.percent(),
             "processes": len(launcher.children(recursive=True)),
         }
 
@@ -177,6 +179,7 @@ def main() -> int:
                     runs.setdefault(name, []).append(run)
                     print(name, json.dumps(run))
         rclpy.shutdown()
+    warn_of_stolen_time(max(run["stolen_percent"] for found in runs.values() for run in found))
     result = {
         "seconds": asked.seconds,
         "least_kept": {

@@ -1,28 +1,52 @@
 """What a control loop costs and how exactly it keeps time, on several executors side by side.
 
-    python -m benchmarks.loop [--quick] [--parts PART...] [--rounds N] [--seconds S]
+    python -m benchmarks.loop [--quick] [--parts PART...] [--rounds N] [--seconds S] [--go-on]
 
 Three nodes in a ring (simulator, estimator, controller), each with a timer, a publisher and a
 subscription; in a process each, and all in one. Parts: the work itself at 1 kHz with 30 joints, and
 curves over the number of nodes, the rate, the size of the messages. Writes `loop.json`, `loop.md`
 and `loop_<part>.svg`. A contestant that cannot do its work is a result; exit code 1 where none can.
+
+Every run is kept in build/benchmarks/loop.jsonl. Parts that were measured apart are joined; with
+--go-on only runs are made that are not there, so that an interrupted suite is finished.
 """
 
 import argparse
 import os
 import subprocess
 import sys
-import time
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from benchmarks.loop.cases import CONTESTANTS, LAYOUTS, PARTS, cases_of
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+
+from benchmarks.loop.cases import (
+    CONTESTANTS,
+    LAYOUTS,
+    PARTS,
+    Case,
+    Effort,
+    cases_of,
+    effort_of,
+)
 from benchmarks.loop.figures import Figures
 from benchmarks.loop.floor import build_floor
+from benchmarks.loop.journal import append_record, read_journal, write_journal
 from benchmarks.loop.plots import CURVES, draw_curve
-from benchmarks.loop.report import rows_of, table, write_json, write_table
-from benchmarks.loop.suite import Run, estimate_s, run_suite
+from benchmarks.loop.report import (
+    disturbances,
+    machine,
+    rows_of,
+    table,
+    write_json,
+    write_table,
+)
+from benchmarks.loop.suite import Record, estimate_s, run_suite, suite_of
+from benchmarks.loop.turns import Run, turns_of
 from obk_cli.adapters.free_domain import free_domain
+from obk_cli.adapters.versions import run_versions
 from obk_interfaces.errors import BuildToolError
 
 __all__ = ["main"]
@@ -30,42 +54,91 @@ __all__ = ["main"]
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build" / "benchmarks"
 RESULTS = ROOT / "benchmarks" / "results"
+JOURNAL = "loop.jsonl"
 
 
 def main() -> int:
     """Measure, tell, write."""
     asked = options()
-    cases = cases_of(asked.parts, asked.contestants, asked.layouts)
-    about_s = estimate_s(cases, rounds=asked.rounds, seconds=asked.seconds)
-    total = asked.rounds * len(cases)
-    print(f"{len(cases)} cases, {asked.rounds} rounds: about {clock(about_s)} on a quiet machine")
+    efforts = efforts_of(asked)
+    journal = (asked.results if asked.results != RESULTS else BUILD) / JOURNAL
+    surroundings = {"machine": machine(), "versions": dict(run_versions())}
+    before = read_journal(journal, surroundings)
+    stays = before if asked.go_on else others(before, efforts)
+    done = [record for record in stays if isinstance(record, Run) and record.case in efforts]
     try:
         floor = build_floor(BUILD)
     except (BuildToolError, subprocess.CalledProcessError) as error:
         print(f"the floor cannot be compiled: {error}", file=sys.stderr)
         return 1
-    begin_s = time.monotonic()
-    count = 0
-
-    def told(run: Run) -> None:
-        nonlocal count
-        count += 1
-        print(f"{count}/{total} {clock(time.monotonic() - begin_s)} {run.case}: {sentence(run)}")
-
+    write_journal(journal, surroundings, stays)
     with ExitStack() as stack:
         if "ROS_DOMAIN_ID" not in os.environ:
             os.environ["ROS_DOMAIN_ID"] = str(stack.enter_context(free_domain()))
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        suite = run_suite(cases, rounds=asked.rounds, seconds=asked.seconds, floor=floor, told=told)
-    asked.results.mkdir(parents=True, exist_ok=True)
+        measure_with_progress(efforts, done, floor, journal)
+    return write_results(asked.results, efforts, read_journal(journal, surroundings))
+
+
+def measure_with_progress(
+    efforts: Mapping[Case, Effort], done: Sequence[Run], floor: Path, journal: Path
+) -> None:
+    """Make what is not done, with a bar on a terminal and a line for each run."""
+    turns = turns_of(efforts, done)
+    whole_s = estimate_s(turns)
+    console = Console()
+    console.print(
+        f"{len(efforts)} cases, {len(turns)} runs, {len(done)} done before: "
+        f"about {clock(whole_s)} on a quiet machine"
+    )
+    shown = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %"))
+    with Progress(*shown, console=console) as progress:
+        task = progress.add_task(f"about {clock(whole_s)} left", total=whole_s)
+
+        def told(run: Run, left_s: float) -> None:
+            progress.console.print(f"{run.case}: {sentence(run)}", highlight=False, soft_wrap=True)
+            whole = max(whole_s, left_s)
+            progress.update(
+                task, completed=whole - left_s, description=f"about {clock(left_s)} left"
+            )
+
+        def keep(record: Record) -> None:
+            append_record(journal, record)
+
+        run_suite(efforts, done, floor=floor, keep=keep, told=told)
+
+
+def write_results(folder: Path, asked: Mapping[Case, Effort], records: Sequence[Record]) -> int:
+    """Table, curves and numbers of all that is there; the exit code."""
+    folder.mkdir(parents=True, exist_ok=True)
+    cases = dict.fromkeys(record.case for record in records if isinstance(record, Run))
+    suite = suite_of({case: effort_of(case) for case in cases} | dict(asked), records)
     rows = rows_of(suite)
-    write_json(asked.results / "loop.json", suite)
-    write_table(asked.results / "loop.md", suite)
+    write_json(folder / "loop.json", suite)
+    write_table(folder / "loop.md", suite)
     for part in CURVES:
-        if part in asked.parts:
-            draw_curve(asked.results, part, rows)
-    print("", *table(rows), f"\nwritten to {asked.results}", sep="\n")
+        if set(cases_of([part], CONTESTANTS, LAYOUTS)) <= cases.keys():
+            draw_curve(folder, part, rows)
+    print("", *disturbances(suite), "", *table(rows), f"\nwritten to {folder}", sep="\n")
     return int(not any(row.runs for row in rows))
+
+
+def others(before: Sequence[Record], efforts: Mapping[Case, Effort]) -> tuple[Record, ...]:
+    """What stays of a journal when some cases are measured anew."""
+    if not any(isinstance(record, Run) and record.case not in efforts for record in before):
+        return ()
+    return tuple(r for r in before if not isinstance(r, Run) or r.case not in efforts)
+
+
+def efforts_of(asked: argparse.Namespace) -> dict[Case, Effort]:
+    """How well each case is to be measured."""
+    return {
+        case: Effort(
+            rounds=asked.rounds or effort_of(case).rounds,
+            seconds=asked.seconds or effort_of(case).seconds,
+        )
+        for case in cases_of(asked.parts, asked.contestants, asked.layouts)
+    }
 
 
 def options() -> argparse.Namespace:
@@ -76,21 +149,22 @@ def options() -> argparse.Namespace:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--quick", action="store_true", help="the work alone, once, a minute")
+    parser.add_argument("--go-on", action="store_true", help="make only runs that are not there")
     parser.add_argument("--parts", nargs="+", choices=PARTS, help="default: all")
     parser.add_argument("--contestants", nargs="+", choices=CONTESTANTS, default=CONTESTANTS)
     parser.add_argument("--layouts", nargs="+", choices=LAYOUTS, default=LAYOUTS)
-    parser.add_argument("--rounds", type=int, help="default: 5")
-    parser.add_argument("--seconds", type=float, help="of each run; default: 3")
+    parser.add_argument("--rounds", type=int, help="default: 5 of the work, 3 of the curves")
+    parser.add_argument("--seconds", type=float, help="of each run; default: 3 and 2")
     parser.add_argument(
         "--results",
         type=Path,
-        help="folder; default: benchmarks/results, with --quick build/benchmarks",
+        help="folder; default: benchmarks/results, with --quick build/benchmarks/quick",
     )
     asked = parser.parse_args()
     asked.parts = asked.parts or (["work"] if asked.quick else list(PARTS))
-    asked.rounds = asked.rounds or (1 if asked.quick else 5)
-    asked.seconds = asked.seconds or (1.0 if asked.quick else 3.0)
-    asked.results = asked.results or (BUILD if asked.quick else RESULTS)
+    if asked.quick:
+        asked.rounds, asked.seconds = asked.rounds or 1, asked.seconds or 1.0
+    asked.results = asked.results or (BUILD / "quick" if asked.quick else RESULTS)
     return asked
 
 
@@ -101,7 +175,8 @@ def sentence(run: Run) -> str:
     figures = run.outcome
     return (
         f"CPU {figures.cpu_percent:.0f} %, lateness p99 {figures.late_p99_us:.0f} us, "
-        f"slowest node {figures.rate_hz:.1f} Hz, others {figures.others_percent:.0f} %"
+        f"slowest node {figures.rate_hz:.1f} Hz, others {figures.others_percent:.0f} %, "
+        f"stolen {figures.stolen_percent:.0f} %"
     )
 
 
@@ -113,4 +188,7 @@ def clock(seconds: float) -> str:
 if __name__ == "__main__":
     # Who is watching sees each line when it comes, also through a pipe.
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit("interrupted; what was measured is kept for --go-on")

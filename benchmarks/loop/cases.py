@@ -7,13 +7,17 @@ from typing import Any
 __all__ = [
     "BASELINE",
     "CONTESTANTS",
+    "CURVE",
     "FLOOR",
     "LAYOUTS",
     "LIBRARY",
     "PARTS",
     "ROLES",
+    "WORK",
     "Case",
+    "Effort",
     "cases_of",
+    "effort_of",
 ]
 
 ROLES = ("sim", "est", "ctrl")
@@ -68,6 +72,24 @@ class Case:
     def as_dict(self) -> dict[str, Any]:
         """The fields by name."""
         return asdict(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Effort:
+    """How well a case is measured."""
+
+    rounds: int
+    seconds: float
+    """Of each run."""
+
+
+WORK = Effort(rounds=5, seconds=3.0)
+CURVE = Effort(rounds=3, seconds=2.0)
+
+
+def effort_of(case: Case) -> Effort:
+    """The work itself is measured best; a curve has its neighbours to be held against."""
+    return WORK if case == Case(contestant=case.contestant, layout=case.layout) else CURVE
 
 
 POINTS: dict[str, tuple[dict[str, int], ...]] = {

@@ -31,6 +31,8 @@ class Usage:
     """Of the nodes' processes."""
     others: float
     """Of whatever else the machine did meanwhile, this suite included."""
+    stolen: float
+    """By the machine's host."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,6 +45,8 @@ class Figures:
     """The same for each tick of a node: also right where ticks were missed."""
     others_percent: float
     """Of one core, everything else on the machine."""
+    stolen_percent: float
+    """Of one core, what the machine's host kept from it."""
     rate_hz: float
     """Of the slowest node."""
     late_p50_us: float
@@ -91,6 +95,7 @@ def figures_of(records: Iterable[NodeRecord], usage: Usage, begin_ns: int, end_n
         cpu_percent=usage.own,
         cpu_per_tick_us=usage.own / 100 * (end_ns - begin_ns) / len(late_ns) / 1e3,
         others_percent=usage.others,
+        stolen_percent=usage.stolen,
         rate_hz=min(rates_hz),
         late_p50_us=percentile(late_ns, 0.50) / 1e3,
         late_p99_us=percentile(late_ns, 0.99) / 1e3,

@@ -9,13 +9,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.loop.cases import CONTESTANTS, LAYOUTS, Case
-from benchmarks.loop.figures import Figures, Spread, ratios, spreads
-from benchmarks.loop.run import Failed
-from benchmarks.loop.suite import Run, Suite
+from benchmarks.loop.cases import CONTESTANTS, CURVE, FLOOR, LAYOUTS, WORK, Case
+from benchmarks.loop.figures import Figures, Spread, ratios, spread, spreads
+from benchmarks.loop.suite import Suite
+from benchmarks.loop.turns import Failed, Run
+from benchmarks.stolen import DISTURBED_PERCENT
 from obk_cli.adapters.versions import run_versions
 
-__all__ = ["Row", "rows_of", "table", "write_json", "write_table"]
+__all__ = ["Row", "machine", "rows_of", "table", "write_json", "write_table"]
 
 IN_RATIO = ("cpu_percent", "cpu_per_tick_us", "late_p99_us", "latency_p99_ms")
 QUIET_PERCENT = 10.0
@@ -61,12 +62,16 @@ def rows_of(suite: Suite) -> tuple[Row, ...]:
 
 def write_json(path: Path, suite: Suite) -> None:
     """Write everything down, the machine and its load too."""
+    found = _stolen_percents(suite)
     content = {
-        "machine": _machine(),
+        "machine": machine(),
         "versions": dict(run_versions()),
         "is_quiet": _is_quiet(suite),
+        "stolen_percent": spread(found).median if found else 0.0,
+        "runs_disturbed": suite.disturbed,
+        "runs_disturbed_and_kept": suite.disturbed_and_kept,
         "before_each_round": [asdict(load) for load in suite.loads],
-        "seconds_of_each_run": suite.seconds,
+        "seconds_of_each_run": {"work": WORK.seconds, "curves": CURVE.seconds},
         "cases": [{**asdict(row), "case": row.case.as_dict()} for row in rows_of(suite)],
     }
     path.write_text(json.dumps(_rounded(content), indent=1) + "\n", encoding="utf-8")
@@ -74,7 +79,6 @@ def write_json(path: Path, suite: Suite) -> None:
 
 def write_table(path: Path, suite: Suite) -> None:
     """Write the table of the work as Markdown."""
-    busy = ", ".join(f"{load.busy_percent:.0f} %" for load in suite.loads)
     lines = [
         "# The loop",
         "",
@@ -82,13 +86,44 @@ def write_table(path: Path, suite: Suite) -> None:
         "(least to greatest) of the rounds; ratios are to rclpy's SingleThreadedExecutor in the",
         "same round.",
         "",
-        *(f"- {name}: {value}" for name, value in _machine().items()),
+        *(f"- {name}: {value}" for name, value in machine().items()),
         f"- versions: {', '.join(f'{name} {it}' for name, it in run_versions().items())}",
-        f"- {len(suite.loads)} rounds, {suite.seconds:g} s for each run; busy before each: {busy}",
+        *(f"- {line}" for line in disturbances(suite)),
     ]
     if not _is_quiet(suite):
-        lines += ["", "**The machine was busy with other work: these figures prove nothing.**"]
+        lines += [
+            "",
+            "**The machine was busy with other work, or its host took time from it: these figures "
+            "prove nothing.**",
+        ]
     path.write_text("\n".join([*lines, "", *table(rows_of(suite)), ""]), encoding="utf-8")
+
+
+def disturbances(suite: Suite) -> list[str]:
+    """What the figures have to be read with."""
+    loads = suite.loads
+    lines = [
+        f"before each of {len(loads)} rounds: busy {_range([load.busy_percent for load in loads])} "
+        f"%; a bare timer of 1 kHz {_range([load.bare_late_p99_us for load in loads])} us late "
+        f"(p99), with {_range([load.bare_stolen_percent for load in loads])} % of a core stolen"
+    ]
+    if found := _stolen_percents(suite):
+        of_floor = [
+            run.outcome.stolen_percent
+            for run in suite.runs
+            if isinstance(run.outcome, Figures) and run.case.contestant == FLOOR
+        ]
+        floor = f", from {FLOOR} {_range(of_floor)} %" if of_floor else ""
+        lines.append(
+            f"stolen by the host during runs: {_range(found)} % of a core{floor}; a part of it is "
+            "the price of a contestant's own wake-ups"
+        )
+    lines.append(
+        f"{suite.disturbed} runs had {DISTURBED_PERCENT:g} % of a core more stolen than the "
+        f"quietest run of the same case; {suite.disturbed_and_kept} of them count all the same, "
+        "as none better came of further rounds"
+    )
+    return lines
 
 
 def table(rows: Iterable[Row]) -> list[str]:
@@ -144,10 +179,23 @@ def _figures(runs: Iterable[Run]) -> dict[int, Figures]:
 
 
 def _is_quiet(suite: Suite) -> bool:
-    return all(load.busy_percent < QUIET_PERCENT for load in suite.loads)
+    """Nothing else to do before any round, and next to nothing stolen before most of them."""
+    stolen = [load.bare_stolen_percent for load in suite.loads]
+    is_idle = all(load.busy_percent < QUIET_PERCENT for load in suite.loads)
+    return is_idle and (not stolen or spread(stolen).median < DISTURBED_PERCENT)
 
 
-def _machine() -> dict[str, Any]:
+def _stolen_percents(suite: Suite) -> list[float]:
+    outcomes = (run.outcome for run in suite.runs)
+    return [outcome.stolen_percent for outcome in outcomes if isinstance(outcome, Figures)]
+
+
+def _range(values: list[float]) -> str:
+    return _cell(spread(values)) if values else "unknown"
+
+
+def machine() -> dict[str, Any]:
+    """What it was measured on."""
     cpuinfo = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     models = (line.partition(":")[2].strip() for line in cpuinfo if line.startswith("model name"))
     return {

@@ -14,9 +14,10 @@ import psutil
 from benchmarks.loop.cases import FLOOR, Case
 from benchmarks.loop.figures import Figures, Usage, figures_of
 from benchmarks.loop.record import read_records
+from benchmarks.loop.turns import Failed
 from obk_cli.adapters.shared_memory import remove_dead_segments
 
-__all__ = ["Failed", "measure"]
+__all__ = ["measure"]
 
 ROOT = Path(__file__).resolve().parents[2]
 READY_S = 120.0
@@ -25,13 +26,6 @@ SETTLE_S = 1.0
 """From then on, for discovery and caches to come to rest [s]."""
 END_S = 10.0
 """Within which a process has to write its record and to end [s]."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Failed:
-    """A run without figures."""
-
-    why: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +44,8 @@ class _Moment:
     at_ns: int
     own_s: float
     machine_s: float
+    stolen_s: float
+    """Wanted by the machine, and not given by its host."""
 
 
 class _FailedError(Exception):
@@ -143,20 +139,36 @@ def _end(workers: Sequence[_Worker]) -> None:
 
 
 def _moment(workers: Sequence[_Worker]) -> _Moment:
-    used = [psutil.Process(worker.process.pid).cpu_times() for worker in workers]
+    try:
+        own_s = sum(_used_s(worker.process.pid) for worker in workers)
+    except OSError:
+        raise _FailedError("a process died while it was measured") from None
     machine = psutil.cpu_times()
+    idle_s = machine.idle + machine.iowait
+    twice_s = machine.guest + machine.guest_nice  # in `user` and `nice` too
     return _Moment(
         at_ns=time.monotonic_ns(),
-        own_s=sum(times.user + times.system for times in used),
-        machine_s=sum(machine) - machine.idle - machine.iowait - machine.guest - machine.guest_nice,
+        own_s=own_s,
+        machine_s=sum(machine) - idle_s - twice_s - machine.steal,
+        stolen_s=machine.steal,
     )
+
+
+def _used_s(pid: int) -> float:
+    """Of a process so far, all its threads; /proc has it in steps of 10 ms only.
+
+    Source: clock_getcpuclockid(3); how a clock's number is made of a pid stands in the kernel's
+    include/linux/posix-timers_types.h (`MAKE_PROCESS_CPUCLOCK`, `CPUCLOCK_SCHED`).
+    """
+    return time.clock_gettime(~pid << 3 | 2)
 
 
 def _usage(begin: _Moment, end: _Moment) -> Usage:
     seconds = (end.at_ns - begin.at_ns) / 1e9
     own = 100 * (end.own_s - begin.own_s) / seconds
     machine = 100 * (end.machine_s - begin.machine_s) / seconds
-    return Usage(own=own, others=max(0.0, machine - own))
+    stolen = 100 * (end.stolen_s - begin.stolen_s) / seconds
+    return Usage(own=own, others=max(0.0, machine - own), stolen=stolen)
 
 
 def _last_line(log: Path) -> str:

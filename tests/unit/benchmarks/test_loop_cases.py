@@ -3,12 +3,14 @@
 import json
 from pathlib import Path
 
+import pytest
+
 from benchmarks.loop.cases import BASELINE, CONTESTANTS, FLOOR, LAYOUTS, PARTS, Case, cases_of
 from benchmarks.loop.figures import Figures
 from benchmarks.loop.plots import draw_curve
-from benchmarks.loop.report import rows_of, table, write_json, write_table
-from benchmarks.loop.run import Failed
-from benchmarks.loop.suite import Load, Run, Suite
+from benchmarks.loop.report import disturbances, rows_of, table, write_json, write_table
+from benchmarks.loop.suite import Load, Suite
+from benchmarks.loop.turns import Failed, Run
 
 
 def figures(cpu_percent: float) -> Figures:
@@ -16,6 +18,7 @@ def figures(cpu_percent: float) -> Figures:
         cpu_percent=cpu_percent,
         cpu_per_tick_us=cpu_percent,
         others_percent=0.0,
+        stolen_percent=0.0,
         rate_hz=1000.0,
         late_p50_us=20.0,
         late_p99_us=2 * cpu_percent,
@@ -24,9 +27,14 @@ def figures(cpu_percent: float) -> Figures:
     )
 
 
-def suite(*runs: Run, busy_percent: float = 1.0) -> Suite:
-    load = Load(busy_percent=busy_percent, load_average=0.5)
-    return Suite(seconds=4.0, loads=(load,), runs=runs)
+def suite(*runs: Run, busy_percent: float = 1.0, stolen_percent: float = 0.0) -> Suite:
+    load = Load(
+        busy_percent=busy_percent,
+        load_average=0.5,
+        bare_late_p99_us=70.0,
+        bare_stolen_percent=stolen_percent,
+    )
+    return Suite(loads=(load,), runs=runs, disturbed=3, disturbed_and_kept=1)
 
 
 def run(contestant: str, outcome: Figures | Failed, layout: str = "composed") -> Run:
@@ -60,13 +68,29 @@ def test_a_row_has_its_ratio_or_why_it_failed() -> None:
     assert "failed: a process died: no such thing" in lines[-2]
 
 
-def test_figures_of_a_busy_machine_are_marked(tmp_path: Path) -> None:
-    for busy_percent, is_quiet in ((1.0, True), (80.0, False)):
-        measured = suite(run(BASELINE, figures(100.0)), busy_percent=busy_percent)
-        write_json(tmp_path / "loop.json", measured)
-        write_table(tmp_path / "loop.md", measured)
-        assert json.loads((tmp_path / "loop.json").read_text())["is_quiet"] is is_quiet
-        assert ("prove nothing" in (tmp_path / "loop.md").read_text()) is not is_quiet
+@pytest.mark.parametrize(
+    ("busy_percent", "stolen_percent", "is_quiet"),
+    [(1.0, 0.5, True), (80.0, 0.5, False), (1.0, 9.0, False)],
+)
+def test_figures_of_a_machine_that_is_busy_or_stolen_from_are_marked(
+    busy_percent: float, stolen_percent: float, is_quiet: bool, tmp_path: Path
+) -> None:
+    measured = suite(
+        run(BASELINE, figures(100.0)), busy_percent=busy_percent, stolen_percent=stolen_percent
+    )
+    write_json(tmp_path / "loop.json", measured)
+    write_table(tmp_path / "loop.md", measured)
+    assert json.loads((tmp_path / "loop.json").read_text())["is_quiet"] is is_quiet
+    assert ("prove nothing" in (tmp_path / "loop.md").read_text()) is not is_quiet
+
+
+def test_the_head_of_the_table_tells_what_was_stolen_and_how_many_runs_were_disturbed() -> None:
+    measured = suite(run(BASELINE, figures(100.0)), run(FLOOR, figures(6.0)), stolen_percent=2.0)
+    before, during, disturbed = disturbances(measured)
+    assert before.endswith("70.0 us late (p99), with 2.00 % of a core stolen")
+    assert during.startswith("stolen by the host during runs: 0 % of a core, from C on rcl 0 %")
+    assert disturbed.startswith("3 runs had 5 % of a core more stolen than the quietest run")
+    assert "; 1 of them count all the same" in disturbed
 
 
 def test_curves_are_drawn_the_same_from_the_same_figures(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from benchmarks.loop.figures import (
 from benchmarks.loop.record import NodeRecord
 
 PERIOD_NS = 1000
-USAGE = Usage(own=50.0, others=10.0)
+USAGE = Usage(own=50.0, others=10.0, stolen=3.0)
 
 
 def late(*ticks_ns: int, phase_ns: int = 0) -> list[int]:
@@ -32,6 +32,7 @@ def figures(cpu_percent: float) -> Figures:
         cpu_percent=cpu_percent,
         cpu_per_tick_us=cpu_percent,
         others_percent=0.0,
+        stolen_percent=0.0,
         rate_hz=1000.0,
         late_p50_us=1.0,
         late_p99_us=2.0,
@@ -85,7 +86,7 @@ def test_only_what_happened_in_the_window_counts() -> None:
     found = figures_of(records, USAGE, 1000, 4000)
     assert found.cpu_percent == 50.0
     assert found.cpu_per_tick_us == pytest.approx(0.5 * 3.0 / 5)  # half of 3 us, five ticks
-    assert found.others_percent == 10.0
+    assert (found.others_percent, found.stolen_percent) == (10.0, 3.0)
     assert found.rate_hz == pytest.approx(2 / 3000e-9)  # of est_0, the slower
     assert (found.latency_p50_ms, found.latency_p99_ms) == (1.0, 3.0)
     assert found.late_p99_us == pytest.approx(1.0)  # est_0 missed 2000 and came at 3000

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.summary import Goal, goals_table
+from benchmarks.summary import Goal, goals_table, notes
 
 
 @pytest.mark.parametrize(
@@ -31,4 +31,21 @@ def test_the_table_holds_each_figure_against_its_goal() -> None:
     assert list(goals_table(goals, {"up": 1.8312, "rate": 99.9}))[2:] == [
         "| start | ≤ 1.5 s | 1.83 s | **not met** |",
         "| rate | ≥ 99.8 % | 99.9 % | met |",
+    ]
+
+
+def test_what_was_not_measured_has_a_row_all_the_same() -> None:
+    goal = Goal(what="start", most=1.5, figure=lambda results: float(results["up"]))
+    assert list(goals_table([goal], {}))[2:] == ["| start | ≤ 1.5 | | not measured |"]
+
+
+def test_results_that_the_host_had_a_part_in_are_named() -> None:
+    results = {
+        "launches": {"stolen_percent": 1.0},
+        "watched": {"runs": {"separate": [{"stolen_percent": 2.0}, {"stolen_percent": 9.4}]}},
+        "loop": {"is_quiet": False, "cases": [{"stolen_percent": {"median": 50.0}}]},
+    }
+    assert list(notes(results)) == [
+        "loop: the machine was not quiet before every round",
+        "watched: up to 9 % of a core was stolen by the machine's host",
     ]

@@ -1,0 +1,132 @@
+"""Everything that is held against a goal, one program after another.
+
+    python -m benchmarks [--parts PART...] [--go-on] [--peer PATH]
+
+Says before how long it takes. What was interrupted goes on with --go-on: programs that have ended
+are not run again, and of the loop no run that is there. Each program writes its own results; at the
+end they are held against their goals, in `benchmarks/results/goals.md`. Exit code 1 where a program
+failed; those after it are run all the same.
+"""
+
+import argparse
+import subprocess
+import sys
+import time
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+from rich.table import Table
+
+__all__ = ["PROGRAMS", "Program", "left_of", "main"]
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+DONE: Final = ROOT / "build" / "benchmarks" / "done"
+"""The programs that have ended since it was begun, one a line."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Program:
+    """A part of it."""
+
+    name: str
+    words: tuple[str, ...]
+    """After `python -m`; not the whole of what the program can do where that takes longer."""
+    minutes: float
+    """On a quiet machine, about."""
+
+
+PROGRAMS: Final = (
+    Program(name="loop", words=("benchmarks.loop",), minutes=26.0),
+    Program(name="tool", words=("benchmarks.tool", "--repeats", "5"), minutes=2.0),
+    Program(
+        name="launches",
+        words=("benchmarks.launches", "--rounds", "20", "--kills", "5"),
+        minutes=1.5,
+    ),
+    Program(
+        name="simulator",
+        words=("benchmarks.simulator", "--only", "cost", "realtime"),
+        minutes=2.0,
+    ),
+    Program(name="looking", words=("benchmarks.looking", "--runs", "5"), minutes=1.5),
+    Program(name="watched", words=("benchmarks.watched", "--seconds", "15"), minutes=5.5),
+)
+
+
+def left_of(
+    programs: Iterable[Program], parts: Collection[str], done: Collection[str]
+) -> tuple[Program, ...]:
+    """Those that were asked for and are not done."""
+    return tuple(p for p in programs if p.name in parts and p.name not in done)
+
+
+def main() -> int:
+    """Run, tell, sum up."""
+    asked = options()
+    done = DONE.read_text(encoding="utf-8").split() if asked.go_on and DONE.exists() else []
+    programs = left_of(PROGRAMS, asked.parts, done)
+    DONE.parent.mkdir(parents=True, exist_ok=True)
+    DONE.write_text("".join(f"{name}\n" for name in done), encoding="utf-8")
+    console = Console()
+    console.print(_plan(programs), f"about {_minutes(programs)} on a quiet machine", sep="\n")
+    begin_s, failed = time.monotonic(), []
+    for place, program in enumerate(programs):
+        gone_min = (time.monotonic() - begin_s) / 60
+        console.rule(
+            f"{program.name}, {place + 1} of {len(programs)}: {gone_min:.0f} min gone, "
+            f"about {_minutes(programs[place:])} left"
+        )
+        if subprocess.run(_command(program, asked), cwd=ROOT, check=False).returncode:
+            failed.append(program.name)
+        else:
+            with DONE.open("a", encoding="utf-8") as ended:
+                ended.write(f"{program.name}\n")
+    subprocess.run([sys.executable, "-m", "benchmarks.summary"], cwd=ROOT, check=True)
+    console.print(f"took {(time.monotonic() - begin_s) / 60:.0f} min; see benchmarks/results")
+    if failed:
+        print(f"failed: {', '.join(failed)}", file=sys.stderr)
+    return int(bool(failed))
+
+
+def options() -> argparse.Namespace:
+    """What the command line asks for."""
+    names = [program.name for program in PROGRAMS]
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--parts", nargs="+", choices=names, default=names)
+    parser.add_argument("--go-on", action="store_true", help="where it was interrupted")
+    parser.add_argument(
+        "--peer",
+        default=str(ROOT / "build" / "peer" / "bin" / "check-jsonschema"),
+        help="path of a check-jsonschema",
+    )
+    return parser.parse_args()
+
+
+def _command(program: Program, asked: argparse.Namespace) -> list[str]:
+    more = {"tool": [asked.peer], "loop": ["--go-on"] if asked.go_on else []}
+    return [sys.executable, "-m", *program.words, *more.get(program.name, [])]
+
+
+def _plan(programs: Iterable[Program]) -> Table:
+    table = Table("program", "minutes")
+    for program in programs:
+        table.add_row(" ".join(program.words), f"{program.minutes:g}")
+    return table
+
+
+def _minutes(programs: Iterable[Program]) -> str:
+    return f"{sum(program.minutes for program in programs):.0f} min"
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit("interrupted; `make bench GO_ON=1` makes what is not there")

@@ -1,0 +1,67 @@
+"""A timer that does nothing: what this machine can keep at the moment, whoever wants it.
+
+`python -m benchmarks.bare_timer` tells each second as a line of JSON, until its standard input
+ends.
+"""
+
+import json
+import select
+import sys
+import time
+from dataclasses import asdict, dataclass
+from typing import Final
+
+import psutil
+
+from benchmarks.stolen import StolenTime
+
+__all__ = ["BareSecond", "bare_second"]
+
+RATE_HZ: Final = 1000
+PERIOD_NS: Final = 10**9 // RATE_HZ
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BareSecond:
+    """One second of it."""
+
+    at_s: float
+    """Its end, on the monotonic clock."""
+    kept: float
+    """The share of its ticks that came."""
+    late_p99_us: float
+    stolen_percent: float
+    """Of one core."""
+    idle_percent: float
+    """Of all cores."""
+
+
+def bare_second() -> BareSecond:
+    """Tick for a second."""
+    stolen = StolenTime()
+    psutil.cpu_times_percent(None)
+    begin_ns = due_ns = time.monotonic_ns()
+    late_ns = []
+    while due_ns - begin_ns < 10**9:
+        time.sleep(max(0, due_ns - time.monotonic_ns()) / 1e9)
+        late_ns.append(time.monotonic_ns() - due_ns)
+        # What was missed is not made up for.
+        due_ns += (late_ns[-1] // PERIOD_NS + 1) * PERIOD_NS
+    late_ns.sort()
+    return BareSecond(
+        at_s=time.monotonic(),
+        kept=len(late_ns) / RATE_HZ,
+        late_p99_us=late_ns[len(late_ns) * 99 // 100] / 1e3,
+        stolen_percent=stolen.percent(),
+        idle_percent=psutil.cpu_times_percent(None).idle,
+    )
+
+
+def main() -> None:
+    """Tell each second."""
+    while not select.select([sys.stdin], [], [], 0)[0]:
+        print(json.dumps(asdict(bare_second())), flush=True)
+
+
+if __name__ == "__main__":
+    main()

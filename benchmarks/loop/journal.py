@@ -1,0 +1,55 @@
+"""Each run as a line of JSON, written when it is over: what an interrupted suite leaves."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from benchmarks.loop.cases import Case
+from benchmarks.loop.figures import Figures
+from benchmarks.loop.suite import Load, Record
+from benchmarks.loop.turns import Failed, Run
+
+__all__ = ["append_record", "read_journal", "write_journal"]
+
+
+def read_journal(path: Path, surroundings: dict[str, Any]) -> tuple[Record, ...]:
+    """What was measured before; nothing where there is no journal, or one of other surroundings.
+
+    Args:
+        path: the journal.
+        surroundings: machine and versions, with which figures can be compared.
+    """
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    if not lines or json.loads(lines[0]) != surroundings:
+        return ()
+    return tuple(_record(json.loads(line)) for line in lines[1:])
+
+
+def write_journal(path: Path, surroundings: dict[str, Any], records: Iterable[Record]) -> None:
+    """Begin a journal with what stays of the one before."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lines = [json.dumps(surroundings), *map(_line, records)]
+    path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+
+
+def append_record(path: Path, record: Record) -> None:
+    """Keep one more."""
+    with path.open("a", encoding="utf-8") as journal:
+        journal.write(_line(record) + "\n")
+
+
+def _line(record: Record) -> str:
+    if isinstance(record, Load):
+        return json.dumps({"load": asdict(record)})
+    kind = "figures" if isinstance(record.outcome, Figures) else "failed"
+    head = {"case": record.case.as_dict(), "round": record.round}
+    return json.dumps({**head, kind: asdict(record.outcome)})
+
+
+def _record(found: dict[str, Any]) -> Record:
+    if "load" in found:
+        return Load(**found["load"])
+    outcome = Figures(**found["figures"]) if "figures" in found else Failed(**found["failed"])
+    return Run(case=Case(**found["case"]), round=found["round"], outcome=outcome)
