@@ -82,6 +82,8 @@ class WardenProcesses:
         self._last_lines: dict[str, deque[str]] = {}
         self._running: dict[str, int] = {}
         """Unit -> process id."""
+        self._asked: set[str] = set()
+        """Units that were to start and whose end is not told."""
         self._untold: dict[str, list[Heard]] = {}
         """Unit that was started early -> what has become of it, for when it is to start."""
         self._telling = threading.Lock()
@@ -148,10 +150,11 @@ class WardenProcesses:
             "environment": dict(command.environment),
             "folder": str(self._folder),
         }
+        self._asked.add(unit.name)
         is_sent = self._send(request, write_fd)
         os.close(write_fd)
         if not is_sent:
-            self._tell(ProcessEnded(process=unit.name, code=127, text=NO_WARDEN))
+            self._tell_lost(unit.name)
         pump = threading.Thread(
             target=self._pump, args=(unit.name, read_fd), name="output", daemon=True
         )
@@ -207,11 +210,21 @@ class WardenProcesses:
                 self._tell(ProcessStarted(process=node, pid=news["pid"]))
             else:
                 self._running.pop(node, None)
+                self._asked.discard(node)
                 text = news["text"] or (self._last_words(node) if news["code"] > 0 else "")
                 self._tell(ProcessEnded(process=node, code=news["code"], text=text))
         # The nodes die with the warden, and nobody else would tell.
-        for node in sorted(self._running):
-            self._tell(ProcessEnded(process=node, code=-signal.SIGKILL, text=NO_WARDEN))
+        for node in sorted(self._asked):
+            self._tell_lost(node)
+
+    def _tell_lost(self, process: str) -> None:
+        """Tell, once, that a process went with the warden, or that there was none to start it."""
+        try:
+            self._asked.remove(process)
+        except KeyError:  # told by the other thread that found it out
+            return
+        code = -signal.SIGKILL if process in self._running else 127
+        self._tell(ProcessEnded(process=process, code=code, text=NO_WARDEN))
 
     def _tell(self, news: ProcessStarted | ProcessEnded) -> None:
         with self._telling:
@@ -226,7 +239,8 @@ class WardenProcesses:
         pump = self._pumps.get(node)
         if pump is not None:
             pump.join(LAST_WORDS_S)
-        said = [line for line in self._last_lines.get(node, ()) if line.strip()]
+        # A copy: what the process has left behind may still write.
+        said = [line for line in self.last_lines(node) if line.strip()]
         return said[-1] if said else ""
 
     def _received(self) -> bytes:

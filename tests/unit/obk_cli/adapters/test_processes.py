@@ -161,6 +161,20 @@ def test_the_loss_of_the_warden_is_told_as_the_end_of_its_nodes(bench: MakeBench
     assert isinstance(run.ended(), ProcessEnded)
 
 
+def test_the_loss_of_the_warden_is_told_once_of_what_it_had_not_started_yet(
+    bench: MakeBench,
+) -> None:
+    run = bench({"a": "import time; time.sleep(60)"})
+    run.processes._warden.send_signal(signal.SIGSTOP)
+    run.processes.start(unit("a"))
+    run.processes._warden.kill()
+    assert run.ended() == ProcessEnded(
+        process="/a", code=127, text="the process that watched over the nodes is gone"
+    )
+    run.close()
+    assert run.heard.empty()
+
+
 def test_what_hides_in_a_session_of_its_own_does_not_outlive_a_killed_warden(
     bench: MakeBench,
 ) -> None:
