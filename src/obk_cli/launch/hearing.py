@@ -198,17 +198,28 @@ class Hearing:
                 self.fail(f"{event.node}: {event.how}", event.node)
 
     def _hangs(self, node: str, seconds: float) -> Hung | None:
-        """Take note of a hang; None: it is known."""
+        """Take note of a hang; None: it is known, and nothing follows from its going on."""
         hung = Hung(node=node, seconds=seconds)
         if node == self.lead:
             self.fail(f"the lead {node} has not answered for {seconds:.1f} s")
             return hung
         if node in self.roster.hung:
-            return None
+            return hung if self._is_given_up(hung) else None
         self.roster.hung.add(node)
         self.story.tell(hung)
         self.crashed(node, "hung", f"{node} hangs: no answer for {seconds:.1f} s")
         return hung
+
+    def _is_given_up(self, hung: Hung) -> bool:
+        """Whether a node that another launch is to start again has been gone for too long."""
+        node, roster = hung.node, self.roster
+        if roster.is_here(node) or roster.on_crash(node) != "restart":
+            return False
+        if hung.seconds <= self.limits.restart_window_s:
+            return False
+        back = "and the launch of its device has not brought it back"
+        self.fail(f"{node} has not answered for {hung.seconds:.0f} s, {back}", node)
+        return True
 
     def crashed(self, node: str, kind: Literal["ended", "hung", "fault"], text: str) -> None:
         """Something happened to a node that its rule `on_crash` is for."""

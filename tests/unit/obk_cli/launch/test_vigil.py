@@ -315,6 +315,16 @@ def test_a_lead_waits_for_other_devices_and_takes_their_nodes_along() -> None:
     assert (ROBOT, signal.SIGINT) not in world.signals
 
 
+def test_a_node_of_another_device_is_not_waited_for_longer_than_its_restarts_may_take() -> None:
+    world = World(plan=TWO, devices=frozenset({"offboard"}), on_crash="restart")
+    world.later.extend([lambda: world.mute.add(ROBOT), 60.0])
+    ended = world.run(duration_s=None)
+    assert ended.exit_code == 1
+    assert ended.cause.startswith(f"{ROBOT} has not answered for 3")
+    assert ended.cause.endswith(" s, and the launch of its device has not brought it back")
+    assert world.now < 45.0
+
+
 def test_a_follower_makes_no_transitions_until_the_end() -> None:
     world = World(plan=TWO, lead="/s", later=deque([5.0, STOP]))
     assert world.run(duration_s=None).exit_code == 0
