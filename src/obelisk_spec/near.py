@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-__all__ = ["comparable", "did_you_mean", "list_names", "near_names", "sure_name"]
+__all__ = ["ask_for", "comparable", "did_you_mean", "list_names", "near_names", "sure_name"]
 
 _PART = re.compile(r"[_/.\s-]+")
 _DIGITS = re.compile(r"[0-9]+")
@@ -53,10 +53,14 @@ def list_names(names: Iterable[str], *, most: int = 8) -> str:
 def did_you_mean(name: str, known: Iterable[str]) -> str | None:
     """A help line: the near names, or what exists at all; None where nothing exists."""
     every = list(known)
-    close = near_names(name, every)
-    if close:
-        return f"did you mean {' or '.join(f'`{candidate}`' for candidate in close)}?"
-    return f"there is: {list_names(every)}" if every else None
+    there_is = f"there is: {list_names(every)}" if every else None
+    return ask_for(near_names(name, every)) or there_is
+
+
+def ask_for(meant: Iterable[str]) -> str | None:
+    """A help line: "did you mean `a` or `b`?"; None without any name."""
+    names = " or ".join(f"`{name}`" for name in meant)
+    return f"did you mean {names}?" if names else None
 
 
 def sure_name(name: str, known: Iterable[str]) -> str | None:

@@ -10,7 +10,7 @@ from typing import Any
 from obelisk_spec.articles import with_article
 from obelisk_spec.disturbances import check_disturbances
 from obelisk_spec.model import ModelFacts, SensorFact
-from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
+from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names, sure_name
 from obelisk_spec.scans import check_scan
 from obelisk_spec.sensors import SENSOR_GROUPS, GroupRule, sensor_group
 from obelisk_spec.sim_faults import SimFault, SimPath
@@ -65,10 +65,9 @@ def _not_carried(
         help = f"write `{name}: {_CAMERA}`"
     elif sensor is not None and sensor.type in rule.takes:
         help = f"in the model it is {with_article(sensor.type)}: write `{name}: {sensor.type}`"
-    elif near_names(sensor_type, rule.takes):
-        help = did_you_mean(sensor_type, rule.takes) or ""
     else:
-        help = f"it takes {list_names(rule.takes)}"
+        near = ask_for(near_names(sensor_type, rule.takes))
+        help = near or f"it takes {list_names(rule.takes)}"
     return SimFault(
         code="OBK305",
         severity="error",

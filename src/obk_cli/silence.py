@@ -7,7 +7,7 @@ is told.
 import re
 from collections.abc import Collection, Iterable, Iterator
 
-from obelisk_spec.near import did_you_mean, near_names
+from obelisk_spec.near import ask_for, near_names
 from obk_cli.codes import RULES, Rule
 from obk_cli.config import Spanned
 from obk_cli.diagnostics import Diagnostic, found
@@ -89,8 +89,7 @@ def near_codes(code: str) -> str:
     looks_like = code[:3].upper() + code[3:].upper().translate(_DIGITS_FOR_LETTERS)
     if looks_like in RULES:
         return f"did you mean `{looks_like}`?"
-    near = did_you_mean(code, RULES) if near_names(code, RULES) else None
-    return near or "`obk explain` lists the rules"
+    return ask_for(near_names(code, RULES)) or "`obk explain` lists the rules"
 
 
 def _codes_in_comments(source: SourceFile) -> Iterator[Spanned[str]]:

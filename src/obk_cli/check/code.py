@@ -5,7 +5,7 @@ from difflib import SequenceMatcher
 
 from obelisk_spec.articles import with_article
 from obelisk_spec.messages import resolve_msg_type
-from obelisk_spec.near import did_you_mean, list_names, near_names
+from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names
 from obk_cli.config import Component, Node, Parameter, Spanned, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.node_code import CodeComponent, CodeFault, NodeCode
@@ -122,7 +122,7 @@ def _not_registered(
     elsewhere = next((r for r in code.components if name.value in r.names), None)
     if meant is not None:
         help = (
-            f"did you mean `{meant.name}`?"
+            ask_for((meant.name,))
             if near_names(name.value, meant.names)
             else f"the code registers `{meant.name}`, which is not configured"
         )

@@ -10,7 +10,7 @@ from obelisk_spec.messages import (
     resolve_msg_type,
     sure_msg_type,
 )
-from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
+from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names, sure_name
 from obk_cli.config import Spanned, Stack
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
@@ -19,7 +19,7 @@ from obk_cli.surroundings import Surroundings
 
 __all__ = ["check_message_types"]
 
-HELP: Final = "`obk new msgs` makes a message package in the workspace"
+_NO_PACKAGE_HELP: Final = "`obk new msgs` makes a message package in the workspace"
 
 
 def check_message_types(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
@@ -92,14 +92,11 @@ def _unknown(written: Spanned[str], surroundings: Surroundings) -> Diagnostic:
     own = _own_types(surroundings) if "/" not in name else {}
     near = tuple(own[bare] for bare in near_names(name, own)) or near_msg_types(name)
     meant = own.get(name) or sure_msg_type(name)
-    help = "write the package too, `my_msgs/MyMessage`, if it is your own"
-    if near:
-        help = f"did you mean {' or '.join(f'`{one}`' for one in near)}?"
     return found(
         "OBK115",
         f"message type `{name}` is not known",
         written.span,
-        help=help,
+        help=ask_for(near) or "write the package too, `my_msgs/MyMessage`, if it is your own",
         fix=respell(written.span, name, meant) if meant else (),
     )
 
@@ -119,15 +116,13 @@ def _not_in_package(
 ) -> Diagnostic:
     meant = sure_name(name, names)
     spelled = written.value.removesuffix(name)
-    near = near_names(name, names)
-    help = f"it has {list_names(names)}" if names else "it defines no messages"
-    if near:
-        help = f"did you mean {' or '.join(f'`{spelled}{one}`' for one in near)}?"
+    near = ask_for(f"{spelled}{one}" for one in near_names(name, names))
+    there_is = f"it has {list_names(names)}" if names else "it defines no messages"
     return found(
         "OBK115",
         f"package `{package}` has no message `{name}`",
         written.span,
-        help=help,
+        help=near or there_is,
         fix=respell(written.span, written.value, f"{spelled}{meant}") if meant else (),
     )
 
@@ -135,10 +130,10 @@ def _not_in_package(
 def _no_package(written: Spanned[str], package: str, surroundings: Surroundings) -> Diagnostic:
     known = {*surroundings.message_packages(), *OBELISK_MESSAGES, *ROS_MESSAGES}
     meant = sure_name(package, known)
-    near = did_you_mean(package, (meant,) if meant else known)
+    near = ask_for((meant,) if meant else near_names(package, known))
     return found(
         "OBK411",
         f"message type `{written.value}`: package `{package}` is not found",
         written.span,
-        help=near if meant or near_names(package, known) else HELP,
+        help=near or _NO_PACKAGE_HELP,
     )

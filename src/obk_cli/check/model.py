@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from obelisk_spec.near import did_you_mean, list_names, near_names
+from obelisk_spec.near import ask_for, list_names, near_names
 from obelisk_spec.sim_checks import SimFault, check_sim
 from obk_cli.check.files import where_it_is_not
 from obk_cli.config import FileSearch, Node, Sim, Stack
@@ -45,20 +45,16 @@ def check_models(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnosti
 def _not_found(model: FileSearch, sim: Sim, surroundings: Surroundings) -> Diagnostic:
     tried = where_it_is_not(model)
     if model.missing_package is not None and sim.robot_pkg is not None:
+        near = near_names(model.missing_package, surroundings.package_names())
         return found(
             "OBK403",
             f"package `{model.missing_package}` of the model `{model.written.value}` is not found",
             sim.robot_pkg.span,
-            help=_near_packages(model.missing_package, surroundings) or tried,
+            help=ask_for(near) or tried,
         )
     hint = "" if sim.robot_pkg or model.near else "; name the package that holds it as `robot_pkg`"
     message = f"model `{model.written.value}` is not found"
     return found("OBK301", message, model.written.span, help=tried + hint)
-
-
-def _near_packages(name: str, surroundings: Surroundings) -> str | None:
-    names = surroundings.package_names()
-    return did_you_mean(name, names) if near_names(name, names) else None
 
 
 def _unreadable(fault: ModelFault, model: FileSearch, surroundings: Surroundings) -> Diagnostic:

@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 
 from obelisk_spec.names import package_name_fault
-from obelisk_spec.near import did_you_mean, near_names
+from obelisk_spec.near import ask_for, did_you_mean, near_names
 from obk_cli.check.files import where_it_is_not
 from obk_cli.config import (
     JOYSTICK_EXECUTABLE,
@@ -66,7 +66,7 @@ def _no_package(
 ) -> Diagnostic:
     # Message packages have no executables, and their names are near those of everything.
     names = [name for name in surroundings.package_names() if not name.endswith("_msgs")]
-    near = did_you_mean(package, names) if near_names(package, names) else None
+    near = ask_for(near_names(package, names))
     return found(
         "OBK401",
         f"package `{package}` is not found",

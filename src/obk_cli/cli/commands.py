@@ -15,7 +15,7 @@ import typer
 from click.shell_completion import CompletionItem
 from typer.core import TyperGroup
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.near import ask_for, did_you_mean
 from obk_cli.errors import EXIT_FAILED, EXIT_INTERRUPTED, MisuseError, ObkError
 
 __all__ = ["VERBS", "root_command", "run"]
@@ -104,8 +104,8 @@ def _load(name: str, verb: Verb) -> Any:
 
 def _meant(name: str) -> str | None:
     """What a word that is no command may stand for: one of the commands below the commands."""
-    places = [f"`obk {verb} {name}`" for verb in VERBS if name in _words_below(verb)]
-    return f"did you mean {' or '.join(places)}?" if places else did_you_mean(name, VERBS)
+    places = (f"obk {verb} {name}" for verb in VERBS if name in _words_below(verb))
+    return ask_for(places) or did_you_mean(name, VERBS)
 
 
 def _words_below(verb: str) -> Collection[str]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import typer
 
 from obelisk_spec.messages import OBELISK_MESSAGES, ROS_MESSAGES
-from obelisk_spec.near import list_names, near_names
+from obelisk_spec.near import ask_for, near_names
 from obk_cli.adapters.bounded_render import render_bounded
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.taken_names import owner_of_module, owner_of_package
@@ -192,10 +192,8 @@ def _tell_absent(answers: Answers, place: Place) -> None:
     index = PackageIndex.around(place.folder, Path.cwd(), os.environ)
     used = {message.package for message in answers.messages} - {*OBELISK_MESSAGES, *ROS_MESSAGES}
     for package in sorted(name for name in used if index.message_names(name) is None):
-        near = near_names(package, index.message_packages())
-        cure = (
-            f"did you mean {list_names(near)}?" if near else f"`obk new msgs {package}` makes one"
-        )
+        near = ask_for(near_names(package, index.message_packages()))
+        cure = near or f"`obk new msgs {package}` makes one"
         print(f"note: there is no message package `{package}` yet: {cure}", file=sys.stderr)
 
 

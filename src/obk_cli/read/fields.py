@@ -8,7 +8,7 @@ from math import inf
 from typing import TypeVar
 
 from obelisk_spec.limits import LARGEST_COUNT, LONGEST_PERIOD_S, SHORTEST_PERIOD_S
-from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
+from obelisk_spec.near import ask_for, list_names, near_names, sure_name
 from obk_cli.config import Spanned
 from obk_cli.cures import remove_entry, respell
 from obk_cli.diagnostics import Diagnostic, found
@@ -54,7 +54,7 @@ class Fields:
         if colon and key in useful:
             help = f"put a space after the colon: `{key}: {value}`"
         elif near:
-            help = did_you_mean(entry.key, useful) or help
+            help = ask_for(near) or help
         if near:
             # It is read as what it was meant to be, so that nothing is reported missing.
             self._entries.setdefault(near[0], entry)
@@ -129,8 +129,7 @@ class Fields:
         if text is None or text.value in words:
             return text
         message = f"`{key}` is `{text.value}`, expected one of {list_names(words)}"
-        near = near_names(text.value, words)
-        help = did_you_mean(text.value, words) if near else None
+        help = ask_for(near_names(text.value, words))
         meant = sure_name(text.value, words)
         cure = respell(text.span, text.value, meant) if meant else ()
         self._faults.append(found("OBK105", message, text.span, help=help, fix=cure))

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 
-from obelisk_spec.near import did_you_mean, near_names
+from obelisk_spec.near import ask_for, near_names
 from obelisk_spec.yaml_core import core_scalar
 from obk_cli.diagnostics import Diagnostic, found
 from obk_cli.source import Span
@@ -83,7 +83,7 @@ def _undefined(name: str | None, place: Span, environment: Mapping[str, str]) ->
     if name is None:
         message = "`${` does not begin a `${NAME}`"
         return found("OBK011", message, place, help="write `$${` for a literal `${`")
-    hint = did_you_mean(name, environment) if near_names(name, environment) else None
+    hint = ask_for(near_names(name, environment))
     default = f"write `${{{name}:-text}}` to give a default"
     return found(
         "OBK011",

@@ -15,7 +15,7 @@ from obelisk_spec.messages import (
     near_msg_types,
     resolve_msg_type,
 )
-from obelisk_spec.near import list_names, near_names
+from obelisk_spec.near import ask_for, list_names, near_names
 from obk_cli.scaffold.kinds import NODE_KINDS, Kind, Language, recipe_of
 from obk_cli.scaffold.names import Problem, check_name
 
@@ -194,16 +194,16 @@ def _check_message(option: str, written: str, messages: Messages | None) -> Mess
         if name in names:
             definition = messages.message_definition(package, name)
             return MessageType(package=package, name=name, definition=definition)
-        near_own = [f"{package}/{one}" for one in near_names(name, names)]
-        help = f"it has {list_names(names)}" if names else "it defines no messages"
+        near_own = ask_for(f"{package}/{one}" for one in near_names(name, names))
+        there_is = f"it has {list_names(names)}" if names else "it defines no messages"
         return Problem(
             sentence=f"{option}: package `{package}` has no message `{name}`",
-            help=f"did you mean {list_names(near_own)}?" if near_own else help,
+            help=near_own or there_is,
         )
-    near = near_msg_types(written)
+    near = ask_for(near_msg_types(written))
     return Problem(
         sentence=f"{option}: there is no message type `{written}`",
-        help=f"did you mean {list_names(near)}? A type of your own is written pkg/msg/Name."
+        help=f"{near} A type of your own is written pkg/msg/Name."
         if near
         else "a type of your own is written pkg/msg/Name",
     )

@@ -1,6 +1,13 @@
 import pytest
 
-from obelisk_spec.near import comparable, did_you_mean, list_names, near_names, sure_name
+from obelisk_spec.near import (
+    ask_for,
+    comparable,
+    did_you_mean,
+    list_names,
+    near_names,
+    sure_name,
+)
 
 
 def test_letter_case_does_not_count() -> None:
@@ -11,6 +18,11 @@ def test_what_exists_is_listed_where_nothing_is_near() -> None:
     assert did_you_mean("zzz", ["alpha", "beta"]) == "there is: `alpha`, `beta`"
     assert did_you_mean("alpa", ["alpha", "beta"]) == "did you mean `alpha`?"
     assert did_you_mean("alpa", []) is None
+
+
+def test_several_names_may_be_meant() -> None:
+    assert ask_for(["alpha", "beta"]) == "did you mean `alpha` or `beta`?"
+    assert ask_for([]) is None
 
 
 def test_a_long_list_is_cut_and_counted() -> None:
