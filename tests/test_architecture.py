@@ -147,7 +147,7 @@ def test_what_is_recorded_is_decided_without_ros_and_without_the_file_format() -
 
 def test_looking_into_a_stack_is_pure_but_for_what_finds_and_asks() -> None:
     for path in in_area("looking"):
-        asking = {"adapters"} if path.stem in ("place", "nodes", "sight") else set()
+        asking = {"adapters"} if path.stem in ("place", "nodes", "sight", "errands") else set()
         allowed = SPINE_MODULES | {"launch", "recording"} | asking
         assert areas_imported(path) <= allowed, path
 

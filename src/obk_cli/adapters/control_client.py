@@ -14,6 +14,7 @@ from obk_cli.launch.asks import ChangeAnswer, StackStatus
 from obk_cli.launch.wire import (
     CONTROL_SOCKET,
     LONGEST_ANSWER,
+    LONGEST_REQUEST,
     ChangeRequest,
     LookRequest,
     Request,
@@ -26,7 +27,7 @@ from obk_cli.launch.wire import (
     parse_status,
 )
 
-__all__ = ["ANSWER_S", "ask_change", "ask_look", "ask_status", "ask_stop"]
+__all__ = ["ANSWER_S", "ask_change", "ask_look", "ask_status", "ask_stop", "is_askable"]
 
 ANSWER_S: Final = 1.0
 """How long a launcher that is well may take at most to say how its stack is [s]."""
@@ -76,6 +77,11 @@ def ask_look(
     """
     line = _ask(folder, LookRequest(question=question), timeout_s)
     return None if line is None else parse_look(line)
+
+
+def is_askable(question: Mapping[str, Any]) -> bool:
+    """Whether a question is short enough for a launcher to read."""
+    return len(emit_request(LookRequest(question=question))) < LONGEST_REQUEST
 
 
 def ask_stop(folder: Path, reason: str, timeout_s: float = ANSWER_S) -> bool:

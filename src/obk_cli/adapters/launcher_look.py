@@ -8,10 +8,11 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from obk_cli.adapters.control_client import ask_look
+from obk_cli.adapters.control_client import ask_look, is_askable
 from obk_cli.errors import CommandFailedError
 from obk_cli.looking.graph import Graph, TopicSeen
 from obk_cli.looking.parameters import Parameter
+from obk_cli.looking.plain_data import Plain
 from obk_cli.looking.told import (
     GraphTold,
     NodeEnds,
@@ -102,6 +103,57 @@ class LauncherLook:
         """The parameters of a node; each answer has this deadline [s]."""
         return LauncherParameters(self._folder, node, timeout_s)
 
+    def fields_of(self, name: str) -> Mapping[str, str]:
+        """The names and types of a message's fields, by `pkg/Name` or a full name.
+
+        Raises:
+            CommandFailedError: the launcher does not have the type, or gives no answer.
+        """
+        told = _told(self._folder, {"about": "fields", "type": name}, MARGIN_S)
+        return {str(field): str(kind) for field, kind in told["fields"].items()}
+
+    def has_type(self, name: str) -> bool:
+        """Whether the launcher has a type of message."""
+        try:
+            self.fields_of(name)
+        except CommandFailedError:
+            return False
+        return True
+
+    def call(self, service: str, kind: str, request: object, timeout_s: float) -> Plain:
+        """The response of a service, which the launcher's node calls; None: the request is long.
+
+        Args:
+            service: full name.
+            kind: full, `pkg/srv/Name`.
+            request: JSON's values, checked against the type.
+            timeout_s: for the response [s].
+
+        Raises:
+            CommandFailedError: none came in time, or there is no server.
+        """
+        question = {"about": "call", "service": service, "type": kind, "request": request}
+        question["timeout_s"] = timeout_s
+        if not is_askable(question):
+            return None
+        response: Plain = _told(self._folder, question, timeout_s + MARGIN_S)["response"]
+        return response
+
+    def next_message(self, topic: str, kind: str, timeout_s: float) -> Plain:
+        """The next message of a topic, which the launcher's node hears; None: it is too long.
+
+        Args:
+            topic: full name.
+            kind: full, `pkg/msg/Name`.
+            timeout_s: for the message [s].
+
+        Raises:
+            CommandFailedError: none came in time.
+        """
+        question = {"about": "message", "topic": topic, "type": kind, "timeout_s": timeout_s}
+        message: Plain = _told(self._folder, question, timeout_s + MARGIN_S)["message"]
+        return message
+
 
 class LauncherParameters:
     """The parameters of one node, asked for by its launcher; used like `NodeParameters`."""
@@ -154,13 +206,16 @@ class LauncherParameters:
         return None if reason is None else str(reason)
 
     def _ask(self, **more: Any) -> Mapping[str, Any]:
-        told = ask_look(self._folder, {**self._question, **more}, self._wait_s)
-        if told is None:
-            node = self._question["node"]
-            raise CommandFailedError(f"the launcher of {node} gave no answer", help="see `obk ps`")
-        if "failed" in told:
-            raise CommandFailedError(str(told["failed"]), help=told.get("help"))
-        return told
+        return _told(self._folder, {**self._question, **more}, self._wait_s)
+
+
+def _told(folder: Path, question: Mapping[str, Any], wait_s: float) -> Mapping[str, Any]:
+    told = ask_look(folder, question, wait_s)
+    if told is None:
+        raise CommandFailedError("the launcher of the stack gave no answer", help="see `obk ps`")
+    if "failed" in told:
+        raise CommandFailedError(str(told["failed"]), help=told.get("help"))
+    return told
 
 
 def _graph(folder: Path) -> GraphTold | None:

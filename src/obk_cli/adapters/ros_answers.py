@@ -5,6 +5,7 @@ In: a question and what takes the answer, both JSON's values:
 - `{"about": "graph"}`: see `looking.told`.
 - `{"about": "parameters", "node": NAME, "timeout_s": S, "do": ...}`: `names`; `values` of `names`;
   `kind` of `name`; `set` of `name` to `parameter`.
+- Those about messages: see `adapters.ros_errands`.
 
 What cannot be answered is `{"failed": SENTENCE}`. Each question has a thread of its own, so that a
 node that hangs holds up nobody.
@@ -14,9 +15,10 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
+from obk_cli.adapters.ros_errands import run_errand
 from obk_cli.adapters.ros_look import RosLook
 from obk_cli.adapters.ros_parameters import NodeParameters
-from obk_cli.errors import CommandFailedError
+from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.looking.told import (
     GraphTold,
     NodeEnds,
@@ -50,7 +52,7 @@ class RosAnswers:
         def answer() -> None:
             try:
                 told = self._answer(question)
-            except CommandFailedError as error:
+            except (CommandFailedError, MisuseError) as error:
                 told = {"failed": error.message, "help": error.help}
             except Exception as error:  # of a node that is being brought to its end
                 told = {"failed": f"the launcher cannot tell: {error}"}
@@ -67,6 +69,9 @@ class RosAnswers:
             case {"about": "parameters", "node": str(node), "timeout_s": int() | float() as wait_s}:
                 parameters = NodeParameters(self._look, node, min(float(wait_s), LONGEST_S))
                 return _of_parameters(parameters, question)
+        told = run_errand(self._look, question)
+        if told is not None:
+            return told
         raise CommandFailedError("the launcher does not know such a question")
 
     def _graph(self) -> GraphTold:

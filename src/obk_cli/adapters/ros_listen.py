@@ -1,4 +1,4 @@
-"""Messages of a topic as objects, one after another; waiting has a deadline."""
+"""Messages of a topic, one after another, as sent and as objects; waiting has a deadline."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -8,7 +8,7 @@ from obk_cli.adapters.raw_topics import RawTopic
 from obk_cli.errors import CommandFailedError
 from obk_cli.recording.tally import Tally
 
-__all__ = ["arrived", "messages"]
+__all__ = ["arrived", "deserialized", "messages", "serialized"]
 
 POLL_S: Final = 0.002
 LOOK_S: Final = 0.1
@@ -16,7 +16,20 @@ LOOK_S: Final = 0.1
 
 
 def messages(raw: RawTopic, tally: Tally, timeout_s: float, *, each: bool) -> Iterator[Any]:
-    """The messages that come, without end.
+    """The messages that come, without end; see `serialized`."""
+    for data in serialized(raw, tally, timeout_s, each=each):
+        yield deserialized(data, raw)
+
+
+def deserialized(data: bytes, raw: RawTopic) -> Any:
+    """A message of a topic as an object."""
+    from rclpy.serialization import deserialize_message
+
+    return deserialize_message(data, raw.python_type)
+
+
+def serialized(raw: RawTopic, tally: Tally, timeout_s: float, *, each: bool) -> Iterator[bytes]:
+    """The messages that come as they were sent, without end.
 
     Args:
         raw: the topic.
@@ -27,14 +40,12 @@ def messages(raw: RawTopic, tally: Tally, timeout_s: float, *, each: bool) -> It
     Raises:
         CommandFailedError: none came in time.
     """
-    from rclpy.serialization import deserialize_message
-
     heard = looked = time.monotonic()
     while True:
         for data, info in raw.take():
             tally.take(info["publication_sequence_number"], raw.publishers)
             heard = time.monotonic()
-            yield deserialize_message(data, raw.python_type)
+            yield data
         now = time.monotonic()
         if now > heard + timeout_s and (each or not tally.count):
             raise CommandFailedError(
@@ -57,9 +68,7 @@ def arrived(
         raw: the topic.
         is_wanted: is asked by the time of receipt; other messages are passed over unread.
     """
-    from rclpy.serialization import deserialize_message
-
     for data, info in raw.take():
         received_ns = info["received_timestamp"]
         if is_wanted(received_ns):
-            yield received_ns, deserialize_message(data, raw.python_type)
+            yield received_ns, deserialized(data, raw)

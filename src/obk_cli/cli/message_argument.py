@@ -1,41 +1,20 @@
-"""A message that a user writes as YAML on the command line, checked against its type."""
+"""A message that a user writes as YAML on the command line."""
 
 from obelisk_spec.yaml_core import YamlTextError, load_yaml_core
 from obk_cli.errors import MisuseError
-from obk_cli.looking.fill import Data, fill
 
-__all__ = ["parse_message"]
-
-MOST_FAULTS = 20
+__all__ = ["load_message"]
 
 
-def parse_message(text: str, msg_type: str) -> Data:
-    """The fields that a user gives.
-
-    Args:
-        text: YAML; empty: none.
-        msg_type: of the message, `pkg/Name` or a full name.
+def load_message(text: str) -> object:
+    """The value that a user writes for a message; empty: none.
 
     Raises:
-        CommandFailedError: the type is not here.
-        MisuseError: it is not YAML, or does not fit the type; every fault is told.
+        MisuseError: it is not YAML.
     """
-    from obk_cli.adapters.ros_types import fields_of
-
     try:
-        value = load_yaml_core(text)
+        return load_yaml_core(text)
     except YamlTextError as error:
         raise MisuseError(
             f"the message is not YAML: {error}", help="write it as '{field: value, other: [1, 2]}'"
         ) from error
-    filled = fill(value, msg_type, fields_of)
-    if filled.faults:
-        shown = filled.faults[:MOST_FAULTS]
-        more = len(filled.faults) - len(shown)
-        lines = [*(f"  {fault}" for fault in shown), *([f"  and {more} more"] if more else ())]
-        raise MisuseError(
-            "\n".join([f"the message does not fit {msg_type}:", *lines]),
-            help=", ".join(f"{name}: {kind}" for name, kind in fields_of(msg_type).items())
-            or "it has no fields",
-        )
-    return filled.data

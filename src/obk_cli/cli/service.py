@@ -15,6 +15,8 @@ from obk_cli.cli.looking_options import (
 )
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import EXIT_FAILED
+from obk_cli.looking.place import Place
+from obk_cli.looking.plain_data import Plain
 
 __all__ = ["app"]
 
@@ -81,26 +83,39 @@ def call(
     no answer comes in time, and where the response has `success: false`.
     """
     is_json = wants_json(format)
-    place = with_types(here(domain, timeout))
+    place = here(domain, timeout)
 
-    from obk_cli.adapters.ros_calls import ServiceClient
-    from obk_cli.adapters.ros_look import open_look
-    from obk_cli.adapters.ros_types import find_type, make_message
-    from obk_cli.cli.message_argument import parse_message
-    from obk_cli.looking.finding import find_service, the_type
-    from obk_cli.looking.plain_data import plain_data
+    from obk_cli.cli.message_argument import load_message
+    from obk_cli.looking.errands import call_by_launcher
     from obk_cli.report.messages import json_line, message_text
 
-    with open_look(place.environment, ("rosidl_generator_py",)) as look:
-        name = find_service(look, place, service, timeout)
-        types = (service_type,) if service_type else look.service_types()[name]
-        kind = the_type("service", name, types)
-        data = parse_message(request, f"{kind}_Request")
-        client = ServiceClient(look, name, find_type(kind))
-        response = plain_data(client.call(make_message(f"{kind}_Request", data), timeout))
+    asked = load_message(request)
+    response = call_by_launcher(place, service, service_type, asked, timeout)
+    if response is None:
+        response = _call(with_types(place), service, service_type, asked, timeout)
     if is_json:
         print(json.dumps(json.loads(json_line(response)), indent=1))
     else:
         print("\n".join(message_text(response, is_whole=True)))
     if isinstance(response, dict) and response.get("success") is False:
         raise typer.Exit(EXIT_FAILED)
+
+
+def _call(
+    place: Place, service: str, service_type: str | None, request: object, timeout_s: float
+) -> Plain:
+    """The response of a service, called by a participant of our own."""
+    from obk_cli.adapters.ros_calls import ServiceClient
+    from obk_cli.adapters.ros_look import open_look
+    from obk_cli.adapters.ros_types import fields_of, find_type, make_message
+    from obk_cli.looking.fill import require_fit
+    from obk_cli.looking.finding import find_service, the_type
+    from obk_cli.looking.plain_data import plain_data
+
+    with open_look(place.environment, ("rosidl_generator_py",)) as look:
+        name = find_service(look, place, service, timeout_s)
+        types = (service_type,) if service_type else look.service_types()[name]
+        kind = the_type("service", name, types)
+        data = require_fit(request, f"{kind}_Request", fields_of)
+        client = ServiceClient(look, name, find_type(kind))
+        return plain_data(client.call(make_message(f"{kind}_Request", data), timeout_s))

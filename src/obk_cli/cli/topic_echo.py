@@ -1,8 +1,9 @@
 """`obk topic echo TOPIC [FIELD...]`: the messages of a topic as they come."""
 
 import sys
+from collections.abc import Sequence
 from itertools import islice
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,7 +16,12 @@ from obk_cli.cli.looking_options import (
     with_types,
 )
 from obk_cli.errors import MisuseError
+from obk_cli.looking.place import Place
+from obk_cli.looking.selection import Selection
 from obk_cli.recording.tally import Tally
+
+if TYPE_CHECKING:
+    from obk_cli.report.show import Shower
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -56,27 +62,46 @@ def command(
         raise MisuseError(f"`--format {format}`: expected `text`, `json` or `csv`")
     most = 1 if once else count
 
+    from obk_cli.looking.errands import message_by_launcher
+    from obk_cli.looking.selection import parse_selection
+    from obk_cli.report.show import Shower
+
+    selections = [parse_selection(text) for text in (*(fields or ()), *(field or ()))]
+    shower = Shower(selections, "csv" if csv else format, is_whole=full, warn=_warn)
+    place = here(domain, timeout)
+    only = message_by_launcher(place, topic, selections, timeout) if most == 1 else None
+    if only is None:
+        _listen(with_types(place), topic, selections, shower, most, timeout)
+    elif lines := list(shower.lines(only)):
+        print("\n".join(lines))
+
+
+def _listen(
+    place: Place,
+    topic: str,
+    selections: Sequence[Selection],
+    shower: "Shower",
+    most: int | None,
+    timeout_s: float,
+) -> None:
+    """Show messages that a participant of our own hears."""
     from obk_cli.adapters.ros_listen import messages
     from obk_cli.adapters.ros_look import open_look
     from obk_cli.adapters.ros_types import fields_of, find_type, short_type
     from obk_cli.looking.finding import find_topic, the_type
-    from obk_cli.looking.selection import check_selection, parse_selection
-    from obk_cli.report.show import Shower
+    from obk_cli.looking.selection import check_selection
 
-    selections = [parse_selection(text) for text in (*(fields or ()), *(field or ()))]
-    place = with_types(here(domain, timeout))
     needs = ("rclpy.serialization", *place.modules([topic]))
     with open_look(place.environment, needs) as look:
-        seen = find_topic(look, place, topic, timeout)
+        seen = find_topic(look, place, topic, timeout_s)
         msg_type = the_type("topic", seen.name, seen.heard_types)
         python_type = find_type(msg_type)
         for selection in selections:
             check_selection(selection, short_type(msg_type), fields_of)
-        shower = Shower(selections, "csv" if csv else format, is_whole=full, warn=_warn)
         raw = look.listen(seen.name, msg_type, python_type)
         tally = Tally()
         try:
-            for message in islice(messages(raw, tally, timeout, each=most is not None), most):
+            for message in islice(messages(raw, tally, timeout_s, each=most is not None), most):
                 if lines := list(shower.lines(message)):
                     print("\n".join(lines), flush=True)
         finally:

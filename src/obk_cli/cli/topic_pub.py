@@ -69,13 +69,16 @@ def command(
 
     from obk_cli.adapters.ros_look import open_look
     from obk_cli.adapters.ros_publisher import RosPublisher
-    from obk_cli.adapters.ros_types import find_type, make_message
-    from obk_cli.cli.message_argument import parse_message
+    from obk_cli.adapters.ros_types import fields_of, find_type, make_message
+    from obk_cli.cli.message_argument import load_message
+    from obk_cli.looking.fill import require_fit
+
+    value = load_message(text)
 
     with open_look(place.environment, place.modules([topic])) as look:
         seen = _topic(look, place, topic, msg_type, timeout)
         full_type = msg_type or seen.msg_types[0]
-        data = parse_message(text, full_type)
+        data = require_fit(value, full_type, fields_of)
         if not allow_foreign:
             _refuse_moving(seen, place)
         is_latched = any(e.qos.durability == "transient_local" for e in seen.subscriptions)

@@ -12,6 +12,7 @@ from math import inf
 from typing import Final
 
 from obelisk_spec.near import did_you_mean
+from obk_cli.errors import MisuseError
 from obk_cli.looking.field_types import (
     INTEGERS,
     ArrayType,
@@ -23,7 +24,7 @@ from obk_cli.looking.field_types import (
 )
 from obk_cli.looking.selection import FieldsOf
 
-__all__ = ["Data", "Filled", "Now", "fill"]
+__all__ = ["Data", "Filled", "Now", "fill", "require_fit"]
 
 
 class Now(Enum):
@@ -36,6 +37,7 @@ Data = bool | int | float | str | Now | list["Data"] | dict[str, "Data"]
 
 HEADER: Final = "std_msgs/Header"
 TIME: Final = "builtin_interfaces/Time"
+MOST_FAULTS: Final = 20
 GREATEST: Final = {"float": 3.4028234663852886e38, "double": sys.float_info.max}
 
 
@@ -62,6 +64,25 @@ def fill(value: object, msg_type: str, fields_of: FieldsOf) -> Filled:
     given = {} if value is None else value
     data = filler.take(given, Message(msg_type), "")
     return Filled(data=data, faults=tuple(filler.faults))
+
+
+def require_fit(value: object, msg_type: str, fields_of: FieldsOf) -> Data:
+    """The fields that a user gives, held against a message type as `fill` does.
+
+    Raises:
+        MisuseError: they do not fit; every fault is told.
+    """
+    filled = fill(value, msg_type, fields_of)
+    if filled.faults:
+        shown = filled.faults[:MOST_FAULTS]
+        more = len(filled.faults) - len(shown)
+        lines = [*(f"  {fault}" for fault in shown), *([f"  and {more} more"] if more else ())]
+        raise MisuseError(
+            "\n".join([f"the message does not fit {msg_type}:", *lines]),
+            help=", ".join(f"{name}: {kind}" for name, kind in fields_of(msg_type).items())
+            or "it has no fields",
+        )
+    return filled.data
 
 
 class _Filler:

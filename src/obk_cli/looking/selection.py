@@ -84,11 +84,16 @@ def check_selection(selection: Selection, msg_type: str, fields_of: FieldsOf) ->
 
 
 def selected(message: Any, selection: Selection) -> Any:
-    """The value in a message of the checked type; `MISSING` where its array has fewer."""
+    """The value in a message of the checked type; `MISSING` where its array has fewer.
+
+    Args:
+        message: of a generated package, or as plain data.
+        selection: the field.
+    """
     value = message
     for step in selection.steps:
         if isinstance(step, str):
-            value = getattr(value, step)
+            value = value[step] if isinstance(value, dict) else getattr(value, step)
         elif step < len(value):
             value = value[step]
         else:

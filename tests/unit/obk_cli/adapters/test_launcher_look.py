@@ -11,6 +11,7 @@ from obk_cli.adapters.control_socket import serve_control
 from obk_cli.adapters.launcher_look import LauncherLook, ask_launcher
 from obk_cli.adapters.ros_answers import RosAnswers
 from obk_cli.errors import CommandFailedError
+from obk_cli.launch.wire import LONGEST_REQUEST
 from obk_cli.looking.graph import Graph, TopicSeen
 from obk_cli.looking.parameters import Parameter
 
@@ -104,6 +105,44 @@ def test_parameters_are_asked_for_by_the_launcher(tmp_path: Path) -> None:
         "name": "gain",
         "parameter": {"kind": "double", "value": 1.5},
     }
+
+
+def test_calls_and_messages_go_by_the_launcher(tmp_path: Path) -> None:
+    heard: list[Mapping[str, Any]] = []
+
+    def answer(question: Mapping[str, Any]) -> Mapping[str, Any]:
+        heard.append(question)
+        return {"fields": {"data": "boolean"}, "response": {"success": True}, "message": {"x": 1}}
+
+    with launcher(tmp_path, answer) as look:
+        assert look.has_type("p/srv/S_Request")
+        assert look.fields_of("p/srv/S_Request") == {"data": "boolean"}
+        assert look.call("/pause", "p/srv/S", {"data": True}, WAIT_S) == {"success": True}
+        assert look.next_message("/q", "p/msg/M", WAIT_S) == {"x": 1}
+    assert heard[1:] == [
+        {"about": "fields", "type": "p/srv/S_Request"},
+        {
+            "about": "call",
+            "service": "/pause",
+            "type": "p/srv/S",
+            "request": {"data": True},
+            "timeout_s": WAIT_S,
+        },
+        {"about": "message", "topic": "/q", "type": "p/msg/M", "timeout_s": WAIT_S},
+    ]
+
+
+def test_a_request_that_is_too_long_for_the_launcher_is_not_sent_to_it(tmp_path: Path) -> None:
+    def answer(question: Mapping[str, Any]) -> Mapping[str, Any]:
+        pytest.fail(f"it was asked: {question}")
+
+    with launcher(tmp_path, answer) as look:
+        assert look.call("/load", "p/srv/S", {"text": "x" * LONGEST_REQUEST}, WAIT_S) is None
+
+
+def test_a_type_that_the_launcher_lacks_is_told(tmp_path: Path) -> None:
+    with launcher(tmp_path, lambda _: {"failed": "the type is not here", "help": None}) as look:
+        assert not look.has_type("p/msg/M")
 
 
 def test_what_a_node_does_not_answer_is_told_in_the_launchers_words(tmp_path: Path) -> None:

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from obelisk_spec.yaml_core import load_yaml_core
-from obk_cli.looking.fill import Now, fill
+from obk_cli.errors import MisuseError
+from obk_cli.looking.fill import Now, fill, require_fit
 
 from .definitions import fields_of
 
@@ -37,6 +38,14 @@ def test_what_fits_is_taken_with_numbers_as_the_type_has_them() -> None:
 
 def test_nothing_stands_for_a_message_as_it_is_by_default() -> None:
     assert fill(None, "pkg/State", fields_of).data == {}
+
+
+def test_what_does_not_fit_is_refused_with_its_faults_and_the_fields() -> None:
+    text = f"{{{', '.join(f'wrong_{number}: 1' for number in range(22))}}}"
+    with pytest.raises(MisuseError, match="the message does not fit pkg/Point:") as refused:
+        require_fit(load_yaml_core(text), "pkg/Point", fields_of)
+    assert refused.value.message.endswith("\n  and 2 more")
+    assert refused.value.help == "x: double, y: float"
 
 
 def test_a_header_may_be_left_to_the_time_of_publishing() -> None:

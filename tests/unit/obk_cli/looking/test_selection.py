@@ -86,3 +86,10 @@ def test_the_value_of_a_message_is_taken_where_it_has_one() -> None:
     assert selected(message, parse_selection("q[1]")) == 1.5
     assert selected(message, parse_selection("at.x")) == 3
     assert selected(message, parse_selection("q[2]")) is MISSING
+
+
+def test_the_value_of_a_message_that_is_plain_data_is_taken_as_well() -> None:
+    message = {"q": [0.5, 1.5], "at": {"x": 3}}
+    assert selected(message, parse_selection("q[1]")) == 1.5
+    assert selected(message, parse_selection("at.x")) == 3
+    assert selected(message, parse_selection("q[2]")) is MISSING

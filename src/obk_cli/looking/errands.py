@@ -1,0 +1,70 @@
+"""What the launcher of a stack on this host does for a command: calls, and single messages.
+
+It has ROS loaded and knows everybody, so that this takes some ms. None: there is no launcher, or it
+lacks the type, or the message is too long for it; then a participant of our own has to do it.
+"""
+
+from collections.abc import Sequence
+
+from obk_cli.adapters.launcher_look import ask_launcher
+from obk_cli.looking.fill import require_fit
+from obk_cli.looking.finding import find_service, find_topic, the_type
+from obk_cli.looking.place import Place
+from obk_cli.looking.plain_data import Plain
+from obk_cli.looking.selection import Selection, check_selection
+
+__all__ = ["call_by_launcher", "message_by_launcher"]
+
+
+def call_by_launcher(
+    place: Place, service: str, service_type: str | None, request: object, timeout_s: float
+) -> Plain:
+    """The response of a service.
+
+    Args:
+        place: where to look.
+        service: full name, or the end of one.
+        service_type: full, `pkg/srv/Name`; None: the one that it has.
+        request: of YAML; checked before anything is asked.
+        timeout_s: how long to wait for the service, and for its response [s].
+
+    Raises:
+        CommandFailedError: there is no such service, or no response in time.
+        MisuseError: the request does not fit the type.
+    """
+    look = ask_launcher(place.runs)
+    if look is None:
+        return None
+    name = find_service(look, place, service, timeout_s)
+    types = (service_type,) if service_type else look.service_types()[name]
+    kind = the_type("service", name, types)
+    if not look.has_type(f"{kind}_Request"):
+        return None
+    require_fit(request, f"{kind}_Request", look.fields_of)
+    return look.call(name, kind, request, timeout_s)
+
+
+def message_by_launcher(
+    place: Place, topic: str, selections: Sequence[Selection], timeout_s: float
+) -> Plain:
+    """The next message of a topic.
+
+    Args:
+        place: where to look.
+        topic: full name, or the end of one.
+        selections: fields that its type has to have.
+        timeout_s: how long to wait for the topic, and for the message [s].
+
+    Raises:
+        CommandFailedError: there is no such topic or field, or no message in time.
+    """
+    look = ask_launcher(place.runs)
+    if look is None:
+        return None
+    seen = find_topic(look, place, topic, timeout_s)
+    kind = the_type("topic", seen.name, seen.heard_types)
+    if not look.has_type(kind):
+        return None
+    for selection in selections:
+        check_selection(selection, kind.replace("/msg/", "/"), look.fields_of)
+    return look.next_message(seen.name, kind, timeout_s)

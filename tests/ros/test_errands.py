@@ -1,0 +1,72 @@
+"""Calls and single messages of a stack that its launcher's node makes and hears."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+
+from obk_cli.adapters.ros_environment import ros_environment
+from obk_cli.adapters.ros_errands import LONGEST_MESSAGE
+
+from .stack import DEADLINE_S, DUMMY, launched
+
+pytestmark = pytest.mark.ros
+
+RUN = """
+import sys
+from obk_cli.cli.main import main
+try:
+    main(sys.argv[1:])
+except SystemExit as end:
+    print("rclpy" in sys.modules, end.code)
+"""
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+@pytest.fixture
+def writer(monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
+    """A node that is none of a stack's."""
+    for name, value in ros_environment().variables.items():
+        monkeypatch.setenv(name, value)
+    rclpy.init()
+    node = Node("writer")
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def run(*words: object) -> tuple[str, str]:
+    """What a command prints, and after it whether it has loaded ROS, with its exit code."""
+    command = [sys.executable, "-c", RUN, *map(str, words), "--timeout", str(DEADLINE_S)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=2 * DEADLINE_S)
+    text, _, last = done.stdout.rstrip("\n").rpartition("\n")
+    return f"{text}\n{done.stderr}", last
+
+
+def test_a_stacks_launcher_calls_and_hears_for_others(writer: Any) -> None:
+    with launched(DUMMY, "--quiet"):
+        state, end = run("service", "call", "obelisk_robot_0/get_state")
+        assert (end, 'label: "active"' in state) == ("False 0", True), state
+        wrong, end = run("service", "call", "obelisk_robot_0/get_state", "{a: 1}")
+        assert (end, "it has no fields" in wrong) == ("False 2", True), wrong
+        nowhere, end = run("service", "call", "obelisk_robot_0/get_sate")
+        assert (end, "did you mean" in nowhere) == ("False 1", True), nowhere
+        number, end = run("topic", "echo", "ctrl", "u_mujoco[0]", "--once")
+        assert (end, -2.0 < float(number) < 2.0) == ("False 0", True), number
+        rows, end = run("topic", "echo", "ctrl", "--once", "--csv")
+        assert (end, rows.count("\n")) == ("False 0", 2), rows
+        wrong, end = run("topic", "echo", "ctrl", "u_mujco", "--once")
+        assert (end, "did you mean `u_mujoco`" in wrong) == ("False 1", True), wrong
+
+        # What is long would hold up the launcher.
+        long = "x" * (LONGEST_MESSAGE + 1)
+        publisher = writer.create_publisher(String, "story", LATCHED)
+        publisher.publish(String(data=long))
+        story, end = run("topic", "echo", "/story", "data", "--once", "--format", "json")
+        assert (end, len(story) > len(long)) == ("True 0", True), story[:200]
