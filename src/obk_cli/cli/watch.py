@@ -89,7 +89,7 @@ def _mark(path: Path) -> Mark:
 def _files_of(stack: Stack) -> Iterable[Path]:
     """Where files beside the configs were looked for, whether they are there or not."""
     for node in stack.nodes:
-        models = [sim.model for sim in node.sims if sim.model is not None]
-        for search in (*models, node.params_file, node.urdf_file):
+        of_sims = (search for sim in node.sims for search in (sim.model, *sim.files))
+        for search in (*of_sims, node.params_file, node.urdf_file):
             if search is not None:
                 yield from search.tried

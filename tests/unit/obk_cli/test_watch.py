@@ -66,7 +66,9 @@ def test_every_file_that_took_part_is_marked(tmp_path: Path) -> None:
         "include: [part.yaml, missing.yaml]\n"
         "robot:\n  pkg: p\n  executable: e\n  is_simulated: true\n  sim:\n"
         "    model_xml_path: arm.xml\n"
-        "    sensor_settings: [{topic: /s, dt: 1, msg_type: ObkScan, config_path: rays.yaml}]\n"
+        "    sensor_settings:\n"
+        "      - {topic: /s, dt: 1, msg_type: ObkScan, config_path: rays.yaml}\n"
+        "      - {topic: /t, dt: 1, msg_type: ObkScan, config_path: gone.yaml}\n"
     )
     run = WatchedRun(Options(environment={}, working_folder=tmp_path))
     run.compile(str(config))
@@ -76,6 +78,7 @@ def test_every_file_that_took_part_is_marked(tmp_path: Path) -> None:
         "part.yaml": True,
         "missing.yaml": False,
         "rays.yaml": True,
+        "gone.yaml": False,
         "arm.xml": True,
         "part.xml": False,
         "p.txt": False,
