@@ -109,12 +109,14 @@ def _check(stack: str, root: Path) -> tuple[Answers, ...]:
 def _with_vscode(files: Iterable[RenderedFile], root: Path, config: str) -> Composition:
     """The editor's settings too: merged into those that are there."""
     schema = (resource_folder("schema") / "obelisk.schema.json").read_text(encoding="utf-8")
-    found = {
+    texts = vscode_texts(root, schema, [config])
+    settings = [
         RenderedFile(path=PurePosixPath(path.relative_to(root).as_posix()), content=text.encode())
-        for path, text in vscode_texts(root, schema, [config]).items()
-    }
-    is_there = {file for file in found if (root / file.path).is_file()}
-    return Composition(files=(*files, *(found - is_there)), edits=tuple(is_there))
+        for path, text in texts.items()
+    ]
+    there = [file for file in settings if (root / file.path).is_file()]
+    new = [file for file in settings if file not in there]
+    return Composition(files=(*files, *new), edits=tuple(there))
 
 
 def _next_commands(stack: str, root: Path) -> tuple[str, ...]:

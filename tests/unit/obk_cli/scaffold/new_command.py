@@ -1,8 +1,10 @@
-"""What the tests of `obk new` share: a workspace to stand in, and the command."""
+"""What the tests of commands that make files share: a workspace, and how a command is called."""
 
+from functools import partial
 from pathlib import Path
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from obk_cli.cli.new import app
@@ -16,13 +18,19 @@ def empty_workspace(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def obk_new(*arguments: str) -> str:
-    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
+def printed_by(command: typer.Typer, *arguments: str) -> str:
+    """What a command that succeeds prints."""
+    result = CliRunner().invoke(command, arguments, catch_exceptions=False)
     assert result.exit_code == 0, result.output
     return result.stdout
 
 
-def refused(*arguments: str) -> ObkError:
-    result = CliRunner().invoke(app, arguments)
+def refused_by(command: typer.Typer, *arguments: str) -> ObkError:
+    """Why a command does nothing."""
+    result = CliRunner().invoke(command, arguments)
     assert isinstance(result.exception, ObkError), result.output
     return result.exception
+
+
+obk_new = partial(printed_by, app)
+refused = partial(refused_by, app)

@@ -5,24 +5,28 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 import typer
-from typer.testing import CliRunner
 
 from obk_cli.cli.init import command
 from obk_cli.cli.vscode import install_vscode
-from obk_cli.errors import CommandFailedError, MisuseError, ObkError
+from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.jsonc import read_jsonc
 from obk_cli.pipeline import Options, compile_config
 from obk_cli.resources import resource_folder
+
+from .new_command import printed_by, refused_by
 
 Tree = Callable[[Path], dict[str, bytes]]
 
 OBK = "import sys; from obk_cli.cli.main import main; main(sys.argv[1:])"
 app = typer.Typer()
 app.command()(command)
+obk_init = partial(printed_by, app)
+refused = partial(refused_by, app)
 
 
 @pytest.fixture(autouse=True)
@@ -32,18 +36,6 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder.mkdir()
     monkeypatch.chdir(folder)
     return folder
-
-
-def obk_init(*arguments: str) -> str:
-    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-    return result.stdout
-
-
-def refused(*arguments: str) -> ObkError:
-    result = CliRunner().invoke(app, arguments)
-    assert isinstance(result.exception, ObkError), result.output
-    return result.exception
 
 
 def test_a_workspace_has_all_that_a_stack_needs(here: Path, tree: Tree) -> None:
@@ -164,6 +156,17 @@ def test_the_result_as_json() -> None:
     result = json.loads(obk_init("my_robot", "--format", "json"))
     assert (result["stack"], result["folder"]) == ("my_robot", "my_robot")
     assert {"path": "my_robot.yaml", "action": "create"} in result["files"]
+
+
+def test_the_files_are_told_in_the_same_order_each_time() -> None:
+    told = json.loads(obk_init("my_robot", "--format", "json", "--dry-run"))
+    editor = [file["path"] for file in told["files"] if file["path"].startswith(".vscode/")]
+    assert editor == [
+        ".vscode/obelisk.schema.json",
+        ".vscode/settings.json",
+        ".vscode/extensions.json",
+    ]
+    assert told["diff"].index(editor[0]) < told["diff"].index(editor[1])
 
 
 @pytest.mark.parametrize("name", ["My-Robot", "2fast", "class", "x" * 30, "with space"])
