@@ -14,7 +14,7 @@ from std_msgs.msg import String
 from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.adapters.ros_errands import LONGEST_MESSAGE
 
-from .stack import DEADLINE_S, DUMMY, launched
+from .stack import DEADLINE_S, DUMMY, launched, obk
 
 pytestmark = pytest.mark.ros
 
@@ -70,3 +70,12 @@ def test_a_stacks_launcher_calls_and_hears_for_others(writer: Any) -> None:
         publisher.publish(String(data=long))
         story, end = run("topic", "echo", "/story", "data", "--once", "--format", "json")
         assert (end, len(story) > len(long)) == ("True 0", True), story[:200]
+
+
+def test_who_is_let_publish_in_the_first_seconds_of_a_launch_does_not_end_it() -> None:
+    with launched(DUMMY, "--quiet") as stack:
+        words = ("topic", "pub", "ctrl", "{u_mujoco: [0.0]}", "-n", "30", "--rate", "10")
+        done = obk(*words, "--allow-foreign", "--timeout", str(DEADLINE_S))
+        assert done.stdout == "published 30 messages on /obelisk/dummy/ctrl\n", done.stderr
+        assert stack.process.poll() is None, stack.text
+        assert obk("lifecycle", "get", "control_0").stdout.endswith("active\n")

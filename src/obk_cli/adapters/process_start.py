@@ -17,6 +17,7 @@ __all__ = [
     "is_process",
     "seconds_since",
     "signal_process",
+    "since_boot_s",
     "start_s",
     "this_process",
     "wait_for_ends",
@@ -59,9 +60,14 @@ def signal_process(pid: int, started: float, number: int) -> None:
             os.close(descriptor)
 
 
+def since_boot_s() -> float:
+    """The time now [s since boot]."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
 def seconds_since(started: float) -> float:
     """The time since a process's start [s], given since boot [s]."""
-    return time.clock_gettime(time.CLOCK_BOOTTIME) - started
+    return since_boot_s() - started
 
 
 def wait_for_ends(

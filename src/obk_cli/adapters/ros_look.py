@@ -19,10 +19,12 @@ from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.errors import CommandFailedError
 from obk_cli.looking.graph import End, Graph, Role, TopicSeen
 
-__all__ = ["RosLook", "open_look"]
+__all__ = ["LOOKER", "RosLook", "open_look"]
 
 T = TypeVar("T")
 
+LOOKER: Final = "obk_look"
+"""The name of the node of whoever only looks; the process id follows."""
 LOOK_S: Final = 0.005
 """Between two looks at what has come [s]."""
 QUIET_S: Final = 0.03
@@ -33,12 +35,15 @@ GENERATOR: Final = "rosidl_generator_py.generate_py_impl"
 
 
 @contextmanager
-def open_look(environment: RosEnvironment, needs: Iterable[str] = ()) -> "Iterator[RosLook]":
+def open_look(
+    environment: RosEnvironment, needs: Iterable[str] = (), name: str = LOOKER
+) -> "Iterator[RosLook]":
     """A participant in the ROS domain of the environment.
 
     Args:
         environment: put into effect for this process first.
         needs: modules that will be wanted; they are imported while others tell of themselves.
+        name: of the node; the process id is added.
 
     Raises:
         CommandFailedError: there is no rclpy, or it does not start.
@@ -54,7 +59,7 @@ def open_look(environment: RosEnvironment, needs: Iterable[str] = ()) -> "Iterat
         context.init(domain_id=environment.domain)
         with context.handle:
             node = rclpy_implementation.Node(
-                f"obk_look_{os.getpid()}", "", context.handle, [], False, False
+                f"{name}_{os.getpid()}", "", context.handle, [], False, False
             )
     except Exception as error:
         context.try_shutdown()

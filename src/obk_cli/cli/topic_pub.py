@@ -15,9 +15,9 @@ from obk_cli.cli.looking_options import (
     TimeoutOption,
     TopicArgument,
     here,
-    require_positive,
     with_types,
 )
+from obk_cli.cli.option_values import require_positive
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.looking.graph import TopicSeen
 from obk_cli.looking.place import Place
@@ -67,7 +67,8 @@ def command(
     place = with_types(here(domain, timeout))
     most = 1 if once else count
 
-    from obk_cli.adapters.ros_look import open_look
+    from obk_cli.adapters.allowed_publisher import ALLOWED_PUBLISHER
+    from obk_cli.adapters.ros_look import LOOKER, open_look
     from obk_cli.adapters.ros_publisher import RosPublisher
     from obk_cli.adapters.ros_types import fields_of, find_type, make_message
     from obk_cli.cli.message_argument import load_message
@@ -75,7 +76,8 @@ def command(
 
     value = load_message(text)
 
-    with open_look(place.environment, place.modules([topic])) as look:
+    node = ALLOWED_PUBLISHER if allow_foreign else LOOKER
+    with open_look(place.environment, place.modules([topic]), node) as look:
         seen = _topic(look, place, topic, msg_type, timeout)
         full_type = msg_type or seen.msg_types[0]
         data = require_fit(value, full_type, fields_of)

@@ -9,7 +9,7 @@ from typing import Final
 
 from obk_cli.adapters.process_load import OwnCost
 from obk_cli.adapters.ros_calls import ServiceClient
-from obk_cli.adapters.ros_look import RosLook
+from obk_cli.adapters.ros_look import LOOKER, RosLook
 from obk_cli.adapters.ros_types import find_type
 from obk_cli.asking.names import in_tier_order, section_of
 from obk_cli.errors import CommandFailedError
@@ -25,7 +25,7 @@ FIRST_ANSWER_S: Final = 1.0
 """For a node's state, while its service is being found [s]."""
 ANSWER_S: Final = 0.2
 """For a node's state later on: others are not kept waiting [s]."""
-OF_LOOKERS: Final = "/obk_look_"
+OF_LOOKERS: Final = f"/{LOOKER}_"
 OF_EVERY_NODE: Final = ("/rosout", "/parameter_events", "/diagnostics")
 
 

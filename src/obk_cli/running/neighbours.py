@@ -2,6 +2,7 @@
 
 Nodes that obk started are found at once; others announce themselves every 3 s only. So a simulated
 robot starts after a short look and the rest of the look goes on beside it, and a real one waits.
+Who begins to publish during that rest with `obk topic pub --allow-foreign` is no stranger.
 """
 
 import threading
@@ -9,7 +10,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final
 
+from obk_cli.adapters.allowed_publisher import is_allowed_publisher
 from obk_cli.adapters.clock import monotonic_s
+from obk_cli.adapters.process_start import since_boot_s
 from obk_cli.adapters.ros_graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S, UNNAMED
 from obk_cli.adapters.ros_lifecycle import RosLifecycle
 from obk_cli.errors import CommandFailedError
@@ -55,15 +58,18 @@ def refuse_strangers(plan: Plan, ros: RosLifecycle, domain: int) -> None:
 @contextmanager
 def looking_on(plan: Plan, ros: RosLifecycle, hear: Callable[[Heard], None]) -> Iterator[None]:
     """While entered, tell of a publisher on the robot's topics that is found only now."""
-    is_over = threading.Event()
+    is_over, begin_s = threading.Event(), since_boot_s()
+
+    def is_stranger(node: str) -> bool:
+        # One without a name may be a node of ours that has just come.
+        return node != UNNAMED and not is_allowed_publisher(node, begin_s)
 
     def look() -> None:
         end = monotonic_s() + FOREIGN_DISCOVERY_S
         found: tuple[tuple[str, str], ...] = ()
         while not found and monotonic_s() < end and not is_over.wait(LOOK_S):
             seen = ros.foreign_publishers(control_topics(plan), _names(plan), 0.0)
-            # One without a name may be a node of ours that has just come.
-            found = tuple(stranger for stranger in seen if stranger[1] != UNNAMED)
+            found = tuple(publisher for publisher in seen if is_stranger(publisher[1]))
         for topic, node in found:
             hear(StrangerSeen(topic=topic, node=node))
 

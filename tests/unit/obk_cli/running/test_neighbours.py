@@ -1,17 +1,21 @@
 """Who else may be in the ROS domain."""
 
+import subprocess
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
 import pytest
 
+from obk_cli.adapters.allowed_publisher import ALLOWED_PUBLISHER, is_allowed_publisher
 from obk_cli.adapters.ros_graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S, UNNAMED
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.events import Heard, StrangerSeen
 from obk_cli.plan import Endpoint, Origin, Plan, Process
+from obk_cli.running import neighbours
 from obk_cli.running.neighbours import (
     control_topics,
     has_hardware,
@@ -87,6 +91,41 @@ def test_one_without_a_name_yet_is_no_stranger_once_our_nodes_have_started() -> 
     graph = Graph(("/ctrl", UNNAMED))
     with looking_on(PLAN, graph, heard.put), pytest.raises(Empty):  # type: ignore[arg-type]
         heard.get(timeout=0.3)
+
+
+def test_a_command_that_is_let_publish_after_the_start_is_no_stranger(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    heard: SimpleQueue[Heard] = SimpleQueue()
+    with _child() as pid:
+        graph = Graph(("/ctrl", f"/{ALLOWED_PUBLISHER}_{pid}"))
+        # It began before this launch: whom it was to move is another matter.
+        with looking_on(PLAN, graph, heard.put):  # type: ignore[arg-type]
+            assert isinstance(heard.get(timeout=20), StrangerSeen)
+        monkeypatch.setattr(neighbours, "since_boot_s", lambda: 0.0)
+        with looking_on(PLAN, graph, heard.put), pytest.raises(Empty):  # type: ignore[arg-type]
+            heard.get(timeout=0.3)
+
+
+def test_a_publisher_of_that_name_whose_process_is_not_here_is_a_stranger() -> None:
+    with _child() as pid:
+        node = f"/{ALLOWED_PUBLISHER}_{pid}"
+        assert is_allowed_publisher(node, 0.0)
+        assert not is_allowed_publisher(f"/arm{node}", 0.0)
+        assert not is_allowed_publisher(f"{node}x", 0.0)
+        assert not is_allowed_publisher(f"/teleop_{pid}", 0.0)
+    assert not is_allowed_publisher(node, 0.0)
+
+
+@contextmanager
+def _child() -> Iterator[int]:
+    """The number of a process that runs meanwhile."""
+    child = subprocess.Popen(["sleep", "60"])
+    try:
+        yield child.pid
+    finally:
+        child.kill()
+        child.wait()
 
 
 def test_the_look_ends_with_the_run() -> None:
