@@ -300,15 +300,13 @@ def test_configure_takes_new_parameters_after_cleanup() -> None:
 
 
 def test_code_and_config_may_not_name_different_types() -> None:
+    wrong = {**WIRED, "pub_ctrl_setting": "{topic: /c, msg_type: VelocityCommand}"}
+
     class Typed(Controller):
         def __init__(self) -> None:
-            ObeliskController.__init__(self, "typed", PositionSetpoint, **parameters(**WIRED))
+            ObeliskController.__init__(self, "typed", PositionSetpoint, **parameters(**wrong))
 
-    wrong = {**WIRED, "pub_ctrl_setting": "{topic: /c, msg_type: VelocityCommand}"}
     with spinning(lambda: Typed()) as node:
-        from rclpy.parameter import Parameter
-
-        node.set_parameters([Parameter("pub_ctrl_setting", value=wrong["pub_ctrl_setting"])])
         assert not request(node, "configure")
         assert node.last_fault is not None
         assert (

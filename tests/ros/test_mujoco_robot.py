@@ -224,9 +224,11 @@ def test_it_pauses_steps_and_goes_back_to_the_start() -> None:
         eventually(lambda: _seconds(clock[-1]) == pytest.approx(seconds[1]), "the last step")
         assert _asked(node, Trigger, "reset").message == "at ic"
         eventually(lambda: _seconds(clock[-1]) == 0.0, "the clock, set back")
-        node.set_parameters(parameters(ic_keyframe="stand")["parameter_overrides"])
-        refused = _asked(node, Trigger, "reset")
-        assert (refused.success, refused.message) == (False, "keyframe `stand` is not in the model")
+        (refused,) = node.set_parameters(parameters(ic_keyframe="stand")["parameter_overrides"])
+        assert refused.reason == (
+            "the keyframe `stand` is not in the model; there is: `ic`, `other`"
+        )
+        assert _asked(node, Trigger, "reset").message == "at ic"
         node.set_parameters(parameters(ic_keyframe="other")["parameter_overrides"])
         assert _asked(node, Trigger, "reset").message == "at other"
         assert _asked(node, Trigger, "step").message == "at 0.001 s"

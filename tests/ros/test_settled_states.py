@@ -289,9 +289,9 @@ def test_a_simulator_that_does_not_stop_is_never_joined_by_a_second_one(
 def test_a_period_that_no_timer_can_hold_is_refused(period: str) -> None:
     with spun(Ticking) as node:
         text = f"{{timer_period_sec: {period}}}"
-        node.set_parameters([Parameter("timer_ctrl_setting", value=text)])
-        assert node.trigger_configure() != SUCCESS
-        assert "expected seconds above 0, from 1e-09 to 9e+09" in node.last_fault.text
+        (result,) = node.set_parameters([Parameter("timer_ctrl_setting", value=text)])
+        assert "expected seconds above 0, from 1e-09 to 9e+09" in result.reason
+        assert node.trigger_configure() == SUCCESS
 
 
 PROGRAM = """

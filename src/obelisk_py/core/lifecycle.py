@@ -26,6 +26,7 @@ from std_srvs.srv import Trigger
 
 from obelisk_py.core.faults import Fault, fault_of, guard_callback, guard_service
 from obelisk_py.core.local_delivery.publisher import LocalPublisher
+from obelisk_py.core.parameters import GuardedCheck, ParameterRules, guard_setting_service
 
 __all__ = ["Fault", "GuardedLifecycleNode", "node_arguments"]
 
@@ -77,6 +78,7 @@ class GuardedLifecycleNode(LifecycleNode):
             state: self._guarded_transition(callback) for state, callback in self._callbacks.items()
         }
         self._service_change_state.callback = self._on_change_state
+        self._parameter_rules = ParameterRules(self, lambda: self.state_label)
         self._last_error_service = self.create_service(Trigger, "~/last_error", self._on_last_error)
 
     @property
@@ -137,9 +139,19 @@ class GuardedLifecycleNode(LifecycleNode):
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], *args: Any, **kwargs: Any
     ) -> Service:
         """As rclpy's, but what the callback raises takes the node to error processing."""
+        # rclpy makes the services of its parameters by this too.
+        checked = guard_setting_service(self, srv_type, callback)
         return super().create_service(
-            srv_type, srv_name, guard_service(callback, self.fail), *args, **kwargs
+            srv_type, srv_name, guard_service(checked, self.fail), *args, **kwargs
         )
+
+    def add_on_set_parameters_callback(self, callback: Any) -> None:
+        """As rclpy's, but what the callback raises is a refusal."""
+        super().add_on_set_parameters_callback(GuardedCheck(callback))
+
+    def remove_on_set_parameters_callback(self, callback: Any) -> None:
+        """As rclpy's."""
+        super().remove_on_set_parameters_callback(GuardedCheck(callback))
 
     def trigger_configure(self) -> TransitionCallbackReturn:
         """Configure now, on this thread."""

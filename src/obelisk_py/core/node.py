@@ -6,7 +6,7 @@ them, deactivate stops them, cleanup destroys them, so that configure can run ag
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from typing import Any
+from typing import Any, Final
 
 from rclpy.callback_groups import (
     CallbackGroup,
@@ -21,18 +21,19 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from obelisk_py.core.components import Component, ComponentKind, ComponentTable, spellings
-from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError, ObeliskMsgError
-from obelisk_py.core.messages import message_class, message_name
+from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
+from obelisk_py.core.parameters import Getter
 from obelisk_py.core.rates.node import RatedNode
 from obelisk_py.core.settings import (
     NodeSettings,
+    check_component,
     entry_names,
     find_settings,
+    message_class_of,
     parse_node_settings,
     timer_settings,
     topic_settings,
 )
-from obelisk_spec.articles import with_article
 from obelisk_spec.components import CALLBACK_GROUP_TYPES, component_identity
 
 __all__ = ["ObeliskNode"]
@@ -41,6 +42,9 @@ CALLBACK_GROUPS: dict[str, Callable[[], CallbackGroup]] = {
     "MutuallyExclusiveCallbackGroup": MutuallyExclusiveCallbackGroup,
     "ReentrantCallbackGroup": ReentrantCallbackGroup,
 }
+
+SETTINGS: Final = "obelisk_settings"
+"""The ROS parameter with the settings of components that have none of their own."""
 
 Default = str | Mapping[str, Any] | None
 
@@ -57,7 +61,10 @@ class ObeliskNode(RatedNode):
         """
         super().__init__(node_name, **kwargs)
         self.declare_parameter("params_path", "")
-        self.declare_parameter("obelisk_settings", "")
+        self.declare_parameter(SETTINGS, "")
+        self._parameter_rules.add((SETTINGS,), lambda value: parse_node_settings(value(SETTINGS)))
+        # The clock of timers is chosen when they are made.
+        self._parameter_rules.add(("use_sim_time",))
         self.obk_publishers: ComponentTable[LifecyclePublisher] = ComponentTable(
             ComponentKind.PUBLISHER
         )
@@ -191,7 +198,7 @@ class ObeliskNode(RatedNode):
         self._registration_open = False
         self._release()
         result = super().on_configure(state)
-        node = parse_node_settings(str(self.get_parameter("obelisk_settings").value))
+        node = parse_node_settings(str(self.get_parameter(SETTINGS).value))
         self.obk_callback_groups = {
             name: CALLBACK_GROUPS[kind]() for name, kind in node.callback_groups.items()
         }
@@ -275,7 +282,14 @@ class ObeliskNode(RatedNode):
                 raise ObeliskConfigError(f"the {component} is registered already, as the {other}")
         if component.ros_parameter:
             self.declare_parameter(component.ros_parameter, "")
+            self._hold_to_rules(component, component.ros_parameter)
         self._components.append(component)
+
+    def _hold_to_rules(self, component: Component, parameter: str) -> None:
+        def check(value: Getter) -> None:
+            check_component(component, value(parameter), value(SETTINGS))
+
+        self._parameter_rules.add((parameter,), check)
 
     def _build(self, component: Component, node: NodeSettings) -> None:
         parameter = component.ros_parameter
@@ -308,7 +322,7 @@ class ObeliskNode(RatedNode):
     def _publisher(self, component: Component, raw: Mapping[str, Any]) -> LifecyclePublisher:
         settings = topic_settings(component, raw)
         publisher: LifecyclePublisher = self.create_lifecycle_publisher(
-            self._message_class(component, settings.msg_type),
+            message_class_of(component, settings.msg_type),
             settings.topic,
             settings.qos,
             callback_group=self._group(component, settings.callback_group),
@@ -319,7 +333,7 @@ class ObeliskNode(RatedNode):
         settings = topic_settings(component, raw)
         assert component.callback is not None
         return self.create_subscription(
-            self._message_class(component, settings.msg_type),
+            message_class_of(component, settings.msg_type),
             settings.topic,
             component.callback,
             settings.qos,
@@ -353,21 +367,6 @@ class ObeliskNode(RatedNode):
                 f"the {component} is in the callback group '{name}'; there are: {have}"
             )
         return self.obk_callback_groups[name]
-
-    def _message_class(self, component: Component, configured: str | None) -> type[Any]:
-        if component.msg_type is None and configured is None:
-            raise ObeliskMsgError(
-                f"the {component} has no message type: give 'msg_type' in the config or in the code"
-            )
-        if component.msg_type is None:
-            assert configured is not None
-            return message_class(configured)
-        if configured is not None and message_class(configured) is not component.msg_type:
-            raise ObeliskMsgError(
-                f"the {component} is {with_article(message_name(component.msg_type))} in the code "
-                f"and {with_article(configured)} in the config"
-            )
-        return component.msg_type
 
     def _warn_of_strangers(self, node: NodeSettings) -> None:
         """Tell of settings for components that the code does not have."""

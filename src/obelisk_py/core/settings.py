@@ -13,9 +13,12 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 
 from obelisk_py.core.command_age import StalePolicy
 from obelisk_py.core.components import Component, ComponentKind, spellings
-from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskMsgError
+from obelisk_py.core.messages import message_class, message_name
+from obelisk_spec.articles import with_article
 from obelisk_spec.components import (
     CALLBACK_GROUP_TYPES,
+    CONTROL_SUBSCRIPTION,
     DEFAULT_HISTORY_DEPTH,
     DEFAULT_STALE_ACTION,
     STALE_ACTIONS,
@@ -26,8 +29,10 @@ __all__ = [
     "NodeSettings",
     "TimerSettings",
     "TopicSettings",
+    "check_component",
     "entry_names",
     "find_settings",
+    "message_class_of",
     "parse_node_settings",
     "stale_policy",
     "timer_settings",
@@ -120,6 +125,49 @@ def find_settings(
             parse_component_setting, component.default, f"the default of the {component}"
         )
     return component.default
+
+
+def check_component(component: Component, parameter_text: str, node_text: str) -> None:
+    """Find what configure would find in a component's settings, and build nothing.
+
+    Args:
+        component: whose settings.
+        parameter_text: its own ROS parameter.
+        node_text: the ROS parameter `obelisk_settings`.
+
+    Raises:
+        ObeliskError: they cannot be read, or are out of range.
+    """
+    raw = find_settings(component, parameter_text, parse_node_settings(node_text))
+    if raw is None:
+        return
+    if component.kind is ComponentKind.TIMER:
+        timer_settings(component, raw)
+        return
+    message_class_of(component, topic_settings(component, raw).msg_type)
+    if component.key == CONTROL_SUBSCRIPTION:
+        stale_policy(component, raw)
+
+
+def message_class_of(component: Component, configured: str | None) -> type[Any]:
+    """The message class of a publisher or subscription.
+
+    Raises:
+        ObeliskMsgError: neither code nor config names one, they differ, or it is not there.
+    """
+    if component.msg_type is None and configured is None:
+        raise ObeliskMsgError(
+            f"the {component} has no message type: give 'msg_type' in the config or in the code"
+        )
+    if component.msg_type is None:
+        assert configured is not None
+        return message_class(configured)
+    if configured is not None and message_class(configured) is not component.msg_type:
+        raise ObeliskMsgError(
+            f"the {component} is {with_article(message_name(component.msg_type))} in the code "
+            f"and {with_article(configured)} in the config"
+        )
+    return component.msg_type
 
 
 def entry_names(entry: Mapping[str, Any]) -> frozenset[str]:

@@ -22,8 +22,9 @@ from obelisk_py.core.sim.mujoco.block import (
 from obelisk_py.core.sim.mujoco.model import DEFAULT_KEYFRAME, compile_model, find_file, load_spec
 from obelisk_py.core.sim.mujoco.scans.files import with_ray_casters
 from obelisk_spec.model import read_model_facts
+from obelisk_spec.near import did_you_mean
 
-__all__ = ["LoadedModel", "load_model"]
+__all__ = ["LoadedModel", "check_keyframe", "load_model"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,6 +76,18 @@ def load_model(
     return LoadedModel(
         model=compile_model(spec, block.time_step_s), block=block, keyframe=keyframe or default
     )
+
+
+def check_keyframe(model: mujoco.MjModel, name: str) -> None:
+    """See whether a run can start at a keyframe; empty: where the one before did.
+
+    Raises:
+        ObeliskConfigError: the model has none of that name.
+    """
+    there = [model.key(number).name for number in range(model.nkey)]
+    if name and name not in there:
+        hint = did_you_mean(name, filter(None, there)) or "it has none"
+        raise ObeliskConfigError(f"the keyframe `{name}` is not in the model; {hint}")
 
 
 def _read_spec(

@@ -1,19 +1,15 @@
-"""The ROS parameter `realtime_factor`: what it may be, and when it may be changed.
+"""The ROS parameter `realtime_factor`: what it may be.
 
-In: a value, or parameters that somebody sets. Out: the factor, or why there is none. It is read at
-configure: the schedule, the cameras and the promised rate are made from it.
+In: a value. Out: the factor, or why there is none. It is read at configure: the schedule, the
+cameras and the promised rate are made from it.
 """
 
 import math
-from collections.abc import Sequence
 from typing import Final
-
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.parameter import Parameter
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 
-__all__ = ["REALTIME_FACTOR", "realtime_factor_of", "refuse_while_configured"]
+__all__ = ["REALTIME_FACTOR", "realtime_factor_of"]
 
 REALTIME_FACTOR: Final = "realtime_factor"
 
@@ -32,15 +28,3 @@ def realtime_factor_of(value: object) -> float:
             "for as fast as possible"
         )
     return float(value)
-
-
-def refuse_while_configured(
-    parameters: Sequence[Parameter], *, is_configured: bool
-) -> SetParametersResult:
-    """Whether parameters may be set: the factor only of a robot that is not configured."""
-    if is_configured and any(parameter.name == REALTIME_FACTOR for parameter in parameters):
-        return SetParametersResult(
-            successful=False,
-            reason=f"'{REALTIME_FACTOR}' is read at configure: clean up, set it, configure again",
-        )
-    return SetParametersResult(successful=True)

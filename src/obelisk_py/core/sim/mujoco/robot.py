@@ -15,26 +15,25 @@ from typing import Any, Final
 import mujoco
 from ament_index_python.packages import PackageNotFoundError, get_package_share_path
 from obelisk_sensor_msgs.msg import TrueSimState
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.publisher import LifecyclePublisher
-from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
 from obelisk_py.core.cdr import PackedMessage
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
+from obelisk_py.core.parameters import Getter
 from obelisk_py.core.rates.counter import TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
-from obelisk_py.core.sim.mujoco.block import PARAMETER
+from obelisk_py.core.sim.mujoco.block import PARAMETER, read_block
 from obelisk_py.core.sim.mujoco.control import ControlInbox, make_inbox
 from obelisk_py.core.sim.mujoco.drive import WhenStale
-from obelisk_py.core.sim.mujoco.loading import load_model
+from obelisk_py.core.sim.mujoco.loading import check_keyframe, load_model
 from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of, promise_nothing
 from obelisk_py.core.sim.mujoco.realtime_factor import (
     REALTIME_FACTOR,
     realtime_factor_of,
-    refuse_while_configured,
 )
 from obelisk_py.core.sim.mujoco.requests import Answer, StepRequests
 from obelisk_py.core.sim.mujoco.services import make_services
@@ -53,6 +52,7 @@ from obelisk_spec.rates import STEPS
 
 __all__ = ["ObeliskMujocoRobot"]
 
+KEYFRAME: Final = "ic_keyframe"
 _DEPTH: Final = 10
 _PAUSE_S: Final = 0.05
 """How long a paused simulation takes to notice that it is to stop [s]."""
@@ -82,7 +82,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         """
         super().__init__(node_name, ctrl_msg_type, **kwargs)
         self.declare_parameter(PARAMETER, "")
-        self.declare_parameter("ic_keyframe", "")
+        self.declare_parameter(KEYFRAME, "")
         # A config may write 0 or 1 as well as 0.5.
         self.declare_parameter(REALTIME_FACTOR, 1.0, ParameterDescriptor(dynamic_typing=True))
         for name, default in {**PARAMETERS, **FILM_PARAMETERS}.items():
@@ -98,7 +98,12 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._closing = ExitStack()
         self._requests = StepRequests()
         self._request_services: list[Any] = []
-        self.add_on_set_parameters_callback(self._refuse_parameters)
+        rules = self._parameter_rules
+        rules.add((REALTIME_FACTOR,), lambda value: realtime_factor_of(value(REALTIME_FACTOR)))
+        rules.add((PARAMETER,), lambda value: read_block(value(PARAMETER)))
+        rules.add(tuple(PARAMETERS), wishes_of)
+        rules.add(tuple(FILM_PARAMETERS), film_wanted)
+        rules.add((KEYFRAME,), self._check_keyframe, is_read_at_configure=False)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Read and check the sim block, load the model, make the publishers.
@@ -112,7 +117,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         film = film_wanted(lambda name: self.get_parameter(name).value)
         loaded = load_model(
             str(self.get_parameter(PARAMETER).value),
-            keyframe=str(self.get_parameter("ic_keyframe").value),
+            keyframe=str(self.get_parameter(KEYFRAME).value),
             folder=Path.cwd(),
             share_of=_share_of,
             warn=self._warn,
@@ -236,12 +241,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def _reset_to_parameter(self) -> Answer:
         """Reset to the keyframe that `ic_keyframe` names now."""
-        assert self._simulation is not None
         assert self._stepper is not None
-        name = str(self.get_parameter("ic_keyframe").value)
-        if name and mujoco.mj_name2id(self._simulation.model, mujoco.mjtObj.mjOBJ_KEY, name) < 0:
-            return Answer(is_done=False, text=f"keyframe `{name}` is not in the model")
-        self._keyframe = name or self._keyframe
+        self._keyframe = str(self.get_parameter(KEYFRAME).value) or self._keyframe
         answer = self._reset()
         # Whoever looks at a paused simulation sees it there.
         self._stepper.begin()
@@ -253,8 +254,10 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._stepper.step()
         return Answer(is_done=True, text=f"at {self._simulation.time_ns / NS_PER_S:.12g} s")
 
-    def _refuse_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        return refuse_while_configured(parameters, is_configured=self._simulation is not None)
+    def _check_keyframe(self, value: Getter) -> None:
+        """A reset goes to the keyframe that is named by then; so it has to be there."""
+        if self._simulation is not None:
+            check_keyframe(self._simulation.model, value(KEYFRAME))
 
     def _when_stale(self) -> WhenStale | None:
         if self._age is None:

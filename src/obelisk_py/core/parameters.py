@@ -1,0 +1,160 @@
+"""What others may set a node's parameters to: values that make sense, and when they are read.
+
+In: requests of the ROS services `~/set_parameters`, of anybody who reaches them. Out: parameters
+that are set, or a sentence that says what would be right. Whatever is asked, the node goes on, and
+of what is set at once either all is taken or nothing.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from obelisk_py.core.exceptions import ObeliskError
+from obelisk_spec.near import did_you_mean
+
+__all__ = ["Getter", "GuardedCheck", "ParameterRules", "guard_setting_service"]
+
+Getter = Callable[[str], Any]
+"""Gives the value that a parameter has, or would have."""
+READ_AT_CONFIGURE: Final = "is read at configure: clean up, set it, configure again"
+_FREE_STATES: Final = ("unconfigured", "configuring", "finalized")
+"""In which nothing is built of what configure reads."""
+
+
+@dataclass(frozen=True, slots=True)
+class GuardedCheck:
+    """A callback that decides on parameters; what it raises is a refusal.
+
+    Equal to another one of the same callback, so that rclpy finds it again to remove it.
+    """
+
+    callback: Callable[[list[Parameter]], SetParametersResult]
+
+    def __call__(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Whether the parameters may be set."""
+        try:
+            return self.callback(parameters)
+        except Exception as error:
+            names = ", ".join(f"'{parameter.name}'" for parameter in parameters)
+            return _refused(f"the node's check of {names} raised {type(error).__name__}: {error}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Rule:
+    """What parameters may be."""
+
+    names: tuple[str, ...]
+    check: Callable[[Getter], object] | None
+    is_read_at_configure: bool
+
+
+class ParameterRules:
+    """The parameters of one node that its library reads."""
+
+    def __init__(self, node: Node, state: Callable[[], str]) -> None:
+        """Hold to rules from now on.
+
+        Args:
+            node: whose parameters.
+            state: gives the label of its life-cycle state.
+        """
+        self._node = node
+        self._state = state
+        self._rules: list[_Rule] = []
+        node.add_on_set_parameters_callback(self._decide)
+
+    def add(
+        self,
+        names: Sequence[str],
+        check: Callable[[Getter], object] | None = None,
+        *,
+        is_read_at_configure: bool = True,
+    ) -> None:
+        """Add a rule.
+
+        Args:
+            names: the parameters that it is about.
+            check: takes a getter of their values; raises `ObeliskError` where they mean nothing;
+                without it every value means something.
+            is_read_at_configure: another value than the present waits until nothing is built.
+        """
+        rule = _Rule(names=tuple(names), check=check, is_read_at_configure=is_read_at_configure)
+        self._rules.append(rule)
+
+    def _decide(self, parameters: list[Parameter]) -> SetParametersResult:
+        # What is only being declared is told of at configure, with all else that is wrong.
+        new = {p.name: p.value for p in parameters if self._node.has_parameter(p.name)}
+
+        def value(name: str) -> Any:
+            return new[name] if name in new else self._node.get_parameter(name).value
+
+        for rule in self._rules:
+            mine = [name for name in rule.names if name in new]
+            if not mine:
+                continue
+            try:
+                if rule.check is not None:
+                    rule.check(value)
+            except ObeliskError as error:
+                return _refused(str(error))
+            for name in mine:
+                if rule.is_read_at_configure and self._would_be_half_applied(name, new[name]):
+                    return _refused(f"'{name}' {READ_AT_CONFIGURE}")
+        return SetParametersResult(successful=True)
+
+    def _would_be_half_applied(self, name: str, value: object) -> bool:
+        return self._state() not in _FREE_STATES and value != self._node.get_parameter(name).value
+
+
+def guard_setting_service(
+    node: Node, srv_type: type[Any], callback: Callable[[Any, Any], Any]
+) -> Callable[[Any, Any], Any]:
+    """The callback of a service; requests to set what cannot be set do not get to rclpy's.
+
+    It raises at a type that no parameter has, and takes a parameter without a name.
+    """
+    if srv_type not in (SetParameters, SetParametersAtomically):
+        return callback
+
+    def set_each(request: Any, response: Any) -> Any:
+        for message in request.parameters:
+            refusal = _refusal_of(node, message)
+            if refusal is None:
+                one = SetParameters.Request(parameters=[message])
+                callback(one, response)
+            else:
+                response.results.append(_refused(refusal))
+        return response
+
+    def set_together(request: Any, response: Any) -> Any:
+        refusals = [_refusal_of(node, message) for message in request.parameters]
+        told = [refusal for refusal in refusals if refusal is not None]
+        if not told:
+            return callback(request, response)
+        response.result = _refused("; ".join(told))
+        return response
+
+    return set_each if srv_type is SetParameters else set_together
+
+
+def _refusal_of(node: Node, message: Any) -> str | None:
+    """Why a parameter cannot be set, whatever its value is."""
+    known = {kind.value: kind.name.lower() for kind in Parameter.Type}
+    if message.value.type not in known:
+        there = ", ".join(f"{number} ({kind})" for number, kind in known.items())
+        return f"'{message.name}' has a value of the type {message.value.type}; there are: {there}"
+    if not message.name or not (
+        node.has_parameter(message.name) or node._allow_undeclared_parameters
+    ):
+        hint = did_you_mean(message.name, sorted(node._parameters))
+        return f"the node has no parameter '{message.name}'; {hint}"
+    return None
+
+
+def _refused(reason: str) -> SetParametersResult:
+    return SetParametersResult(successful=False, reason=reason)
