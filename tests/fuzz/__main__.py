@@ -20,6 +20,7 @@ __all__ = ["main"]
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 RESULT: Final = ROOT / "benchmarks" / "results" / "fuzz.json"
+ENGINES: Final = ("hypothesis", "atheris")
 START_S: Final = 120.0
 """For a process to load everything and to end [s]."""
 
@@ -82,17 +83,24 @@ def _since(begin: float) -> float:
     return round(time.monotonic() - begin, 1)
 
 
+def _with_earlier(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Results of a part of the tests, and those that were written before of the others."""
+    earlier = json.loads(RESULT.read_text(encoding="utf-8"))["tests"] if RESULT.exists() else []
+    merged = {(result["engine"], result["test"]): result for result in (*earlier, *results)}
+    return list(merged.values())
+
+
 def main() -> int:
     """Share the time among the tests."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz")
     parser.add_argument("--seconds", type=float, default=60.0, help="for all tests together")
-    parser.add_argument("--only", default="", help="tests with this in their names")
+    parser.add_argument("--only", nargs="+", default=[""], help="tests with one of these in them")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--engine", choices=("hypothesis", "atheris"))
+    parser.add_argument("--engine", choices=ENGINES, help="else each that is installed")
     options = parser.parse_args()
-    engine = options.engine or ("atheris" if find_spec("atheris") else "hypothesis")
-    engines = ("hypothesis",) if engine == "hypothesis" else ("hypothesis", "atheris")
-    wanted = [test for test in tests() if options.only in ".".join(test)]
+    there = ENGINES if find_spec("atheris") else ENGINES[:1]
+    engines = (options.engine,) if options.engine else there
+    wanted = [test for test in tests() if any(part in ".".join(test) for part in options.only)]
     share_s = options.seconds / max(1, len(wanted) * len(engines))
     results = []
     for engine in engines:
@@ -102,11 +110,13 @@ def main() -> int:
             for where, what in result["findings"].items():
                 print(f"         {where}: {what}")
             results.append(result)
+    if options.only != [""] or options.engine:
+        results = _with_earlier(results)
     told = {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "python": platform.python_version(),
         "seed": options.seed,
-        "seconds": options.seconds,
+        "seconds": round(sum(result["seconds"] for result in results), 1),
         "executions": sum(result["executions"] for result in results),
         "findings": sum(len(result["findings"]) for result in results),
         "tests": results,
