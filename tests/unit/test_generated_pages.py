@@ -3,6 +3,7 @@
 from pathlib import Path
 from types import ModuleType
 
+import design_drawings
 import pictures
 import pytest
 import reference_pages
@@ -40,6 +41,6 @@ def test_explain_shows_a_wrong_and_a_right_example(
 
 def test_the_stages_of_the_picture_are_those_of_the_source(repository: Path) -> None:
     source = repository / "src" / "obk_cli"
-    named = {box.name for box in pictures.STAGES} - {"stack.yaml"}
+    named = {box.name for box in design_drawings.STAGES} - {"stack.yaml"}
     for name in named:
         assert (source / name).is_dir() or (source / f"{name}.py").is_file(), name

@@ -1,0 +1,81 @@
+"""The drawings of `docs/design.md` as boxes and arrows: the stages, a running stack. Data only."""
+
+from itertools import pairwise
+
+from diagrams import Arrow, Box, Frame
+
+__all__ = [
+    "RUNNING",
+    "RUNNING_ARROWS",
+    "RUNNING_FRAMES",
+    "STAGES",
+    "STAGE_ARROWS",
+]
+
+
+def _box(column: float, row: float, name: str, *lines: str, kind: str = "stage") -> Box:
+    return Box(name=name, lines=lines, column=column, row=row, kind=kind)
+
+
+STAGES = (
+    _box(0, 1, "stack.yaml", "text, with its includes", kind="data"),
+    _box(1, 1, "parse", "text to a tree;", "every value has its place"),
+    _box(2, 1, "resolve", "includes, ${VARIABLES},", "--set, paths"),
+    _box(3, 1, "read", "tree to a typed config"),
+    _box(4, 1, "check", "wiring, types, models,", "packages, code"),
+    _box(5, 1, "lower", "config to a plan;", "cannot fail"),
+    _box(6, 1, "plan", "processes, parameters,", "promises, order", kind="data"),
+    _box(3.5, 0, "adapters", "MuJoCo's model, packages,", "files of this machine", kind="outside"),
+    _box(4.5, 0, "code", "nodes' Python source,", "read and not run"),
+    _box(3, 2, "diagnostics", "code, sentence, place,", "help, cure", kind="data"),
+    _box(4, 2, "report", "text, JSON, SARIF,", "GitHub", kind="result"),
+    _box(6, 0, "emit", "parameters, launch file,", "pictures, JSON", kind="result"),
+    _box(6, 2, "launch", "a running stack", kind="result"),
+)
+_WAY = ("stack.yaml", "parse", "resolve", "read", "check", "lower", "plan")
+STAGE_ARROWS = (
+    *(Arrow(start=a, end=b) for a, b in pairwise(_WAY)),
+    *(Arrow(start=name, end="diagnostics") for name in ("parse", "resolve", "read", "check")),
+    Arrow(start="adapters", end="check"),
+    Arrow(start="code", end="check"),
+    Arrow(start="diagnostics", end="report"),
+    Arrow(start="plan", end="emit"),
+    Arrow(start="plan", end="launch"),
+)
+
+RUNNING = (
+    _box(0, 1.3, "other terminals", "obk ps, lifecycle, stop,", "monitor, web", kind="outside"),
+    _box(1.2, 0.3, "screen", "log and status; a queue", "that drops and counts"),
+    _box(2.2, 1.3, "supervisor", "the one thread", "that decides"),
+    _box(1.2, 1.3, "control.sock", "a line of JSON,", "a line back"),
+    _box(1.2, 2.3, "journal", "run.json, events.jsonl,", "a log for each node"),
+    _box(2.2, 0.3, "ROS thread", "transitions, states,", "pulse, /diagnostics"),
+    _box(2.2, 2.3, "output readers", "a thread for each node,", "which always reads"),
+    _box(3.5, 1.3, "warden", "parent of all processes;", "ends them with the launcher"),
+    _box(4.8, 0.3, "robot", "hardware or MuJoCo", kind="result"),
+    _box(4.8, 1.3, "estimation", "sensors to a state", kind="result"),
+    _box(4.8, 2.3, "control", "state to commands", kind="result"),
+)
+RUNNING_ARROWS = (
+    Arrow(start="other terminals", end="control.sock", is_both_ways=True),
+    Arrow(start="control.sock", end="supervisor", is_both_ways=True),
+    Arrow(start="supervisor", end="screen"),
+    Arrow(start="supervisor", end="journal"),
+    Arrow(start="ROS thread", end="supervisor", is_both_ways=True),
+    Arrow(start="output readers", end="supervisor"),
+    Arrow(start="supervisor", end="warden", label="start, end"),
+    Arrow(start="warden", end="robot"),
+    Arrow(start="warden", end="estimation"),
+    Arrow(start="warden", end="control"),
+    Arrow(
+        start="ROS thread", end="robot", label="ROS 2: get_state, change_state", is_both_ways=True
+    ),
+    Arrow(start="control", end="output readers", label="what nodes print"),
+)
+RUNNING_FRAMES = (
+    Frame(
+        title="obk launch",
+        names=("screen", "control.sock", "journal", "supervisor", "ROS thread", "output readers"),
+    ),
+    Frame(title="a process each", names=("robot", "estimation", "control")),
+)
