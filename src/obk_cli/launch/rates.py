@@ -31,6 +31,8 @@ class RateWatch:
         """When each node that is active was heard of last [s]."""
         self._told: dict[tuple[str, str], Rate] = {}
         """By node and name, what was told last of rates that are not kept."""
+        self._by_silence: set[tuple[str, str]] = set()
+        """Of those the ones that are told as broken because nothing was reported."""
 
     def heard(self, heard: RatesHeard, now: float) -> Iterator[Told]:
         """A node reported; one that is not active, or not of this run, is left aside."""
@@ -59,19 +61,26 @@ class RateWatch:
                     yield from self._news(node, rate, now - heard)
 
     def _news(self, node: str, rate: Rate, silent_s: float = 0.0) -> Iterator[Told]:
-        told = self._told.get((node, rate.name))
+        key = (node, rate.name)
+        told = self._told.get(key)
         was_broken = told is not None and told.standing == "broken"
+        # That nothing was reported does not say what is wrong; the report that comes then does.
+        was_silent = key in self._by_silence and not silent_s
+        if was_silent:
+            self._by_silence.discard(key)
         if rate.standing == "kept":
             if told is not None:
-                del self._told[node, rate.name]
+                del self._told[key]
                 yield (RateKept if was_broken else RateMoved)(node=node, rate=rate)
             return
-        breaks = rate.standing == "broken" and not was_broken
+        breaks = rate.standing == "broken" and (was_silent or not was_broken)
         moved_hz = abs(rate.measured_hz - told.measured_hz) if told else rate.wanted_hz
         if not breaks and moved_hz <= MOVED * rate.wanted_hz:
             return
-        self._told[node, rate.name] = rate
+        self._told[key] = rate
         if breaks:
+            if silent_s:
+                self._by_silence.add(key)
             origin = self._roster.origin_of_promise(node, rate.name)
             yield RateBroken(node=node, rate=rate, origin=origin, silent_s=silent_s)
         else:
@@ -82,3 +91,4 @@ class RateWatch:
         self._roster.rates.pop(node, None)
         for told in [key for key in self._told if key[0] == node]:
             del self._told[told]
+            self._by_silence.discard(told)

@@ -109,6 +109,22 @@ def test_a_node_that_reports_again_after_a_silence_is_told() -> None:
     assert [type(event) for event in told_of_rates(world)] == [RateBroken, RateKept]
 
 
+def test_what_is_wrong_is_told_after_a_silence_that_was_told() -> None:
+    world = World(plan=PROMISED, later=seconds(KEPT, *[None] * 5, BROKEN, BROKEN))
+    world.run(duration_s=8)
+    silent, measured = told_of_rates(world)
+    assert isinstance(silent, RateBroken)
+    assert silent.silent_s > 3
+    assert isinstance(measured, RateBroken)
+    assert (measured.rate.measured_hz, measured.silent_s) == (50, 0)
+
+
+def test_a_rate_that_is_known_to_be_broken_is_not_told_once_more_after_a_silence() -> None:
+    world = World(plan=PROMISED, later=seconds(BROKEN, *[None] * 5, BROKEN))
+    world.run(duration_s=7)
+    assert [type(event) for event in told_of_rates(world)] == [RateBroken, RateMoved, RateMoved]
+
+
 def test_a_node_that_is_not_active_promises_nothing() -> None:
     inactive = StateSeen(node=CONTROLLER, state="inactive", transition="deactivate")
     world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT))
