@@ -4,12 +4,12 @@ In: which config, and the answers. Out: the edit, to be written as the last step
 package; a config that cannot take the node stops everything before anything is made.
 """
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from obk_cli.cli.config_options import make_options, wants_colour
+from obk_cli.cli.config_options import make_options
 from obk_cli.cli.edit_files import EditedFile, open_for_edit, write_edited
+from obk_cli.cli.findings import print_findings
 from obk_cli.cli.join_wish import JoinWish
 from obk_cli.diagnostics import Diagnostic
 from obk_cli.errors import CommandFailedError
@@ -22,7 +22,6 @@ from obk_cli.joining.target import find_replaced
 from obk_cli.joining.tell import joined_lines, joined_values
 from obk_cli.pipeline import compile_source
 from obk_cli.report.diff import report_diff
-from obk_cli.report.text import report_text
 from obk_cli.scaffold.describe import Added
 from obk_cli.scaffold.kinds import SECTIONS
 from obk_cli.scaffold.questions import Answers, Question
@@ -59,7 +58,7 @@ class ConfigEdit:
             after = compile_source(source, make_options(None, None)).diagnostics
             errors = new_errors(self.joined.before, after)
             if errors:
-                _show(errors)
+                print_findings(errors)
                 raise CommandFailedError(
                     f"with the new node `{source.path}` would have errors that it does not have "
                     "now; nothing was made",
@@ -90,7 +89,7 @@ def add_to_config(wish: JoinWish, answers: Answers) -> ConfigEdit:
     """
     file = open_for_edit(wish.config)
     if isinstance(file, Diagnostic):
-        _show((file,))
+        print_findings((file,))
         raise CommandFailedError(f"`{wish.config}` cannot be read; nothing was made")
     joined = join_node(
         file.source,
@@ -132,13 +131,7 @@ def suit_to_config(question: Question, wish: JoinWish, usual: Answers) -> Questi
 
 
 def _refusal(refused: Refused) -> CommandFailedError:
-    _show(refused.findings)
+    print_findings(refused.findings)
     option = _OPTIONS.get((refused.component or "").partition("_")[2])
     help = f"{refused.help} with `{option}`" if option else refused.help
     return CommandFailedError(f"{refused.sentence}; nothing was made", help=help)
-
-
-def _show(findings: tuple[Diagnostic, ...]) -> None:
-    if findings:
-        colour = wants_colour("auto", to_stderr=True)
-        print(report_text(findings, colour=colour, verbose=True), end="\n\n", file=sys.stderr)

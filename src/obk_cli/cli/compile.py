@@ -2,13 +2,11 @@
 
 import os
 import re
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from obelisk_spec.near import did_you_mean, list_names
 from obk_cli.adapters.files import explain_os_error
 from obk_cli.cli.config_options import (
     ColourOption,
@@ -16,16 +14,16 @@ from obk_cli.cli.config_options import (
     IgnoreOption,
     SetOption,
     make_options,
-    wants_colour,
 )
+from obk_cli.cli.findings import sound_plan
+from obk_cli.cli.option_values import require_word
 from obk_cli.emit.forms import FORMS, Form
 from obk_cli.emit.write import write_text
-from obk_cli.errors import EXIT_FAILED, CommandFailedError, MisuseError
-from obk_cli.pipeline import Options, compile_config
+from obk_cli.errors import CommandFailedError
+from obk_cli.pipeline import compile_config
 from obk_cli.plan import Plan
-from obk_cli.report.text import report_text, summary
 
-__all__ = ["EXAMPLE", "OutputOption", "command", "deliver", "plan_or_exit"]
+__all__ = ["EXAMPLE", "OutputOption", "command", "deliver"]
 
 EXAMPLE = "Example: obk compile config.yaml --to params --output build/dummy.params.yaml"
 
@@ -48,27 +46,9 @@ def command(
     plan: all processes as JSON. params: a file for --params-file, for all nodes. launch: a file for
     `ros2 launch`. mermaid, dot, svg: the block diagram. json: nodes, topics, edges.
     """
-    form = FORMS.get(to)
-    if form is None:
-        help = did_you_mean(to, FORMS)
-        raise MisuseError(f"`--to {to}`: expected one of {list_names(tuple(FORMS))}", help=help)
-    plan = plan_or_exit(config, make_options(set_, ignore), wants_colour(color, to_stderr=True))
-    deliver(plan, form, output)
-
-
-def plan_or_exit(config: str, options: Options, colour: bool) -> Plan:
-    """The plan of a config; tells its findings on stderr.
-
-    Raises:
-        typer.Exit: the config has errors.
-    """
-    outcome = compile_config(config, options)
-    if outcome.diagnostics:
-        print(report_text(outcome.diagnostics, colour=colour), end="\n\n", file=sys.stderr)
-        print(summary([outcome.path], outcome.diagnostics, colour=colour), file=sys.stderr)
-    if outcome.plan is None:
-        raise typer.Exit(EXIT_FAILED)
-    return outcome.plan
+    require_word("--to", to, FORMS)
+    outcome = compile_config(config, make_options(set_, ignore))
+    deliver(sound_plan(outcome, color, with_infos=True), FORMS[to], output)
 
 
 def deliver(plan: Plan, form: Form, output: str | None) -> None:

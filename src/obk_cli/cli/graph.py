@@ -6,20 +6,20 @@ from typing import Annotated
 
 import typer
 
-from obelisk_spec.near import list_names
-from obk_cli.cli.compile import OutputOption, deliver, plan_or_exit
+from obk_cli.cli.compile import OutputOption, deliver
 from obk_cli.cli.config_options import (
     ColourOption,
     ConfigArgument,
     IgnoreOption,
     SetOption,
     make_options,
-    wants_colour,
 )
+from obk_cli.cli.findings import sound_plan
+from obk_cli.cli.option_values import require_word
 from obk_cli.emit.forms import FORMS, Form
 from obk_cli.emit.graph import graph_of
 from obk_cli.emit.terminal import emit_terminal
-from obk_cli.errors import MisuseError
+from obk_cli.pipeline import compile_config
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -46,8 +46,8 @@ def command(
     Without options the drawing is for the terminal. Findings go to stderr.
     """
     form = _form(to, output)
-    plan = plan_or_exit(config, make_options(set_, ignore), wants_colour(color, to_stderr=True))
-    deliver(plan, form, output)
+    outcome = compile_config(config, make_options(set_, ignore))
+    deliver(sound_plan(outcome, color, with_infos=True), form, output)
 
 
 def _form(to: str | None, output: str | None) -> Form:
@@ -57,6 +57,5 @@ def _form(to: str | None, output: str | None) -> Form:
     if to is None:
         width = min(max(shutil.get_terminal_size((_NARROWEST, 24)).columns, _NARROWEST), _WIDEST)
         return Form(lambda plan: emit_terminal(graph_of(plan), width), ".txt")
-    if to not in _PICTURES:
-        raise MisuseError(f"`--to {to}`: expected one of {list_names(_PICTURES)}")
+    require_word("--to", to, _PICTURES)
     return FORMS[to]

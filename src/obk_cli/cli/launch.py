@@ -9,7 +9,6 @@ from typing import Annotated, cast, get_args
 
 import typer
 
-from obelisk_spec.near import did_you_mean
 from obk_cli.adapters.extras import require_extra
 from obk_cli.cli.config_options import (
     ColourOption,
@@ -19,6 +18,8 @@ from obk_cli.cli.config_options import (
     make_options,
     wants_colour,
 )
+from obk_cli.cli.findings import sound_plan
+from obk_cli.cli.option_values import require_word
 from obk_cli.cli.render_options import (
     FilmWords,
     RenderCameraOption,
@@ -27,14 +28,13 @@ from obk_cli.cli.render_options import (
     RenderSizeOption,
     with_film,
 )
-from obk_cli.errors import EXIT_FAILED, MisuseError
+from obk_cli.errors import MisuseError
 from obk_cli.launch.devices import Share
 from obk_cli.launch.order import UNTIL, Until
-from obk_cli.pipeline import Outcome, compile_config
+from obk_cli.pipeline import compile_config
 from obk_cli.plan import OnCrash, ParameterValue, Plan
 from obk_cli.read.nodes import LOG_LEVELS
 from obk_cli.recording.choice import Wish
-from obk_cli.report.text import report_text, summary
 from obk_cli.running.simulated import require_libraries, with_simulator_parameters
 
 __all__ = ["EXAMPLE", "command"]
@@ -135,14 +135,14 @@ def command(
     outlives this one. Exit code 0: ended in order; 1: the config has errors, a node failed, or a
     rate was broken with --strict-rates.
     """
-    _check_word("--until", until, tuple(UNTIL))
-    _check_word("--on-crash", on_crash, get_args(OnCrash))
-    _check_word("--format", format, FORMATS)
+    require_word("--until", until, tuple(UNTIL))
+    require_word("--on-crash", on_crash, get_args(OnCrash))
+    require_word("--format", format, FORMATS)
     if viewer is not None:
-        _check_word("--viewer", viewer, VIEWERS)
+        require_word("--viewer", viewer, VIEWERS)
     _check_numbers(timeout, hang_after, keep, duration)
     outcome = compile_config(config, make_options(set_, ignore))
-    plan = _with_log_level(_sound_plan(outcome, color), log_level)
+    plan = _with_log_level(sound_plan(outcome, color), log_level)
     _check_devices(plan, device, lead)
 
     from obk_cli.adapters.ros_environment import Network, ros_environment
@@ -154,7 +154,7 @@ def command(
     from obk_cli.running.surface import open_surface
 
     if network is not None:
-        _check_word("--network", network, get_args(Network))
+        require_word("--network", network, get_args(Network))
     share = share_of(plan, device, lead)
     require_libraries(plan, share)
     film = FilmWords(path=render, camera=render_camera, size=render_size, rate_hz=render_fps)
@@ -190,14 +190,6 @@ def command(
     raise typer.Exit(ended.exit_code)
 
 
-def _check_word(option: str, word: str, words: Sequence[str]) -> None:
-    if word not in words:
-        raise MisuseError(
-            f"`{option} {word}`: expected one of {', '.join(words)}",
-            help=did_you_mean(word, words),
-        )
-
-
 def _check_numbers(timeout: float, hang_after: float, keep: int, duration: float | None) -> None:
     for option, number, is_fit, expected in (
         ("--timeout", timeout, timeout > 0, "seconds above 0"),
@@ -209,19 +201,11 @@ def _check_numbers(timeout: float, hang_after: float, keep: int, duration: float
             raise MisuseError(f"`{option} {number:g}`: expected {expected}")
 
 
-def _sound_plan(outcome: Outcome, color: str) -> Plan:
-    """The plan of a config without errors; its findings are shown."""
-    _show_findings(outcome, colour=wants_colour(color, to_stderr=True))
-    if outcome.plan is None:
-        raise typer.Exit(EXIT_FAILED)
-    return outcome.plan
-
-
 def _check_devices(plan: Plan, device: str | None, lead: str | None) -> None:
     devices = tuple(dict.fromkeys(node.device for node in plan.processes))
     for option, word in (("--device", device), ("--lead", lead)):
         if word is not None:
-            _check_word(option, word, devices)
+            require_word(option, word, devices)
     if lead is not None and device is None:
         raise MisuseError("`--lead` says who leads where several launches have a `--device` each")
 
@@ -244,13 +228,6 @@ def _with_viewer(plan: Plan, share: Share, viewer: str | None) -> Plan:
 def _with_log_level(plan: Plan, level: str | None) -> Plan:
     if level is None:
         return plan
-    _check_word("--log-level", level, LOG_LEVELS)
+    require_word("--log-level", level, LOG_LEVELS)
     nodes = (replace(node, log_level=node.log_level or level) for node in plan.processes)
     return replace(plan, processes=tuple(nodes))
-
-
-def _show_findings(outcome: Outcome, *, colour: bool) -> None:
-    shown = tuple(d for d in outcome.diagnostics if d.severity != "info")
-    if shown:
-        print(report_text(shown, colour=colour), end="\n\n", file=sys.stderr)
-        print(summary((outcome.path,), shown, colour=colour), file=sys.stderr)

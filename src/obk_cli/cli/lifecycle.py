@@ -12,6 +12,7 @@ from obelisk_spec.near import did_you_mean
 from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.asking.lifecycle import Asked, change_states, node_states, possible_transitions
 from obk_cli.asking.names import NO_ANSWER
+from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.launch.asks import ChangeAnswer, Member
@@ -49,8 +50,7 @@ def command(
     """
     if verb not in WORDS:
         raise MisuseError(f"`obk lifecycle {verb}`: no such verb", help=did_you_mean(verb, WORDS))
-    if timeout is not None and timeout <= 0:
-        raise MisuseError("`--timeout` is seconds above 0")
+    require_positive("--timeout", timeout, "seconds")
     is_json = wants_json(format)
     asked = Asked(names=tuple(nodes or ()), run=run, timeout_s=timeout)
     environment = ros_environment()

@@ -11,7 +11,7 @@ from click.core import ParameterSource
 
 from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.cli.complete import complete_nodes, complete_topics
-from obk_cli.errors import MisuseError
+from obk_cli.cli.option_values import require_positive
 from obk_cli.looking.place import NOBODY_S, Place, place_of
 
 __all__ = [
@@ -22,7 +22,6 @@ __all__ = [
     "TopicArgument",
     "here",
     "print_json",
-    "require_positive",
     "with_types",
 ]
 
@@ -53,7 +52,7 @@ def here(domain: int | None, timeout_s: float) -> Place:
         CommandFailedError: ROS_DOMAIN_ID is no domain.
         MisuseError: the time is none.
     """
-    require_positive("--timeout", timeout_s)
+    require_positive("--timeout", timeout_s, "seconds")
     environment = ros_environment()
     for note in environment.notes:
         print(f"warning: {note}", file=sys.stderr)
@@ -69,16 +68,6 @@ def with_types(place: Place) -> Place:
     for folder in place.runs or (None,):
         environment = with_run_types(environment, folder)
     return replace(place, environment=environment)
-
-
-def require_positive(option: str, seconds: float | None) -> None:
-    """Refuse an option's number that is not above 0.
-
-    Raises:
-        MisuseError: it is not.
-    """
-    if seconds is not None and not seconds > 0:
-        raise MisuseError(f"`{option}` is a number above 0")
 
 
 def print_json(value: object) -> None:

@@ -1,6 +1,5 @@
 """`obk migrate CONFIG`: a config from one spelling into the other, comments and layout kept."""
 
-import sys
 from typing import Annotated
 
 import typer
@@ -8,12 +7,12 @@ import typer
 from obk_cli.adapters.files import STANDARD_INPUT
 from obk_cli.cli.config_options import ColourOption, ConfigArgument, wants_colour
 from obk_cli.cli.edit_files import EditedFile, open_for_edit, print_bytes, write_edited
+from obk_cli.cli.findings import print_findings
 from obk_cli.diagnostics import Diagnostic
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.migrate.rewrite import Migrated, migrate_source
 from obk_cli.migrate.shape import Spelling
 from obk_cli.report.diff import report_diff
-from obk_cli.report.text import report_text
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -52,10 +51,10 @@ def command(
         raise MisuseError(f"`--write` does not go with {other}")
     file = open_for_edit(config)
     if isinstance(file, Diagnostic):
-        _tell((file,), color)
+        print_findings((file,), color)
         raise typer.Exit(EXIT_FAILED)
     migrated = migrate_source(file.source, _SPELLINGS[to])
-    _tell((*migrated.faults, *migrated.kept), color)
+    print_findings((*migrated.faults, *migrated.kept), color)
     if migrated.faults:
         raise typer.Exit(EXIT_FAILED)
     _show(file, migrated, diff=diff, quiet=write or check, colour=wants_colour(color))
@@ -74,9 +73,3 @@ def _show(file: EditedFile, migrated: Migrated, *, diff: bool, quiet: bool, colo
         print_bytes(text.encode("utf-8"))
     elif not quiet:
         print_bytes(file.bytes_of(migrated.text))
-
-
-def _tell(findings: tuple[Diagnostic, ...], color: str) -> None:
-    if findings:
-        colour = wants_colour(color, to_stderr=True)
-        print(report_text(findings, colour=colour, verbose=True), end="\n\n", file=sys.stderr)

@@ -8,7 +8,8 @@ from typing import Annotated, Final
 import typer
 
 from obk_cli.adapters.extras import require_extra
-from obk_cli.cli.looking_options import TIMEOUT_S, DomainOption, here, require_positive, with_types
+from obk_cli.cli.looking_options import TIMEOUT_S, DomainOption, here, with_types
+from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import EXIT_DONE, MisuseError
 from obk_cli.monitoring.view import StackView
@@ -40,7 +41,7 @@ def command(
     period, until the stack ends. A stack of another host has no wanted rates and no log here.
     """
     is_json = wants_json(format)
-    require_positive("--period", period)
+    require_positive("--period", period, "seconds")
     target = Target(environment=here(domain, TIMEOUT_S).environment, domain=domain, run=run)
     watcher = Watcher(target, with_types, period)
     if once or is_json:

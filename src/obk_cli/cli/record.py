@@ -11,6 +11,7 @@ import typer
 from obk_cli.adapters.clock import local_time
 from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.asking.stacks import runs_meant
+from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.type_paths import with_run_types
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.runs import runs_folder
@@ -50,8 +51,7 @@ def command(
     compiled, hash, versions and parameters stand first in the file. Ends on Ctrl-C, on SIGTERM or
     after --duration; after any other end the file can be read up to its last quarter of a second.
     """
-    if duration is not None and duration <= 0:
-        raise MisuseError("`--duration` is seconds above 0")
+    require_positive("--duration", duration, "seconds")
 
     from obk_cli.adapters.extras import require_extra
 

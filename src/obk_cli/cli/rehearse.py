@@ -20,17 +20,18 @@ from obk_cli.cli.config_options import (
     make_options,
     wants_colour,
 )
+from obk_cli.cli.findings import sound_plan
+from obk_cli.cli.option_values import require_word
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.launch.devices import share_of
 from obk_cli.launch.units import Unit, units_of
-from obk_cli.pipeline import Outcome, compile_config
+from obk_cli.pipeline import compile_config
 from obk_cli.plan import OnCrash, Plan
 from obk_cli.rehearsal.cases import Case, make_cases
 from obk_cli.rehearsal.judge import Row
 from obk_cli.rehearsal.promise import FAULTS, Fault
 from obk_cli.report.launch import short_name
-from obk_cli.report.text import report_text, summary
 from obk_cli.running.simulated import require_libraries
 
 __all__ = ["EXAMPLE", "command"]
@@ -81,13 +82,11 @@ def command(
     is_json = wants_json(format)
     if config == "-":
         raise MisuseError("`obk rehearse` starts the config more than once: give a file")
-    _check_word("--on-crash", on_crash, get_args(OnCrash))
+    require_word("--on-crash", on_crash, get_args(OnCrash))
     faults = _faults(fault)
     outcome = compile_config(config, make_options(set_, ignore))
-    _show_findings(outcome, colour=wants_colour(color, to_stderr=True))
-    if outcome.plan is None or outcome.config is None:
-        raise typer.Exit(EXIT_FAILED)
-    plan = outcome.plan
+    plan = sound_plan(outcome, color)
+    assert outcome.config is not None  # the plan is made of it
 
     from obk_cli.rehearsal.guard import refuse_hardware
 
@@ -107,18 +106,10 @@ def command(
     raise typer.Exit(EXIT_DONE if all(row.is_right for row in rows) else EXIT_FAILED)
 
 
-def _check_word(option: str, word: str, words: Sequence[str]) -> None:
-    if word not in words:
-        raise MisuseError(
-            f"`{option} {word}`: expected one of {', '.join(words)}",
-            help=did_you_mean(word, words),
-        )
-
-
 def _faults(text: str) -> tuple[Fault, ...]:
     words = tuple(word.strip() for word in text.split(","))
     for word in words:
-        _check_word("--fault", word, FAULTS)
+        require_word("--fault", word, FAULTS)
     return cast(tuple[Fault, ...], words)
 
 
@@ -197,10 +188,3 @@ def _report(rows: Sequence[Row], *, is_json: bool, colour: bool) -> str:
     if colour and sys.stdout.isatty():
         return rehearsal_table(rows, shutil.get_terminal_size().columns)
     return rehearsal_text(rows)
-
-
-def _show_findings(outcome: Outcome, *, colour: bool) -> None:
-    shown = tuple(d for d in outcome.diagnostics if d.severity != "info")
-    if shown:
-        print(report_text(shown, colour=colour), end="\n\n", file=sys.stderr)
-        print(summary((outcome.path,), shown, colour=colour), file=sys.stderr)

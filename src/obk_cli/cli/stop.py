@@ -10,6 +10,7 @@ import typer
 
 from obk_cli.adapters.launchers import end_launcher
 from obk_cli.asking.stacks import runs_meant
+from obk_cli.cli.option_values import require_positive
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseError
 from obk_cli.launch.runs import Run, read_run, runs_folder
 from obk_cli.report.escapes import plain
@@ -38,8 +39,7 @@ def command(
     """
     if all_ and run is not None:
         raise MisuseError("`obk stop` takes RUN or `--all`, not both")
-    if timeout <= 0:
-        raise MisuseError("`--timeout` is seconds above 0")
+    require_positive("--timeout", timeout, "seconds")
     meant = runs_meant(runs_folder(os.environ), run)
     if not all_:
         _refuse_none_or_several(meant)

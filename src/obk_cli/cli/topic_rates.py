@@ -3,7 +3,7 @@
 import sys
 import time
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -14,14 +14,15 @@ from obk_cli.cli.looking_options import (
     TimeoutOption,
     TopicArgument,
     here,
-    require_positive,
     with_types,
 )
+from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import CommandFailedError
 
 if TYPE_CHECKING:
     from obk_cli.looking.delays import DelayMeter
+    from obk_cli.looking.rates import Rate
 
 __all__ = ["DELAY_EXAMPLE", "HZ_EXAMPLE", "delay", "hz"]
 
@@ -56,8 +57,8 @@ def hz(
     --duration; exit code 1 where no message came within --timeout.
     """
     is_json = wants_json(format)
-    require_positive("--window", window)
-    require_positive("--duration", duration)
+    require_positive("--window", window, "seconds")
+    require_positive("--duration", duration, "seconds")
     place = with_types(here(domain, timeout))
 
     from obk_cli.adapters.ros_look import open_look
@@ -98,7 +99,7 @@ def delay(
     simulator's, tell only how much later than the quickest message the others came.
     """
     is_json = wants_json(format)
-    require_positive("--duration", duration)
+    require_positive("--duration", duration, "seconds")
     place = with_types(here(domain, timeout))
 
     from obk_cli.adapters.ros_listen import arrived
@@ -128,7 +129,7 @@ def delay(
         _tell_delay(seen.name, meter, duration, duration, is_json=is_json)
 
 
-def _tell_rates(rates: Mapping[str, Any], *, is_json: bool) -> None:
+def _tell_rates(rates: "Mapping[str, Rate]", *, is_json: bool) -> None:
     from obk_cli.report.messages import json_line
     from obk_cli.report.rates import rate_data, rate_text
 
@@ -138,7 +139,7 @@ def _tell_rates(rates: Mapping[str, Any], *, is_json: bool) -> None:
         print(json_line(rate_data(name, rate)) if is_json else text, flush=True)
 
 
-def _require_messages(rates: Mapping[str, Any], passed_s: float | None, limit_s: float) -> None:
+def _require_messages(rates: "Mapping[str, Rate]", passed_s: float | None, limit_s: float) -> None:
     silent = [name for name, rate in rates.items() if not rate.count]
     if silent and (passed_s is None or passed_s >= limit_s):
         raise CommandFailedError(f"no message came on {', '.join(silent)} within {limit_s:g} s")

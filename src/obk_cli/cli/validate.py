@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from obelisk_spec.near import list_names
 from obk_cli.adapters.files import STANDARD_INPUT
 from obk_cli.cli.config_options import (
     ColourOption,
@@ -16,6 +15,7 @@ from obk_cli.cli.config_options import (
     make_options,
     wants_colour,
 )
+from obk_cli.cli.option_values import require_word
 from obk_cli.diagnostics import Diagnostic, in_order
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.pipeline import Options, Outcome, compile_config
@@ -63,8 +63,7 @@ def command(
 
     Exit code 0: no errors; 1: errors, with --strict warnings too; 2: misuse. With --watch 0.
     """
-    if format not in _FORMATS:
-        raise MisuseError(f"`--format {format}`: expected one of {list_names(_FORMATS)}")
+    require_word("--format", format, _FORMATS)
     _check_together(configs, format, fix=fix, diff=diff, watch=watch)
     options, colour = make_options(set_, ignore), wants_colour(color)
     if watch:

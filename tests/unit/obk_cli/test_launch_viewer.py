@@ -19,7 +19,8 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 def test_a_viewer_that_there_is_not(capsys: pytest.CaptureFixture[str]) -> None:
     assert refused(capsys, "--viewer", "wbe") == (
-        "error: `--viewer wbe`: expected one of none, native, web\n  help: did you mean `web`?\n"
+        "error: `--viewer wbe`: expected one of `none`, `native`, `web`\n"
+        "  help: did you mean `web`?\n"
     )
 
 

@@ -80,7 +80,7 @@ def test_plot_is_over_the_time_of_publication_or_of_receipt(
         (("plot", "speed.mcap", "sped.data"), 1, "the recording has no topic `sped`"),
         (("plot", "speed.mcap", "speed.dat"), 1, "did you mean `data`"),
         (("plot", "speed.mcap", "speed.data", "-o", "a.gif"), 2, "a file named .png or .svg"),
-        (("record", "--duration", "0"), 2, "`--duration` is seconds above 0"),
+        (("record", "--duration", "0"), 2, "`--duration 0`: expected seconds above 0"),
     ],
 )
 def test_a_mistake_is_told_without_a_trace(

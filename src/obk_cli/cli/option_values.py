@@ -1,0 +1,31 @@
+"""What several commands ask of an option's value: one of certain words, a number above 0."""
+
+from collections.abc import Collection
+
+from obelisk_spec.near import ask_for, list_names, near_names
+from obk_cli.errors import MisuseError
+
+__all__ = ["require_positive", "require_word"]
+
+
+def require_word(option: str, word: str, words: Collection[str]) -> None:
+    """Refuse a word that is none of those that an option takes.
+
+    Raises:
+        MisuseError: it is not; the help asks for near ones.
+    """
+    if word not in words:
+        raise MisuseError(
+            f"`{option} {word}`: expected one of {list_names(words)}",
+            help=ask_for(near_names(word, words)),
+        )
+
+
+def require_positive(option: str, number: float | None, what: str = "a number") -> None:
+    """Refuse an option's number that is not above 0; None stands for an option that is not given.
+
+    Raises:
+        MisuseError: it is not; `what` says of what it is a number ("seconds").
+    """
+    if number is not None and not number > 0:
+        raise MisuseError(f"`{option} {number:g}`: expected {what} above 0")
