@@ -11,6 +11,7 @@ from typing import Final
 
 from obk_cli.adapters.control_client import ask_status
 from obk_cli.adapters.follow import last_lines
+from obk_cli.adapters.launcher_look import LauncherParameters
 from obk_cli.adapters.live_runs import is_alive
 from obk_cli.adapters.process_load import OwnCost, ProcessLoad, ProcessLoads
 from obk_cli.adapters.ros_look import RosLook
@@ -18,7 +19,9 @@ from obk_cli.asking.run_logs import LAUNCH_LOG
 from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.runs import Run, read_run
 from obk_cli.launch.transitions import ACTIVE
-from obk_cli.monitoring.promised import planned_topics
+from obk_cli.looking.parameters import Parameter
+from obk_cli.monitoring.promised import planned_topics, simulated_robots
+from obk_cli.monitoring.speeds import REALTIME_FACTOR, Speeds
 from obk_cli.monitoring.topic_watch import WINDOW_S, TopicWatch
 from obk_cli.monitoring.view import NodeView, StackView
 from obk_cli.recording.made_from import run_plan
@@ -26,6 +29,8 @@ from obk_cli.recording.made_from import run_plan
 __all__ = ["WINDOW_S", "Observer"]
 
 LINES: Final = 200
+ANSWER_S: Final = 0.2
+"""For a robot's word on its speed: others are not kept waiting [s]."""
 
 
 class Observer:
@@ -42,13 +47,15 @@ class Observer:
         self._folder = folder
         self._run = run
         self._loads = ProcessLoads()
-        plan = run_plan(folder)
+        self._plan = run_plan(folder)
         self._watch = TopicWatch(look)
-        self._watch.want(planned_topics(plan))
-        for process in plan.get("processes", ()):
-            if process.get("model"):  # it simulates
-                node = f"{process['namespace'].rstrip('/')}/{process['node']}"
-                self._watch.want_realtime_factor(f"{node}/rtf")
+        self._watch.want(planned_topics(self._plan))
+        simulated = simulated_robots(self._plan)
+        self._speeds = Speeds(simulated, self._ask_factor)
+        for node in simulated:
+            self._watch.want_realtime_factor(f"{node}/rtf")
+        if simulated:
+            self._watch.want_parameter_events(self._speeds.hear)
         self._cost = OwnCost()
 
     def turn(self) -> None:
@@ -63,6 +70,8 @@ class Observer:
         """The stack as it is now."""
         status = ask_status(self._folder)
         run = self._run if status else read_run(self._folder) or self._run
+        if status is not None:
+            self._follow_speeds(status)
         nodes = self._nodes(status)
         active = {node.node for node in nodes if node.state == ACTIVE}
         return StackView(
@@ -80,6 +89,17 @@ class Observer:
             has_ended=status is None and not is_alive(run),
             cause=run.cause,
         )
+
+    def _follow_speeds(self, status: StackStatus) -> None:
+        """Want the rates that go with the speeds at which robots are simulated by now."""
+        before = self._speeds.factors
+        self._speeds.look(status.nodes)
+        if self._speeds.factors != before:
+            self._watch.want(planned_topics(self._plan, self._speeds.factors))
+
+    def _ask_factor(self, node: str) -> Parameter:
+        parameters = LauncherParameters(self._folder, node, ANSWER_S)
+        return parameters.values([REALTIME_FACTOR])[REALTIME_FACTOR]
 
     def _nodes(self, status: StackStatus | None) -> tuple[NodeView, ...]:
         told = status.nodes if status else ()

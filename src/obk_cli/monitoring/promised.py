@@ -8,7 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-__all__ = ["PlannedTopic", "planned_topics"]
+__all__ = ["PlannedTopic", "planned_topics", "simulated_robots"]
+
+NO_FACTORS: Final[Mapping[str, float]] = {}
 
 _MEASURING: Final = ("robot", "sensing")
 """Sections with which the way of data begins: a robot does not publish what it is commanded."""
@@ -29,21 +31,29 @@ class PlannedTopic:
     """Topics that its publishers subscribe to; none where these measure the world."""
 
 
-def planned_topics(plan: Mapping[str, Any]) -> tuple[PlannedTopic, ...]:
-    """The topics of a plan along the way of data: those made from nothing first."""
-    clock = _speed_of_clock(plan)
+def planned_topics(
+    plan: Mapping[str, Any], factors: Mapping[str, float] = NO_FACTORS
+) -> tuple[PlannedTopic, ...]:
+    """The topics of a plan along the way of data: those made from nothing first.
+
+    Args:
+        plan: as the run's folder keeps it.
+        factors: full name -> real-time factor of simulated robots, where they have told.
+    """
+    clock = _speed_of_clock(plan, factors)
     kinds: dict[str, str | None] = {}
     promised: defaultdict[str, list[float | None]] = defaultdict(list)
     publishers: defaultdict[str, dict[str, None]] = defaultdict(dict)
     sources: defaultdict[str, dict[str, None]] = defaultdict(dict)
     for process in plan.get("processes", ()):
-        node = f"{process['namespace'].rstrip('/')}/{process['node']}"
+        node = _full_name(process)
+        speed = _speed(process, clock, factors)
         for end in process["subscribes"]:
             kinds[end["topic"]] = kinds.get(end["topic"]) or end["msg_type"]
         for end in process["publishes"]:
             topic = end["topic"]
             kinds[topic] = kinds.get(topic) or end["msg_type"]
-            promised[topic].append(_in_wall_time(end["rate_hz"], _speed(process, clock)))
+            promised[topic].append(_in_wall_time(end["rate_hz"], speed))
             publishers[topic][node] = None
             if process["section"] not in _MEASURING:
                 sources[topic].update(dict.fromkeys(one["topic"] for one in process["subscribes"]))
@@ -60,18 +70,28 @@ def planned_topics(plan: Mapping[str, Any]) -> tuple[PlannedTopic, ...]:
     return tuple(sorted(found, key=lambda topic: (_depth(topic.name, sources), topic.name)))
 
 
-def _speed_of_clock(plan: Mapping[str, Any]) -> float:
+def simulated_robots(plan: Mapping[str, Any]) -> tuple[str, ...]:
+    """Full names of the robots of a plan that are simulated."""
+    return tuple(_full_name(one) for one in plan.get("processes", ()) if one.get("model"))
+
+
+def _full_name(process: Mapping[str, Any]) -> str:
+    return f"{process['namespace'].rstrip('/')}/{process['node']}"
+
+
+def _speed_of_clock(plan: Mapping[str, Any], factors: Mapping[str, float]) -> float:
     """The speed of `/clock`; 0 where nobody knows it: no robot is simulated, or several differ."""
     simulated = (process for process in plan.get("processes", ()) if process.get("model"))
-    speeds = {_speed(process, 0.0) for process in simulated}
+    speeds = {_speed(process, 0.0, factors) for process in simulated}
     return speeds.pop() if len(speeds) == 1 else 0.0
 
 
-def _speed(process: Mapping[str, Any], clock: float) -> float:
+def _speed(process: Mapping[str, Any], clock: float, factors: Mapping[str, float]) -> float:
     """How fast the time passes in which a node keeps its rates, over wall time; 0: not known."""
     parameters = process.get("parameters", {})
     if process.get("model"):
-        return float(parameters.get("realtime_factor", 1.0))
+        planned = float(parameters.get("realtime_factor", 1.0))
+        return factors.get(_full_name(process), planned)
     return clock if parameters.get("use_sim_time") else 1.0
 
 

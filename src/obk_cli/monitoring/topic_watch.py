@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from obk_cli.adapters.clock import monotonic_s
 from obk_cli.adapters.ros_look import RosLook
-from obk_cli.adapters.ros_meter import RosMeter
+from obk_cli.adapters.ros_meter import RosMeter, Watch
 from obk_cli.adapters.ros_types import fields_of, find_type, raw_type, short_type
 from obk_cli.errors import CommandFailedError
 from obk_cli.looking.graph import TopicSeen
@@ -32,6 +32,8 @@ FOUND_S: Final = 0.5
 """In which a publisher has found a new subscription [s]."""
 PERIODS_TO_JUDGE: Final = 3
 RTF_TYPE: Final = "std_msgs/msg/Float64"
+EVENTS: Final = "/parameter_events"
+EVENTS_TYPE: Final = "rcl_interfaces/msg/ParameterEvent"
 _RTF: Final = struct.Struct("<4xd")
 """CDR of a `Float64`, in the byte order of this and every usual machine."""
 
@@ -66,6 +68,10 @@ class TopicWatch:
     def want_realtime_factor(self, topic: str) -> None:
         """Listen to what a simulator says of its speed."""
         self._meter.add(topic, RTF_TYPE, find_type(RTF_TYPE), self._take_rtf)
+
+    def want_parameter_events(self, hear: Watch) -> None:
+        """Listen to what nodes say of their parameters."""
+        self._meter.add(EVENTS, EVENTS_TYPE, find_type(EVENTS_TYPE), hear)
 
     def turn(self) -> None:
         """Count what has come; returns after 20 ms."""

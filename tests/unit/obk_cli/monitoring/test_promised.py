@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from obk_cli.monitoring.promised import PlannedTopic, planned_topics
+from obk_cli.monitoring.promised import PlannedTopic, planned_topics, simulated_robots
 
 
 def end(topic: str, rate_hz: float | None = None, msg_type: str | None = "p/msg/M") -> Any:
@@ -75,6 +75,17 @@ def wanted_at(*factors: float) -> dict[str, float | None]:
 def test_rates_of_simulated_time_are_wanted_at_its_speed() -> None:
     assert wanted_at(0.5) == {"/q0": 500.0, "/est": 250.0, "/ctrl": 100.0}
     assert wanted_at(1) == {"/q0": 1000.0, "/est": 500.0, "/ctrl": 100.0}
+
+
+def test_a_speed_that_was_set_since_counts_instead_of_the_plans() -> None:
+    robot = process(
+        "r", "robot", [end("/q", 1000.0)], [], model="m.xml", parameters={"realtime_factor": 1.0}
+    )
+    node = process("n", "control", [end("/u", 10.0)], [], parameters={"use_sim_time": True})
+    plan = {"processes": [robot, node]}
+    (name,) = simulated_robots(plan)
+    wanted = {topic.name: topic.wanted_hz for topic in planned_topics(plan, {name: 0.5})}
+    assert (name, wanted) == ("/arm/r", {"/q": 500.0, "/u": 5.0})
 
 
 def test_what_runs_as_fast_as_possible_is_not_judged() -> None:
