@@ -107,10 +107,10 @@ fuzz: SECONDS ?= 60
 fuzz: setup
 	$(BIN)/python -m tests.fuzz --seconds $(SECONDS)
 
-# The dummy stack in trouble for SECONDS; writes benchmarks/results/soak.json and soak.png.
+# The dummy stack in trouble for SECONDS; writes benchmarks/results/soak.json and soak.svg.
 soak: SECONDS ?= 1800
 soak: setup
-	$(BIN)/python benchmarks/soak.py --seconds $(SECONDS)
+	$(BIN)/python -m benchmarks.soak --seconds $(SECONDS)
 
 # --- the environment, in four steps; each is done again only when what it is made from changes ---
 

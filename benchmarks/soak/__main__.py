@@ -1,0 +1,177 @@
+"""Troubles the dummy stack for a long time, and looks whether anything of it grows or is left.
+
+    make soak [SECONDS=1800]      (SECONDS=180: each trouble once or more, and what grows quickly)
+
+A seeded plan takes turns at random: nodes are taken through transitions, killed and frozen; the
+config is changed and launched anew; monitors, recorders and pages come and go. Each answer is held
+against the rules. Memory, file handles, threads and sockets of the stack's processes and their
+files in shared memory are counted: their slope has to be flat, but for its noise. Between troubles
+every promised rate has to be kept, in seconds in which a bare timer beside the stack kept its own.
+Numbers and verdict go to `soak.json`, and with the extra `plot` a picture to `soak.svg`. Exit code
+1: something grows, is not kept, is not answered as the rules say, or is left.
+"""
+
+import argparse
+import json
+import os
+import random
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, nullcontext
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+from benchmarks.soak.counts import mapped_files, of_process, shared_files, verdicts
+from benchmarks.soak.picture import draw_picture
+from benchmarks.soak.plan import Trouble, first_deck, plan
+from benchmarks.soak.rates import Rates, bare_timer_beside
+from benchmarks.soak.stack import Stack
+from benchmarks.soak.troubles import trouble
+from benchmarks.stolen import StolenTime
+from obk_cli.adapters.free_domain import free_domain
+from obk_cli.adapters.shared_memory import remove_dead_segments
+
+__all__ = ["main"]
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+RESULTS: Final = ROOT / "benchmarks" / "results"
+CONFIG: Final = ROOT / "examples" / "dummy" / "dummy.yaml"
+SAMPLE_S: Final = 2.0
+FROZEN_S: Final = 5.0
+"""Where a hang counts as one only later, freezing takes too long."""
+
+
+class Soak:
+    """One run: what was counted, what was done."""
+
+    def __init__(self, stack: Stack, draw: random.Random, calm_s: float) -> None:
+        self.stack = stack
+        self.samples: list[dict[str, Any]] = []
+        self.troubles: list[dict[str, Any]] = []
+        self.rates = Rates()
+        self._draw = draw
+        self._calm_s = calm_s
+        self._mapped: set[str] = set()
+
+    def run(self, seconds: float, turns: Iterator[Trouble], least: int, timer: Any) -> None:
+        """Trouble it for some time, and so many times at least."""
+        self.stack.launch()
+        calm_at_s = self.stack.now() + self._calm_s
+        while self.stack.now() < seconds or len(self.troubles) < least:
+            begin_s = time.monotonic()
+            nodes = self.sample()
+            if self.stack.now() >= calm_at_s:
+                if timer is not None:
+                    self.rates.look(nodes.values(), timer.newest(), self.stack.now())
+                kind = next(turns)
+                begun_s = self.stack.now()
+                trouble(self.stack, kind, self._draw)
+                self.note(kind, begun_s)
+                calm_at_s = self.stack.now() + self._calm_s
+            time.sleep(max(0.0, min(SAMPLE_S, self._calm_s) - (time.monotonic() - begin_s)))
+        self.stack.send_company_away()
+        self.stack.stop()
+
+    def note(self, kind: Trouble, begun_s: float) -> None:
+        """Keep what was done, and tell whoever watches."""
+        now_s = self.stack.now()
+        done = {"time_s": round(begun_s, 1), "took_s": round(now_s - begun_s, 1), "trouble": kind}
+        self.troubles.append(done)
+        print(f"{now_s:.0f} s: {kind}, {len(self.stack.faults)} faults so far", file=sys.stderr)
+
+    def sample(self) -> dict[str, dict[str, Any]]:
+        """Count what every process of the stack has; the nodes."""
+        nodes = self.stack.nodes()
+        launcher = self.stack.launcher.pid if self.stack.launcher else 0
+        owners = {node["pid"]: name for name, node in nodes.items() if node["pid"]}
+        at_s = round(self.stack.now(), 2)
+        for pid, who in {launcher: "launcher", **owners}.items():
+            self._mapped |= mapped_files(pid)
+            if counts := of_process(pid):
+                self.samples.append({"time_s": at_s, "who": who, "pid": pid, **counts})
+        shared = {"who": "shared memory", "pid": 0, "shm_files": len(self.shared_files())}
+        self.samples.append({"time_s": at_s, **shared})
+        return nodes
+
+    def shared_files(self) -> set[str]:
+        """Files of the stack in shared memory, those of its processes that were killed too."""
+        return self._mapped & shared_files()
+
+
+def soak(asked: argparse.Namespace, home: Path) -> dict[str, Any]:
+    """All of it; the result."""
+    draw = random.Random(asked.seed)
+    is_frozen = asked.hang_after <= FROZEN_S
+    least = len(first_deck(random.Random(asked.seed), is_frozen=is_frozen))
+    options = ("--on-crash", "restart", "--hang-after", f"{asked.hang_after:g}")
+    stolen, stack = StolenTime(), Stack.of(asked.config, home, options)
+    run = Soak(stack, draw, asked.calm)
+    remove_dead_segments()  # of whoever was killed before
+    with nullcontext() if asked.without_rates else bare_timer_beside() as timer:
+        run.run(asked.seconds, plan(draw, is_frozen=is_frozen), least, timer)
+    left, found = stack.leftovers(), verdicts(run.samples)
+    shared = sorted(run.shared_files())
+    faults = [*stack.faults, *(f"a traceback: {line}" for line in stack.complaints())]
+    grown = [one for one in found if not one["is_flat"]]
+    is_sound = not (faults or run.rates.faults or left or shared or grown)
+    return {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "seconds": round(stack.now()),
+        "seed": asked.seed,
+        "cores": os.cpu_count(),
+        "load_average": os.getloadavg()[0],
+        "stolen_percent": stolen.percent(),
+        "verdict": "sound" if is_sound else "NOT sound",
+        "faults": faults,
+        "left": {"processes": left, "shm_files": shared},
+        "rates": {"judged": run.rates.judged, "void": run.rates.void, "broken": run.rates.faults},
+        "grown": grown,
+        "judged": found,
+        "troubles": run.troubles,
+        "samples": [
+            {key: round(v, 2) if isinstance(v, float) else v for key, v in one.items()}
+            for one in run.samples
+        ],
+    }
+
+
+def options() -> argparse.Namespace:
+    """What the command line asks for."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.soak",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--seconds", type=float, default=1800.0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--calm", type=float, default=6.0, help="seconds between two troubles")
+    parser.add_argument("--hang-after", type=float, default=2.0, help="seconds, of `obk launch`")
+    parser.add_argument("--without-rates", action="store_true", help="on a machine that is busy")
+    parser.add_argument("--config", type=Path, default=CONFIG, help="its folder is copied")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="folder")
+    return parser.parse_args()
+
+
+def main() -> int:
+    """Run, tell, keep."""
+    asked = options()
+    with ExitStack() as held:
+        if "ROS_DOMAIN_ID" not in os.environ:
+            os.environ["ROS_DOMAIN_ID"] = str(held.enter_context(free_domain()))
+        result = soak(asked, Path(held.enter_context(tempfile.TemporaryDirectory())))
+    path = asked.results / "soak.json"
+    path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    try:
+        draw_picture(result, path.with_suffix(".svg"))
+    except ImportError:
+        print("no picture: install obk with its `plot` extra", file=sys.stderr)
+    shown = ("verdict", "load_average", "stolen_percent", "faults", "left", "rates", "grown")
+    print(json.dumps({key: result[key] for key in shown}, indent=1))
+    return 0 if result["verdict"] == "sound" else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

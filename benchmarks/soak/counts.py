@@ -1,0 +1,125 @@
+"""What the processes of a stack hold, and whether it grows."""
+
+import math
+import statistics
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import psutil
+
+__all__ = ["Growth", "growth", "mapped_files", "of_process", "shared_files", "verdicts"]
+
+SHARED_MEMORY: Final = Path("/dev/shm")
+OF_DDS: Final = ("fastrtps", "sem.fastrtps")
+"""How the names of its segments and ports begin; others' are shared by the whole machine."""
+WARM_PART: Final = 0.3
+"""Of the samples of a process, that are not judged: caches fill."""
+LEAST_JUDGED_S: Final = 60.0
+"""A process that lived shorter has grown, and that says nothing."""
+TOLERANCES: Final = {"rss_mb": 0.05, "pss_mb": 0.05}
+"""Growth over the judged time that counts as flat, as a part of the mean; none for other counts."""
+LEAST: Final = {
+    "rss_mb": 3.0,
+    "pss_mb": 3.0,
+    "handles": 2.0,
+    "threads": 1.0,
+    "sockets": 2.0,
+    "shm_files": 3.0,
+}
+"""Growth that counts as flat in any case."""
+NOISES: Final = 2.0
+"""How many standard errors a growth has to be above what is allowed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Growth:
+    """By how much something has grown over a time, on a straight line through all values."""
+
+    grown: float
+    noise: float
+    """The standard error of it."""
+
+
+def of_process(pid: int) -> dict[str, float]:
+    """What a process holds; empty where it has ended."""
+    try:
+        process = psutil.Process(pid)
+        memory = process.memory_full_info()
+        links = [str(path.readlink()) for path in Path(f"/proc/{pid}/fd").iterdir()]
+        threads = process.num_threads()
+    except (psutil.Error, OSError):
+        return {}
+    return {
+        "rss_mb": memory.rss / 1e6,
+        "pss_mb": memory.pss / 1e6,
+        "handles": len(links),
+        "sockets": sum(link.startswith("socket:") for link in links),
+        "threads": threads,
+    }
+
+
+def shared_files() -> set[str]:
+    """The files of DDS in shared memory, whoever has them."""
+    return {path.name for path in SHARED_MEMORY.iterdir() if path.name.startswith(OF_DDS)}
+
+
+def mapped_files(pid: int) -> set[str]:
+    """Those that a process has mapped."""
+    try:
+        lines = Path(f"/proc/{pid}/maps").read_text(encoding="utf-8").splitlines()
+    except OSError:  # it has ended
+        return set()
+    paths = (Path(line.split(maxsplit=5)[5]) for line in lines if str(SHARED_MEMORY) in line)
+    return {path.name for path in paths if path.name.startswith(OF_DDS)}
+
+
+def growth(times: Sequence[float], values: Sequence[float]) -> Growth:
+    """Of at least three moments; of fewer it is nothing."""
+    if len(set(times)) < 3:
+        return Growth(grown=0.0, noise=0.0)
+    slope, level = statistics.linear_regression(times, values)
+    rest = sum((v - level - slope * t) ** 2 for t, v in zip(times, values, strict=True))
+    mean = statistics.fmean(times)
+    spread = sum((t - mean) ** 2 for t in times)
+    seconds = times[-1] - times[0]
+    return Growth(
+        grown=slope * seconds, noise=math.sqrt(rest / (len(times) - 2) / spread) * seconds
+    )
+
+
+def verdicts(samples: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Of each process that lived long enough and each count: whether it is flat."""
+    by_process: defaultdict[tuple[str, int], list[Mapping[str, Any]]] = defaultdict(list)
+    for one in samples:
+        by_process[one["who"], one["pid"]].append(one)
+    found = []
+    for (who, pid), own in by_process.items():
+        judged = own[int(WARM_PART * len(own)) :]
+        times = [one["time_s"] for one in judged]
+        if times[-1] - times[0] < LEAST_JUDGED_S:
+            continue
+        for key in LEAST:
+            if key not in judged[0]:
+                continue
+            values = [one[key] for one in judged]
+            seen = growth(times, values)
+            mean = statistics.fmean(values)
+            allowed = max(LEAST[key], TOLERANCES.get(key, 0.0) * mean)
+            found.append(
+                {
+                    "who": who,
+                    "pid": pid,
+                    "count": key,
+                    "samples": len(values),
+                    "seconds": round(times[-1] - times[0]),
+                    "mean": round(mean, 2),
+                    "grown": round(seen.grown, 2),
+                    "noise": round(seen.noise, 2),
+                    "allowed": round(allowed, 2),
+                    "is_flat": seen.grown - NOISES * seen.noise <= allowed,
+                }
+            )
+    return found

@@ -1,0 +1,36 @@
+"""A short soak: every trouble once, answered as the rules say, and nothing left."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from .stack import DUMMY
+
+pytestmark = pytest.mark.ros
+
+
+def test_every_trouble_is_answered_as_the_rules_say_and_nothing_is_left(
+    repository: Path, tmp_path: Path
+) -> None:
+    # Neither rates nor hangs: whoever tests beside this one takes the processor.
+    asked = ("--seconds", "1", "--calm", "0.5", "--hang-after", "20", "--without-rates")
+    ended = subprocess.run(
+        [
+            *(sys.executable, "-m", "benchmarks.soak", *asked),
+            *("--config", str(DUMMY), "--results", str(tmp_path)),
+        ],
+        cwd=repository,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    result = json.loads((tmp_path / "soak.json").read_text())
+    assert {one["trouble"] for one in result["troubles"]} == {
+        *("transitions", "kill", "onlooker", "onlookers_leave", "reload")
+    }
+    assert {"launcher", "shared memory"} < {one["who"] for one in result["samples"]}
+    assert (tmp_path / "soak.svg").exists()
