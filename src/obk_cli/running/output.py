@@ -88,6 +88,7 @@ class Output:
     def note(self, text: str) -> None:
         """A sentence of the launcher's own."""
         for line in self._voice.note(text):
+            self.journal.shown(plain(line))
             self._screen.put(line)
 
     def unwritable(self, error: OSError) -> None:
