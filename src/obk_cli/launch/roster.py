@@ -8,7 +8,7 @@ from obelisk_spec.rates import Rate
 from obk_cli.launch.asks import NodeStatus
 from obk_cli.launch.events import ProcessEnded
 from obk_cli.launch.transitions import ACTIVE, FINALIZED, INACTIVE, RESTING, UNCONFIGURED
-from obk_cli.launch.units import Unit
+from obk_cli.launch.units import Unit, rule_of
 from obk_cli.plan import OnCrash, Plan, Process
 
 __all__ = ["GONE", "UNKNOWN", "Roster"]
@@ -17,7 +17,6 @@ UNKNOWN: Final = "unknown"
 GONE: Final = "gone"
 """Instead of a state, for a node whose process has ended."""
 ORDER: Final = (UNCONFIGURED, INACTIVE, ACTIVE)
-STRICTNESS: Final[tuple[OnCrash, ...]] = ("stop", "restart", "ignore")
 
 
 class Roster:
@@ -98,9 +97,8 @@ class Roster:
         return node in self.hung and self.on_crash(self.unit_of.get(node, node)) == "ignore"
 
     def on_crash(self, unit: str) -> OnCrash:
-        """What is to be done when a process crashes: the strictest wish of the nodes in it."""
-        wishes = {node.on_crash or self._on_crash for node in self.members(unit)}
-        return next(wish for wish in STRICTNESS if wish in wishes)
+        """What is to be done when a process crashes."""
+        return rule_of(self.members(unit), self._on_crash)
 
     def members(self, unit: str) -> tuple[Process, ...]:
         """The nodes in a process; a node of another device by its own name."""

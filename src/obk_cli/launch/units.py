@@ -1,11 +1,14 @@
-"""Which nodes share a process: each one alone, or those of a composed stack together."""
+"""Which nodes share a process, and by which rule: each one alone, or those of a composed stack."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from typing import Final
 
-from obk_cli.plan import Plan, Process
+from obk_cli.plan import OnCrash, Plan, Process
 
-__all__ = ["Unit", "units_of"]
+__all__ = ["Unit", "rule_of", "units_of"]
+
+STRICTEST_FIRST: Final[tuple[OnCrash, ...]] = ("stop", "restart", "ignore")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,3 +40,13 @@ def units_of(
     alone = (node for node in here if node.full_name not in together)
     units = tuple(Unit(name=node.full_name, nodes=(node,)) for node in alone)
     return (*([Unit(name=f"/{plan.name}/composed", nodes=shared)] if shared else ()), *units)
+
+
+def rule_of(nodes: Iterable[Process], on_crash: OnCrash) -> OnCrash:
+    """What is to be done when a process crashes: the strictest wish of the nodes in it.
+
+    Args:
+        nodes: those in the process.
+        on_crash: for nodes whose config does not say.
+    """
+    return min((node.on_crash or on_crash for node in nodes), key=STRICTEST_FIRST.index)

@@ -1,20 +1,18 @@
 """What a stack's rules promise when something happens to one of its processes. Pure."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from obk_cli.launch.units import Unit
+from obk_cli.launch.units import Unit, rule_of
 from obk_cli.plan import OnCrash
 
-__all__ = ["FAULTS", "Allowances", "Fault", "Promise", "Reaction", "promise", "rule_of"]
+__all__ = ["FAULTS", "Allowances", "Fault", "Promise", "Reaction", "promise"]
 
 Fault = Literal["delay", "freeze", "kill"]
 Reaction = Literal["stop", "restart", "go on", "nothing"]
 
 FAULTS: Final[tuple[Fault, ...]] = ("delay", "freeze", "kill")
 """The mildest first: what is left of a stack after it is the most."""
-STRICTEST_FIRST: Final[tuple[OnCrash, ...]] = ("stop", "restart", "ignore")
 _REACTIONS: Final[dict[OnCrash, Reaction]] = {
     "stop": "stop",
     "restart": "restart",
@@ -70,7 +68,7 @@ def promise(
         allowances: the times in which it is to happen.
     """
     times = allowances or Allowances()
-    reaction = _REACTIONS[rule_of(unit, on_crash)]
+    reaction = _REACTIONS[rule_of(unit.nodes, on_crash)]
     if fault == "delay" or (fault == "freeze" and not _is_watched(unit)):
         reaction = "nothing"
     return Promise(
@@ -78,15 +76,6 @@ def promise(
         noticed_s=times.end_noticed_s if fault == "kill" else times.hang_noticed_s,
         settled_s=times.down_s if reaction == "stop" else times.back_s,
     )
-
-
-def rule_of(unit: Unit, on_crash: OnCrash) -> OnCrash:
-    """The rule of a process: the strictest wish of the nodes in it."""
-    return _strictest(node.on_crash or on_crash for node in unit.nodes)
-
-
-def _strictest(wishes: Iterable[OnCrash]) -> OnCrash:
-    return min(wishes, key=STRICTEST_FIRST.index)
 
 
 def _is_watched(unit: Unit) -> bool:
