@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -19,6 +20,9 @@ from mcap.stream_reader import StreamReader
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Int32
+
+from obk_cli.recording.choice import Wish
+from obk_cli.recording.job import Job, job_to_json
 
 from .stack import DEADLINE_S, DUMMY, EXAMPLE, OBK, eventually, launched, obk
 from .test_documents import commands
@@ -103,6 +107,24 @@ def test_a_recording_begins_with_what_it_was_made_from() -> None:
     assert records["obelisk"]["plan_sha256"] == made["plan_sha256"]
     assert records["obelisk_versions"] == made["versions"]
     assert set(read_back(run / "recording.mcap")) == {IMU}
+
+
+def test_a_recorder_that_ros_does_not_start_for_says_so_in_a_sentence(tmp_path: Path) -> None:
+    job = tmp_path / "recording.json"
+    job.write_text(job_to_json(Job(path=tmp_path / "recording.mcap", wish=Wish(patterns=("*",)))))
+    result = subprocess.run(
+        [sys.executable, "-m", "obk_cli.adapters.record", job],
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
+        check=False,
+        env={**os.environ, "ROS_DOMAIN_ID": "mine"},
+    )
+    assert (result.returncode, result.stderr) == (1, "")
+    (line,) = result.stdout.splitlines()
+    assert line.startswith("ROS 2 does not start: ")
+    assert "ROS_DOMAIN_ID is not an integral number" in line
+    assert not (tmp_path / "recording.mcap").exists()
 
 
 def test_a_killed_recorder_leaves_what_it_heard_and_the_stack_goes_on() -> None:

@@ -97,27 +97,31 @@ def _signalled() -> Iterator[threading.Event]:
 
 @contextmanager
 def _node() -> Iterator[Any]:
-    """A ROS node in the domain of the environment."""
+    """A ROS node in the domain of the environment.
+
+    Raises:
+        CommandFailedError: there is no rclpy, or it does not start.
+    """
     try:
         import rclpy
         from rclpy.signals import SignalHandlerOptions
     except ImportError as error:
         raise no_ros(error) from error
-    context = rclpy.Context()
-    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        node = rclpy.create_node(
-            f"obk_record_{os.getpid()}",
-            context=context,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
+    with ExitStack() as stack:
+        context = rclpy.Context()
         try:
-            yield node
-        finally:
-            node.destroy_node()  # type: ignore[no-untyped-call]
-    finally:
-        context.try_shutdown()
+            rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+            stack.callback(context.try_shutdown)
+            node: Any = rclpy.create_node(
+                f"obk_record_{os.getpid()}",
+                context=context,
+                enable_rosout=False,
+                start_parameter_services=False,
+            )
+            stack.callback(node.destroy_node)
+        except Exception as error:
+            raise CommandFailedError(f"ROS 2 does not start: {error}") from error
+        yield node
 
 
 def main(arguments: list[str]) -> int:
