@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.sim.mujoco.cameras import choose_back_end, open_context, picture_size
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, SensorSource, image
 from obelisk_py.core.utils.msg import multiarray_to_numpy
@@ -211,6 +211,18 @@ def test_a_view_that_does_not_open_is_told_with_the_camera(feed, monkeypatch):
         feed()
     assert feed.closing == []
     assert threading.active_count() == before
+
+
+@pytest.mark.usefixtures("painted")
+def test_a_picture_that_is_never_drawn_is_told_with_the_camera(feed, monkeypatch):
+    monkeypatch.setattr(image, "_DRAW_S", 0.01)
+    camera = feed()
+    _PaintedView.newest.may_draw.clear()
+    camera.take()
+    with pytest.raises(ObeliskError, match=r"^camera `above`: OpenGL has not drawn a picture "):
+        camera.take()
+    _PaintedView.newest.may_draw.set()
+    monkeypatch.undo()
 
 
 def test_a_fault_while_drawing_ends_the_run(feed, painted, monkeypatch):

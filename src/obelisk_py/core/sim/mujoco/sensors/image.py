@@ -12,7 +12,7 @@ from typing import Final
 
 from obelisk_sensor_msgs.msg import ObkImage
 
-from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.sim.mujoco.cameras import CameraView, choose_back_end
 from obelisk_py.core.sim.mujoco.sensors.kind import Sampler, SensorKind, SensorSource
 from obelisk_py.core.utils.msg import multiarray_from_numpy
@@ -62,14 +62,23 @@ class _Feed:
             if self._source.is_paced and not self._pending.done():
                 self._leave_out()
                 return
-            self._pending.result(_DRAW_S)
+            self._wait_for(self._pending)
         self._view.update(self._source.data)
         self._pending = self._thread.submit(self._draw)
 
     def close(self) -> None:
         """End the thread once it has drawn what it began."""
-        self._thread.submit(self._view.close).result(_DRAW_S)
+        self._wait_for(self._thread.submit(self._view.close))
         self._thread.shutdown()
+
+    def _wait_for(self, drawing: Future[None]) -> None:
+        try:
+            drawing.result(_DRAW_S)
+        except TimeoutError as error:
+            raise ObeliskError(
+                f"camera `{self._name}`: OpenGL has not drawn a picture within {_DRAW_S:g} s; "
+                "`obk doctor mujoco` tells which back ends draw on this machine"
+            ) from error
 
     def _draw(self) -> None:
         picture = self._view.draw()
