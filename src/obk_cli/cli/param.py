@@ -23,7 +23,13 @@ from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.emit.params import emit_node_params, emit_value
 from obk_cli.emit.write import write_text
 from obk_cli.errors import CommandFailedError
-from obk_cli.looking.parameters import NOT_SET, Parameter, fit_parameter, parse_parameter
+from obk_cli.looking.parameters import (
+    NOT_SET,
+    Parameter,
+    fit_parameter,
+    parse_parameter,
+    refusal,
+)
 from obk_cli.report.escapes import escaped, plain
 
 if TYPE_CHECKING:
@@ -138,8 +144,9 @@ def set_(
             known = asked.parameters.names()
             if name not in known:
                 _require_known(asked.node, (name,), known)
+            why = escaped(refusal(reason, fitted))
             raise CommandFailedError(
-                f"{asked.node} refuses {name} = {_text(fitted)}: {escaped(reason)}",
+                f"{asked.node} refuses {name} = {_text(fitted)}: {why}",
                 help=f"it is of the type {kind}, now {_text(present)}"
                 if kind not in (fitted.kind, NOT_SET)
                 else None,

@@ -7,10 +7,11 @@ Source: rcl_interfaces/msg/ParameterType.
 from dataclasses import dataclass
 from typing import Final
 
+from obelisk_spec.articles import with_article
 from obk_cli.config import ParameterValue
 from obk_cli.errors import MisuseError
 
-__all__ = ["KINDS", "NOT_SET", "Parameter", "fit_parameter", "parse_parameter"]
+__all__ = ["KINDS", "NOT_SET", "Parameter", "fit_parameter", "parse_parameter", "refusal"]
 
 NOT_SET: Final = "not set"
 KINDS: Final = (
@@ -28,6 +29,8 @@ KINDS: Final = (
 """The types by their numbers."""
 ARRAY: Final = "_array"
 LEAST: Final = -(2**63)
+_WRONG_TYPE: Final = "Wrong parameter type"
+"""Begins what rclpy and rclcpp say of it, in words and braces of their own code."""
 _SWITCHES: Final = {"on": True, "yes": True, "off": False, "no": False}
 """Words that the parameter files of ROS take for a truth value."""
 
@@ -91,6 +94,12 @@ def fit_parameter(text: str, given: Parameter, wanted: str) -> Parameter:
         if wanted == "byte_array" and all(isinstance(i, int) and 0 <= i < 256 for i in value):
             return Parameter(kind=wanted, value=value)
     return given
+
+
+def refusal(reason: str, given: Parameter) -> str:
+    """Why a node refuses a value, in its own words unless they are those of a ROS library."""
+    wrong_type = f"{with_article(given.kind)} was given"
+    return wrong_type if reason.startswith(_WRONG_TYPE) else reason
 
 
 def _array(text: str, items: list[object]) -> Parameter:

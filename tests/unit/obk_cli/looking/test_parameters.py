@@ -3,7 +3,13 @@
 import pytest
 
 from obk_cli.errors import MisuseError
-from obk_cli.looking.parameters import KINDS, Parameter, fit_parameter, parse_parameter
+from obk_cli.looking.parameters import (
+    KINDS,
+    Parameter,
+    fit_parameter,
+    parse_parameter,
+    refusal,
+)
 
 
 @pytest.mark.parametrize(
@@ -61,3 +67,24 @@ def test_a_value_is_taken_as_the_parameters_type_wants_it(
     fitted = fit_parameter(text, parse_parameter(text), wanted)
     assert fitted == Parameter(kind=kind, value=value)  # type: ignore[arg-type]
     assert type(fitted.value) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("reason", "said"),
+    [
+        (
+            "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.STRING'",
+            "a `string` was given",
+        ),
+        (
+            "Wrong parameter type, parameter {gain} is of type {double}, setting it to {string} "
+            "is not allowed.",
+            "a `string` was given",
+        ),
+        ("the gain is above 10", "the gain is above 10"),
+    ],
+)
+def test_a_refusal_is_in_the_nodes_own_words_not_in_those_of_a_library(
+    reason: str, said: str
+) -> None:
+    assert refusal(reason, parse_parameter("fast")) == said
