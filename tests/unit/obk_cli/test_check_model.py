@@ -4,8 +4,9 @@ from obk_cli.check.model import check_models
 from obk_cli.parse import parse_source
 from obk_cli.read.stack import read_stack
 from obk_cli.resolve.paths import resolve_paths
-from obk_cli.source import SourceFile, Span
-from obk_cli.surroundings import Command, ExecutableMissing
+from obk_cli.source import SourceFile
+
+from .nowhere import Nowhere
 
 GROUP = "{topic: /q, dt: 1, msg_type: ObkImu, sensor_names: {a: gyro, b: gyro}}"
 CONFIG = f"""\
@@ -16,37 +17,6 @@ robot:
 """
 
 
-class WithoutMujoco:
-    """Surroundings without MuJoCo."""
-
-    def find_package_share(self, name: str) -> Path | None:
-        return None
-
-    def package_names(self) -> tuple[str, ...]:
-        return ()
-
-    def message_packages(self) -> tuple[str, ...]:
-        return ()
-
-    def message_names(self, package: str) -> None:
-        return None
-
-    def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
-        raise AssertionError
-
-    def read_node_code(self, package: str, executable: str) -> None:
-        return None
-
-    def read_model(self, path: Path) -> None:
-        return None
-
-    def model_line(self, path: Path, line: int) -> Span:
-        raise AssertionError
-
-    def model_element(self, path: Path, kind: str, name: str) -> None:
-        return None
-
-
 def test_without_mujoco_what_needs_no_model_is_checked_and_the_rest_said_to_be_skipped(
     tmp_path: Path,
 ) -> None:
@@ -55,7 +25,7 @@ def test_without_mujoco_what_needs_no_model_is_checked_and_the_rest_said_to_be_s
     assert parsed.tree is not None
     stack, _ = read_stack(parsed.tree)
     assert stack is not None
-    surroundings = WithoutMujoco()
+    surroundings = Nowhere()
     faults = check_models(resolve_paths(stack, tmp_path, surroundings), surroundings)
     assert [str(fault) for fault in faults] == [
         "f.yaml:4:89: info[OBK307]: `ObkImu` has no `accelerometer` sensor, so that part stays "

@@ -7,8 +7,9 @@ from obk_cli.parse import parse_source
 from obk_cli.plan import Endpoint, Plan, SensorGroup
 from obk_cli.read.stack import read_stack
 from obk_cli.resolve.paths import resolve_paths
-from obk_cli.source import SourceFile, Span
-from obk_cli.surroundings import Command, ExecutableMissing, ModelFault, ModelRead
+from obk_cli.source import SourceFile
+
+from .nowhere import Nowhere
 
 CONFIG = """\
 config: arm
@@ -43,37 +44,6 @@ joystick:
 """
 
 
-class Nothing:
-    """Surroundings in which there is nothing."""
-
-    def find_package_share(self, name: str) -> Path | None:
-        return None
-
-    def package_names(self) -> tuple[str, ...]:
-        return ()
-
-    def message_packages(self) -> tuple[str, ...]:
-        return ()
-
-    def message_names(self, package: str) -> None:
-        return None
-
-    def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
-        raise AssertionError
-
-    def read_node_code(self, package: str, executable: str) -> None:
-        return None
-
-    def read_model(self, path: Path) -> ModelRead | ModelFault | None:
-        return None
-
-    def model_line(self, path: Path, line: int) -> Span:
-        raise AssertionError
-
-    def model_element(self, path: Path, kind: str, name: str) -> None:
-        return None
-
-
 def lower_text(text: str) -> Plan:
     parsed = parse_source(SourceFile.of("arm.yaml", text))
     assert parsed.tree is not None
@@ -88,7 +58,7 @@ def lower(folder: Path) -> Plan:
     stack, faults = read_stack(parsed.tree)
     assert stack is not None
     assert {fault.severity for fault in faults} == {"info"}
-    return lower_stack(resolve_paths(stack, folder, Nothing()))
+    return lower_stack(resolve_paths(stack, folder, Nowhere()))
 
 
 def test_a_node_becomes_a_process(tmp_path: Path) -> None:
@@ -212,7 +182,7 @@ def test_what_was_searched_is_kept(tmp_path: Path) -> None:
     assert parsed.tree is not None
     stack, _ = read_stack(parsed.tree)
     assert stack is not None
-    search = resolve_paths(stack, tmp_path, Nothing()).nodes[0].sims[0].model
+    search = resolve_paths(stack, tmp_path, Nowhere()).nodes[0].sims[0].model
     assert isinstance(search, FileSearch)
     assert isinstance(search.written, Spanned)
     assert search.tried[0] == tmp_path / "arm.xml"

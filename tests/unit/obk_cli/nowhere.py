@@ -1,0 +1,37 @@
+"""Surroundings in which there is nothing: no package, no message, no MuJoCo."""
+
+from pathlib import Path
+
+from obk_cli.source import Span
+from obk_cli.surroundings import Command, ExecutableMissing, ModelFault, ModelRead
+
+
+class Nowhere:
+    """What of a stack can be told without its surroundings."""
+
+    def find_package_share(self, name: str) -> Path | None:
+        return None
+
+    def package_names(self) -> tuple[str, ...]:
+        return ()
+
+    def message_packages(self) -> tuple[str, ...]:
+        return ()
+
+    def message_names(self, package: str) -> None:
+        return None
+
+    def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
+        raise AssertionError
+
+    def read_node_code(self, package: str, executable: str) -> None:
+        return None
+
+    def read_model(self, path: Path) -> ModelRead | ModelFault | None:
+        return None
+
+    def model_line(self, path: Path, line: int) -> Span:
+        raise AssertionError
+
+    def model_element(self, path: Path, kind: str, name: str) -> None:
+        return None
