@@ -1,6 +1,6 @@
 """What it costs to look into a running stack: how long commands take, how much the counting takes.
 
-    python benchmarks/looking.py [--runs N] [--topics N] [--rate HZ] [--seconds S]
+    python -m benchmarks.looking [--runs N] [--topics N] [--rate HZ] [--seconds S]
 
 Each command runs N times, cold, against the dummy stack; its seconds are medians. Then one process
 publishes on many quick topics and `obk topic hz` counts them: its share of a core, and what it
@@ -24,11 +24,13 @@ from pathlib import Path
 
 import psutil
 
+from benchmarks.stolen import StolenTime, warn_of_stolen_time
+from obk_cli.adapters.ros_environment import AS_THE_PROFILE_SAYS, LOCALHOST_PROFILE
+
 ROOT = Path(__file__).resolve().parents[1]
 OBK = Path(sys.executable).with_name("obk")
 DUMMY = ROOT / "examples" / "dummy" / "dummy.yaml"
 RESULT = ROOT / "benchmarks" / "results" / "looking.json"
-PROFILE = ROOT / "src" / "obk_cli" / "adapters" / "dds_profile.xml"
 DOMAIN = "98"
 START_S = 60.0
 """In which the stack has to be active [s]."""
@@ -65,8 +67,8 @@ def environment(folder: Path) -> dict[str, str]:
         **inherited,
         "PYTHONPYCACHEPREFIX": str(folder / "compiled"),
         "ROS_DOMAIN_ID": DOMAIN,
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(PROFILE),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": AS_THE_PROFILE_SAYS,
+        "FASTRTPS_DEFAULT_PROFILES_FILE": LOCALHOST_PROFILE,
         "OBK_HOME": str(folder),
     }
 
@@ -162,6 +164,7 @@ def main() -> int:
     parser.add_argument("--rate", type=float, default=1000.0)
     parser.add_argument("--seconds", type=float, default=10.0)
     options = parser.parse_args()
+    stolen = StolenTime()
     with tempfile.TemporaryDirectory() as folder:
         variables = environment(Path(folder))
         with stack(variables):
@@ -170,9 +173,12 @@ def main() -> int:
             }
             commands["completion"] = seconds_of([], options.runs, {**variables, **COMPLETION})
         counted = counting(options.topics, options.rate, options.seconds, variables)
+    stolen_percent = stolen.percent()
+    warn_of_stolen_time(stolen_percent)
     result = {
         "commands": commands,
         "counting": counted,
+        "stolen_percent": stolen_percent,
         "load_average": os.getloadavg()[0],
         "cores": os.cpu_count(),
         "machine": platform.machine(),

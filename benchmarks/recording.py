@@ -19,10 +19,11 @@ from pathlib import Path
 
 import psutil
 
+from obk_cli.adapters.ros_environment import AS_THE_PROFILE_SAYS, LOCALHOST_PROFILE
+
 ROOT = Path(__file__).resolve().parents[1]
 OBK = Path(sys.executable).with_name("obk")
 RESULT = ROOT / "benchmarks" / "results" / "recording.json"
-PROFILE = ROOT / "src" / "obk_cli" / "adapters" / "dds_profile.xml"
 JOINTS = 12
 MATCH_S = 2.0
 """For publishers and recorder to find each other [s]."""
@@ -62,8 +63,8 @@ def measure(topics: int, rate_hz: float, seconds: float, folder: Path) -> dict[s
     environment = {
         **os.environ,
         "ROS_DOMAIN_ID": "99",
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(PROFILE),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": AS_THE_PROFILE_SAYS,
+        "FASTRTPS_DEFAULT_PROFILES_FILE": LOCALHOST_PROFILE,
         "OBK_HOME": str(folder),
     }
     recorder = psutil.Popen(

@@ -27,6 +27,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool
 
+from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.adapters.unbuilt_types import stand_in
 
 from .stack import DEADLINE_S, DUMMY, OBK, eventually, launched, obk
@@ -78,10 +79,10 @@ class Talker(Node):
 
 
 @pytest.fixture(autouse=True)
-def _found_at_once(monkeypatch: pytest.MonkeyPatch, repository: Path) -> None:
+def _found_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nodes here announce themselves as those of a stack do."""
-    profile = repository / "src" / "obk_cli" / "adapters" / "dds_profile.xml"
-    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile))
+    for name, value in ros_environment().variables.items():
+        monkeypatch.setenv(name, value)
 
 
 @pytest.fixture

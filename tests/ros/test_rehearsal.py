@@ -74,8 +74,8 @@ def test_where_the_rule_is_stop_the_stack_comes_down_and_names_the_node(tmp_path
 def test_where_the_rule_is_restart_the_node_is_brought_back_and_no_other_is_touched(
     tmp_path: Path,
 ) -> None:
-    rows = rehearsed(tmp_path, "restart", ["delay", "kill"], nodes=["/obelisk_robot_0"])
-    assert are_right(rows, 2)
+    rows = rehearsed(tmp_path, "restart", ["delay", "freeze", "kill"], nodes=["/obelisk_robot_0"])
+    assert are_right(rows, 3)
     assert len({row.run for row in rows}) == 1
     assert not marked()
 

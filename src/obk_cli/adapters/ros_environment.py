@@ -9,7 +9,13 @@ from typing import Final, Literal
 
 from obk_cli.errors import CommandFailedError
 
-__all__ = ["Network", "RosEnvironment", "ros_environment"]
+__all__ = [
+    "AS_THE_PROFILE_SAYS",
+    "LOCALHOST_PROFILE",
+    "Network",
+    "RosEnvironment",
+    "ros_environment",
+]
 
 Network = Literal["localhost", "lan"]
 
@@ -21,7 +27,12 @@ OLD_SWITCH: Final = "ROS_LOCALHOST_ONLY"
 """What came before `RANGE`; ROS warns of it in every process, and when it is 1 heeds only it."""
 PROFILES_FILES: Final = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """Where Fast DDS is told of settings; the second by newer versions."""
-DDS_PROFILE: Final = Path(__file__).with_name("dds_profile.xml")
+LOCALHOST_PROFILE: Final = str(Path(__file__).with_name("dds_localhost.xml"))
+LAN_PROFILE: Final = str(Path(__file__).with_name("dds_lan.xml"))
+AS_THE_PROFILE_SAYS: Final = "SYSTEM_DEFAULT"
+"""The range with which ROS adds nothing to what Fast DDS is told by its settings."""
+FAST_DDS: Final = ("", OUR_RMW, "rmw_fastrtps_dynamic_cpp")
+"""Middlewares that heed them; the first is that of a ROS 2 which is not told of any."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,6 +41,8 @@ class RosEnvironment:
 
     variables: Mapping[str, str]
     """All of a process's; what is not among them is not to be set."""
+    range: str
+    """Who can be discovered, in the words of ROS_AUTOMATIC_DISCOVERY_RANGE."""
     notes: tuple[str, ...]
 
     @property
@@ -57,10 +70,9 @@ def ros_environment(
     Raises:
         CommandFailedError: ROS_DOMAIN_ID is no domain; to guess another could move a real robot.
     """
-    variables = dict(os.environ)
+    variables = _as_the_user_has_it()
     notes = [*_set_range(variables, network, devices_are_split)]
-    if not any(variables.get(name) for name in PROFILES_FILES):
-        variables[PROFILES_FILES[0]] = str(DDS_PROFILE)
+    discovery_range = variables[RANGE]
     variables["PYTHONUNBUFFERED"] = "1"
     rmw = variables.get("RMW_IMPLEMENTATION")
     if rmw and not _is_installed(rmw, variables):
@@ -71,7 +83,31 @@ def ros_environment(
         raise CommandFailedError(
             f"ROS_DOMAIN_ID={domain} is not a number from 0 to {HIGHEST_DOMAIN}"
         )
-    return RosEnvironment(variables=variables, notes=tuple(notes))
+    _set_profile(variables)
+    return RosEnvironment(variables=variables, range=discovery_range, notes=tuple(notes))
+
+
+def _as_the_user_has_it() -> dict[str, str]:
+    """This process's variables without what a `RosEnvironment` put among them before."""
+    variables = dict(os.environ)
+    profile = variables.get(PROFILES_FILES[0])
+    if profile in (LOCALHOST_PROFILE, LAN_PROFILE):
+        del variables[PROFILES_FILES[0]]
+    if profile == LOCALHOST_PROFILE and variables.get(RANGE) == AS_THE_PROFILE_SAYS:
+        variables[RANGE] = "LOCALHOST"
+    return variables
+
+
+def _set_profile(variables: dict[str, str]) -> None:
+    """Have messages go over UDP alone, unless the user has settings of Fast DDS of his own."""
+    if any(variables.get(name) for name in PROFILES_FILES):
+        return
+    is_fast_dds = variables.get("RMW_IMPLEMENTATION", "") in FAST_DDS
+    if variables[RANGE] == "LOCALHOST" and not variables.get(PEERS) and is_fast_dds:
+        variables[PROFILES_FILES[0]] = LOCALHOST_PROFILE
+        variables[RANGE] = AS_THE_PROFILE_SAYS
+    else:
+        variables[PROFILES_FILES[0]] = LAN_PROFILE
 
 
 def _set_range(

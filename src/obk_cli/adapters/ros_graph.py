@@ -1,7 +1,7 @@
 """Who is in the ROS graph: nodes by their names, publishers by their topics.
 
 What is found is what DDS has told by now. A participant is found by its next announcement: after
-0.2 s for obk's nodes, which announce themselves often (`dds_profile.xml`), and after up to 3.1 s
+0.2 s for obk's nodes, which announce themselves often (`dds_localhost.xml`), and after up to 3.1 s
 for others, whose announcements come every 3 s unless somebody has set another period.
 """
 

@@ -9,7 +9,7 @@ from typing import Final
 from obk_cli.adapters.free_domain import free_domain
 from obk_cli.adapters.probes.child import python_command, told_in_json, try_program
 from obk_cli.adapters.probes.ros import find_rclpy
-from obk_cli.adapters.ros_environment import ros_environment
+from obk_cli.adapters.ros_environment import RosEnvironment, ros_environment
 from obk_cli.doctor.network import DiscoveryFacts
 from obk_cli.errors import CommandFailedError
 
@@ -29,7 +29,8 @@ def probe_discovery() -> DiscoveryFacts:
     if find_rclpy() is None:
         return DiscoveryFacts(trial=None, domain=0)
     with free_domain() as domain:
-        variables = {**_stack_variables(), "ROS_DOMAIN_ID": str(domain)}
+        world = _stack_environment()
+        variables = {**world.variables, "ROS_DOMAIN_ID": str(domain)}
         with _answering(variables):
             trial = try_program(
                 python_command(PROGRAM, "call", str(os.getpid())),
@@ -39,14 +40,14 @@ def probe_discovery() -> DiscoveryFacts:
     return DiscoveryFacts(
         trial=trial,
         domain=domain,
-        range=variables.get("ROS_AUTOMATIC_DISCOVERY_RANGE", ""),
+        range=world.range,
         **told_in_json(trial),
     )
 
 
-def _stack_variables() -> Mapping[str, str]:
+def _stack_environment() -> RosEnvironment:
     try:
-        return ros_environment().variables
+        return ros_environment()
     except CommandFailedError as fault:
         raise CommandFailedError(fault.message, help="export ROS_DOMAIN_ID=0") from fault
 

@@ -86,7 +86,7 @@ def probe_rmw() -> RmwFacts:
         used=world.variables.get("RMW_IMPLEMENTATION") or OUR_RMW,
         domain=world.domain,
         domain_fault="",
-        range=world.variables.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET"),
+        range=world.range,
         notes=world.notes,
     )
 

@@ -1,10 +1,18 @@
 """The environment of ROS processes."""
 
 import os
+from difflib import ndiff
+from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
-from obk_cli.adapters.ros_environment import RosEnvironment, ros_environment
+from obk_cli.adapters.ros_environment import (
+    LAN_PROFILE,
+    LOCALHOST_PROFILE,
+    RosEnvironment,
+    ros_environment,
+)
 from obk_cli.errors import CommandFailedError
 
 
@@ -22,8 +30,18 @@ def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name, raising=False)
 
 
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+
+
 def discovery_range(environment: RosEnvironment) -> str:
-    return environment.variables["ROS_AUTOMATIC_DISCOVERY_RANGE"]
+    return environment.range
+
+
+def told_to_ros(environment: RosEnvironment) -> tuple[str, str]:
+    """The range and the name of the file with settings of Fast DDS."""
+    variables = environment.variables
+    return variables[RANGE], Path(variables.get(PROFILE, "")).name
 
 
 def test_a_stack_is_seen_by_this_host_only_unless_it_is_asked_for() -> None:
@@ -75,10 +93,52 @@ def test_peers_elsewhere_stay_unless_the_stack_is_to_be_seen_here_only(
 
 
 def test_settings_of_fast_dds_stay_the_users(monkeypatch: pytest.MonkeyPatch) -> None:
-    ours = ros_environment().variables["FASTRTPS_DEFAULT_PROFILES_FILE"]
-    assert ours.endswith("dds_profile.xml")
     monkeypatch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", "/mine.xml")
-    assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in ros_environment().variables
+    assert told_to_ros(ros_environment()) == ("LOCALHOST", "")
+
+
+def test_messages_go_over_udp_alone_and_here_over_the_loopback_device_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert told_to_ros(ros_environment()) == ("SYSTEM_DEFAULT", "dds_localhost.xml")
+    assert told_to_ros(ros_environment("lan")) == ("SUBNET", "dds_lan.xml")
+    monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.2")
+    assert told_to_ros(ros_environment()) == ("LOCALHOST", "dds_lan.xml")
+
+
+def test_another_middleware_heeds_no_settings_of_fast_dds(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "lib" / "librmw_another_cpp.so").touch()
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_another_cpp")
+    assert told_to_ros(ros_environment())[0] == "LOCALHOST"
+
+
+def test_an_environment_made_within_another_is_made_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in ros_environment().variables.items():
+        monkeypatch.setenv(name, value)
+    within = ros_environment()
+    assert (within.range, told_to_ros(within)) == (
+        "LOCALHOST",
+        ("SYSTEM_DEFAULT", "dds_localhost.xml"),
+    )
+    assert told_to_ros(ros_environment("lan")) == ("SUBNET", "dds_lan.xml")
+
+
+def test_the_settings_for_here_and_for_the_lan_differ_in_addresses_only() -> None:
+    here, lan = (
+        [
+            f"{element.tag}: {(element.text or '').strip()}"
+            for element in ElementTree.parse(p).iter()
+        ]
+        for p in (LOCALHOST_PROFILE, LAN_PROFILE)
+    )
+    differences = [line for line in ndiff(lan, here) if line[0] in "+-"]
+    assert all(line.startswith("+ ") for line in differences)
+    addresses = [line for line in differences if "address: " in line]
+    assert [line.rpartition(" ")[2] for line in addresses] == ["127.0.0.1", "127.0.0.1"]
 
 
 def test_what_the_user_has_set_stays(monkeypatch: pytest.MonkeyPatch) -> None:
