@@ -14,7 +14,7 @@ from std_msgs.msg import String
 from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.adapters.ros_errands import LONGEST_MESSAGE
 
-from .stack import DEADLINE_S, DUMMY, launched, obk
+from .stack import DEADLINE_S, DUMMY, eventually, launched, obk
 
 pytestmark = pytest.mark.ros
 
@@ -49,6 +49,11 @@ def run(*words: object) -> tuple[str, str]:
     return f"{text}\n{done.stderr}", last
 
 
+def counts(*words: str) -> bool:
+    """Whether a short count is there; a busy machine may keep nodes silent for a second."""
+    return run("topic", *words, "--duration", "1")[1] == "False 0"
+
+
 def test_a_stacks_launcher_calls_and_hears_for_others(writer: Any) -> None:
     with launched(DUMMY, "--quiet"):
         state, end = run("service", "call", "obelisk_robot_0/get_state")
@@ -63,6 +68,8 @@ def test_a_stacks_launcher_calls_and_hears_for_others(writer: Any) -> None:
         assert (end, rows.count("\n")) == ("False 0", 2), rows
         wrong, end = run("topic", "echo", "ctrl", "u_mujco", "--once")
         assert (end, "did you mean `u_mujoco`" in wrong) == ("False 1", True), wrong
+        eventually(lambda: counts("hz", "est", "ctrl"), "rates by the launcher")
+        eventually(lambda: counts("delay", "imu"), "delays by the launcher")
 
         # What is long would hold up the launcher.
         long = "x" * (LONGEST_MESSAGE + 1)

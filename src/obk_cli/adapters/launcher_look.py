@@ -10,9 +10,12 @@ from typing import Any, Final, TypeVar
 
 from obk_cli.adapters.control_client import ask_look, is_askable
 from obk_cli.errors import CommandFailedError
+from obk_cli.launch.json_values import value_of
+from obk_cli.looking.delays import Delay
 from obk_cli.looking.graph import Graph, TopicSeen
 from obk_cli.looking.parameters import Parameter
 from obk_cli.looking.plain_data import Plain
+from obk_cli.looking.rates import Rate
 from obk_cli.looking.told import (
     GraphTold,
     NodeEnds,
@@ -138,6 +141,39 @@ class LauncherLook:
             return None
         response: Plain = _told(self._folder, question, timeout_s + MARGIN_S)["response"]
         return response
+
+    def rates(self, topics: Mapping[str, str], duration_s: float) -> Mapping[str, Rate]:
+        """What the launcher's node measures of topics.
+
+        Args:
+            topics: full name -> full type.
+            duration_s: for how long, at most `LAUNCHER_COUNTS_S` [s].
+
+        Raises:
+            CommandFailedError: the launcher gives no answer.
+        """
+        question = {"about": "rates", "topics": dict(topics), "duration_s": duration_s}
+        told = _told(self._folder, question, duration_s + MARGIN_S)["rates"]
+        rates = {name: value_of(Rate, told.get(name)) for name in topics}
+        return {name: rate for name, rate in rates.items() if rate is not None}
+
+    def delay(
+        self, topic: str, kind: str, window: int, duration_s: float
+    ) -> tuple[Delay | None, int]:
+        """How late messages came to the launcher's node, and how many had no stamp.
+
+        Args:
+            topic: full name.
+            kind: full, `pkg/msg/Name`.
+            window: messages that the figures go back.
+            duration_s: for how long, at most `LAUNCHER_COUNTS_S` [s].
+
+        Raises:
+            CommandFailedError: messages of the type have no stamp, or the launcher is silent.
+        """
+        question = {"about": "delay", "topic": topic, "type": kind, "window": window}
+        told = _told(self._folder, {**question, "duration_s": duration_s}, duration_s + MARGIN_S)
+        return value_of(Delay, told["delay"]), int(told["unstamped"])
 
     def next_message(self, topic: str, kind: str, timeout_s: float) -> Plain:
         """The next message of a topic, which the launcher's node hears; None: it is too long.

@@ -6,24 +6,36 @@ In: a question, JSON's values, and the node's look. Out: what came of it, JSON's
 - `{"about": "call", "service": NAME, "type": NAME, "request": DATA, "timeout_s": S}`: `response`.
 - `{"about": "message", "topic": NAME, "type": NAME, "timeout_s": S}`: the next `message`; null
   where it is so long that to make data of it would hold up the node's process.
+- `{"about": "rates", "topics": {NAME: TYPE, ...}, "duration_s": S}`: `rates`, as `looking.rates`.
+- `{"about": "delay", "topic": NAME, "type": NAME, "window": COUNT, "duration_s": S}`: `delay`, as
+  `looking.delays`, null where no stamped message came, and how many were `unstamped`.
 """
 
+import time
 from collections.abc import Mapping
+from dataclasses import asdict
 from itertools import islice
 from typing import Any, Final
 
 from obk_cli.adapters.ros_calls import ServiceClient
-from obk_cli.adapters.ros_listen import deserialized, serialized
+from obk_cli.adapters.ros_listen import arrived, deserialized, serialized
 from obk_cli.adapters.ros_look import RosLook
-from obk_cli.adapters.ros_types import fields_of, find_type, make_message
+from obk_cli.adapters.ros_meter import RosMeter
+from obk_cli.adapters.ros_types import fields_of, find_type, make_message, raw_type, short_type
+from obk_cli.looking.delays import DelayMeter
 from obk_cli.looking.fill import require_fit
 from obk_cli.looking.plain_data import Plain, plain_data
+from obk_cli.looking.rates import LAUNCHER_COUNTS_S
+from obk_cli.looking.stamps import stamp_of
 from obk_cli.recording.tally import Tally
 
 __all__ = ["run_errand"]
 
 LONGEST_S: Final = 3600.0
 """How long whoever is to answer may be waited for [s]."""
+POLL_S: Final = 0.001
+"""Between two looks for messages that are on their way [s]."""
+MOST_DELAYS: Final = 10_000
 LONGEST_MESSAGE: Final = 1 << 16
 """Of which data is made here [bytes]: some ms of Python, in which other threads hardly run."""
 
@@ -53,6 +65,16 @@ def run_errand(look: RosLook, question: Mapping[str, Any]) -> Mapping[str, Any] 
             "timeout_s": int() | float() as wait_s,
         }:
             return {"message": _next(look, topic, kind, min(wait_s, LONGEST_S))}
+        case {"about": "rates", "topics": dict(topics), "duration_s": int() | float() as count_s}:
+            return {"rates": _rates(look, topics, min(count_s, LAUNCHER_COUNTS_S))}
+        case {
+            "about": "delay",
+            "topic": str(topic),
+            "type": str(kind),
+            "window": int(window),
+            "duration_s": int() | float() as count_s,
+        }:
+            return _delay(look, topic, kind, window, min(count_s, LAUNCHER_COUNTS_S))
     return None
 
 
@@ -70,3 +92,35 @@ def _next(look: RosLook, topic: str, kind: str, timeout_s: float) -> Plain:
     finally:
         raw.close()
     return None if len(data) > LONGEST_MESSAGE else plain_data(deserialized(data, raw))
+
+
+def _rates(look: RosLook, topics: Mapping[str, str], duration_s: float) -> Mapping[str, Any]:
+    meter = RosMeter(look, duration_s)
+    try:
+        for name, kind in topics.items():
+            hashes = (end.type_hash for end in look.topic(name).publishers)
+            meter.add(name, kind, raw_type(kind, hashes))
+        end = time.monotonic() + duration_s
+        while time.monotonic() < end:
+            meter.turn()
+        return {name: asdict(rate) for name, rate in meter.rates().items()}
+    finally:
+        meter.close()
+
+
+def _delay(
+    look: RosLook, topic: str, kind: str, window: int, duration_s: float
+) -> Mapping[str, Any]:
+    stamp = stamp_of(short_type(kind), fields_of)
+    raw = look.listen(topic, kind, find_type(kind))
+    meter = DelayMeter(max(1, min(window, MOST_DELAYS)))
+    try:
+        end = time.monotonic() + duration_s
+        while time.monotonic() < end:
+            for received_ns, message in arrived(raw):
+                meter.take(received_ns, stamp(message))
+            time.sleep(POLL_S)
+    finally:
+        raw.close()
+    delay = meter.delay()
+    return {"delay": None if delay is None else asdict(delay), "unstamped": meter.unstamped}

@@ -69,6 +69,11 @@ class RosMeter:
         """Count a topic's messages no more."""
         self._topics.pop(name).raw.close()
 
+    def close(self) -> None:
+        """Count no topic any more."""
+        for name in tuple(self._topics):
+            self.drop(name)
+
     def turn(self) -> None:
         """Count what has come, then rest until the turn is over."""
         begin = time.monotonic()

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
@@ -19,9 +19,10 @@ from obk_cli.cli.looking_options import (
 from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import CommandFailedError
+from obk_cli.looking.place import Place
 
 if TYPE_CHECKING:
-    from obk_cli.looking.delays import DelayMeter
+    from obk_cli.looking.delays import Delay
     from obk_cli.looking.rates import Rate
 
 __all__ = ["DELAY_EXAMPLE", "HZ_EXAMPLE", "delay", "hz"]
@@ -59,30 +60,48 @@ def hz(
     is_json = wants_json(format)
     require_positive("--window", window, "seconds")
     require_positive("--duration", duration, "seconds")
-    place = with_types(here(domain, timeout))
+    place = here(domain, timeout)
 
+    from obk_cli.looking.errands import rates_by_launcher
+
+    counted = rates_by_launcher(place, topics, duration, timeout) if duration else None
+    if counted is None:
+        counted = _count(with_types(place), topics, window, duration, timeout, is_json=is_json)
+    if duration is not None:
+        _tell_rates(counted, is_json=is_json)
+        _require_messages(counted, duration, duration)
+
+
+def _count(
+    place: Place,
+    topics: Sequence[str],
+    window_s: float,
+    duration_s: float | None,
+    timeout_s: float,
+    *,
+    is_json: bool,
+) -> "Mapping[str, Rate]":
+    """What a participant of our own measures; without a duration it tells, without end."""
     from obk_cli.adapters.ros_look import open_look
     from obk_cli.adapters.ros_meter import RosMeter
     from obk_cli.adapters.ros_types import raw_type
     from obk_cli.looking.finding import find_topic, the_type
 
     with open_look(place.environment, place.modules(topics)) as look:
-        meter = RosMeter(look, duration or window)
+        meter = RosMeter(look, duration_s or window_s)
         for topic in topics:
-            seen = find_topic(look, place, topic, timeout)
+            seen = find_topic(look, place, topic, timeout_s)
             msg_type = the_type("topic", seen.name, seen.heard_types)
             hashes = (end.type_hash for end in seen.publishers)
             meter.add(seen.name, msg_type, raw_type(msg_type, hashes))
         begin = told = time.monotonic()
-        while duration is None or time.monotonic() < begin + duration:
+        while duration_s is None or time.monotonic() < begin + duration_s:
             meter.turn()
-            if duration is None and time.monotonic() > told + TELL_S:
+            if duration_s is None and time.monotonic() > told + TELL_S:
                 told = time.monotonic()
                 _tell_rates(meter.rates(), is_json=is_json)
-                _require_messages(meter.rates(), told - begin, timeout)
-        rates = meter.rates()
-    _tell_rates(rates, is_json=is_json)
-    _require_messages(rates, duration, duration)
+                _require_messages(meter.rates(), told - begin, timeout_s)
+        return meter.rates()
 
 
 def delay(
@@ -100,8 +119,28 @@ def delay(
     """
     is_json = wants_json(format)
     require_positive("--duration", duration, "seconds")
-    place = with_types(here(domain, timeout))
+    place = here(domain, timeout)
 
+    from obk_cli.looking.errands import delay_by_launcher
+
+    counted = delay_by_launcher(place, topic, window, duration, timeout) if duration else None
+    if counted is None:
+        place = with_types(place)
+        counted = _heard(place, topic, window, duration, timeout, is_json=is_json)
+    if duration is not None:
+        _tell_delay(*counted, duration, duration, is_json=is_json)
+
+
+def _heard(
+    place: Place,
+    topic: str,
+    window: int,
+    duration_s: float | None,
+    timeout_s: float,
+    *,
+    is_json: bool,
+) -> "tuple[str, Delay | None, int]":
+    """What a participant of our own hears; without a duration it tells, without end."""
     from obk_cli.adapters.ros_listen import arrived
     from obk_cli.adapters.ros_look import open_look
     from obk_cli.adapters.ros_types import fields_of, find_type, short_type
@@ -111,22 +150,22 @@ def delay(
 
     needs = ("rclpy.serialization", *place.modules([topic]))
     with open_look(place.environment, needs) as look:
-        seen = find_topic(look, place, topic, timeout)
+        seen = find_topic(look, place, topic, timeout_s)
         msg_type = the_type("topic", seen.name, seen.heard_types)
         python_type = find_type(msg_type)
         stamp = stamp_of(short_type(msg_type), fields_of)
         raw = look.listen(seen.name, msg_type, python_type)
         meter = DelayMeter(window)
         begin = told = time.monotonic()
-        while duration is None or time.monotonic() < begin + duration:
+        while duration_s is None or time.monotonic() < begin + duration_s:
             for received_ns, message in arrived(raw):
                 meter.take(received_ns, stamp(message))
-            if duration is None and time.monotonic() > told + TELL_S:
+            if duration_s is None and time.monotonic() > told + TELL_S:
                 told = time.monotonic()
-                _tell_delay(seen.name, meter, told - begin, timeout, is_json=is_json)
+                found = (seen.name, meter.delay(), meter.unstamped)
+                _tell_delay(*found, told - begin, timeout_s, is_json=is_json)
             time.sleep(POLL_S)
-    if duration is not None:
-        _tell_delay(seen.name, meter, duration, duration, is_json=is_json)
+        return seen.name, meter.delay(), meter.unstamped
 
 
 def _tell_rates(rates: "Mapping[str, Rate]", *, is_json: bool) -> None:
@@ -146,15 +185,20 @@ def _require_messages(rates: "Mapping[str, Rate]", passed_s: float | None, limit
 
 
 def _tell_delay(
-    topic: str, meter: "DelayMeter", passed_s: float, limit_s: float, *, is_json: bool
+    topic: str,
+    found: "Delay | None",
+    unstamped: int,
+    passed_s: float,
+    limit_s: float,
+    *,
+    is_json: bool,
 ) -> None:
     from obk_cli.report.messages import json_line
     from obk_cli.report.rates import delay_data, delay_text
 
-    found = meter.delay()
     if found is not None:
         print(json_line(delay_data(topic, found)) if is_json else delay_text(found), flush=True)
-    elif meter.unstamped:
+    elif unstamped:
         raise CommandFailedError(f"the stamps of the messages on {topic} are zero: never set")
     elif passed_s >= limit_s:
         raise CommandFailedError(f"no message came on {topic} within {limit_s:g} s")

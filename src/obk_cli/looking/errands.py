@@ -1,19 +1,21 @@
-"""What the launcher of a stack on this host does for a command: calls, and single messages.
+"""What a stack's launcher on this host does for a command: calls, single messages, short counts.
 
 It has ROS loaded and knows everybody, so that this takes some ms. None: there is no launcher, or it
-lacks the type, or the message is too long for it; then a participant of our own has to do it.
+lacks the type, or it is too much for it; then a participant of our own has to do it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from obk_cli.adapters.launcher_look import ask_launcher
+from obk_cli.looking.delays import Delay
 from obk_cli.looking.fill import require_fit
 from obk_cli.looking.finding import find_service, find_topic, the_type
 from obk_cli.looking.place import Place
 from obk_cli.looking.plain_data import Plain
+from obk_cli.looking.rates import LAUNCHER_COUNTS_S, Rate
 from obk_cli.looking.selection import Selection, check_selection
 
-__all__ = ["call_by_launcher", "message_by_launcher"]
+__all__ = ["call_by_launcher", "delay_by_launcher", "message_by_launcher", "rates_by_launcher"]
 
 
 def call_by_launcher(
@@ -68,3 +70,50 @@ def message_by_launcher(
     for selection in selections:
         check_selection(selection, kind.replace("/msg/", "/"), look.fields_of)
     return look.next_message(seen.name, kind, timeout_s)
+
+
+def rates_by_launcher(
+    place: Place, topics: Sequence[str], duration_s: float, timeout_s: float
+) -> Mapping[str, Rate] | None:
+    """How often the messages of topics come, by full name.
+
+    Args:
+        place: where to look.
+        topics: full names, or the ends of some.
+        duration_s: for how long they are counted [s].
+        timeout_s: how long to wait for each topic [s].
+
+    Raises:
+        CommandFailedError: there is no such topic.
+    """
+    look = ask_launcher(place.runs) if duration_s <= LAUNCHER_COUNTS_S else None
+    if look is None:
+        return None
+    seen = [find_topic(look, place, topic, timeout_s) for topic in topics]
+    kinds = {one.name: the_type("topic", one.name, one.heard_types) for one in seen}
+    return look.rates(kinds, duration_s)
+
+
+def delay_by_launcher(
+    place: Place, topic: str, window: int, duration_s: float, timeout_s: float
+) -> tuple[str, Delay | None, int] | None:
+    """The full name of a topic, how late its messages come, and how many had no stamp.
+
+    Args:
+        place: where to look.
+        topic: full name, or the end of one.
+        window: messages that the figures go back.
+        duration_s: for how long they are heard [s].
+        timeout_s: how long to wait for the topic [s].
+
+    Raises:
+        CommandFailedError: there is no such topic, or its messages have no stamp.
+    """
+    look = ask_launcher(place.runs) if duration_s <= LAUNCHER_COUNTS_S else None
+    if look is None:
+        return None
+    seen = find_topic(look, place, topic, timeout_s)
+    kind = the_type("topic", seen.name, seen.heard_types)
+    if not look.has_type(kind):
+        return None
+    return (seen.name, *look.delay(seen.name, kind, window, duration_s))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,10 @@ from obk_cli.adapters.launcher_look import LauncherLook, ask_launcher
 from obk_cli.adapters.ros_answers import RosAnswers
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.wire import LONGEST_REQUEST
+from obk_cli.looking.delays import Delay
 from obk_cli.looking.graph import Graph, TopicSeen
 from obk_cli.looking.parameters import Parameter
+from obk_cli.looking.rates import Rate
 
 WAIT_S = 20.0
 TYPES = {"/q": ("p/msg/M",)}
@@ -129,6 +132,26 @@ def test_calls_and_messages_go_by_the_launcher(tmp_path: Path) -> None:
             "timeout_s": WAIT_S,
         },
         {"about": "message", "topic": "/q", "type": "p/msg/M", "timeout_s": WAIT_S},
+    ]
+
+
+def test_short_counts_are_the_launchers(tmp_path: Path) -> None:
+    rate = Rate(count=3, lost=None, seen=3, window_s=0.1, rate_hz=20.0)
+    delay = Delay(
+        seen=3, is_relative=False, pace=1.0, mean_s=2e-3, min_s=1e-3, max_s=3e-3, std_dev_s=1e-3
+    )
+    heard: list[Mapping[str, Any]] = []
+
+    def answer(question: Mapping[str, Any]) -> Mapping[str, Any]:
+        heard.append(question)
+        return {"rates": {"/q": asdict(rate)}, "delay": asdict(delay), "unstamped": 1}
+
+    with launcher(tmp_path, answer) as look:
+        assert look.rates({"/q": "p/msg/M"}, 0.1) == {"/q": rate}
+        assert look.delay("/q", "p/msg/M", 10, 0.1) == (delay, 1)
+    assert heard == [
+        {"about": "rates", "topics": {"/q": "p/msg/M"}, "duration_s": 0.1},
+        {"about": "delay", "topic": "/q", "type": "p/msg/M", "window": 10, "duration_s": 0.1},
     ]
 
 
