@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,7 +23,7 @@ from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.robot import ObeliskRobot, ObeliskSimRobot
 
-from .stack import DEADLINE_S
+from .stack import DEADLINE_S, eventually, parameters
 
 pytestmark = pytest.mark.ros
 
@@ -37,10 +36,6 @@ EXECUTORS: dict[str, Callable[[], Executor]] = {
     "event loop": EventLoopExecutor,
     "event loop of four": lambda: EventLoopExecutor(num_threads=4),
 }
-
-
-def overrides(**values: Any) -> dict[str, Any]:
-    return {"parameter_overrides": [Parameter(n, value=v) for n, v in values.items()]}
 
 
 @contextmanager
@@ -64,20 +59,13 @@ def spun(
         gc.collect()
 
 
-def eventually(condition: Callable[[], object]) -> None:
-    end = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
 class Ticking(ObeliskController):
     """Counts its ticks; its transitions answer, and forget, what they are told to."""
 
     def __init__(self, answers: dict[str, Any] | None = None, forgets: str = "") -> None:
         super().__init__(
             "ticking",
-            **overrides(
+            **parameters(
                 pub_ctrl_setting="{topic: /c, msg_type: PositionSetpoint}",
                 sub_est_setting="{topic: /e, msg_type: EstimatedState}",
                 timer_ctrl_setting="{timer_period_sec: 0.002}",
@@ -132,7 +120,7 @@ def test_a_deactivate_without_its_super_call_stops_everything() -> None:
     with spun(lambda: Ticking(forgets="on_deactivate")) as node:
         node.trigger_configure()
         node.trigger_activate()
-        eventually(lambda: node.ticks)
+        eventually(lambda: node.ticks, "ticks")
         node.trigger_deactivate()
         assert_silent(node)
 
@@ -141,7 +129,7 @@ def test_an_activate_without_its_super_call_starts_everything() -> None:
     with spun(lambda: Ticking(forgets="on_activate")) as node:
         node.trigger_configure()
         node.trigger_activate()
-        eventually(lambda: node.ticks)
+        eventually(lambda: node.ticks, "ticks")
 
 
 @pytest.mark.parametrize("forgets", ["on_cleanup", "on_error"])
@@ -151,7 +139,7 @@ def test_nothing_is_left_of_a_node_that_is_unconfigured(forgets: str) -> None:
         node.trigger_activate()
         if forgets == "on_error":
             node.fail("told to")
-            eventually(lambda: node.state_label == "unconfigured")
+            eventually(lambda: node.state_label == "unconfigured", "the end of error processing")
         else:
             node.trigger_deactivate()
             node.trigger_cleanup()
@@ -162,7 +150,7 @@ def test_nothing_is_left_of_a_node_that_is_unconfigured(forgets: str) -> None:
 def test_a_configure_without_its_super_call_is_a_fault_that_says_so() -> None:
     with spun(lambda: Ticking(forgets="on_configure")) as node:
         node.trigger_configure()
-        eventually(lambda: node.state_label == "unconfigured")
+        eventually(lambda: node.state_label == "unconfigured", "the end of error processing")
         assert "did not call super().on_configure(state)" in node.last_fault.text
 
 
@@ -192,7 +180,7 @@ def test_a_fault_during_a_transition_is_not_lost(executor: Callable[[], Executor
     class SlowToActivate(ObeliskSimRobot):
         def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
             result = super().on_activate(state)
-            eventually(lambda: self.last_fault is not None)
+            eventually(lambda: self.last_fault is not None, "the fault")
             return result
 
         def run_simulator(self) -> None:
@@ -201,10 +189,10 @@ def test_a_fault_during_a_transition_is_not_lost(executor: Callable[[], Executor
         def apply_control(self, control_msg: Any) -> None:
             del control_msg
 
-    with spun(lambda: SlowToActivate("s", **overrides(**CONTROL)), executor) as node:
+    with spun(lambda: SlowToActivate("s", **parameters(**CONTROL)), executor) as node:
         node.trigger_configure()
         node.trigger_activate()
-        eventually(lambda: node.state_label == "unconfigured")
+        eventually(lambda: node.state_label == "unconfigured", "the end of error processing")
         assert node.last_fault.text == "ValueError: diverged"
 
 
@@ -222,7 +210,7 @@ def test_a_callback_of_plain_rclpy_fails_the_node_too(executor: Callable[[], Exe
     with spun(lambda: Plain("p"), executor) as node:
         node.trigger_configure()
         node.trigger_activate()
-        eventually(lambda: node.state_label == "unconfigured")
+        eventually(lambda: node.state_label == "unconfigured", "the end of error processing")
         assert node.last_fault.text == "ValueError: plain"
 
 
@@ -239,7 +227,7 @@ def test_a_coroutine_callback_fails_the_node_too() -> None:
     with spun(lambda: Waiting("w")) as node:
         node.trigger_configure()
         node.trigger_activate()
-        eventually(lambda: node.state_label == "unconfigured")
+        eventually(lambda: node.state_label == "unconfigured", "the end of error processing")
         assert node.last_fault.text == "ValueError: later"
 
 
@@ -251,7 +239,7 @@ def test_a_robot_takes_control_only_while_it_is_active() -> None:
             del control_msg
             self.taken += 1
 
-    with spun(lambda: Robot("r", **overrides(**CONTROL))) as node:
+    with spun(lambda: Robot("r", **parameters(**CONTROL))) as node:
         node.trigger_configure()
         callback = node.obk_subscriptions["sub_ctrl"].callback
         callback(PositionSetpoint())
@@ -274,7 +262,7 @@ def test_a_simulator_that_does_not_stop_is_never_joined_by_a_second_one(
         def apply_control(self, control_msg: Any) -> None:
             del control_msg
 
-    with spun(lambda: Deaf("d", **overrides(**CONTROL))) as node:
+    with spun(lambda: Deaf("d", **parameters(**CONTROL))) as node:
         node.trigger_configure()
         node.trigger_activate()
         node.trigger_deactivate()
@@ -338,7 +326,7 @@ def test_a_signal_shuts_down_also_a_node_that_does_not_deactivate(
 
 def test_settings_of_no_component_are_told(capfd: pytest.CaptureFixture[str]) -> None:
     settings = "publishers: [{key: pub_crtl, topic: /x}]"
-    with spun(lambda: ObeliskNode("n", **overrides(obelisk_settings=settings))) as node:
+    with spun(lambda: ObeliskNode("n", **parameters(obelisk_settings=settings))) as node:
         node.trigger_configure()
     text = "the config has a publisher 'pub_crtl' that this node's code does not register"
     assert text in capfd.readouterr().err

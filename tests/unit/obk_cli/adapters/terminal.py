@@ -9,7 +9,7 @@ from typing import Final
 
 from rich.cells import cell_len
 
-DEADLINE_S: Final = 10.0
+DEADLINE_S: Final = 30.0
 _PIECE: Final = re.compile(r"\x1b\[(?P<number>[\d;]*)(?P<end>[@-~])|(?P<char>.)", re.DOTALL)
 
 

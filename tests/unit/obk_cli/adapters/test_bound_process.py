@@ -15,7 +15,7 @@ from obk_cli.adapters.bound_process import BoundProcess
 from obk_cli.adapters.free_domain import free_domain
 from obk_cli.adapters.strokes import freeze, kill, thaw
 
-DEADLINE_S = 10.0
+DEADLINE_S = 30.0
 
 
 def is_there(pid: int) -> bool:

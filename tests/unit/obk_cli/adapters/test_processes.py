@@ -15,7 +15,7 @@ from obk_cli.launch.events import Heard, ProcessEnded, ProcessStarted
 from obk_cli.launch.units import Unit
 from obk_cli.plan import Origin, Process
 
-DEADLINE_S = 10.0
+DEADLINE_S = 30.0
 
 
 def unit(name: str) -> Unit:

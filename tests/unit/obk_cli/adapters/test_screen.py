@@ -8,7 +8,7 @@ import pytest
 
 from obk_cli.adapters.screen import Screen
 
-DEADLINE_S = 10.0
+DEADLINE_S = 30.0
 
 
 @pytest.fixture
