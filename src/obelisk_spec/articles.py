@@ -1,6 +1,6 @@
-"""Names as a message's sentence holds them."""
+"""Names and numbers as a message's sentence holds them."""
 
-__all__ = ["with_article"]
+__all__ = ["with_article", "with_number"]
 
 
 def with_article(name: str) -> str:
@@ -9,3 +9,8 @@ def with_article(name: str) -> str:
     Names that begin with a u (`user`, `uint8`, `UInt16`) are said with a y.
     """
     return f"{'an' if name[:1].lower() in ('a', 'e', 'i', 'o') else 'a'} `{name}`"
+
+
+def with_number(count: int, noun: str) -> str:
+    """The number with its noun, in the plural where it is not one: "1 node", "2 nodes"."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"

@@ -7,7 +7,7 @@ A block, the node's parameters and the facts of a model in; findings out. Reads 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from obelisk_spec.articles import with_article
+from obelisk_spec.articles import with_article, with_number
 from obelisk_spec.model import ModelFacts
 from obelisk_spec.near import did_you_mean, sure_name
 from obelisk_spec.sim_faults import SimFault, SimPath
@@ -112,8 +112,8 @@ def _check_size_and_step(block: Mapping[str, Any], facts: ModelFacts) -> Iterato
             code="OBK503",
             severity="warning",
             path=("n_u",),
-            message=f"`n_u` is {n_u}, the model has {facts.actuators} "
-            f"actuator{'' if facts.actuators == 1 else 's'}; the model wins",
+            message=f"`n_u` is {n_u}, the model has {with_number(facts.actuators, 'actuator')}; "
+            "the model wins",
             help=f"leave `n_u` out or write {facts.actuators}",
         )
     written = block.get("time_step")

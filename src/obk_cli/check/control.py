@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 
-from obelisk_spec.articles import with_article
+from obelisk_spec.articles import with_article, with_number
+from obelisk_spec.components import CONTROL_SUBSCRIPTION
 from obelisk_spec.messages import resolve_msg_type
 from obk_cli.config import Component, Node, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
@@ -15,7 +16,6 @@ __all__ = ["check_controls"]
 
 _SIMULATOR = "obelisk_mujoco_robot"
 """The executable that reads a control message's `u_mujoco`; others may read what they like."""
-_CONTROL = "sub_ctrl"
 _WITHOUT_ACTUATORS = (
     "obelisk_control_msgs/msg/VelocityCommand",
     "obelisk_control_msgs/msg/ExecutionFSM",
@@ -28,7 +28,11 @@ def check_controls(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnos
     for robot in stack.section("robot"):
         if not robot.runs_simulation or robot.executable is None:
             continue
-        obeyed = [c for c in robot.components if c.kind == "subscriber" and c.identity == _CONTROL]
+        obeyed = [
+            c
+            for c in robot.components
+            if c.kind == "subscriber" and c.identity == CONTROL_SUBSCRIPTION
+        ]
         for component in obeyed:
             if robot.executable.value == _SIMULATOR:
                 yield from _check_message(component)
@@ -89,9 +93,8 @@ def _wrong_length(
     (path, *_) = [sim.model_xml_path for sim in robot.sims if sim.model_xml_path]
     return found(
         "OBK317",
-        f"class `{code.class_name}` writes {length.length} "
-        f"value{'' if length.length == 1 else 's'} into `{length.field}`, the model has "
-        f"{actuators} actuator{'' if actuators == 1 else 's'}",
+        f"class `{code.class_name}` writes {with_number(length.length, 'value')} into "
+        f"`{length.field}`, the model has {with_number(actuators, 'actuator')}",
         node.executable.span,
         help="the simulator refuses a control message of another length",
         related=(

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from obelisk_spec.articles import with_number
 from obk_cli.doctor.finding import Finding, note, ok, warning
 
 __all__ = ["WorkspaceFacts", "judge_workspace"]
@@ -30,9 +31,8 @@ def judge_workspace(facts: WorkspaceFacts) -> Iterator[Finding]:
     if facts.folder is None:
         yield note("the working folder is in no workspace", "obk init my_robot")
         return
-    count = len(facts.packages)
     yield ok(
-        f"workspace {facts.folder}: {count} package{'' if count == 1 else 's'}",
+        f"workspace {facts.folder}: {with_number(len(facts.packages), 'package')}",
         folder=facts.folder,
         packages=facts.packages,
     )

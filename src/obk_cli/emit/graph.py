@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import PurePath
 
+from obelisk_spec.articles import with_number
 from obk_cli.emit.letters import printable
 from obk_cli.plan import TIERS, Endpoint, Plan, Process, SensorGroup
 
@@ -95,10 +96,8 @@ class Graph:
     @property
     def title(self) -> str:
         """The stack's name and how much is in it."""
-        return printable(
-            f"{self.name}: {_counted(len(self.nodes), 'node')}, "
-            f"{_counted(len(self.topics), 'topic')}"
-        )
+        nodes, topics = with_number(len(self.nodes), "node"), with_number(len(self.topics), "topic")
+        return printable(f"{self.name}: {nodes}, {topics}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +162,3 @@ def _sensor_lines(group: SensorGroup) -> Iterator[str]:
 
 def _rate(rate_hz: float) -> str:
     return f"{rate_hz:.0f} Hz" if rate_hz >= 100 else f"{rate_hz:.3g} Hz"
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import Final
 
+from obelisk_spec.articles import with_number
 from obk_cli.doctor.examination import Answer
 from obk_cli.doctor.finding import SEVERITIES, Finding, Severity
 
@@ -52,20 +53,16 @@ def _lines(name: str, finding: Finding, colour: bool) -> Iterator[str]:
 def _sum(answers: Sequence[Answer], colour: bool) -> str:
     counts = _counts(answers)
     parts = [
-        _painted(severity, f"{counts[severity]} {severity}{_plural(counts[severity])}", colour)
+        _painted(severity, with_number(counts[severity], severity), colour)
         for severity in SEVERITIES
         if severity != "ok" and counts[severity]
     ]
-    checks = f"{len(answers)} check{_plural(len(answers))}"
+    checks = with_number(len(answers), "check")
     return f"{checks}: {', '.join(parts) if parts else _painted('ok', 'all is well', colour)}"
 
 
 def _counts(answers: Sequence[Answer]) -> Counter[Severity]:
     return Counter(finding.severity for answer in answers for finding in answer.findings)
-
-
-def _plural(count: int) -> str:
-    return "" if count == 1 else "s"
 
 
 def _painted(severity: Severity, text: str, colour: bool) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from obelisk_spec.articles import with_number
 from obk_cli.looking.graph import End, Graph, TopicSeen, misfits
 from obk_cli.report.escapes import plain
 
@@ -17,8 +18,8 @@ def topics_text(graph: Graph) -> Iterator[str]:
         (
             topic.name,
             ", ".join(topic.msg_types),
-            f"{_count(topic.publishers, 'publisher')}, "
-            f"{_count(topic.subscriptions, 'subscription')}",
+            f"{with_number(len(topic.publishers), 'publisher')}, "
+            f"{with_number(len(topic.subscriptions), 'subscription')}",
         )
         for topic in graph.topics
     ]
@@ -92,10 +93,6 @@ def _end_data(end: End) -> dict[str, Any]:
         "lifespan_ns": end.qos.lifespan_ns,
         "liveliness": end.qos.liveliness,
     }
-
-
-def _count(ends: tuple[End, ...], what: str) -> str:
-    return f"{len(ends)} {what}{'' if len(ends) == 1 else 's'}"
 
 
 def _columns(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator
 from typing import Final, assert_never
 
+from obelisk_spec.articles import with_number
 from obk_cli.launch.events import (
     AnswersAgain,
     Ended,
@@ -178,8 +179,7 @@ class LaunchReport:
         if event.origin:
             yield f"  made by {plain(event.origin)}"
         if event.consequences:
-            plural = "" if event.consequences == 1 else "s"
-            yield f"  {event.consequences} more failure{plural} after it"
+            yield f"  {with_number(event.consequences, 'more failure')} after it"
 
     def _fault(self, fault: str) -> Iterable[str]:
         """A node's own words; the traceback only where the node's output does not show it."""

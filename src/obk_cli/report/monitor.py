@@ -13,6 +13,7 @@ from typing import Any, Final, Generic, TypeVar
 
 from rich.cells import cell_len, set_cell_size
 
+from obelisk_spec.articles import with_number
 from obk_cli.launch.transitions import ACTIVE
 from obk_cli.monitoring.view import NodeView, StackView, TopicView
 from obk_cli.report.escapes import plain
@@ -78,7 +79,7 @@ def head_line(view: StackView, width: int) -> Line:
         view.name or "launched elsewhere",
         _standing(view),
         f"up {timedelta(seconds=int(view.uptime_s))}" if view.uptime_s else "",
-        f"{off} topic{'' if off == 1 else 's'} off" if off else "",
+        f"{with_number(off, 'topic')} off" if off else "",
         "" if rtf is None else f"real time x{rtf:.2f}",
         f"monitor {view.cost_percent:.1f} %",
         f"domain {view.domain}",
@@ -188,7 +189,7 @@ def _standing(view: StackView) -> str:
     if view.has_ended:
         return f"has ended: {plain(view.cause)}" if view.cause else "has ended"
     if not view.run:
-        return f"{len(view.nodes)} node{'' if len(view.nodes) == 1 else 's'}"
+        return with_number(len(view.nodes), "node")
     return view.state or view.phase or "no answer from the launcher"
 
 

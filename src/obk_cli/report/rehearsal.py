@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from io import StringIO
 from typing import Any, Final
 
+from obelisk_spec.articles import with_number
 from obk_cli.rehearsal.judge import Row
 from obk_cli.report.launch import short_name
 
@@ -82,12 +83,8 @@ def _below(rows: Sequence[Row]) -> Iterator[str]:
         if row.run is not None:
             yield f"  see {row.run / 'launch.log'}"
     yield ""
-    kept = f"{len(rows) - len(wrong)} of {_counted(len(rows), 'promise')} kept"
-    yield kept if wrong else f"{_counted(len(rows), 'promise')} kept"
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"
+    kept = f"{len(rows) - len(wrong)} of {with_number(len(rows), 'promise')} kept"
+    yield kept if wrong else f"{with_number(len(rows), 'promise')} kept"
 
 
 def _data(row: Row) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from rich.console import Console, RenderableType
 from rich.rule import Rule
 from rich.text import Text
 
+from obelisk_spec.articles import with_number
 from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.transitions import ACTIVE, FINALIZED, INACTIVE, RESTING
 from obk_cli.report.launch import STEADY, short_name
@@ -97,13 +98,13 @@ def _progress(status: StackStatus) -> tuple[int, int, str] | None:
 
 
 def _troubles(nodes: Sequence[NodeStatus]) -> Iterator[Text]:
-    yield Text(_counted(len(nodes), "node"))
+    yield Text(with_number(len(nodes), "node"))
     if restarts := sum(node.restarts for node in nodes):
-        yield Text(_counted(restarts, "restart"), "yellow")
+        yield Text(with_number(restarts, "restart"), "yellow")
     if hanging := sum(node.hangs for node in nodes):
         yield Text(f"{hanging} hanging", "bold red")
     if rates := sum(len(node.rates) for node in nodes):
-        yield Text(f"{_counted(rates, 'rate')} off", "yellow")
+        yield Text(f"{with_number(rates, 'rate')} off", "yellow")
 
 
 def _node_rows(status: StackStatus, paper: _Paper, room: int) -> list[str]:
@@ -162,7 +163,3 @@ def _style(word: str, phase: str) -> str:
     if word in ("hangs", "errorprocessing") or (word == "ended" and phase not in _GOING_DOWN):
         return "bold red"
     return _STYLES.get(word, "dim")
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"

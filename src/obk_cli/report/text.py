@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from itertools import groupby
 
+from obelisk_spec.articles import with_number
 from obk_cli.diagnostics import Diagnostic, Severity
 from obk_cli.report.escapes import visible
 from obk_cli.source import Span
@@ -49,9 +50,7 @@ def summary(paths: Iterable[str], diagnostics: Iterable[Diagnostic], *, colour: 
 
 
 def _counted(severity: Severity, count: int) -> str:
-    if severity == "info":
-        return f"{count} info"
-    return f"{count} {severity}{'' if count == 1 else 's'}"
+    return f"{count} info" if severity == "info" else with_number(count, severity)
 
 
 class _Paint:

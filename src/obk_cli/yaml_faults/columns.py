@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 
+from obelisk_spec.articles import with_number
 from obk_cli.diagnostics import Related
 from obk_cli.source import SourceFile, Span
 from obk_cli.yaml_faults.trouble import Cause, Trouble, indent_of
@@ -92,12 +93,11 @@ def _line_between(trouble: Trouble, kind: str) -> tuple[tuple[int, int], tuple[i
 def _differs(source: SourceFile, wrong: tuple[int, int], right: tuple[int, int]) -> Cause:
     (line, column), (other, wanted) = wrong, right
     way = "right" if column < wanted else "left"
-    count = abs(wanted - column)
     return Cause(
         message=f"this line starts in column {column}, its neighbour in line {other} in column "
         f"{wanted}",
         span=Span.at(source, line, column),
-        help=f"move it {count} space{'' if count == 1 else 's'} to the {way}: the lines of one "
+        help=f"move it {with_number(abs(wanted - column), 'space')} to the {way}: the lines of one "
         "mapping or list start in the same column",
         related=Related(message="its neighbour", span=Span.at(source, other, wanted)),
     )

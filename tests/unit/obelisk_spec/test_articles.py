@@ -1,6 +1,6 @@
 import pytest
 
-from obelisk_spec.articles import with_article
+from obelisk_spec.articles import with_article, with_number
 
 
 @pytest.mark.parametrize(
@@ -15,3 +15,7 @@ from obelisk_spec.articles import with_article
 )
 def test_a_name_has_the_article_that_it_is_said_with(name: str, said: str) -> None:
     assert with_article(name) == said
+
+
+def test_a_noun_is_in_the_plural_unless_it_is_one() -> None:
+    assert [with_number(n, "node") for n in (0, 1, 2)] == ["0 nodes", "1 node", "2 nodes"]
