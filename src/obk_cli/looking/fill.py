@@ -156,7 +156,8 @@ class _Filler:
         low, high = INTEGERS[name]
         if isinstance(number, int) and low <= number <= high:
             return number
-        self._note(place, f"expected an {name} from {low} to {high}, got {_shown(value)}")
+        wanted = f"a whole number from {low} to {high} ({name})"
+        self._note(place, f"expected {wanted}, got {_shown(value)}")
         return 0
 
     def _note(self, place: str, fault: str) -> None:

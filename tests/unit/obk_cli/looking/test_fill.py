@@ -63,15 +63,15 @@ def test_a_header_may_be_left_to_the_time_of_publishing() -> None:
         ("{q_joints: [true]}", "q_joints[0]: expected a double, got true"),
         ("{gains: [1, 2]}", "gains: expected a list of 3 doubles, got 2"),
         ("{few: [1, 2, 3]}", "few: expected a list of at most 2 int8s, got 3"),
-        ("{few: [128]}", "few[0]: expected an int8 from -128 to 127, got `128`"),
-        ("{few: [1.0]}", "few[0]: expected an int8 from -128 to 127, got `1.0`"),
+        ("{few: [128]}", "few[0]: expected a whole number from -128 to 127 (int8), got `128`"),
+        ("{few: [1.0]}", "few[0]: expected a whole number from -128 to 127 (int8), got `1.0`"),
         ("{corners: [3]}", "corners[0]: expected pkg/Point {x: double, y: float}, got `3`"),
         ("{corners: [{y: 1e39}]}", "corners[0].y: expected a float, got `1e+39`"),
         ("{name: 5}", 'name: expected a string, got `5`; write "5"'),
         ("{name: abcdef}", "name: expected at most 5 characters, got 6"),
         ("{is_on: 1}", "is_on: expected true or false, got `1`"),
         ("{is_on: {}}", "is_on: expected true or false, got an object"),
-        ("{mark: 256}", "mark: expected an octet from 0 to 255, got `256`"),
+        ("{mark: 256}", "mark: expected a whole number from 0 to 255 (octet), got `256`"),
         (
             "{header: {stamp: soon}}",
             "header.stamp: expected builtin_interfaces/Time {sec: int32, nanosec: uint32} or "
