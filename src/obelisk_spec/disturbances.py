@@ -12,6 +12,7 @@ from obelisk_spec.articles import with_article
 from obelisk_spec.messages import bare_name
 from obelisk_spec.near import did_you_mean, list_names, sure_name
 from obelisk_spec.sim_faults import SimFault, SimPath
+from obelisk_spec.values import is_number
 
 __all__ = ["FIELD_NOISE_KEYS", "NOISY_FIELDS", "FieldKind", "check_disturbances"]
 
@@ -110,17 +111,9 @@ def _is_amount(value: object, kind: FieldKind, least: float) -> bool:
         return (
             kind != "array"
             and len(value) == _AXES
-            and all(_is_number(each, least) for each in value)
+            and all(is_number(each, least) for each in value)
         )
-    return _is_number(value, least)
-
-
-def _is_number(value: object, least: float) -> bool:
-    return (
-        isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and least <= value <= sys.float_info.max
-    )
+    return is_number(value, least)
 
 
 def _wanted_keys() -> str:

@@ -5,16 +5,15 @@ Pure; takes the mapping as plain values, gives findings with the path into the s
 """
 
 import math
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
 from obelisk_spec.articles import with_article
-from obelisk_spec.limits import LARGEST_COUNT
 from obelisk_spec.near import did_you_mean, list_names
 from obelisk_spec.sensors import RAY_PATTERNS, GroupRule
 from obelisk_spec.sim_faults import SimFault, SimPath
+from obelisk_spec.values import COUNT_WANTED, is_count, is_mapping, is_number, is_text
 
 __all__ = [
     "MOST_RAYS",
@@ -31,7 +30,6 @@ MOST_RAYS: Final = 1_000_000
 """Of one pattern; a picture of more pixels takes seconds to cast."""
 
 _GEOM_GROUPS = range(6)
-_LARGEST_FLOAT = sys.float_info.max
 _TURN_DEG = 360.0
 _HAIR = 1e-6
 """Of a step: 1.6 / 0.1 may come out a hair below 16."""
@@ -46,34 +44,14 @@ class ScanKey:
     required: bool = False
 
 
-def _is_number(value: object) -> bool:
-    return (
-        isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and -_LARGEST_FLOAT <= value <= _LARGEST_FLOAT
-    )
-
-
-def _is_positive(value: Any) -> bool:
-    return _is_number(value) and value > 0
-
-
-def _is_count(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= LARGEST_COUNT
-
-
-def _is_text(value: object) -> bool:
-    return isinstance(value, str) and bool(value)
-
-
-def _is_mapping(value: object) -> bool:
-    return isinstance(value, Mapping)
+def _is_positive(value: object) -> bool:
+    return is_number(value) and value > 0
 
 
 def _numbers(count: int) -> Callable[[Any], bool]:
     def is_right(value: Any) -> bool:
         return (
-            isinstance(value, list | tuple) and len(value) == count and all(map(_is_number, value))
+            isinstance(value, list | tuple) and len(value) == count and all(map(is_number, value))
         )
 
     return is_right
@@ -97,16 +75,15 @@ def _is_pinhole(value: Any) -> bool:
     )
 
 
-_COUNT: Final = f"a whole number from 1 to {LARGEST_COUNT}"
 _LENGTH: Final = "a length in metres greater than 0"
-_OFFSET: Final = ScanKey("a mapping", _is_mapping)
+_OFFSET: Final = ScanKey("a mapping", is_mapping)
 SCAN_KEYS: Final[Mapping[str, ScanKey]] = {
-    "site_name": ScanKey("the name of a site", _is_text, required=True),
-    "pattern": ScanKey("a mapping", _is_mapping, required=True),
+    "site_name": ScanKey("the name of a site", is_text, required=True),
+    "pattern": ScanKey("a mapping", is_mapping, required=True),
     "geom_groups": ScanKey("a list of geom groups", lambda value: isinstance(value, list | tuple)),
-    "frame": ScanKey("the name of a frame", _is_text),
+    "frame": ScanKey("the name of a frame", is_text),
     "max_distance": ScanKey(_LENGTH, _is_positive),
-    "viz_decimation": ScanKey(_COUNT, _is_count),
+    "viz_decimation": ScanKey(COUNT_WANTED, is_count),
 }
 PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
     "height_scan": {
@@ -115,7 +92,7 @@ PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
         "ordering": ScanKey("`xy` or `yx`", lambda value: value in ("xy", "yx")),
     },
     "lidar_scan": {
-        "channels": ScanKey(_COUNT, _is_count, required=True),
+        "channels": ScanKey(COUNT_WANTED, is_count, required=True),
         "vertical_fov_range": ScanKey("two angles in degrees", _numbers(2), required=True),
         "horizontal_fov_range": ScanKey("two angles in degrees", _numbers(2), required=True),
         "horizontal_res": ScanKey(
@@ -123,8 +100,8 @@ PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
         ),
     },
     "depth_camera": {
-        "width": ScanKey(_COUNT, _is_count, required=True),
-        "height": ScanKey(_COUNT, _is_count, required=True),
+        "width": ScanKey(COUNT_WANTED, is_count, required=True),
+        "height": ScanKey(COUNT_WANTED, is_count, required=True),
         "intrinsic_matrix": ScanKey(
             "nine numbers, row by row: fx, skew, cx, 0, fy, cy, 0, 0, 1 with fx and fy above 0",
             _is_pinhole,
@@ -176,7 +153,7 @@ def _check_pattern(
             message=f"`{written}` cannot carry the ray pattern `{kind}`",
             help=f"it takes {list_names(rule.patterns)}",
         )
-    keys = {"type": ScanKey("text", _is_text), "offset": _OFFSET, **PATTERN_KEYS[kind]}
+    keys = {"type": ScanKey("text", is_text), "offset": _OFFSET, **PATTERN_KEYS[kind]}
     wrong = list(_check_keys(pattern, with_article(kind), keys, path))
     yield from wrong
     if not wrong:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, Literal
 
+from obelisk_spec.messages import bare_name
+
 __all__ = [
     "RAY_PATTERNS",
     "SENSOR_GROUPS",
@@ -118,7 +120,7 @@ SENSOR_GROUPS: Mapping[str, GroupRule] = MappingProxyType(
 
 def sensor_group(msg_type: str) -> GroupRule | None:
     """The rule of a group's `msg_type`, bare or with its package; None if there is none."""
-    bare = msg_type.rpartition("/")[2]
+    bare = bare_name(msg_type)
     rule = SENSOR_GROUPS.get(bare)
     if rule is None or "/" not in msg_type or bare == "DepthImage":
         return rule

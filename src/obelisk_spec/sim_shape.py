@@ -8,28 +8,17 @@ from typing import Any, Final
 
 from obelisk_spec.limits import LARGEST_COUNT, LONGEST_PERIOD_S
 from obelisk_spec.sim_faults import SimFault, SimPath
+from obelisk_spec.values import COUNT_WANTED, is_count, is_mapping, is_number, is_text, is_whole
 
 __all__ = ["check_sim_shape"]
 
 
-def _is_text(value: object) -> bool:
-    return isinstance(value, str) and bool(value)
-
-
 def _is_period(value: object) -> bool:
-    return (
-        isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and 0 < value <= LONGEST_PERIOD_S
-    )
-
-
-def _is_count(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= LARGEST_COUNT
+    return is_number(value, most=LONGEST_PERIOD_S) and value > 0
 
 
 def _is_probability(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= 1
+    return is_number(value, 0, 1)
 
 
 def _is_delay(value: object) -> bool:
@@ -37,11 +26,7 @@ def _is_delay(value: object) -> bool:
 
 
 def _is_seed(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= LARGEST_COUNT
-
-
-def _is_mapping(value: object) -> bool:
-    return isinstance(value, Mapping)
+    return is_whole(value, 0, LARGEST_COUNT)
 
 
 def _is_list_of_mappings(value: object) -> bool:
@@ -54,25 +39,24 @@ def _is_list_of_mappings(value: object) -> bool:
 
 _PERIOD: Final = f"a number of seconds greater than 0 and at most {LONGEST_PERIOD_S:g}"
 _DELAY: Final = f"a number of seconds from 0 to {LONGEST_PERIOD_S:g}"
-_COUNT: Final = f"a whole number from 1 to {LARGEST_COUNT}"
 _Rule = tuple[str, bool, Callable[[object], bool], str]
 
 _BLOCK: tuple[_Rule, ...] = (
-    ("model_xml_path", True, _is_text, "a path"),
-    ("num_steps_per_viz", False, _is_count, _COUNT),
+    ("model_xml_path", True, is_text, "a path"),
+    ("num_steps_per_viz", False, is_count, COUNT_WANTED),
     ("time_step", False, _is_period, _PERIOD),
     ("sensor_settings", False, _is_list_of_mappings, "a list of sensor groups"),
-    ("viz_geoms", False, _is_mapping, "a mapping of geom names to geom types"),
+    ("viz_geoms", False, is_mapping, "a mapping of geom names to geom types"),
 )
 _GROUP: tuple[_Rule, ...] = (
-    ("topic", True, _is_text, "a topic"),
+    ("topic", True, is_text, "a topic"),
     ("dt", True, _is_period, _PERIOD),
-    ("msg_type", True, _is_text, "a message type"),
-    ("history_depth", False, _is_count, _COUNT),
-    ("sensor_names", False, _is_mapping, "a mapping of sensor names to sensor types"),
-    ("scan_config", False, _is_mapping, "a mapping"),
-    ("config_path", False, _is_text, "a path"),
-    ("noise", False, _is_mapping, "a mapping of fields to their noise"),
+    ("msg_type", True, is_text, "a message type"),
+    ("history_depth", False, is_count, COUNT_WANTED),
+    ("sensor_names", False, is_mapping, "a mapping of sensor names to sensor types"),
+    ("scan_config", False, is_mapping, "a mapping"),
+    ("config_path", False, is_text, "a path"),
+    ("noise", False, is_mapping, "a mapping of fields to their noise"),
     ("dropout", False, _is_probability, "a number from 0 to 1"),
     ("delay", False, _is_delay, _DELAY),
     ("seed", False, _is_seed, f"a whole number from 0 to {LARGEST_COUNT}"),

@@ -1,0 +1,40 @@
+"""Of which kind a value of a `sim` block is: a number, a whole one, a text, a mapping. Pure."""
+
+import sys
+from collections.abc import Mapping
+from typing import Final, TypeGuard
+
+from obelisk_spec.limits import LARGEST_COUNT
+
+__all__ = ["COUNT_WANTED", "is_count", "is_mapping", "is_number", "is_text", "is_whole"]
+
+COUNT_WANTED: Final = f"a whole number from 1 to {LARGEST_COUNT}"
+"""What `is_count` asks for, as a message says it."""
+_LARGEST: Final = sys.float_info.max
+
+
+def is_number(
+    value: object, least: float = -_LARGEST, most: float = _LARGEST
+) -> TypeGuard[int | float]:
+    """Whether it is a number within bounds, whole or not; true and false are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
+
+
+def is_whole(value: object, least: int, most: int) -> TypeGuard[int]:
+    """Whether it is a whole number within bounds; true and false are none."""
+    return isinstance(value, int) and is_number(value, least, most)
+
+
+def is_count(value: object) -> TypeGuard[int]:
+    """Whether it is how many there are of something: from 1 to what 32 bits hold."""
+    return is_whole(value, 1, LARGEST_COUNT)
+
+
+def is_text(value: object) -> TypeGuard[str]:
+    """Whether it is a text that is not empty."""
+    return isinstance(value, str) and bool(value)
+
+
+def is_mapping(value: object) -> TypeGuard[Mapping[object, object]]:
+    """Whether it is a mapping."""
+    return isinstance(value, Mapping)
