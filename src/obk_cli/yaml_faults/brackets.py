@@ -4,12 +4,11 @@ import re
 
 from obk_cli.diagnostics import Related
 from obk_cli.source import Span
-from obk_cli.yaml_faults.trouble import Cause, Trouble, indent_of
+from obk_cli.yaml_faults.trouble import Cause, Trouble, indent_of, without_comment
 
 __all__ = ["find_in_brackets"]
 
 _CLOSING = {"[": "]", "{": "}"}
-_COMMENT = re.compile(r"\s+#.*$")
 _LAST_WORD = re.compile(r"\S+\s*$")
 
 
@@ -32,7 +31,7 @@ def find_in_brackets(trouble: Trouble) -> Cause | None:
 def _never_closed(opened: Span, trouble: Trouble) -> Cause:
     opening = opened.source.line(opened.line)
     bracket = opening[opened.column - 1]
-    written = _COMMENT.sub("", opening[opened.column - 1 :].rstrip())
+    written = without_comment(opening[opened.column - 1 :])
     is_near = trouble.is_at_end or trouble.line == opened.line
     return Cause(
         message=f"the `{bracket}` that opens here is never closed",

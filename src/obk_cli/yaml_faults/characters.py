@@ -3,11 +3,10 @@
 import re
 
 from obk_cli.source import Span
-from obk_cli.yaml_faults.trouble import LONGEST_LINE, Cause, Trouble, indent_of
+from obk_cli.yaml_faults.trouble import LONGEST_LINE, Cause, Trouble, indent_of, without_comment
 
 __all__ = ["find_braces", "find_character", "in_quotes"]
 
-_COMMENT = re.compile(r"\s+#.*$")
 _BRACES = re.compile(r":\s+(\{\{.*?\}\}\S*)")
 _NAMES = {"\u00a0": "a no-break space", "\u3000": "a wide space", "\u200b": "a zero-width space"}
 _CONFLICT = re.compile(r"(<{7}|={7}|>{7})(\s|$)")
@@ -80,7 +79,7 @@ def _starts_no_value(trouble: Trouble) -> Cause | None:
         column = trouble.context_place[1]
     elif "cannot start any token" not in trouble.problem and "not allowed" not in trouble.problem:
         return None
-    value = _COMMENT.sub("", trouble.text[column - 1 :].rstrip())
+    value = without_comment(trouble.text[column - 1 :])
     if value[:1] == "-" and trouble.text[: column - 1].strip():
         return Cause(
             message="an item of a list cannot start behind a key, on its line",

@@ -1,13 +1,10 @@
 """Quotes that are left open, that close too early, or that hold a wrong escape."""
 
-import re
-
 from obk_cli.source import Span
-from obk_cli.yaml_faults.trouble import Cause, Trouble
+from obk_cli.yaml_faults.trouble import Cause, Trouble, without_comment
 
 __all__ = ["find_in_quotes"]
 
-_COMMENT = re.compile(r"\s+#.*$")
 _CLOSED_BY = ",]}"
 
 
@@ -32,7 +29,7 @@ def find_in_quotes(trouble: Trouble) -> Cause | None:
 def _never_closed(place: Span) -> Cause:
     line = place.source.line(place.line)
     quote = line[place.column - 1]
-    written = _COMMENT.sub("", line[place.column - 1 :].rstrip())
+    written = without_comment(line[place.column - 1 :])
     return Cause(
         message=f"the quote {quote} that opens here is never closed",
         span=Span.at(place.source, place.line, place.column, max(len(written), 1)),
@@ -60,7 +57,7 @@ def _closed_elsewhere(scalar: Span) -> Cause:
 def _goes_on(scalar: Span, trouble: Trouble) -> Cause:
     """`"a"b`, and `'robot's'`."""
     quote, inner = scalar.text[0], scalar.text[1:-1]
-    rest = _COMMENT.sub("", trouble.text[scalar.end_column - 1 :].rstrip())
+    rest = without_comment(trouble.text[scalar.end_column - 1 :])
     if quote == "'" and rest.endswith("'"):
         help = f'an apostrophe stands within double quotes: `"{inner}\'{rest[:-1]}"`'
     elif quote == '"' and rest.endswith('"'):

@@ -3,6 +3,7 @@
 PyYAML's error and the source in; what stands before the error out. Judges nothing.
 """
 
+import re
 from dataclasses import dataclass
 
 import yaml
@@ -12,11 +13,12 @@ from obk_cli.edits import Offsets
 from obk_cli.source import SourceFile, Span
 from obk_cli.yaml_faults import YAML_LOADER, YamlText
 
-__all__ = ["LONGEST_LINE", "Before", "Cause", "Trouble", "indent_of"]
+__all__ = ["LONGEST_LINE", "Before", "Cause", "Trouble", "indent_of", "without_comment"]
 
 LONGEST_LINE = 1_000
 """Characters of a line up to which causes are looked for in it."""
 
+_COMMENT = re.compile(r"\s+#.*$")
 _OPENING = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)
 _CLOSING = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken)
 
@@ -106,6 +108,11 @@ class Trouble:
 def indent_of(text: str) -> int:
     """How many blanks a line starts with."""
     return len(text) - len(text.lstrip())
+
+
+def without_comment(text: str) -> str:
+    """The text without the comment behind it and the blanks at its end."""
+    return _COMMENT.sub("", text.rstrip())
 
 
 def _within(source: SourceFile, place: tuple[int, int]) -> tuple[int, int]:
