@@ -49,18 +49,13 @@ def remove_entry(mapping: TreeMap, entry: Entry) -> tuple[Edit, ...]:
     key, value = entry.key_span, entry.value.span
     line = key.source.line(key.line)
     between = line[key.end_column - 1 : value.column - 1]
-    is_own = key.line == value.line == value.end_line and _holds(mapping.span, key)
+    is_own = key.line == value.line == value.end_line and mapping.span.holds(key)
     if not isinstance(entry.value, TreeScalar) or not is_own:
         return ()
     if re.fullmatch(r"[ \t]*:[ \t]*", between) is None:
         return ()
     place = Span(key.source, key.line, key.column, key.line, value.end_column)
     return (_from_flow(place),) if is_flow(mapping) else _from_block(mapping, place)
-
-
-def _holds(outer: Span, inner: Span) -> bool:
-    start, end = (outer.line, outer.column), (outer.end_line, outer.end_column)
-    return outer.source == inner.source and start <= (inner.line, inner.column) < end
 
 
 def _from_flow(place: Span) -> Edit:
@@ -83,7 +78,7 @@ def _from_block(mapping: TreeMap, place: Span) -> tuple[Edit, ...]:
         return (Edit(Span(source, number, place.column, number, rest.start(1) + 1), ""),)
     if not line[: place.column - 1].strip():
         return (Edit(Span(source, number, 1, number + 1, 1), ""),)
-    later = (other.key_span for other in mapping if _holds(mapping.span, other.key_span))
+    later = (other.key_span for other in mapping if mapping.span.holds(other.key_span))
     following = min((s for s in later if s.line > number), key=lambda s: s.line, default=None)
     if following is None or any(source.line(n).strip() for n in range(number + 1, following.line)):
         return ()

@@ -62,6 +62,11 @@ class Span:
             return self.end_column
         return max(len(self.source.line(self.line).rstrip()) + 1, self.column + 1)
 
+    def holds(self, other: "Span") -> bool:
+        """Whether another stretch starts in this one, in the same text."""
+        start, end = (self.line, self.column), (self.end_line, self.end_column)
+        return self.source == other.source and start <= (other.line, other.column) < end
+
     def __str__(self) -> str:
         return f"{self.path}:{self.line}:{self.column}"
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from obk_cli.edits import Edit, Offsets
 from obk_cli.joining.place import Place
-from obk_cli.joining.region import indent_of, within
+from obk_cli.joining.region import indent_of
 from obk_cli.tree import Entry, TreeList, TreeMap
 
 __all__ = ["SECTION_ORDER", "append_in_brackets", "own_sections", "section_in_braces"]
@@ -27,7 +27,7 @@ def append_in_brackets(items: TreeList, new: str, line_end: str) -> Iterator[Edi
     at, text = Offsets.of(source), source.text
     bracket = at.end(items.span) - 1
     last = items.items[-1].span if items.items else None
-    if last is None or not within(items.span, last):
+    if last is None or not items.span.holds(last):
         yield at.insert(bracket, f", {new}" if last else new)
         return
     line, end = source.line(last.line), at.end(last)
@@ -65,5 +65,5 @@ def section_in_braces(place: Place, node: str) -> Iterator[Edit]:
 
 def own_sections(holder: TreeMap) -> list[Entry]:
     """The sections that are written in the mapping itself, in the order of the text."""
-    own = (e for e in holder if e.key in SECTION_ORDER and within(holder.span, e.key_span))
+    own = (e for e in holder if e.key in SECTION_ORDER and holder.span.holds(e.key_span))
     return sorted(own, key=lambda entry: (entry.key_span.line, entry.key_span.column))

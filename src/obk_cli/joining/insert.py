@@ -18,7 +18,7 @@ from obk_cli.joining.brackets import (
 from obk_cli.joining.entry_text import block_lines, flow_text, list_lines
 from obk_cli.joining.place import Place
 from obk_cli.joining.refusal import Refused
-from obk_cli.joining.region import Regions, indent_of, is_blank, is_comment, within
+from obk_cli.joining.region import Regions, indent_of, is_blank, is_comment
 from obk_cli.joining.style import is_flow_list
 from obk_cli.tree import Entry, TreeList, TreeMap, TreeScalar
 
@@ -95,7 +95,7 @@ class _Inserter:
         """Whether key and value stand in the holder itself, the value behind the key."""
         key, value = entry.key_span, entry.value.span
         is_behind = (value.line, value.column) >= (key.end_line, key.end_column)
-        return within(self._place.holder.span, key) and is_behind
+        return self._place.holder.span.holds(key) and is_behind
 
     def _colon(self, entry: Entry) -> int | None:
         """The offset behind the colon of a key, None for a key that is written with `?`."""

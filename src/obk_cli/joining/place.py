@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from obk_cli.config import Node, Stack
 from obk_cli.joining.refusal import Refused
-from obk_cli.joining.region import within
 from obk_cli.joining.style import Style, style_of
 from obk_cli.migrate.shape import devices_of, sections_of
 from obk_cli.parse import parse_source
@@ -61,7 +60,7 @@ def index_of(place: Place, old: Node) -> int | Refused:
     value = place.entry.value if place.entry else None
     items = value.items if isinstance(value, TreeList) else (value,)
     for index, item in enumerate(items):
-        if isinstance(item, TreeMap) and within(item.span, old.span):
+        if isinstance(item, TreeMap) and item.span.holds(old.span):
             return index
     return Refused(
         sentence=f"`{old.full_name}` does not stand in `{place.tree.span.path}` itself but at "

@@ -11,7 +11,7 @@ from obk_cli.joining.style import is_flow_list
 from obk_cli.source import SourceFile, Span
 from obk_cli.tree import Entry, Tree, TreeList, TreeMap
 
-__all__ = ["Regions", "indent_of", "is_blank", "is_comment", "within"]
+__all__ = ["Regions", "indent_of", "is_blank", "is_comment"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +50,6 @@ class Regions:
             if self.source.line(number).startswith(("...", "---"))
         )
         return next(marked, len(self.source.lines) + 1)
-
-
-def within(outer: Span, inner: Span) -> bool:
-    """Whether a stretch lies in another of the same text."""
-    start, end = (outer.line, outer.column), (outer.end_line, outer.end_column)
-    return outer.source == inner.source and start <= (inner.line, inner.column) < end
 
 
 def is_blank(line: str) -> bool:
