@@ -3,19 +3,22 @@
 Made by reading a tree; holds what the user wrote, defaults not filled in.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Generic, Literal, TypeVar
+from types import MappingProxyType
+from typing import Final, Generic, Literal, TypeVar
 
 from obelisk_spec.components import component_identity
 from obk_cli.source import Span
 from obk_cli.tree import TreeMap, plain_value
 
 __all__ = [
+    "COMPONENT_LISTS",
     "JOYSTICK_EXECUTABLE",
     "JOYSTICK_PACKAGE",
     "NODE_SECTIONS",
+    "ONE_DEVICE",
     "CallbackGroup",
     "Component",
     "ComponentKind",
@@ -47,8 +50,16 @@ ParameterValue = (
 
 ComponentKind = Literal["publisher", "subscriber", "timer"]
 
+COMPONENT_LISTS: Final[Mapping[str, ComponentKind]] = MappingProxyType(
+    {"publishers": "publisher", "subscribers": "subscriber", "timers": "timer"}
+)
+"""Key of a node -> what its list holds."""
+
 NODE_SECTIONS = ("control", "estimation", "robot", "sensing")
 """Sections that are lists of nodes; `viz` holds nodes one level deeper."""
+
+ONE_DEVICE = "onboard"
+"""The device of a config whose sections stand at the top level."""
 
 
 @dataclass(frozen=True, slots=True)

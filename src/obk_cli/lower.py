@@ -7,6 +7,7 @@ from typing import cast
 from obelisk_spec.components import DEFAULT_HISTORY_DEPTH, SETTING_SUFFIX
 from obelisk_spec.settings import format_setting
 from obk_cli.config import (
+    COMPONENT_LISTS,
     JOYSTICK_EXECUTABLE,
     JOYSTICK_PACKAGE,
     Component,
@@ -20,14 +21,13 @@ from obk_cli.config import (
 from obk_cli.plan import Endpoint, OnCrash, Origin, Plan, Process, Promise, SensorGroup
 from obk_cli.source import Span
 from obk_cli.tree import plain_value
-from obk_cli.wiring import TopicEnd, absolute_topic, node_ends, stack_ends
+from obk_cli.wiring import Direction, TopicEnd, absolute_topic, node_ends, stack_ends
 
 __all__ = ["DEFAULT_STACK_NAME", "lower_stack"]
 
 DEFAULT_STACK_NAME = "obelisk"
 _SIM_DEFAULTS = {"num_steps_per_viz": 8}
 _DEFAULT_SIM_PARAMETER = f"mujoco{SETTING_SUFFIX}"
-_LISTS = (("publishers", "publisher"), ("subscribers", "subscriber"), ("timers", "timer"))
 _LEFT_OUT = ("non_obelisk", "callback_key")
 _SETTING_ORDER = ("key", "ros_parameter", "topic", "msg_type", "history_depth", "timer_period_sec")
 
@@ -98,7 +98,7 @@ def _sensor_groups(node: Node) -> Iterator[SensorGroup]:
             )
 
 
-def _endpoints(ends: tuple[TopicEnd, ...], direction: str) -> tuple[Endpoint, ...]:
+def _endpoints(ends: tuple[TopicEnd, ...], direction: Direction) -> tuple[Endpoint, ...]:
     return tuple(
         Endpoint(topic=end.topic, msg_type=end.msg_type, rate_hz=end.rate_hz)
         for end in ends
@@ -175,7 +175,8 @@ def _setting(component: Component) -> Mapping[str, object]:
 
 def _all_settings(node: Node) -> Mapping[str, object]:
     settings: dict[str, object] = {
-        key: [dict(_setting(c)) for c in node.components if c.kind == kind] for key, kind in _LISTS
+        key: [dict(_setting(c)) for c in node.components if c.kind == kind]
+        for key, kind in COMPONENT_LISTS.items()
     }
     settings["callback_groups"] = {
         group.name.value: group.type.value for group in node.callback_groups if group.type

@@ -13,6 +13,7 @@ from obk_cli.config import Component, Node, Qos, SensorGroup, Spanned, Stack
 from obk_cli.source import Span
 
 __all__ = [
+    "Direction",
     "TopicEnd",
     "absolute_topic",
     "may_be_one",
@@ -22,9 +23,9 @@ __all__ = [
     "timers_of",
 ]
 
+Direction = Literal["publishes", "subscribes"]
+
 _TYPE_OF_STANDARD = {"pub_true_sim_state": "obelisk_sensor_msgs/msg/TrueSimState"}
-
-
 _ONE_SEED_NAME = {
     "obelisk_sensor_msgs/msg/JointEncoders",
     "obelisk_sensor_msgs/msg/ObkJointEncoders",
@@ -36,7 +37,7 @@ _ONE_SEED_NAME = {
 class TopicEnd:
     """One end of a topic."""
 
-    direction: Literal["publishes", "subscribes"]
+    direction: Direction
     topic: str
     """Absolute."""
     msg_type: str | None
@@ -55,6 +56,11 @@ class TopicEnd:
     is_optional: bool = False
     """Whether the end has its use although nobody is at the other."""
 
+    @property
+    def known_type(self) -> str | None:
+        """The type that runs: the code's where it can be read, else the config's."""
+        return self.code_type or self.msg_type
+
 
 def may_be_one(one: str | None, other: str | None) -> bool:
     """Whether two types are one, or may be meant as one."""
@@ -68,14 +74,14 @@ def stack_ends(stack: Stack) -> Iterator[TopicEnd]:
     for joystick in stack.joysticks:
         if not joystick.on:
             continue
-        ends = (
+        ends: tuple[tuple[Direction, Spanned[str] | None, str], ...] = (
             ("publishes", joystick.pub_topic, "sensor_msgs/msg/Joy"),
             ("subscribes", joystick.sub_topic, "sensor_msgs/msg/JoyFeedback"),
         )
         for direction, topic, msg_type in ends:
             if topic is not None:
                 yield TopicEnd(
-                    direction="publishes" if direction == "publishes" else "subscribes",
+                    direction=direction,
                     topic="/" + topic.value.lstrip("/"),
                     msg_type=msg_type,
                     owner="/obelisk_joystick",

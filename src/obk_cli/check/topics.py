@@ -11,7 +11,7 @@ from obk_cli.config import Qos, Spanned, Stack
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.surroundings import Surroundings
-from obk_cli.wiring import TopicEnd, may_be_one, stack_ends
+from obk_cli.wiring import Direction, TopicEnd, may_be_one, stack_ends
 
 __all__ = ["check_dangling", "check_qos"]
 
@@ -20,7 +20,7 @@ _MOST_COMPARED = 20_000
 """Pairs of names; once as many are compared, what dangles is told without a suggestion."""
 
 
-def _by_topic(ends: Iterable[TopicEnd], direction: str) -> Mapping[str, list[TopicEnd]]:
+def _by_topic(ends: Iterable[TopicEnd], direction: Direction) -> Mapping[str, list[TopicEnd]]:
     topics: dict[str, list[TopicEnd]] = defaultdict(list)
     for end in ends:
         if end.direction == direction:

@@ -17,16 +17,11 @@ def check_types(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
     """Ends whose type another end of the topic does not have, where both are known."""
     by_topic: dict[str, list[TopicEnd]] = defaultdict(list)
     for end in stack_ends(stack):
-        if _type_of(end) is not None:
+        if end.known_type is not None:
             by_topic[end.topic].append(end)
     for ends in by_topic.values():
-        if len({_type_of(end) for end in ends}) > 1:
+        if len({end.known_type for end in ends}) > 1:
             yield from _check_topic(ends)
-
-
-def _type_of(end: TopicEnd) -> str | None:
-    """What runs is the code's; a config that says otherwise is told of that."""
-    return end.code_type or end.msg_type
 
 
 def _check_topic(ends: Sequence[TopicEnd]) -> Iterator[Diagnostic]:
@@ -36,14 +31,14 @@ def _check_topic(ends: Sequence[TopicEnd]) -> Iterator[Diagnostic]:
     subscribers = [end for end in ends if end.direction == "subscribes"]
     if right is None:
         for end in subscribers:
-            other = next((o for o in publishers if _type_of(o) != _type_of(end)), None)
+            other = next((o for o in publishers if o.known_type != end.known_type), None)
             if other is not None:
                 yield _differs(end, [other])
         return
     for own, opposite in ((publishers, subscribers), (subscribers, publishers)):
-        fitting = [end for end in opposite if _type_of(end) == right]
+        fitting = [end for end in opposite if end.known_type == right]
         if fitting:
-            yield from (_differs(end, fitting) for end in own if _type_of(end) != right)
+            yield from (_differs(end, fitting) for end in own if end.known_type != right)
 
 
 def _agreed(types: Iterable[str]) -> str | None:
@@ -54,13 +49,13 @@ def _agreed(types: Iterable[str]) -> str | None:
 
 def _most_common(ends: Iterable[TopicEnd]) -> str | None:
     """The type that more ends have than any other, None where that is not clear."""
-    (first, count), (_, second) = Counter(_type_of(end) for end in ends).most_common(2)
+    (first, count), (_, second) = Counter(end.known_type for end in ends).most_common(2)
     return first if count > second else None
 
 
 def _differs(end: TopicEnd, others: Sequence[TopicEnd]) -> Diagnostic:
     """A finding at `end`, whose type is not that of the others, at the topic's other side."""
-    own, wanted = _type_of(end) or "", _type_of(others[0]) or ""
+    own, wanted = end.known_type or "", others[0].known_type or ""
     is_alias = may_be_one(own, wanted)
     publishes = end.direction == "publishes"
     first, second = ("publishes", "subscribes to") if publishes else ("subscribes to", "publishes")

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 
 from obelisk_spec.messages import bare_name
 from obelisk_spec.near import list_names
-from obk_cli.config import Node, Stack
+from obk_cli.config import Node, Spanned, Stack
 from obk_cli.joining.newcomer import Newcomer, NewEnd
 from obk_cli.joining.refusal import Refused
 from obk_cli.source import Span
-from obk_cli.wiring import TopicEnd, node_ends, stack_ends
+from obk_cli.wiring import Direction, TopicEnd, node_ends, stack_ends
 
 __all__ = ["BEFORE", "Chooser", "Link", "Switch"]
 
@@ -36,7 +36,7 @@ BEFORE: Mapping[str, tuple[str, ...]] = {
     "estimation": ("robot", "sensing"),
 }
 """Section -> the sections of the block before it in the loop; a robot's is `control`."""
-_OTHER_SIDE = {"publishes": "subscribes", "subscribes": "publishes"}
+_OTHER_SIDE: Mapping[Direction, Direction] = {"publishes": "subscribes", "subscribes": "publishes"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,9 +83,8 @@ class Chooser:
         self._ends = tuple(end for end in stack_ends(stack) if end.owner != gone)
         self._types: dict[str, str] = {}
         for end in (*self._ends, *self._former):
-            known = end.code_type or end.msg_type
-            if known is not None:
-                self._types.setdefault(end.topic, known)
+            if end.known_type is not None:
+                self._types.setdefault(end.topic, end.known_type)
 
     def subscribe(self, end: NewEnd) -> Link | Refused:
         """The first topic of the type that the right section publishes."""
@@ -140,7 +139,7 @@ class Chooser:
 
     def _fits(self, other: TopicEnd, end: NewEnd) -> bool:
         """Whether the types are one; where none is written, whether the roles are a pair."""
-        known = other.code_type or other.msg_type or self._types.get(other.topic)
+        known = other.known_type or self._types.get(other.topic)
         if known is not None:
             return known == end.msg_type
         return _role(other.component or "") == _role(end.component)
@@ -257,8 +256,8 @@ def _role(component: str) -> str:
     return component.removeprefix("pub_").removeprefix("sub_")
 
 
-def _says(setting: object, word: str) -> bool:
-    return getattr(setting, "value", None) == word
+def _says(setting: Spanned[str] | None, word: str) -> bool:
+    return setting is not None and setting.value == word
 
 
 def _written(end: TopicEnd) -> str:

@@ -10,6 +10,7 @@ from decimal import Decimal
 
 from obelisk_spec.components import SETTING_SUFFIX
 from obelisk_spec.yaml_core import core_scalar
+from obk_cli.config import COMPONENT_LISTS
 from obk_cli.joining.newcomer import identity_of
 from obk_cli.joining.style import Style
 
@@ -22,7 +23,7 @@ def named_as(style: Style, entry: Mapping[str, object]) -> dict[str, object]:
     """The entry with its components named by `key` or by `ros_parameter`, as the style is."""
     return {
         key: [_renamed(item, style) for item in value]
-        if key in ("publishers", "subscribers", "timers") and isinstance(value, list)
+        if key in COMPONENT_LISTS and isinstance(value, list)
         else value
         for key, value in entry.items()
     }

@@ -6,17 +6,16 @@ the config that it will stand in.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 from obelisk_spec.components import component_identity
 from obelisk_spec.messages import resolve_msg_type
 from obk_cli.parse import parse_source
 from obk_cli.source import SourceFile
 from obk_cli.tree import TreeList, plain_value
+from obk_cli.wiring import Direction
 
 __all__ = [
-    "COMPONENT_LISTS",
-    "Direction",
+    "END_LISTS",
     "NewEnd",
     "Newcomer",
     "components",
@@ -24,12 +23,11 @@ __all__ = [
     "read_newcomer",
 ]
 
-Direction = Literal["publishes", "subscribes"]
-
-COMPONENT_LISTS: Mapping[str, Direction] = {
+END_LISTS: Mapping[str, Direction] = {
     "publishers": "publishes",
     "subscribers": "subscribes",
 }
+"""Key of a node -> the direction of the ends in its list."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +67,7 @@ class Newcomer:
         """Its publishers and subscribers, in the order of the entry."""
         return tuple(
             _end(direction, component)
-            for key, direction in COMPONENT_LISTS.items()
+            for key, direction in END_LISTS.items()
             for component in components(self.entry, key)
         )
 

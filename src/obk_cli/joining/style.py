@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from obk_cli.config import NODE_SECTIONS
+from obk_cli.config import COMPONENT_LISTS, NODE_SECTIONS
 from obk_cli.cures import is_flow
 from obk_cli.migrate.shape import devices_of, sections_of
 from obk_cli.source import SourceFile
@@ -18,7 +18,6 @@ from obk_cli.tree import Entry, Tree, TreeList, TreeMap
 __all__ = ["Style", "is_flow_list", "style_of"]
 
 _FLOW_LIST = re.compile(r"(?:[&!]\S*\s+)*\[")
-_LISTS = ("publishers", "subscribers", "timers")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +42,7 @@ def style_of(source: SourceFile, tree: TreeMap, section: str) -> Style:
     """The layout of a text, as its nodes of `section` have it if there are any."""
     sections = sorted(_sections(tree), key=lambda entry: entry.key != section)
     nodes = [node for entry in sections for node in _maps(entry.value)]
-    lists = [e for node in nodes for e in node if e.key in _LISTS]
+    lists = [e for node in nodes for e in node if e.key in COMPONENT_LISTS]
     components = [c for entry in lists for c in _maps(entry.value)]
     steps = _steps((*devices_of(tree), *sections, *(e for node in nodes for e in node)))
     dash = next(_dashes(lists), None)

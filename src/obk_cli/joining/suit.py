@@ -45,5 +45,4 @@ def _partners(end: NewEnd, section: str, stack: Stack, replaced: Node | None) ->
 
 
 def _known(ends: Iterable[TopicEnd]) -> tuple[str, ...]:
-    types = (end.code_type or end.msg_type for end in ends)
-    return tuple(known for known in types if known is not None)
+    return tuple(end.known_type for end in ends if end.known_type is not None)

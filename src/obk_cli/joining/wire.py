@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from obk_cli.config import Node, Stack
 from obk_cli.joining.choose import Chooser, Link
 from obk_cli.joining.newcomer import (
-    COMPONENT_LISTS,
+    END_LISTS,
     Newcomer,
     NewEnd,
     components,
@@ -98,8 +98,8 @@ def _entry(
     is_named = any(node.name for node in stack.section(newcomer.section))
     entry: dict[str, object] = {}
     for key, value in newcomer.entry.items():
-        if key in COMPONENT_LISTS:
-            direction = COMPONENT_LISTS[key]
+        if key in END_LISTS:
+            direction = END_LISTS[key]
             entry[key] = [
                 _with_topic(component, by_component[direction, identity_of(component)])
                 for component in components(newcomer.entry, key)

@@ -8,12 +8,11 @@ from collections.abc import Iterable, Iterator
 from typing import Literal
 
 from obelisk_spec.components import SETTING_SUFFIX, component_identity
-from obk_cli.config import NODE_SECTIONS
+from obk_cli.config import COMPONENT_LISTS, NODE_SECTIONS, ONE_DEVICE
 from obk_cli.read.keys import RESERVED_KEYS, SECTION_KEYS
 from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, plain_value
 
 __all__ = [
-    "ONE_DEVICE",
     "Spelling",
     "components_of",
     "devices_of",
@@ -25,11 +24,6 @@ __all__ = [
 
 Spelling = Literal["key", "seed"]
 """`seed`: device blocks and `ros_parameter`; `key`: sections at the top level and `key`."""
-
-ONE_DEVICE = "onboard"
-"""The device of a config whose sections stand at the top level."""
-
-_LISTS = ("publishers", "subscribers", "timers")
 
 
 def is_config(tree: TreeMap) -> bool:
@@ -58,7 +52,7 @@ def components_of(tree: TreeMap) -> Iterator[TreeMap]:
     for holder in (tree, *(device.value for device in devices_of(tree))):
         for section in sections_of(holder) if isinstance(holder, TreeMap) else ():
             for node in _nodes(section):
-                yield from _inside(node, _LISTS)
+                yield from _inside(node, COMPONENT_LISTS)
 
 
 def _nodes(section: Entry) -> Iterator[TreeMap]:

@@ -1,7 +1,7 @@
 """Publishers, subscribers, timers and callback groups of a node."""
 
 from obelisk_spec.components import CALLBACK_GROUP_TYPES, STALE_ACTIONS
-from obk_cli.config import CallbackGroup, Component, ComponentKind, Qos, Spanned
+from obk_cli.config import COMPONENT_LISTS, CallbackGroup, Component, ComponentKind, Qos, Spanned
 from obk_cli.diagnostics import found
 from obk_cli.read.fields import Faults, Fields
 from obk_cli.read.keys import COMPONENT_KEYS, QOS_KEYS, TIMER_KEYS
@@ -10,17 +10,13 @@ from obk_cli.tree import TreeMap
 
 __all__ = ["read_callback_groups", "read_components"]
 
-_LISTS: tuple[tuple[str, ComponentKind], ...] = (
-    ("publishers", "publisher"),
-    ("subscribers", "subscriber"),
-    ("timers", "timer"),
-)
-
 
 def read_components(node: Fields, faults: Faults) -> tuple[Component, ...]:
     """All components of a node, publishers first."""
     return tuple(
-        _read_component(tree, kind, faults) for key, kind in _LISTS for tree in node.maps(key)
+        _read_component(tree, kind, faults)
+        for key, kind in COMPONENT_LISTS.items()
+        for tree in node.maps(key)
     )
 
 

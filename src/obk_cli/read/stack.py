@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
-from obk_cli.config import NODE_SECTIONS, Joystick, Node, Parameter, Spanned, Stack
+from obk_cli.config import NODE_SECTIONS, ONE_DEVICE, Joystick, Node, Parameter, Spanned, Stack
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.read.fields import Faults, Fields, read_items, read_text
@@ -24,9 +24,6 @@ from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 
 __all__ = ["read_stack"]
 
-_ONE_DEVICE = "onboard"
-"""The device of a config whose sections stand at the top level."""
-
 
 def read_stack(tree: Tree) -> tuple[Stack | None, tuple[Diagnostic, ...]]:
     """The typed config, None where the text is no config at all."""
@@ -41,7 +38,7 @@ def read_stack(tree: Tree) -> tuple[Stack | None, tuple[Diagnostic, ...]]:
     for device in devices:
         reader.read_device(device)
     for section in sections:
-        reader.read_section(section, _ONE_DEVICE)
+        reader.read_section(section, ONE_DEVICE)
     known = (*RESERVED_KEYS, *(device.key for device in devices))
     top = Fields(tree, "a config", known, faults)
     stack = Stack(

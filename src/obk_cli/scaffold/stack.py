@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from obelisk_spec.messages import resolve_msg_type
 from obelisk_spec.sensors import SENSOR_GROUPS
-from obk_cli.config import ComponentKind
+from obk_cli.config import COMPONENT_LISTS, ComponentKind
 from obk_cli.node_code import CodeComponent, NodeCode
 from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
 from obk_cli.scaffold.model import Model, ModelSensor
@@ -31,7 +31,6 @@ _ROLES = {
     "sub_est_setting": ("est", "EstimatedState"),
 }
 """The topics that the base classes name, and the types where the code leaves them open."""
-_LISTS = {"publisher": "publishers", "subscriber": "subscribers", "timer": "timers"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,7 +125,7 @@ def _node_lines(stack: Stack, node: StackNode) -> Iterator[str]:
     yield f"    executable: {node.executable}"
     if node.kind == "robot":
         yield "    is_simulated: false"
-    for kind, title in _LISTS.items():
+    for title, kind in COMPONENT_LISTS.items():
         components = [c for c in _wanted(node) if c.kind == kind]
         if components:
             yield f"    {title}:"
