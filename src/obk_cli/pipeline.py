@@ -38,13 +38,10 @@ from obk_cli.tree import Tree, TreeMap
 
 __all__ = ["Options", "Outcome", "compile_config", "compile_source"]
 
-
 _LOSES_TEXT = frozenset(f"OBK{number:03}" for number in (2, 3, 6, 7, 8, 9, 10, 13))
 """Faults after which part of the config is not there to be checked."""
 _OF_WHOLE_NODES = ("OBK207", "OBK208", "OBK306", "OBK307", "OBK405")
 """Findings about what a node lacks: it may stand under a key that was written twice."""
-
-
 _FOLLOWS: Mapping[str, str | tuple[str, ...]] = {
     "OBK011": "OBK",
     "OBK109": ("OBK203", "OBK204"),
@@ -82,11 +79,6 @@ class Outcome:
     diagnostics: tuple[Diagnostic, ...] = field(default=())
     spun: frozenset[tuple[str, str]] = frozenset()
     """Package and executable of the nodes whose source says which class it spins."""
-
-    @property
-    def has_errors(self) -> bool:
-        """Whether any finding is an error."""
-        return worst(self.diagnostics) == "error"
 
 
 def compile_config(path: str, options: Options) -> Outcome:

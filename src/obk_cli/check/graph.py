@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator
 
-from obk_cli.config import Node, Spanned, Stack
+from obk_cli.config import Node, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.source import Span
 from obk_cli.surroundings import Surroundings
 
 __all__ = ["check_node_names", "check_required_sections"]
@@ -32,11 +33,12 @@ def check_node_names(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
             yield found(
                 "OBK202",
                 f"two nodes are named `{node.full_name}`",
-                _name_span(node).span,
+                _place(node),
                 help="give one of them another `name` or `namespace`",
-                related=(Related(message="the other one", span=_name_span(first).span),),
+                related=(Related(message="the other one", span=_place(first)),),
             )
 
 
-def _name_span(node: Node) -> Spanned[str]:
-    return node.name or node.pkg or Spanned(node.node_name, node.span)
+def _place(node: Node) -> Span:
+    named = node.name or node.pkg
+    return named.span if named else node.span

@@ -1,1 +1,1 @@
-"""Plan -> text for others to read: ROS 2 parameter files, JSON. Same plan, same bytes."""
+"""Plan -> text for others: parameters, launch files, pictures, JSON. Same plan, same bytes."""
