@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.screen import Screen
 from obk_cli.launch.units import Unit, units_of
 from obk_cli.plan import Origin, Plan, Process
 from obk_cli.report.launch import LaunchReport
@@ -13,6 +12,8 @@ from obk_cli.running.commands import unit_commands
 from obk_cli.running.output import Output
 from obk_cli.running.run import _commands
 from obk_cli.surroundings import Command
+
+from .shown import Shown
 
 
 def node(name: str, **kwargs: object) -> Process:
@@ -33,16 +34,6 @@ PLAN = Plan(name="s", processes=(CONTROLLER,))
 UNITS = units_of(PLAN, devices={"onboard"})
 COMMAND = Command(arguments=("run",), python_path=(Path("/src"),), found_in="here", module="m")
 EXECUTABLES = {CONTROLLER.full_name: COMMAND}
-
-
-class Shown(Screen):
-    """A screen that keeps its lines."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def put(self, line: str, *, may_drop: bool = False) -> None:
-        self.lines.append(line)
 
 
 @pytest.mark.parametrize("is_there", [True, False])

@@ -83,7 +83,7 @@ def test_for_a_real_robot_the_look_is_as_long_as_it_takes() -> None:
 def test_one_that_is_found_late_is_told() -> None:
     heard: SimpleQueue[Heard] = SimpleQueue()
     with looking_on(PLAN, Graph(("/ctrl", "/teleop")), heard.put):  # type: ignore[arg-type]
-        assert heard.get(timeout=5) == StrangerSeen(topic="/ctrl", node="/teleop")
+        assert heard.get(timeout=20) == StrangerSeen(topic="/ctrl", node="/teleop")
 
 
 def test_one_without_a_name_yet_is_no_stranger_once_our_nodes_have_started() -> None:
@@ -128,11 +128,12 @@ def _child() -> Iterator[int]:
         child.wait()
 
 
-def test_the_look_ends_with_the_run() -> None:
+def test_the_look_ends_with_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(neighbours, "FOREIGN_DISCOVERY_S", 60.0)
     begin = time.monotonic()
     with looking_on(PLAN, Graph(), lambda _: None):  # type: ignore[arg-type]
         pass
-    assert time.monotonic() - begin < FOREIGN_DISCOVERY_S
+    assert time.monotonic() - begin < 30
 
 
 def test_the_robots_topics_are_those_it_listens_to() -> None:

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import cast
 
 from obk_cli.adapters.processes import WardenProcesses
-from obk_cli.adapters.screen import Screen
 from obk_cli.launch.events import Ended, Heard, ProcessEnded, ProcessStarted, Told
 from obk_cli.launch.units import Unit
 from obk_cli.recording.choice import Wish
 from obk_cli.report.launch import LaunchReport
 from obk_cli.running.output import Output
 from obk_cli.running.recorder import UNIT, Recorder
+
+from .shown import Shown
 
 ENDED = Ended(exit_code=0, cause="")
 PROCESS = {
@@ -28,16 +29,6 @@ PROCESS = {
     "subscribes": [],
 }
 PLAN = {"name": "x", "processes": [PROCESS]}
-
-
-class Shown(Screen):
-    """A screen that keeps its lines."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def put(self, line: str, *, may_drop: bool = False) -> None:
-        self.lines.append(line)
 
 
 class Processes:

@@ -4,21 +4,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from queue import SimpleQueue
 
-from obk_cli.adapters.screen import Screen
 from obk_cli.launch.events import Heard
 from obk_cli.report.launch import LaunchReport
 from obk_cli.running.output import Output
 from obk_cli.running.run import _serve_others
 
-
-class Shown(Screen):
-    """A screen that keeps its lines."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def put(self, line: str, *, may_drop: bool = False) -> None:
-        self.lines.append(line)
+from .shown import Shown
 
 
 class Ros:
