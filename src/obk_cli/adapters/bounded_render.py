@@ -6,13 +6,18 @@ the memory ends that process and nothing else.
 
 import base64
 import json
-import pickle
 import resource
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from pathlib import PurePosixPath
+from types import MappingProxyType
+from typing import Any, Final
 
+from obk_cli.launch.json_values import value_of
+from obk_cli.scaffold.fields import Filling
+from obk_cli.scaffold.questions import MessageType
 from obk_cli.scaffold.render import RenderedFile, Template, TemplateFaultError, render_templates
 
 __all__ = ["render_bounded"]
@@ -23,6 +28,12 @@ _DEADLINE_S = 60.0
 
 _MEMORY_BYTES = 512 * 1024 * 1024
 _LONGEST_OUTPUT_BYTES = 32 * 1024 * 1024
+_KIND: Final = "="
+"""The key, none of a field's, under which JSON has a variable's class."""
+_KINDS: Final[Mapping[str, type[Any]]] = MappingProxyType(
+    {"MessageType": MessageType, "Filling": Filling}
+)
+"""Those that variables of templates are of."""
 
 
 def render_bounded(
@@ -42,7 +53,7 @@ def render_bounded(
     try:
         done = subprocess.run(
             [sys.executable, "-P", "-m", __spec__.name, str(cpu_s)],
-            input=pickle.dumps((given, dict(variables))),
+            input=_question(given, variables),
             capture_output=True,
             timeout=_DEADLINE_S,
             check=False,
@@ -67,8 +78,31 @@ def _limit(what: int, most: int) -> None:
     resource.setrlimit(what, (bound, bound))
 
 
+def _question(templates: Iterable[Template], variables: Mapping[str, object]) -> bytes:
+    given = [[t.name, base64.b64encode(t.content).decode(), t.folder] for t in templates]
+    # Names and folders of files may hold bytes that are no text: JSON has them as lone surrogates.
+    question = {"templates": given, "variables": dict(variables)}
+    return json.dumps(question, default=_as_json).encode("ascii")
+
+
+def _as_json(value: Any) -> dict[str, object]:
+    return {_KIND: type(value).__name__, **asdict(value)}
+
+
+def _from_json(data: dict[str, Any]) -> object:
+    return value_of(_KINDS[data[_KIND]], data) if _KIND in data else data
+
+
 def _answer(data: bytes) -> dict[str, object]:
-    templates, variables = pickle.loads(data)  # noqa: S301 - from our own parent
+    question = json.loads(data, object_hook=_from_json)
+    templates = [
+        Template(name=name, content=base64.b64decode(content), folder=folder)
+        for name, content, folder in question["templates"]
+    ]
+    variables = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in question["variables"].items()
+    }
     try:
         files = render_templates(templates, variables)
     except TemplateFaultError as fault:

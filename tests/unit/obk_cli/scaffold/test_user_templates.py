@@ -8,6 +8,8 @@ import pytest
 
 from obk_cli.adapters.bounded_render import render_bounded
 from obk_cli.errors import CommandFailedError
+from obk_cli.scaffold.fields import Filling
+from obk_cli.scaffold.questions import MessageType
 from obk_cli.scaffold.render import Template, TemplateFaultError, render_templates
 
 from .new_command import obk_new, refused
@@ -201,3 +203,11 @@ def test_rendering_within_bounds_gives_the_same_files() -> None:
         Template(name="raw", content=bytes(range(256))),
     ]
     assert render_bounded(templates, {"a": "x"}) == render_templates(templates, {"a": "x"})
+
+
+def test_rendering_within_bounds_takes_variables_of_every_kind() -> None:
+    types = {"ctrl": MessageType(package="a_msgs", name="Aim", definition="float64 x\n")}
+    variables = {**types, "fill": Filling(statements=("x = 1",)), "names": ("a", "b"), "n": None}
+    text = b"{{ ctrl.full }} {{ ctrl }} {{ fill }} {{ names }} {{ n }} {{ '\xc3\xa9' }}"
+    templates = [Template(name="a.jinja", content=text, folder="/there/\udcff")]
+    assert render_bounded(templates, variables) == render_templates(templates, variables)
