@@ -14,10 +14,12 @@ from typing import IO, Any, Final
 
 from mcap.exceptions import EndOfFile, InvalidMagic
 from mcap.reader import SeekingReader
-from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
+from mcap.summary import Summary
 from mcap_ros2.decoder import DecoderFactory
 
+from obk_cli.adapters.bag_chunks import messages_in_order, records_of
 from obk_cli.adapters.files import explain_os_error
 from obk_cli.errors import CommandFailedError
 from obk_cli.recording.bag import Bag, BagTopic
@@ -86,8 +88,9 @@ def messages_of(path: Path, topics: Collection[str]) -> Iterator[BagMessage]:
 def _messages(
     file: IO[bytes], topics: Collection[str]
 ) -> Iterator[tuple[Schema | None, Channel, Message]]:
-    if _is_complete(file):
-        yield from _seeking(file).iter_messages(topics=list(topics))
+    summary = _summary(file)
+    if summary is not None and summary.chunk_indexes:
+        yield from messages_in_order(file, summary, topics)
         return
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
@@ -102,20 +105,25 @@ def _messages(
                 yield schemas.get(channel.schema_id), channel, record
 
 
-def _is_complete(file: IO[bytes]) -> bool:
-    """Whether a recording was ended; leaves the file at its beginning."""
+def _summary(file: IO[bytes]) -> Summary | None:
+    """What stands behind a recording that was ended; leaves the file at its beginning."""
     try:
         summary = _seeking(file).get_summary()
     except Exception:  # the end of the file is no footer, whatever the library makes of it
         summary = None
     file.seek(0)
-    return summary is not None and summary.statistics is not None
+    return None if summary is None or summary.statistics is None else summary
 
 
 def _records(file: IO[bytes]) -> Iterator[object]:
     """Every record up to where the file breaks off."""
+    reader = StreamReader(file, emit_chunks=True, record_size_limit=LONGEST_RECORD)
     try:
-        yield from StreamReader(file, record_size_limit=LONGEST_RECORD).records
+        for record in reader.records:
+            if isinstance(record, Chunk):
+                yield from records_of(record)
+            else:
+                yield record
     except _BREAKS:
         return
 
@@ -135,13 +143,10 @@ class _Found:
 
 def _indexed(path: Path, file: IO[bytes]) -> Bag | None:
     """Read what the index at the end tells; None where there is none."""
-    if not _is_complete(file):
+    summary = _summary(file)
+    if summary is None or summary.statistics is None:
         return None
-    reader = _seeking(file)
-    summary = reader.get_summary()
-    assert summary is not None
-    assert summary.statistics is not None
-    told = summary.statistics
+    reader, told = _seeking(file), summary.statistics
     found = _Found(
         header=reader.get_header(),
         schemas=summary.schemas,

@@ -1,10 +1,17 @@
 """Recordings written, cut off anywhere, read back and drawn; no ROS is running."""
 
+import re
 import struct
+import tracemalloc
 from pathlib import Path
 
+import lz4.frame
 import pytest
+import zstandard
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
+from mcap.records import Chunk, ChunkIndex
+from mcap.writer import CompressionType, Writer
 
 from obk_cli.adapters.bag_reader import messages_of, read_bag
 from obk_cli.adapters.bag_writer import BagWriter
@@ -13,6 +20,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.recording.bag import BagTopic
 from obk_cli.recording.fields import Lines, parse_field
 from obk_cli.recording.tally import DROPS
+from obk_cli.report.bag import bag_text
 
 TYPE = "std_msgs/msg/Float64"
 BEGIN_NS = 1_700_000_000_000_000_000
@@ -139,3 +147,129 @@ def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     lines = speed_lines(written(tmp_path / "a.mcap"))
     with pytest.raises(CommandFailedError, match="there is no such file"):
         draw([lines], "t", tmp_path / "no" / "a.png")
+
+
+def with_chunk(path: Path, chunk: Chunk, *, has_index: bool = True) -> Path:
+    """A recording of one chunk, ended in order unless it has no index."""
+    with path.open("wb") as file:
+        made = Writer(file, compression=CompressionType.NONE)
+        made.start("ros2", "test")
+        schema = made.register_schema(TYPE, "ros2msg", b"float64 data\n")
+        channel = made.register_channel("/speed", "cdr", schema)
+        begin = file.tell()
+        builder = RecordBuilder()
+        chunk.write(builder)
+        file.write(builder.end())
+        length = file.tell() - begin
+        if has_index:
+            made._Writer__chunk_indices.append(
+                ChunkIndex(
+                    chunk_length=length,
+                    chunk_start_offset=begin,
+                    compression=chunk.compression,
+                    compressed_size=len(chunk.data),
+                    message_end_time=9,
+                    message_index_length=0,
+                    message_index_offsets={channel: 0},
+                    message_start_time=0,
+                    uncompressed_size=chunk.uncompressed_size,
+                )
+            )
+            made.finish()
+    return path
+
+
+def chunk_of(data: bytes, compression: str, claimed: int | None = None) -> Chunk:
+    return Chunk(
+        compression=compression,
+        data=data,
+        message_end_time=9,
+        message_start_time=0,
+        uncompressed_crc=0,
+        uncompressed_size=len(data) if claimed is None else claimed,
+    )
+
+
+ZEROS = b"\0" * (1 << 26)
+BOMBS = {
+    "zstd that holds more than it claims": (
+        chunk_of(zstandard.ZstdCompressor().compress(ZEROS), "zstd", 1000),
+        "claims to hold 1000 bytes and holds more",
+    ),
+    "zstd of unknown size": (
+        chunk_of(zstandard.ZstdCompressor(write_content_size=False).compress(ZEROS), "zstd", 1000),
+        "claims to hold 1000 bytes and holds more",
+    ),
+    "lz4 that holds more than it claims": (
+        chunk_of(lz4.frame.compress(ZEROS), "lz4", 1000),
+        "claims to hold 1000 bytes and holds more",
+    ),
+    "a chunk that claims too much": (
+        chunk_of(zstandard.compress(b"x"), "zstd", 1 << 40),
+        "claims to hold 1099511627776 bytes, more than 268435456",
+    ),
+    "a chunk that holds less": (
+        chunk_of(zstandard.compress(b"x"), "zstd", 2),
+        "claims to hold 2 bytes and holds 1",
+    ),
+    "another compression": (chunk_of(b"x", "xz"), "compressed by `xz`, not by zstd or lz4"),
+}
+
+
+@pytest.mark.parametrize("kind", BOMBS)
+@pytest.mark.parametrize("has_index", [True, False])
+def test_a_chunk_that_is_not_what_it_claims_is_refused_before_it_takes_memory(
+    kind: str, has_index: bool, tmp_path: Path
+) -> None:
+    chunk, told = BOMBS[kind]
+    path = with_chunk(tmp_path / "a.mcap", chunk, has_index=has_index)
+    tracemalloc.start()
+    try:
+        with pytest.raises(CommandFailedError, match=re.escape(told)):
+            list(messages_of(path, {"/speed"}))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    # Of 64 MiB that the bombs would be; 16 are for the length that the last bytes may be taken for.
+    assert peak < 32_000_000
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_messages_of_overlapping_chunks_come_in_the_order_of_their_receipt(
+    compression: CompressionType, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        made = Writer(file, compression=compression, chunk_size=100)
+        made.start("ros2", "test")
+        schema = made.register_schema(TYPE, "ros2msg", b"float64 data\n")
+        speed = made.register_channel("/speed", "cdr", schema)
+        other = made.register_channel("/other", "cdr", schema)
+        for number in (5, 1, 9, 2, 8, 3, 7, 4, 6, 0, 2**64 - 1):
+            made.add_message(speed, number, message(number), number)
+            made.add_message(other, number, message(-1.0), number)
+        made.finish()
+    heard = [one.received_ns for one in messages_of(path, {"/speed"})]
+    assert heard == [*range(10), 2**64 - 1]
+    with path.open("rb") as file:
+        theirs = [m.log_time for _, _, m in make_reader(file).iter_messages(topics=["/speed"])]
+    assert heard == theirs
+
+
+def test_messages_that_wait_for_one_another_are_bounded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = written(tmp_path / "a.mcap")
+    monkeypatch.setattr("obk_cli.adapters.bag_chunks.MOST_WAITING", 1000)
+    with pytest.raises(CommandFailedError, match="messages out of order take more than 1000 bytes"):
+        list(messages_of(path, {"/speed"}))
+
+
+def test_times_beyond_any_calendar_are_shown(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        channel = writer.add_topic("/speed", TYPE, "float64 data\n", {})
+        writer.add_message(channel, message(1.0), 2**64 - 1, 2**64 - 1, 1)
+    bag = read_bag(path)
+    assert (bag.count, bag.end_ns) == (1, 2**64 - 1)
+    assert any("/speed" in line for line in bag_text(bag))
