@@ -13,6 +13,7 @@ from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.launch.asks import NodeStatus
 from obk_cli.launch.runs import runs_folder
 from obk_cli.report.escapes import plain
+from obk_cli.report.node_status import status_text
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -78,16 +79,8 @@ def _text(stack: Stack) -> Iterator[str]:
 
 
 def _node(node: NodeStatus) -> str:
-    parts = [
-        f"{node.state or 'no life cycle':<13}",
-        f"process {node.pid}" if node.pid is not None else "not running here",
-    ]
-    if node.hangs:
-        parts.append("HANGS")
-    if node.restarts:
-        parts.append(f"started again {node.restarts} time{'s' if node.restarts > 1 else ''}")
-    parts += [plain(str(rate)) for rate in node.rates if rate.standing != "kept"]
-    return "  ".join(parts)
+    rates = (plain(str(rate)) for rate in node.rates if rate.standing != "kept")
+    return "  ".join((status_text(node), *rates))
 
 
 def _left(leftovers: tuple[Leftover, ...]) -> Iterator[str]:

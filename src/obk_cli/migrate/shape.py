@@ -10,6 +10,7 @@ from typing import Literal
 from obelisk_spec.components import SETTING_SUFFIX, component_identity
 from obk_cli.config import COMPONENT_LISTS, NODE_SECTIONS, ONE_DEVICE
 from obk_cli.read.keys import RESERVED_KEYS, SECTION_KEYS
+from obk_cli.read.stack import is_device
 from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, plain_value
 
 __all__ = [
@@ -32,14 +33,8 @@ def is_config(tree: TreeMap) -> bool:
 
 
 def devices_of(tree: TreeMap) -> tuple[Entry, ...]:
-    """The device blocks: keys that are not reserved and hold a section."""
-    return tuple(
-        entry
-        for entry in tree
-        if entry.key not in RESERVED_KEYS
-        and isinstance(entry.value, TreeMap)
-        and any(inner.key in SECTION_KEYS for inner in entry.value)
-    )
+    """The device blocks, each of which holds a mapping."""
+    return tuple(entry for entry in tree if is_device(entry))
 
 
 def sections_of(tree: TreeMap) -> tuple[Entry, ...]:

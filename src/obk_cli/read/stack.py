@@ -22,7 +22,7 @@ from obk_cli.read.nodes import read_node
 from obk_cli.source import Span
 from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 
-__all__ = ["read_stack"]
+__all__ = ["is_device", "read_stack"]
 
 
 def read_stack(tree: Tree) -> tuple[Stack | None, tuple[Diagnostic, ...]]:
@@ -31,7 +31,7 @@ def read_stack(tree: Tree) -> tuple[Stack | None, tuple[Diagnostic, ...]]:
     if not isinstance(tree, TreeMap) or not _is_config(tree):
         return None, (_not_a_config(tree),)
     reader = _StackReader(faults)
-    devices = [entry for entry in tree if _is_device(entry)]
+    devices = [entry for entry in tree if is_device(entry)]
     sections = [section for entry in tree if (section := _as_section(entry, tree))]
     if devices and sections:
         faults.append(_mixed(devices[0], sections[0]))
@@ -51,7 +51,7 @@ def read_stack(tree: Tree) -> tuple[Stack | None, tuple[Diagnostic, ...]]:
     return stack, tuple(faults)
 
 
-def _is_device(entry: Entry) -> bool:
+def is_device(entry: Entry) -> bool:
     """Whether a top-level key is a device: not reserved, and with a section inside."""
     if entry.key in RESERVED_KEYS or not isinstance(entry.value, TreeMap):
         return False
@@ -62,7 +62,7 @@ def _as_section(entry: Entry, tree: TreeMap) -> Entry | None:
     """The section that a top-level key is, or that it is a misspelling of."""
     if entry.key in SECTION_KEYS:
         return entry
-    if entry.key in RESERVED_KEYS or _is_device(entry) or isinstance(entry.value, TreeScalar):
+    if entry.key in RESERVED_KEYS or is_device(entry) or isinstance(entry.value, TreeScalar):
         return None
     near = near_names(entry.key, SECTION_KEYS)
     return replace(entry, key=near[0]) if near and tree.get(near[0]) is None else None
@@ -70,7 +70,7 @@ def _as_section(entry: Entry, tree: TreeMap) -> Entry | None:
 
 def _is_config(tree: TreeMap) -> bool:
     """Whether the mapping is meant as a config: a key of the language, or nearly one."""
-    if not tree.entries or any(entry.key in RESERVED_KEYS or _is_device(entry) for entry in tree):
+    if not tree.entries or any(entry.key in RESERVED_KEYS or is_device(entry) for entry in tree):
         return True
     is_ray_caster = any(entry.key in RAY_CASTER_KEYS for entry in tree)
     return not is_ray_caster and any(near_names(entry.key, RESERVED_KEYS) for entry in tree)
@@ -140,7 +140,7 @@ class _StackReader:
 
     def read_device(self, device: Entry) -> None:
         """All sections of one device."""
-        assert isinstance(device.value, TreeMap)  # `_is_device` asked
+        assert isinstance(device.value, TreeMap)  # `is_device` asked
         for entry in device.value:
             section = _as_section(entry, device.value)
             if section is not None:

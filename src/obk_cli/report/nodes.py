@@ -7,6 +7,7 @@ from obk_cli.launch.asks import NodeStatus
 from obk_cli.looking.graph import special_services
 from obk_cli.looking.nodes import NodeSeen
 from obk_cli.report.escapes import plain
+from obk_cli.report.node_status import status_text
 
 __all__ = ["node_data", "node_text", "nodes_data", "nodes_text"]
 
@@ -16,7 +17,7 @@ def nodes_text(nodes: Iterable[str], known: Mapping[str, NodeStatus]) -> Iterato
     every = tuple(nodes)
     width = max(map(len, every), default=0)
     for node in every:
-        words = f"{node:<{width}}  {_status(known[node])}" if node in known else node
+        words = f"{node:<{width}}  {status_text(known[node])}" if node in known else node
         yield plain(words)
 
 
@@ -29,7 +30,7 @@ def node_text(seen: NodeSeen) -> Iterator[str]:
     """The lines on one node."""
     yield plain(f"{seen.node}{f': {seen.state}' if seen.state else ''}")
     if seen.status is not None:
-        yield f"  run {plain(seen.run or '')}, {_status(seen.status)}"
+        yield f"  run {plain(seen.run or '')}, {status_text(seen.status)}"
     yield f"  parameters: {'no answer' if seen.parameters is None else seen.parameters}"
     own = special_services(seen.services)
     for title, names in (
@@ -57,16 +58,6 @@ def node_data(seen: NodeSeen) -> dict[str, Any]:
         "subscribes": {name: list(types) for name, types in seen.subscribes.items()},
         "services": {name: list(types) for name, types in seen.services.items()},
     }
-
-
-def _status(node: NodeStatus) -> str:
-    parts = [
-        f"{node.state or 'no life cycle':<13}",
-        f"process {node.pid}" if node.pid is not None else "not running here",
-        *(["HANGS"] if node.hangs else ()),
-        *([f"restarts {node.restarts}"] if node.restarts else ()),
-    ]
-    return "  ".join(parts)
 
 
 def _status_data(node: NodeStatus | None) -> dict[str, Any]:
