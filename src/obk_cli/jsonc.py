@@ -8,6 +8,8 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from obk_cli.source import line_end_of
+
 __all__ = ["JsoncError", "read_jsonc", "set_member"]
 
 _TOKEN = re.compile(
@@ -106,7 +108,7 @@ def _skip(tokens: list[_Token], at: int) -> int:
 
 def _inserted(text: str, brace: _Token, after: _Token, key: str, value: object, depth: int) -> str:
     """As the first member: what stands there, comments too, comes behind it."""
-    end = "\r\n" if "\r\n" in text else "\n"
+    end = line_end_of(text)
     member = f"{end}{_indent(text) * depth}{json.dumps(key)}: {_dumped(value, text, depth)}"
     rest = text[brace.end :]
     if after.text != "}":
@@ -119,7 +121,7 @@ def _inserted(text: str, brace: _Token, after: _Token, key: str, value: object, 
 def _dumped(value: object, text: str, depth: int) -> str:
     indent = _indent(text)
     lines = json.dumps(value, indent=indent, ensure_ascii=False).split("\n")
-    end = "\r\n" if "\r\n" in text else "\n"
+    end = line_end_of(text)
     return f"{end}{indent * depth}".join(lines)
 
 

@@ -3,9 +3,17 @@
 Lines and columns count from 1, columns in characters. Imports nothing of ours, reads no file.
 """
 
+import re
 from dataclasses import dataclass, field
 
-__all__ = ["COMMAND_LINE", "LONGEST_FILE_BYTES", "SourceFile", "Span"]
+__all__ = [
+    "COMMAND_LINE",
+    "LONGEST_FILE_BYTES",
+    "SourceFile",
+    "Span",
+    "indent_of",
+    "line_end_of",
+]
 
 LONGEST_FILE_BYTES = 10 * 1024 * 1024
 """More text than any config has."""
@@ -69,6 +77,17 @@ class Span:
 
     def __str__(self) -> str:
         return f"{self.path}:{self.line}:{self.column}"
+
+
+def indent_of(line: str) -> int:
+    """The spaces that a line starts with."""
+    return len(line) - len(line.lstrip(" "))
+
+
+def line_end_of(text: str) -> str:
+    """How the first line of a text ends; LF where there is only one."""
+    first = re.search(r"\r\n|\r|\n", text)
+    return first[0] if first else "\n"
 
 
 COMMAND_LINE = "<command line>"

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from obk_cli.edits import Edit, Offsets
 from obk_cli.joining.place import Place
-from obk_cli.joining.region import indent_of
+from obk_cli.source import indent_of
 from obk_cli.tree import Entry, TreeList, TreeMap
 
 __all__ = ["SECTION_ORDER", "append_in_brackets", "own_sections", "section_in_braces"]

@@ -18,8 +18,9 @@ from obk_cli.joining.brackets import (
 from obk_cli.joining.entry_text import block_lines, flow_text, list_lines
 from obk_cli.joining.place import Place
 from obk_cli.joining.refusal import Refused
-from obk_cli.joining.region import Regions, indent_of, is_blank, is_comment
+from obk_cli.joining.region import Regions, is_blank, is_comment
 from obk_cli.joining.style import is_flow_list
+from obk_cli.source import indent_of
 from obk_cli.tree import Entry, TreeList, TreeMap, TreeScalar
 
 __all__ = ["insert_node", "replace_node"]

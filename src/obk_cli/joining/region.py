@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from obk_cli.cures import is_flow
 from obk_cli.joining.style import is_flow_list
-from obk_cli.source import SourceFile, Span
+from obk_cli.source import SourceFile, Span, indent_of
 from obk_cli.tree import Entry, Tree, TreeList, TreeMap
 
-__all__ = ["Regions", "indent_of", "is_blank", "is_comment"]
+__all__ = ["Regions", "is_blank", "is_comment"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +60,6 @@ def is_blank(line: str) -> bool:
 def is_comment(line: str) -> bool:
     """Whether a line holds a comment alone."""
     return line.lstrip().startswith("#")
-
-
-def indent_of(line: str) -> int:
-    """The spaces that a line starts with."""
-    return len(line) - len(line.lstrip(" "))
 
 
 def _keys(tree: Tree) -> Iterator[Span]:

@@ -12,7 +12,7 @@ from typing import Literal
 from obk_cli.config import COMPONENT_LISTS, NODE_SECTIONS
 from obk_cli.cures import is_flow
 from obk_cli.migrate.shape import devices_of, sections_of
-from obk_cli.source import SourceFile
+from obk_cli.source import SourceFile, line_end_of
 from obk_cli.tree import Entry, Tree, TreeList, TreeMap
 
 __all__ = ["Style", "is_flow_list", "style_of"]
@@ -49,7 +49,7 @@ def style_of(source: SourceFile, tree: TreeMap, section: str) -> Style:
     section_dash = next(_dashes(sections), dash)
     usual = Style()
     return Style(
-        line_end=_line_end(source.text),
+        line_end=line_end_of(source.text),
         step=next(steps, usual.step),
         section_dash=usual.section_dash if section_dash is None else section_dash,
         dash=next((d for d in (dash, section_dash) if d is not None), usual.dash),
@@ -107,8 +107,3 @@ def _gaps(entries: tuple[Entry, ...]) -> Iterator[int]:
 def _uses_parameters(components: list[TreeMap]) -> bool:
     named = [c for c in components if c.get("ros_parameter") or c.get("key")]
     return bool(named) and named[0].get("ros_parameter") is not None
-
-
-def _line_end(text: str) -> str:
-    first = re.search(r"\r\n|\r|\n", text)
-    return first[0] if first else "\n"

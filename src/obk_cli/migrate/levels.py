@@ -14,6 +14,7 @@ from obk_cli.diagnostics import Diagnostic
 from obk_cli.edits import Edit, Offsets
 from obk_cli.migrate.kept import kept
 from obk_cli.migrate.shape import devices_of, sections_of
+from obk_cli.source import indent_of, line_end_of
 from obk_cli.tree import Entry, TreeMap
 
 __all__ = ["lift_device", "nest_sections"]
@@ -76,7 +77,7 @@ def _lift_lines(tree: TreeMap, device: Entry, offsets: Offsets) -> Iterator[Edit
     base = device.key_span.column - 1
     depth = device.value.span.column - 1 - base
     for number in range(line + 1, _end_line(tree, device, offsets)):
-        indent = _indent(offsets.source.line(number))
+        indent = indent_of(offsets.source.line(number))
         surplus = min(depth, max(indent - base, 0))
         if surplus:
             yield offsets.edit(offsets.at(number), offsets.at(number) + surplus)
@@ -95,7 +96,7 @@ def _lift_flow(tree: TreeMap, device: Entry, offsets: Offsets) -> Iterator[Edit]
             yield offsets.edit(comma.end() - 1, comma.end())
         yield offsets.edit(brace, brace + 1)
         return
-    end, first = _line_end(text), offsets.start(block.entries[0].key_span)
+    end, first = line_end_of(text), offsets.start(block.entries[0].key_span)
     yield offsets.edit(start, first, _comments(text[start:first], end).lstrip())
     for entry, after in pairwise(block.entries):
         gap = offsets.end(entry.value.span), offsets.start(after.key_span)
@@ -135,12 +136,12 @@ def nest_sections(tree: TreeMap, offsets: Offsets) -> Iterator[Edit | Diagnostic
 def _nest_lines(tree: TreeMap, sections: tuple[Entry, ...], offsets: Offsets) -> Iterator[Edit]:
     source, head = offsets.source, sections[0].key_span
     depth, base = _depth(sections), head.column - 1
-    block = f"{' ' * base}{ONE_DEVICE}:{_line_end(source.text)}"
+    block = f"{' ' * base}{ONE_DEVICE}:{line_end_of(source.text)}"
     end = _end_line(tree, sections[-1], offsets)
     last = max(n for n in range(head.line, end) if _is_content(source.line(n)))
     for number in range(head.line, end):
         line = source.line(number)
-        moves = bool(line) if number <= last else _indent(line) > base and bool(line.strip())
+        moves = bool(line) if number <= last else indent_of(line) > base and bool(line.strip())
         if moves:
             start = offsets.at(number)
             yield offsets.edit(start, start, (block if number == head.line else "") + " " * depth)
@@ -163,12 +164,3 @@ def _end_line(tree: TreeMap, entry: Entry, offsets: Offsets) -> int:
 
 def _is_content(line: str) -> bool:
     return bool(line.strip()) and not line.lstrip().startswith("#")
-
-
-def _indent(line: str) -> int:
-    return len(line) - len(line.lstrip(" "))
-
-
-def _line_end(text: str) -> str:
-    first = re.search(r"\r\n|\r|\n", text)
-    return first[0] if first else "\n"
