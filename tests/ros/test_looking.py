@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,19 +17,15 @@ import yaml
 from geometry_msgs.msg import PointStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool
 
-from obk_cli.adapters.ros_environment import ros_environment
-from obk_cli.adapters.unbuilt_types import stand_in
-
-from .stack import DEADLINE_S, DUMMY, OBK, eventually, launched, obk
+from .looking import announce_as_a_stack_does, done, refused, told
+from .stack import DEADLINE_S, DUMMY, eventually, launched, obk
 
 pytestmark = pytest.mark.ros
 
@@ -80,9 +75,7 @@ class Talker(Node):
 
 @pytest.fixture(autouse=True)
 def _found_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nodes here announce themselves as those of a stack do."""
-    for name, value in ros_environment().variables.items():
-        monkeypatch.setenv(name, value)
+    announce_as_a_stack_does(monkeypatch)
 
 
 @pytest.fixture
@@ -98,24 +91,6 @@ def talker() -> Iterator[Talker]:
     thread.join()
     node.destroy_node()
     rclpy.try_shutdown()
-
-
-def done(*words: object) -> str:
-    result = obk(*words, "--timeout", str(DEADLINE_S))
-    assert result.returncode == 0, (words, result.stdout, result.stderr)
-    return result.stdout
-
-
-def refused(*words: object, exit_code: int = 1, is_patient: bool = True) -> str:
-    patience = ("--timeout", str(DEADLINE_S)) if is_patient and "--timeout" not in words else ()
-    result = obk(*words, *patience)
-    assert result.returncode == exit_code, (words, result.stdout, result.stderr)
-    assert "Traceback" not in result.stderr
-    return result.stderr
-
-
-def told(*words: object) -> Any:
-    return json.loads(done(*words, "--format", "json"))
 
 
 def test_topics_are_listed_and_shown_with_their_ends(talker: Talker) -> None:
@@ -185,85 +160,6 @@ def test_an_empty_domain_is_told_to_be_empty() -> None:
         complaint = refused(*words, is_patient=False)
         assert f"no stack runs in the ROS domain {os.environ['ROS_DOMAIN_ID']}" in complaint
         assert "start a stack with `obk launch`" in complaint
-
-
-@contextmanager
-def measuring(topic: str) -> Iterator["subprocess.Popen[str]"]:
-    """`obk topic hz`, until the test has seen enough."""
-    process = subprocess.Popen(
-        [OBK, "topic", "hz", topic, "--format", "json", "--timeout", "60"],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.send_signal(2)
-        process.wait(DEADLINE_S)
-        assert process.stdout is not None
-        process.stdout.close()
-
-
-def test_a_measured_rate_is_the_publishers_own() -> None:
-    """1000 messages at 1 kHz, or as quickly as this machine does them."""
-    rclpy.init()
-    try:
-        node = rclpy.create_node("quick")
-        publisher = node.create_publisher(Int32, "/quick", 1000)
-        with measuring("/quick") as process:
-            eventually(publisher.get_subscription_count, "a subscription")
-            clock, begin = node.get_clock(), node.get_clock().now().nanoseconds
-            for number in range(1000):
-                while clock.now().nanoseconds < begin + number * 1_000_000:
-                    pass
-                publisher.publish(Int32(data=number))
-            own_s = (clock.now().nanoseconds - begin) * 1e-9
-            assert process.stdout is not None
-            rates = (json.loads(line) for line in process.stdout)
-            rate = next(rate for rate in rates if rate["count"] + rate["lost"] == 1000)
-        node.destroy_node()
-    finally:
-        rclpy.try_shutdown()
-    assert rate["lost"] == 0
-    assert rate["seen"] == 1000
-    assert rate["rate_hz"] == pytest.approx(999 / own_s, rel=0.1)
-    assert rate["min_s"] <= 1 / rate["rate_hz"] <= rate["max_s"]
-    assert rate["mean_bytes"] == len(serialize_message(Int32()))
-
-
-def test_a_type_that_is_not_built_here_is_counted_and_cannot_be_shown() -> None:
-    rclpy.init()
-    try:
-        node = rclpy.create_node("foreign")
-        kind = stand_in("nowhere_msgs/msg/Odd", "")
-        qos: Any = QoSProfile(depth=10)
-        with node.handle:
-            publisher = rclpy_implementation.Publisher(
-                node.handle, kind, "/odd", qos.get_c_qos_profile()
-            )
-        data = serialize_message(Int32(data=7))
-        is_over = threading.Event()
-
-        def talk() -> None:
-            while not is_over.wait(0.01):
-                publisher.publish_raw(data)
-
-        thread = threading.Thread(target=talk)
-        thread.start()
-        try:
-            (rate,) = [told("topic", "hz", "/odd", "--duration", "3")]
-            complaint = refused("topic", "echo", "/odd", "--once")
-        finally:
-            is_over.set()
-            thread.join()
-        publisher.destroy_when_not_in_use()
-        node.destroy_node()
-    finally:
-        rclpy.try_shutdown()
-    assert rate["count"] > 0
-    assert rate["mean_bytes"] == len(data)
-    assert "the type nowhere_msgs/msg/Odd is not here" in complaint
-    assert "`obk build nowhere_msgs`" in complaint
 
 
 def test_delays_are_told_by_stamps(talker: Talker) -> None:

@@ -1,0 +1,34 @@
+"""The commands that look into a ROS graph, run to their end, for the tests of each."""
+
+import json
+from typing import Any
+
+import pytest
+
+from obk_cli.adapters.ros_environment import ros_environment
+
+from .stack import DEADLINE_S, obk
+
+
+def announce_as_a_stack_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have nodes of this process found as soon as those that a launch has started."""
+    for name, value in ros_environment().variables.items():
+        monkeypatch.setenv(name, value)
+
+
+def done(*words: object) -> str:
+    result = obk(*words, "--timeout", str(DEADLINE_S))
+    assert result.returncode == 0, (words, result.stdout, result.stderr)
+    return result.stdout
+
+
+def refused(*words: object, exit_code: int = 1, is_patient: bool = True) -> str:
+    patience = ("--timeout", str(DEADLINE_S)) if is_patient and "--timeout" not in words else ()
+    result = obk(*words, *patience)
+    assert result.returncode == exit_code, (words, result.stdout, result.stderr)
+    assert "Traceback" not in result.stderr
+    return result.stderr
+
+
+def told(*words: object) -> Any:
+    return json.loads(done(*words, "--format", "json"))

@@ -1,0 +1,106 @@
+"""`obk topic hz` against publishers of this process, also of a type that is not built here."""
+
+import json
+import subprocess
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Int32
+
+from obk_cli.adapters.unbuilt_types import stand_in
+
+from .looking import announce_as_a_stack_does, refused, told
+from .stack import DEADLINE_S, OBK, eventually
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture(autouse=True)
+def _found_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    announce_as_a_stack_does(monkeypatch)
+
+
+@contextmanager
+def measuring(topic: str) -> Iterator["subprocess.Popen[str]"]:
+    """`obk topic hz`, until the test has seen enough."""
+    process = subprocess.Popen(
+        [OBK, "topic", "hz", topic, "--format", "json", "--timeout", "60"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.send_signal(2)
+        process.wait(DEADLINE_S)
+        assert process.stdout is not None
+        process.stdout.close()
+
+
+def test_a_measured_rate_is_the_publishers_own() -> None:
+    """1000 messages at 1 kHz, or as quickly as this machine does them."""
+    rclpy.init()
+    try:
+        node = rclpy.create_node("quick")
+        publisher = node.create_publisher(Int32, "/quick", 1000)
+        with measuring("/quick") as process:
+            eventually(publisher.get_subscription_count, "a subscription")
+            clock, begin = node.get_clock(), node.get_clock().now().nanoseconds
+            for number in range(1000):
+                while clock.now().nanoseconds < begin + number * 1_000_000:
+                    pass
+                publisher.publish(Int32(data=number))
+            own_s = (clock.now().nanoseconds - begin) * 1e-9
+            assert process.stdout is not None
+            rates = (json.loads(line) for line in process.stdout)
+            rate = next(rate for rate in rates if rate["count"] + rate["lost"] == 1000)
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    assert rate["lost"] == 0
+    assert rate["seen"] == 1000
+    assert rate["rate_hz"] == pytest.approx(999 / own_s, rel=0.1)
+    assert rate["min_s"] <= 1 / rate["rate_hz"] <= rate["max_s"]
+    assert rate["mean_bytes"] == len(serialize_message(Int32()))
+
+
+def test_a_type_that_is_not_built_here_is_counted_and_cannot_be_shown() -> None:
+    rclpy.init()
+    try:
+        node = rclpy.create_node("foreign")
+        kind = stand_in("nowhere_msgs/msg/Odd", "")
+        qos: Any = QoSProfile(depth=10)
+        with node.handle:
+            publisher = rclpy_implementation.Publisher(
+                node.handle, kind, "/odd", qos.get_c_qos_profile()
+            )
+        data = serialize_message(Int32(data=7))
+        is_over = threading.Event()
+
+        def talk() -> None:
+            while not is_over.wait(0.01):
+                publisher.publish_raw(data)
+
+        thread = threading.Thread(target=talk)
+        thread.start()
+        try:
+            (rate,) = [told("topic", "hz", "/odd", "--duration", "3")]
+            complaint = refused("topic", "echo", "/odd", "--once")
+        finally:
+            is_over.set()
+            thread.join()
+        publisher.destroy_when_not_in_use()
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    assert rate["count"] > 0
+    assert rate["mean_bytes"] == len(data)
+    assert "the type nowhere_msgs/msg/Odd is not here" in complaint
+    assert "`obk build nowhere_msgs`" in complaint
