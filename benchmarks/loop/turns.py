@@ -71,7 +71,7 @@ def disturbed(runs: Sequence[Run]) -> frozenset[tuple[Case, int]]:
 def to_repeat(efforts: Mapping[Case, Effort], runs: Sequence[Run]) -> tuple[Turn, ...]:
     """One more round: the cases with a run that was disturbed and not made up for yet.
 
-    With them the cases that their ratios are taken to, as a ratio is one of the same round.
+    Before each the case that its ratio is taken to, as a ratio is one of the same round.
     """
     bad = disturbed(runs)
     good = [run for run in runs if (run.case, run.round) not in bad]
@@ -81,11 +81,11 @@ def to_repeat(efforts: Mapping[Case, Effort], runs: Sequence[Run]) -> tuple[Turn
         if any(case == found for found, _ in bad)
         and sum(run.case == case for run in good) < effort.rounds
     ]
-    baselines = (case.baseline for case in lacking if case.baseline in efforts)
+    pairs = (each for case in lacking for each in (case.baseline, case) if each in efforts)
     number = 1 + max((run.round for run in runs), default=-1)
     return tuple(
         Turn(case=case, round=number, seconds=efforts[case].seconds)
-        for case in dict.fromkeys((*baselines, *lacking))
+        for case in dict.fromkeys(pairs)
     )
 
 

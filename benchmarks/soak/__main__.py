@@ -124,7 +124,8 @@ def soak(asked: argparse.Namespace, home: Path) -> dict[str, Any]:
         "cores": os.cpu_count(),
         "load_average": os.getloadavg()[0],
         "stolen_percent": stolen.percent(),
-        "verdict": "sound" if is_sound else "NOT sound",
+        "is_sound": is_sound,
+        "verdict": verdict(is_sound, run.rates),
         "faults": faults,
         "left": {"processes": left, "shm_files": shared},
         "rates": {"judged": run.rates.judged, "void": run.rates.void, "broken": run.rates.faults},
@@ -136,6 +137,12 @@ def soak(asked: argparse.Namespace, home: Path) -> dict[str, Any]:
             for one in run.samples
         ],
     }
+
+
+def verdict(is_sound: bool, rates: Rates) -> str:
+    """In words: a machine that was never able to keep a rate has proved nothing of them."""
+    sound = "sound" if is_sound else "NOT sound"
+    return sound if rates.judged else f"{sound}; rates were not judged"
 
 
 def options() -> argparse.Namespace:
@@ -170,7 +177,7 @@ def main() -> int:
         print("no picture: install obk with its `plot` extra", file=sys.stderr)
     shown = ("verdict", "load_average", "stolen_percent", "faults", "left", "rates", "grown")
     print(json.dumps({key: result[key] for key in shown}, indent=1))
-    return 0 if result["verdict"] == "sound" else 1
+    return 0 if result["is_sound"] else 1
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from benchmarks.bare_timer import BareSecond
+from benchmarks.soak.__main__ import verdict
 from benchmarks.soak.counts import growth, verdicts
 from benchmarks.soak.picture import draw_picture
 from benchmarks.soak.plan import DECK, first_deck, plan
@@ -121,6 +122,12 @@ def test_a_broken_rate_is_a_fault_unless_its_second_is_void() -> None:
     assert (rates.judged, rates.void, rates.faults) == (1, 1, [])
     rates.look([node("broken")], [second()], 7.0)
     assert rates.faults == ["7 s: /a timer: 900 of 1000 Hz"]
+
+
+def test_the_verdict_says_where_rates_were_never_judged() -> None:
+    assert verdict(True, Rates(judged=1, void=9)) == "sound"
+    assert verdict(True, Rates(void=9)) == "sound; rates were not judged"
+    assert verdict(False, Rates(judged=1)) == "NOT sound"
 
 
 def test_a_config_is_changed_and_changed_back(tmp_path: Path) -> None:
