@@ -2,6 +2,8 @@
 
 import json
 import struct
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +60,48 @@ def test_bytes_that_are_no_message_end_neither_robot_nor_stack() -> None:
             rclpy.try_shutdown()
         assert set(states().values()) == {"active"}
     assert "Traceback" not in run.text
+    assert run.lines[-1] == "ended in order"
+
+
+FOREIGN = """
+import rclpy
+from obelisk_sensor_msgs.msg import JointEncoders
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+
+rclpy.init()
+node = rclpy.create_node("stranger")
+weak = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+text = node.create_publisher(String, "/obelisk/dummy/ctrl", 10)
+sensor = node.create_publisher(JointEncoders, "/obelisk/dummy/joint_encoders", weak)
+
+def send():
+    text.publish(String(data="go"))
+    sensor.publish(JointEncoders(y=[9.0]))
+
+node.create_timer(0.05, send)
+rclpy.spin(node)
+"""
+
+
+def test_ends_that_do_not_fit_are_told_and_no_callback_gets_their_messages() -> None:
+    with launched(DUMMY, "--allow-foreign") as run:
+        foreign = subprocess.Popen([sys.executable, "-c", FOREIGN])
+        try:
+            run.wait_for_line(
+                "/obelisk/dummy/ctrl is a topic of obelisk_control_msgs/msg/PositionSetpoint here, "
+                "and /stranger has it as std_msgs/msg/String: none of these messages get through"
+            )
+            run.wait_for_line(
+                "New publisher discovered on topic '/obelisk/dummy/joint_encoders', offering "
+                "incompatible QoS"
+            )
+        finally:
+            foreign.kill()
+            foreign.wait()
+        assert set(states().values()) == {"active"}
+    assert "Traceback" not in run.text
+    assert "dropped a message" not in run.text
     assert run.lines[-1] == "ended in order"
 
 

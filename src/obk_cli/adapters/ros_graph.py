@@ -6,10 +6,10 @@ for others, whose announcements come every 3 s unless somebody has set another p
 """
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
-__all__ = ["FOREIGN_DISCOVERY_S", "OWN_DISCOVERY_S", "UNNAMED", "RosGraph"]
+__all__ = ["FOREIGN_DISCOVERY_S", "OWN_DISCOVERY_S", "UNNAMED", "RosGraph", "full_name"]
 
 OWN_DISCOVERY_S: Final = 0.4
 """How long nodes that obk started may take to be found [s]."""
@@ -63,7 +63,7 @@ class RosGraph:
 
         def found() -> tuple[str, ...]:
             there = self._node.get_node_names_and_namespaces()
-            return tuple(sorted(wanted & {_full_name(name, space) for name, space in there}))
+            return tuple(sorted(wanted & {full_name(name, space) for name, space in there}))
 
         self._wait(lambda: bool(found()), discovery_s)
         return found()
@@ -91,10 +91,21 @@ class RosGraph:
         self._wait(lambda: any(name != UNNAMED for _, name in found()), discovery_s)
         return tuple(sorted(found()))
 
+    def topic_types(self) -> Mapping[str, Sequence[str]]:
+        """Topic -> the full types that its ends have, of whomever they are."""
+        return dict(self._node.get_topic_names_and_types())
+
+    def ends_of_type(self, topic: str, msg_type: str) -> tuple[str, ...]:
+        """Full names of the nodes that publish or hear a topic by this type."""
+        node = self._node
+        ends = (
+            *node.get_publishers_info_by_topic(topic),
+            *node.get_subscriptions_info_by_topic(topic),
+        )
+        return tuple(sorted({_name_of(end) for end in ends if end.topic_type == msg_type}))
+
     def _publishers(self, topic: str) -> Iterator[str]:
-        for end in self._node.get_publishers_info_by_topic(topic):
-            is_named = end.node_name != NAME_NOT_TOLD
-            yield _full_name(end.node_name, end.node_namespace) if is_named else UNNAMED
+        yield from map(_name_of, self._node.get_publishers_info_by_topic(topic))
 
     def _life_cycle_nodes(self) -> Iterator[str]:
         for service, types in self._node.get_service_names_and_types():
@@ -106,5 +117,11 @@ class RosGraph:
             time.sleep(LOOK_S)
 
 
-def _full_name(name: str, namespace: str) -> str:
-    return f"{namespace.rstrip('/')}/{name}"
+def _name_of(end: Any) -> str:
+    is_named = end.node_name != NAME_NOT_TOLD
+    return _full_name(end.node_name, end.node_namespace) if is_named else UNNAMED
+
+
+def full_name(name: str, namespace: str) -> str:
+    """A node's name in the graph, `/ns/name`; empty where the middleware was not told it."""
+    return "" if name == NAME_NOT_TOLD else f"{namespace.rstrip('/')}/{name}"

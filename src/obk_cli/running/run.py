@@ -34,6 +34,7 @@ from obk_cli.running.early import early_units, gate_variables, held_at_gate
 from obk_cli.running.film import Film
 from obk_cli.running.neighbours import looking_on, refuse_strangers, refuse_taken_names
 from obk_cli.running.options import LaunchOptions
+from obk_cli.running.other_types import other_types_told
 from obk_cli.running.output import Output
 from obk_cli.running.recorder import Recorder
 from obk_cli.running.surface import Surface
@@ -93,7 +94,7 @@ def run_plan(
             ros = stack.enter_context(open_ros("obk_launch", environment))
             stack.enter_context(_alone(plan, units, ros, environment, options, inbox))
         _join_nodes(ros, plan, units, inbox, output if share.leads else None)
-        _serve_others(claim.folder, ros, inbox, output, stack)
+        _mind_others(plan, claim.folder, ros, inbox, output, stack)
         supervisor = Supervisor(
             plan,
             units=units,
@@ -170,6 +171,19 @@ def _shown_by(node: StateNode) -> Callable[[Told], None]:
             node.show(event.state)
 
     return show
+
+
+def _mind_others(
+    plan: Plan,
+    folder: Path | None,
+    ros: RosLifecycle,
+    inbox: "SimpleQueue[Heard]",
+    output: Output,
+    stack: ExitStack,
+) -> None:
+    """Tell of nodes that have other message types, and answer other terminals."""
+    stack.enter_context(other_types_told(plan, ros.graph, output.note))
+    _serve_others(folder, ros, inbox, output, stack)
 
 
 def _serve_others(

@@ -1,0 +1,75 @@
+"""Other message types on a stack's topics are told, once each."""
+
+import threading
+from collections.abc import Mapping, Sequence
+
+import pytest
+
+from obk_cli.plan import Endpoint, Origin, Plan, Process
+from obk_cli.running import other_types
+from obk_cli.running.other_types import other_types_told
+
+CONTROL, STRING = "obelisk_control_msgs/msg/PositionSetpoint", "std_msgs/msg/String"
+PLAN = Plan(
+    name="s",
+    processes=(
+        Process(
+            node="obelisk_robot_0",
+            namespace="/",
+            section="robot",
+            device="onboard",
+            package="p",
+            executable="e",
+            origin=Origin(path="c.yaml", line=1, column=1),
+            subscribes=(
+                Endpoint(topic="/ctrl", msg_type=CONTROL),
+                Endpoint(topic="/own", msg_type=None),
+            ),
+        ),
+    ),
+)
+
+
+class Graph:
+    """What is found, look by look; the last look is repeated."""
+
+    def __init__(self, *looks: Mapping[str, Sequence[str]]) -> None:
+        self.looks = list(looks)
+        self.is_through = threading.Event()
+        self.left = len(looks) + 2
+
+    def topic_types(self) -> Mapping[str, Sequence[str]]:
+        self.left -= 1
+        if self.left <= 0:
+            self.is_through.set()
+        return self.looks.pop(0) if len(self.looks) > 1 else self.looks[0]
+
+    def ends_of_type(self, topic: str, msg_type: str) -> tuple[str, ...]:
+        return ("/a", "/b") if (topic, msg_type) == ("/ctrl", STRING) else ()
+
+
+def told_of(*looks: Mapping[str, Sequence[str]], monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    monkeypatch.setattr(other_types, "LOOK_S", 0.001)
+    told: list[str] = []
+    graph = Graph(*looks)
+    with other_types_told(PLAN, graph, told.append):  # type: ignore[arg-type]
+        assert graph.is_through.wait(60)
+    return told
+
+
+def test_another_type_is_told_once_with_both_types_and_whose_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    both = {"/ctrl": [CONTROL, STRING]}
+    looks = ({"/ctrl": [CONTROL]}, both, {}, both)
+    assert told_of(*looks, monkeypatch=monkeypatch) == [
+        f"warning: /ctrl is a topic of {CONTROL} here, and /a, /b has it as {STRING}: none of "
+        "these messages get through"
+    ]
+
+
+def test_other_topics_and_those_without_a_type_in_the_plan_do_not_matter(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looks = {"/ctrl": [CONTROL], "/own": [STRING, CONTROL], "/x": [STRING, CONTROL]}
+    assert told_of(looks, monkeypatch=monkeypatch) == []
