@@ -118,8 +118,7 @@ class RosGraph:
 
 
 def _name_of(end: Any) -> str:
-    is_named = end.node_name != NAME_NOT_TOLD
-    return _full_name(end.node_name, end.node_namespace) if is_named else UNNAMED
+    return full_name(end.node_name, end.node_namespace) or UNNAMED
 
 
 def full_name(name: str, namespace: str) -> str:

@@ -16,6 +16,7 @@ from typing import Any, Final, TypeVar
 from obk_cli.adapters.extras import no_ros
 from obk_cli.adapters.raw_topics import RawTopic, offer_of
 from obk_cli.adapters.ros_environment import RosEnvironment
+from obk_cli.adapters.ros_graph import full_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.looking.graph import End, Graph, Role, TopicSeen
 
@@ -29,7 +30,6 @@ LOOK_S: Final = 0.005
 """Between two looks at what has come [s]."""
 QUIET_S: Final = 0.03
 """In which nothing more is told of nodes that are all there [s]."""
-NAME_NOT_TOLD: Final = "_NODE_NAME_UNKNOWN_"
 GENERATOR: Final = "rosidl_generator_py.generate_py_impl"
 """Every message package imports it along, with a parser; it takes longer than all its types."""
 
@@ -125,7 +125,7 @@ class RosLook:
         with self.node:
             told = self.node.get_node_names_and_namespaces()
             own = self.node.get_node_name()
-        names = (_full_name(name, space) for name, space in told if name != own)
+        names = (full_name(name, space) for name, space in told if name != own)
         return tuple(sorted(name for name in names if name))
 
     def topics_of(self, node: str) -> tuple[dict[str, tuple[str, ...]], ...]:
@@ -230,14 +230,9 @@ def _end(info: dict[str, Any], role: Role) -> End:
 
     end = TopicEndpointInfo(**info)  # type: ignore[no-untyped-call]
     return End(
-        node=_full_name(end.node_name, end.node_namespace),
+        node=full_name(end.node_name, end.node_namespace),
         role=role,
         msg_type=end.topic_type,
         qos=offer_of(end.qos_profile),
         type_hash=str(end.topic_type_hash),
     )
-
-
-def _full_name(name: str, namespace: str) -> str:
-    """Empty where it was not told."""
-    return "" if name == NAME_NOT_TOLD else f"{namespace.rstrip('/')}/{name}"
