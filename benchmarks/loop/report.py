@@ -118,12 +118,14 @@ def disturbances(suite: Suite) -> list[str]:
             f"stolen by the host during runs: {_range(found)} % of a core{floor}; a part of it is "
             "the price of a contestant's own wake-ups"
         )
-    lines.append(
-        f"{suite.disturbed} runs had {DISTURBED_PERCENT:g} % of a core more stolen than the "
-        f"quietest run of the same case; {suite.disturbed_and_kept} of them count all the same, "
-        "as none better came of further rounds"
+    told = (
+        f"{suite.disturbed or 'no'} runs had {DISTURBED_PERCENT:g} % of a core more stolen than "
+        "the quietest run of the same case"
     )
-    return lines
+    if suite.disturbed:
+        kept = suite.disturbed_and_kept
+        told += f"; {kept} of them count all the same, as none better came of further rounds"
+    return [*lines, told]
 
 
 def table(rows: Iterable[Row]) -> list[str]:

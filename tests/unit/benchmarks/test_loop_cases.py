@@ -1,6 +1,7 @@
 """The loop benchmark runs what it says, each case once a round, and tells all of it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -91,6 +92,8 @@ def test_the_head_of_the_table_tells_what_was_stolen_and_how_many_runs_were_dist
     assert during.startswith("stolen by the host during runs: 0 % of a core, from C on rcl 0 %")
     assert disturbed.startswith("3 runs had 5 % of a core more stolen than the quietest run")
     assert "; 1 of them count all the same" in disturbed
+    *_, none = disturbances(replace(measured, disturbed=0, disturbed_and_kept=0))
+    assert none == "no runs had 5 % of a core more stolen than the quietest run of the same case"
 
 
 def test_curves_are_drawn_the_same_from_the_same_figures(tmp_path: Path) -> None:
