@@ -12,25 +12,11 @@ from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.drive import WhenStale
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 
+from .two_joints import arm
+
 pytestmark = pytest.mark.mujoco
 
-ARM = """
-<mujoco>
-  <option timestep="0.002" gravity="0 0 0"/>
-  <worldbody>
-    <body><joint name="hip" axis="0 1 0"/><geom size="0.1" pos="0.3 0 0" mass="1"/>
-      <body pos="0.6 0 0"><joint name="knee" axis="0 1 0"/>
-        <geom size="0.1" pos="0.3 0 0" mass="1"/></body>
-    </body>
-  </worldbody>
-  <actuator>{actuators}</actuator>
-</mujoco>
-"""
 MOTORS = '<motor joint="hip" gear="3"/><general joint="knee" gainprm="2"/>'
-
-
-def arm(actuators=MOTORS):
-    return mujoco.MjModel.from_xml_string(ARM.format(actuators=actuators))
 
 
 class Run:
@@ -58,7 +44,7 @@ class Run:
 
 
 def test_the_first_step_after_the_deadline_has_zeros():
-    run = Run(arm(), "zero")
+    run = Run(arm(MOTORS), "zero")
     run.command(1.0, 2.0)
     run.now_s += 0.5
     run.simulation.advance()
@@ -71,7 +57,7 @@ def test_the_first_step_after_the_deadline_has_zeros():
 
 @pytest.mark.parametrize("action", ["zero", "damp"])
 def test_the_next_command_is_applied_at_once(action):
-    run = Run(arm(), action)
+    run = Run(arm(MOTORS), action)
     run.command(1.0, 2.0)
     run.now_s += 0.6
     run.simulation.advance()
@@ -85,7 +71,7 @@ def test_the_next_command_is_applied_at_once(action):
 
 @pytest.mark.parametrize("action", ["zero", "hold", "damp"])
 def test_before_the_first_command_the_robot_stays_as_it_starts(action):
-    run = Run(arm(), action)
+    run = Run(arm(MOTORS), action)
     run.data.ctrl[:] = [3.0, 4.0]
     run.now_s += 1e6
     run.simulation.advance()
@@ -94,7 +80,7 @@ def test_before_the_first_command_the_robot_stays_as_it_starts(action):
 
 
 def test_to_hold_is_only_to_tell():
-    run = Run(arm(), "hold")
+    run = Run(arm(MOTORS), "hold")
     run.command(1.0, 2.0)
     for _ in range(5):
         run.now_s += 0.2
@@ -104,7 +90,7 @@ def test_to_hold_is_only_to_tell():
 
 
 def test_a_reset_ends_it():
-    run = Run(arm(), "zero")
+    run = Run(arm(MOTORS), "zero")
     run.command(1.0, 2.0)
     run.now_s += 0.6
     run.simulation.advance()
@@ -135,7 +121,7 @@ def test_a_single_load_slows_down_by_its_time_constant(actuator):
 
 
 def test_several_motors_bring_coupled_joints_to_rest():
-    run = Run(arm(), "damp")
+    run = Run(arm(MOTORS), "damp")
     run.data.qvel[:] = [3.0, -5.0]
     mujoco.mj_forward(run.simulation.model, run.data)
     run.command(0.0, 0.0)

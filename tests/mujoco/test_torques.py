@@ -9,20 +9,10 @@ from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.torques import JointTorques, has_gains
 
+from .two_joints import ARM, arm
+
 pytestmark = pytest.mark.mujoco
 
-ARM = """
-<mujoco>
-  <option timestep="0.002" gravity="0 0 0"/>
-  <worldbody>
-    <body><joint name="hip" axis="0 1 0"/><geom size="0.1" pos="0.3 0 0" mass="1"/>
-      <body pos="0.6 0 0"><joint name="knee" axis="0 1 0"/>
-        <geom size="0.1" pos="0.3 0 0" mass="1"/></body>
-    </body>
-  </worldbody>
-  <actuator>{actuators}</actuator>
-</mujoco>
-"""
 MOTORS = '<motor joint="knee" gear="4"/><motor joint="hip"/>'
 """In another order than the joints."""
 SERVOS = '<position joint="knee" kp="30" kv="2" gear="2"/><velocity joint="hip" kv="5"/>'
@@ -33,10 +23,6 @@ GAINS = {
     "kp": [20.0, 10.0],
     "kd": [2.0, 1.0],
 }
-
-
-def arm(actuators):
-    return mujoco.MjModel.from_xml_string(ARM.format(actuators=actuators))
 
 
 def simulation(model):
