@@ -48,7 +48,8 @@ def parent(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def environment(tmp_path: Path) -> RosEnvironment:
-    return RosEnvironment(variables={"OBK_HOME": str(tmp_path), "ROS_DOMAIN_ID": "7"}, notes=())
+    variables = {"OBK_HOME": str(tmp_path), "ROS_DOMAIN_ID": "7"}
+    return RosEnvironment(variables=variables, range="LOCALHOST", notes=())
 
 
 def in_graph(

@@ -57,7 +57,9 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def environment(home: Path, **variables: str) -> RosEnvironment:
-    return RosEnvironment(variables={"OBK_HOME": str(home), **variables}, notes=())
+    return RosEnvironment(
+        variables={"OBK_HOME": str(home), **variables}, range="LOCALHOST", notes=()
+    )
 
 
 def test_where_all_stacks_run_in_one_domain_it_is_looked_at(home: Path) -> None:

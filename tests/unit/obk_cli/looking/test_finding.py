@@ -37,7 +37,7 @@ class Nobody:
 
 def place(tmp_path: Path, nobody_s: float = NOBODY_S, *, runs: bool = False) -> Place:
     variables = {"ROS_DOMAIN_ID": "7", "OBK_HOME": str(tmp_path)}
-    environment = RosEnvironment(variables=variables, notes=())
+    environment = RosEnvironment(variables=variables, range="LOCALHOST", notes=())
     folders = {tmp_path / "dummy": RUN} if runs else {}
     return Place(environment=environment, runs=folders, nobody_s=nobody_s)
 
