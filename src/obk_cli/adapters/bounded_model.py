@@ -79,8 +79,14 @@ def _answer(path: Path, pipe: int) -> NoReturn:
         nowhere = os.open(os.devnull, os.O_RDWR)
         for output in (1, 2):
             os.dup2(nowhere, output)
+        # MuJoCo would write its warnings into a file in the working directory.
+        import_mujoco().set_mju_user_warning(_drop)
         with os.fdopen(pipe, "w", encoding="utf-8") as answer:
             json.dump(asdict(read_model(path)), answer)
         os._exit(0)
     finally:
         os._exit(1)
+
+
+def _drop(_text: str) -> None:
+    """Takes a warning of MuJoCo's and does nothing."""

@@ -24,6 +24,17 @@ def test_a_sound_model_has_its_facts() -> None:
     assert read.facts.keyframes == ("ic", "other")
 
 
+def test_what_mujoco_warns_of_is_written_nowhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    model = tmp_path / "nan.xml"
+    model.write_text('<mujoco><worldbody><body pos="nan 0 0"/></worldbody></mujoco>')
+    monkeypatch.chdir(tmp_path)
+    read_model_bounded(model)
+    assert list(tmp_path.iterdir()) == [model]
+    assert capfd.readouterr() == ("", "")
+
+
 @pytest.mark.parametrize("number", [signal.SIGSEGV, signal.SIGABRT])
 def test_a_crash_is_a_fault_of_the_model(
     monkeypatch: pytest.MonkeyPatch, number: signal.Signals
