@@ -19,10 +19,17 @@ def read_bytes(path: str) -> bytes | str:
     if path == STANDARD_INPUT:
         return sys.stdin.buffer.read(_MOST_BYTES)
     try:
+        if _is_named_pipe(Path(path)):
+            return "it is a named pipe"
         with Path(path).open("rb") as file:
             return file.read(_MOST_BYTES)
     except (OSError, ValueError) as error:
         return explain_os_error(error)
+
+
+def _is_named_pipe(path: Path) -> bool:
+    """Whether opening it would wait for somebody; the pipes of a shell have a writer."""
+    return path.is_fifo() and not path.resolve().is_relative_to("/proc")
 
 
 def explain_os_error(error: OSError | ValueError) -> str:
