@@ -140,7 +140,7 @@ def counting(topics: int, rate_hz: float, seconds: float, variables: dict[str, s
     told = json.loads(publisher.communicate(timeout=seconds * 5 + 60)[0])
     used = counter.cpu_times()
     counter.send_signal(2)
-    lines = [json.loads(line) for line in counter.communicate(timeout=20)[0].splitlines()]
+    lines = [json.loads(line) for line in counter.communicate(timeout=60)[0].splitlines()]
     last = {line["topic"]: line for line in lines}
     return {
         "topics": topics,

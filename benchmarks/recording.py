@@ -25,8 +25,10 @@ ROOT = Path(__file__).resolve().parents[1]
 OBK = Path(sys.executable).with_name("obk")
 RESULT = ROOT / "benchmarks" / "results" / "recording.json"
 JOINTS = 12
-MATCH_S = 2.0
-"""For publishers and recorder to find each other [s]."""
+MATCH_S = 60.0
+"""In which every publisher has to have its listener [s]."""
+SETTLE_S = 0.5
+"""From then on, as the listener's side of a match may come later [s]."""
 
 
 def publish(topics: int, rate_hz: float, seconds: float) -> None:
@@ -42,7 +44,12 @@ def publish(topics: int, rate_hz: float, seconds: float) -> None:
     publishers: list[Publisher] = [
         node.create_publisher(ObkJointEncoders, f"/load/t{n:02}", 10) for n in range(topics)
     ]
-    time.sleep(MATCH_S)
+    end = time.monotonic() + MATCH_S
+    while not all(publisher.get_subscription_count() for publisher in publishers):
+        if time.monotonic() > end:
+            raise SystemExit(f"nobody listened to every topic within {MATCH_S:g} s")
+        time.sleep(0.01)
+    time.sleep(SETTLE_S)
     count = round(seconds * rate_hz)
     begin = time.monotonic()
     for number in range(count):
