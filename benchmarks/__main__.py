@@ -39,7 +39,8 @@ class Program:
 
 
 PROGRAMS: Final = (
-    Program(name="loop", words=("benchmarks.loop",), minutes=26.0),
+    Program(name="looking", words=("benchmarks.looking", "--runs", "5"), minutes=1.5),
+    Program(name="watched", words=("benchmarks.watched", "--seconds", "15"), minutes=5.5),
     Program(name="tool", words=("benchmarks.tool", "--repeats", "5"), minutes=2.0),
     Program(
         name="launches",
@@ -51,8 +52,7 @@ PROGRAMS: Final = (
         words=("benchmarks.simulator", "--only", "cost", "realtime"),
         minutes=2.0,
     ),
-    Program(name="looking", words=("benchmarks.looking", "--runs", "5"), minutes=1.5),
-    Program(name="watched", words=("benchmarks.watched", "--seconds", "15"), minutes=5.5),
+    Program(name="loop", words=("benchmarks.loop",), minutes=26.0),
 )
 
 
