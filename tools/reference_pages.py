@@ -142,9 +142,9 @@ def _natures(value: Schema, kinds: Schema) -> Iterator[str]:
         yield f"`{value['const']}`"
     elif "$ref" in value:
         yield from _named(value["$ref"].rpartition("/")[2], kinds)
-    elif "allOf" in value:
-        for case in value["allOf"]:
-            yield from _natures(case["then"], kinds)
+    elif cases := [case["then"] for case in value.get("allOf", ()) if "then" in case]:
+        for case in cases:
+            yield from _natures(case, kinds)
     elif "type" in value:
         types = value["type"] if isinstance(value["type"], list) else [value["type"]]
         yield from (_plain(one, value, kinds) for one in types if one != "null")

@@ -9,6 +9,7 @@ import jsonschema
 import pytest
 
 from obelisk_spec import disturbances, scans
+from obelisk_spec.sensors import sensor_group
 from obelisk_spec.yaml_core import load_yaml_core
 from obk_cli.read import keys
 
@@ -30,6 +31,24 @@ TABLES = {
     **{name: ("type", "offset", *keys) for name, keys in scans.PATTERN_KEYS.items()},
 }
 SHAPE_CODES = ("OBK101", "OBK102", "OBK103", "OBK104", "OBK105", "OBK106", "OBK109", "OBK110")
+GRID = {"type": "height_scan", "resolution": 0.1, "size": [1, 0]}
+PINHOLE = {"type": "depth_camera", "width": 8, "height": 8}
+MATRIX = [2, 0, 4, 0, 2, 4, 0, 0, 1]
+SOUND_PATTERNS: tuple[dict[str, Any], ...] = (
+    GRID,
+    GRID | {"offset": {"rot": [0, 0, 0, -1]}},
+    PINHOLE | {"intrinsic_matrix": MATRIX},
+    PINHOLE | {"intrinsic_matrix": [2.0, -1, 4, 0.0, 0.5, 4, -0.0, 0, 1.0]},
+)
+BROKEN_PATTERNS: tuple[dict[str, Any], ...] = (
+    GRID | {"size": [1, -0.1]},
+    GRID | {"offset": {"rot": [0, 0.0, -0.0, 0]}},
+    PINHOLE | {"intrinsic_matrix": MATRIX[:-1]},
+    *(
+        PINHOLE | {"intrinsic_matrix": [*MATRIX[:place], wrong, *MATRIX[place + 1 :]]}
+        for place, wrong in ((0, 0), (3, 1), (4, -2), (6, 0.5), (7, -1), (8, 0), (1, "x"))
+    ),
+)
 CASES = Path(__file__).parents[2] / "cases"
 
 
@@ -100,3 +119,19 @@ def test_refuses_the_shapes_that_the_checker_refuses(path: Path, schema: dict[st
     config = load_yaml_core(path.read_text(encoding="utf-8"))
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(config, schema)
+
+
+@pytest.mark.parametrize("pattern", [*SOUND_PATTERNS, *BROKEN_PATTERNS], ids=str)
+def test_bounds_the_numbers_of_a_ray_pattern_as_the_checker_does(
+    pattern: dict[str, Any], schema: dict[str, Any]
+) -> None:
+    scan = {"site_name": "head", "pattern": pattern}
+    rule = sensor_group("PointCloud2" if pattern["type"] == "height_scan" else "DepthImage")
+    assert rule is not None
+    faults = list(scans.check_scan(scan, "a group", rule, ()))
+    refusals = list(
+        jsonschema.Draft202012Validator(
+            {"$ref": "#/$defs/ray_caster", "$defs": schema["$defs"]}
+        ).iter_errors(scan)
+    )
+    assert bool(faults) == bool(refusals) == (pattern in BROKEN_PATTERNS), (faults, refusals)
