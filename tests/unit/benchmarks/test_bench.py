@@ -45,7 +45,7 @@ def test_a_program_that_fails_stops_no_other_and_is_run_again(
     asked = ("--parts", "loop", "launches", "watched")
     assert bench_with(monkeypatch, *asked) == 1
     assert [words[0].partition(".")[2] for words in ran] == [
-        *("loop", "launches", "watched", "summary")
+        *("watched", "launches", "loop", "summary")
     ]
     assert capsys.readouterr().err == "failed: launches\n"
     ran.clear()
@@ -57,8 +57,8 @@ def test_what_was_interrupted_goes_on_within_the_loop_too(
     ran: list[list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert bench_with(monkeypatch, "--parts", "loop", "tool", "--go-on", "--peer", "/p") == 0
-    assert ran[0] == ["benchmarks.loop", "--go-on"]
-    assert ran[1][-1] == "/p"
+    assert ran[0][-1] == "/p"
+    assert ran[1] == ["benchmarks.loop", "--go-on"]
     ran.clear()
     bench_with(monkeypatch, "--parts", "loop")  # begun anew
     assert ran[0] == ["benchmarks.loop"]

@@ -27,10 +27,12 @@ def test_the_table_holds_each_figure_against_its_goal() -> None:
     goals = (
         Goal(what="start", most=1.5, unit=" s", figure=lambda results: float(results["up"])),
         Goal(what="rate", least=99.8, unit=" %", figure=lambda results: float(results["rate"])),
+        Goal(what="lateness", most=300, unit=" µs", figure=lambda _: 20971.5),
     )
     assert list(goals_table(goals, {"up": 1.8312, "rate": 99.9}))[2:] == [
         "| start | ≤ 1.5 s | 1.83 s | **not met** |",
         "| rate | ≥ 99.8 % | 99.9 % | met |",
+        "| lateness | ≤ 300 µs | 20972 µs | **not met** |",
     ]
 
 
