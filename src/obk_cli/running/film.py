@@ -40,6 +40,8 @@ class Film:
         robots = simulated_robots(plan, share)
         self._wanted = [node for node in robots if node.parameters.get("render")]
         self._output = output
+        # Each robot's lines come on a thread of their own.
+        self._lock = threading.Lock()
         self._begun = 0
         self._told: list[str] = []
         self._all_told = threading.Event()
@@ -51,14 +53,8 @@ class Film:
 
         def line(unit: str, text: str) -> None:
             others(unit, text)
-            if _BEGUN in text:
-                self._begun += 1
-                self._all_told.clear()
-            said = text.rpartition(_LOGGER)[2]
-            if self._begun and (said.startswith(_MADE) or _LOST in said):
-                self._told.append(said)
-                if len(self._told) >= self._begun:
-                    self._all_told.set()
+            with self._lock:
+                self._hear(text)
 
         return line
 
@@ -75,6 +71,16 @@ class Film:
                 self._look()
 
         return tell
+
+    def _hear(self, text: str) -> None:
+        if _BEGUN in text:
+            self._begun += 1
+            self._all_told.clear()
+        said = text.rpartition(_LOGGER)[2]
+        if self._begun and (said.startswith(_MADE) or _LOST in said):
+            self._told.append(said)
+            if len(self._told) >= self._begun:
+                self._all_told.set()
 
     def _look(self) -> None:
         if self._begun < len(self._wanted):

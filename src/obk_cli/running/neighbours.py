@@ -6,8 +6,8 @@ Who begins to publish during that rest with `obk topic pub --allow-foreign` is n
 """
 
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Final
 
 from obk_cli.adapters.allowed_publisher import is_allowed_publisher
@@ -18,6 +18,7 @@ from obk_cli.adapters.ros_lifecycle import RosLifecycle
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.events import Heard, StrangerSeen
 from obk_cli.plan import Plan
+from obk_cli.running.beside import beside
 
 __all__ = ["control_topics", "has_hardware", "looking_on", "refuse_strangers", "refuse_taken_names"]
 
@@ -55,16 +56,17 @@ def refuse_strangers(plan: Plan, ros: RosLifecycle, domain: int) -> None:
         )
 
 
-@contextmanager
-def looking_on(plan: Plan, ros: RosLifecycle, hear: Callable[[Heard], None]) -> Iterator[None]:
+def looking_on(
+    plan: Plan, ros: RosLifecycle, hear: Callable[[Heard], None]
+) -> AbstractContextManager[None]:
     """While entered, tell of a publisher on the robot's topics that is found only now."""
-    is_over, begin_s = threading.Event(), since_boot_s()
+    begin_s = since_boot_s()
 
     def is_stranger(node: str) -> bool:
         # One without a name may be a node of ours that has just come.
         return node != UNNAMED and not is_allowed_publisher(node, begin_s)
 
-    def look() -> None:
+    def look(is_over: threading.Event) -> None:
         end = monotonic_s() + FOREIGN_DISCOVERY_S
         found: tuple[tuple[str, str], ...] = ()
         while not found and monotonic_s() < end and not is_over.wait(LOOK_S):
@@ -73,13 +75,7 @@ def looking_on(plan: Plan, ros: RosLifecycle, hear: Callable[[Heard], None]) -> 
         for topic, node in found:
             hear(StrangerSeen(topic=topic, node=node))
 
-    thread = threading.Thread(target=look, name="strangers", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        is_over.set()
-        thread.join()
+    return beside(look, "strangers")
 
 
 def control_topics(plan: Plan) -> tuple[str, ...]:

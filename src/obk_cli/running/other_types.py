@@ -6,24 +6,25 @@ robot waits for controls is heard by nobody and would never know why.
 
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from typing import Final
 
 from obk_cli.adapters.ros_graph import RosGraph
 from obk_cli.plan import Plan
+from obk_cli.running.beside import beside
 
 __all__ = ["other_types_told"]
 
 LOOK_S: Final = 1.0
 
 
-@contextmanager
-def other_types_told(plan: Plan, graph: RosGraph, tell: Callable[[str], None]) -> Iterator[None]:
+def other_types_told(
+    plan: Plan, graph: RosGraph, tell: Callable[[str], None]
+) -> AbstractContextManager[None]:
     """While entered, tell once of each other type on a topic of the plan, and who has it."""
     wanted = _types_of(plan)
-    is_over = threading.Event()
 
-    def look() -> None:
+    def look(is_over: threading.Event) -> None:
         told: set[tuple[str, str]] = set()
         while not is_over.wait(LOOK_S):
             for topic, other in _others(wanted, graph.topic_types()):
@@ -31,13 +32,7 @@ def other_types_told(plan: Plan, graph: RosGraph, tell: Callable[[str], None]) -
                     told.add((topic, other))
                     tell(_sentence(topic, wanted[topic], other, graph.ends_of_type(topic, other)))
 
-    thread = threading.Thread(target=look, name="types", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        is_over.set()
-        thread.join()
+    return beside(look, "types")
 
 
 def _types_of(plan: Plan) -> Mapping[str, str]:
