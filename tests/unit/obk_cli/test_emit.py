@@ -9,7 +9,9 @@ from obelisk_spec.yaml_core import load_yaml_core
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.emit.plan_json import emit_plan
 from obk_cli.emit.write import write_text
-from obk_cli.plan import Origin, Plan, Process
+from obk_cli.plan import Plan, Process
+
+from .plans import node
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"]))
 VALUES = (
@@ -23,16 +25,7 @@ VALUES = (
 
 
 def process(**parameters: object) -> Process:
-    return Process(
-        node="obelisk_control_0",
-        namespace="/left",
-        section="control",
-        device="onboard",
-        package="demo",
-        executable="run",
-        origin=Origin(path="f", line=1, column=1),
-        parameters=parameters,  # type: ignore[arg-type]
-    )
+    return node("obelisk_control_0", namespace="/left", parameters=parameters)
 
 
 def test_a_parameter_file_word_for_word() -> None:
@@ -66,7 +59,7 @@ def test_a_plan_is_json() -> None:
     plan = json.loads(emit_plan(Plan(name="arm", processes=(process(a=(1, 2)),))))
     assert plan["name"] == "arm"
     assert plan["processes"][0]["parameters"] == {"a": [1, 2]}
-    assert plan["processes"][0]["origin"] == {"path": "f", "line": 1, "column": 1}
+    assert plan["processes"][0]["origin"] == {"path": "c.yaml", "line": 1, "column": 1}
 
 
 def test_each_process_has_a_file_name_of_its_own() -> None:

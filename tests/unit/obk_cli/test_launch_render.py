@@ -9,7 +9,9 @@ from obk_cli.cli.main import main
 from obk_cli.cli.render_options import FilmWords, with_film
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.devices import share_of
-from obk_cli.plan import Origin, Plan, Process
+from obk_cli.plan import Plan, Process
+
+from .plans import node
 
 DUMMY = Path(__file__).parents[3] / "examples" / "dummy" / "dummy.yaml"
 
@@ -80,17 +82,8 @@ def test_a_file_that_is_there(capsys, folder) -> None:
     assert (folder / "out.mp4").read_text() == "mine"
 
 
-def robot(node: str) -> Process:
-    return Process(
-        node=node,
-        namespace="/",
-        section="robot",
-        device="onboard",
-        package="p",
-        executable="e",
-        origin=Origin(path="c.yaml", line=1, column=1),
-        model="arm.xml",
-    )
+def robot(name: str) -> Process:
+    return node(name, "robot", model="arm.xml")
 
 
 def filmed(*robots: Process, **words):

@@ -8,18 +8,12 @@ from pathlib import Path
 import pytest
 
 from obk_cli.adapters.composed import ComposedNode, composed_command, is_composable
-from obk_cli.plan import Origin, Process
+from obk_cli.plan import Process
 from obk_cli.surroundings import Command
 
-PROCESS = Process(
-    node="arm",
-    namespace="/",
-    section="control",
-    device="onboard",
-    package="p",
-    executable="e",
-    origin=Origin(path="c.yaml", line=1, column=1),
-)
+from ..plans import node  # noqa: TID252 - shared by folders of tests
+
+PROCESS = node("arm")
 COMMAND = Command(
     arguments=(sys.executable, "-c", "..."),
     found_in="the sources",
@@ -32,13 +26,13 @@ INSTALLED = Command(
 )
 
 
-def node(name: str, command: Command) -> ComposedNode:
+def member(name: str, command: Command) -> ComposedNode:
     arguments = ("--ros-args", "-r", f"__node:={name}")
     return ComposedNode(node=f"/{name}", command=command, ros_arguments=arguments)
 
 
 def test_the_file_lists_the_nodes_and_the_command_names_it(tmp_path: Path) -> None:
-    nodes = [node("arm", COMMAND), node("leg", INSTALLED)]
+    nodes = [member("arm", COMMAND), member("leg", INSTALLED)]
     command = composed_command(nodes, tmp_path, {"HOME": "/home/me"})
     path = tmp_path / "composed.json"
     assert command.arguments == (
@@ -62,22 +56,22 @@ def test_the_file_lists_the_nodes_and_the_command_names_it(tmp_path: Path) -> No
 
 
 def test_only_its_owner_reads_the_file(tmp_path: Path) -> None:
-    composed_command([node("arm", COMMAND)], tmp_path, {})
+    composed_command([member("arm", COMMAND)], tmp_path, {})
     assert (tmp_path / "composed.json").stat().st_mode & 0o777 == 0o600
 
 
 def test_python_finds_the_packages_of_all_nodes_before_the_users_own(tmp_path: Path) -> None:
     leg = replace(COMMAND, python_path=(Path("/ws/leg"), Path("/ws/arm")))
-    nodes = [node("arm", COMMAND), node("leg", leg)]
+    nodes = [member("arm", COMMAND), member("leg", leg)]
     command = composed_command(nodes, tmp_path, {"PYTHONPATH": "/mine"})
     assert command.environment["PYTHONPATH"] == "/ws/arm:/ws/leg:/mine"
-    assert "PYTHONPATH" not in composed_command([node("a", INSTALLED)], tmp_path, {}).environment
+    assert "PYTHONPATH" not in composed_command([member("a", INSTALLED)], tmp_path, {}).environment
 
 
 def test_a_folder_that_takes_no_file_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(OSError, match="file"):
-        composed_command([node("arm", COMMAND)], tmp_path / "file", {})
+        composed_command([member("arm", COMMAND)], tmp_path / "file", {})
 
 
 def test_python_nodes_of_this_environment_share_a_process() -> None:

@@ -13,22 +13,14 @@ import pytest
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
 from obk_cli.launch.events import Heard, ProcessEnded, ProcessStarted
 from obk_cli.launch.units import Unit
-from obk_cli.plan import Origin, Process
+
+from ..plans import node  # noqa: TID252 - shared by folders of tests
 
 DEADLINE_S = 30.0
 
 
 def unit(name: str) -> Unit:
-    node = Process(
-        node=name,
-        namespace="/",
-        section="control",
-        device="onboard",
-        package="p",
-        executable="e",
-        origin=Origin(path="c.yaml", line=1, column=1),
-    )
-    return Unit(name=node.full_name, nodes=(node,))
+    return Unit(name=f"/{name}", nodes=(node(name),))
 
 
 class Bench:

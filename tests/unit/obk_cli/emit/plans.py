@@ -1,6 +1,8 @@
 """Plans to emit, made up."""
 
-from obk_cli.plan import Endpoint, Origin, Plan, Process, SensorGroup
+from obk_cli.plan import Endpoint, Plan, Process, SensorGroup
+
+from .. import plans  # noqa: TID252 - shared by folders of tests
 
 __all__ = ["loop", "node"]
 
@@ -15,18 +17,13 @@ def node(
 ) -> Process:
     """A process of a section that publishes and subscribes to topics."""
     settings: dict[str, object] = {
-        "node": f"obelisk_{section}_{name}",
-        "namespace": "/",
-        "section": section,
-        "device": "onboard",
         "package": "demo",
         "executable": "run",
-        "origin": Origin(path="f", line=1, column=1),
         "publishes": tuple(Endpoint(topic=t, msg_type="a_msgs/msg/T", rate_hz=10.0) for t in says),
         "subscribes": tuple(Endpoint(topic=t, msg_type="a_msgs/msg/T") for t in hears),
         "has_lifecycle": section != "joystick",
     }
-    return Process(**{**settings, **others})  # type: ignore[arg-type]
+    return plans.node(f"obelisk_{section}_{name}", section, **{**settings, **others})
 
 
 def loop() -> Plan:

@@ -26,21 +26,15 @@ from obk_cli.launch.order import Until
 from obk_cli.launch.supervisor import Supervisor
 from obk_cli.launch.transitions import TRANSITIONS
 from obk_cli.launch.units import Unit, units_of
-from obk_cli.plan import OnCrash, Origin, Plan, Process
+from obk_cli.plan import OnCrash, Plan, Process
+
+from .. import plans  # noqa: TID252 - shared by folders of tests
 
 ROBOT, ESTIMATOR, CONTROLLER = "/obelisk_robot_0", "/obelisk_estimation_0", "/obelisk_control_0"
 
 
 def process(section: str, index: int = 0, device: str = "onboard") -> Process:
-    return Process(
-        node=f"obelisk_{section}_{index}",
-        namespace="/",
-        section=section,
-        device=device,
-        package="p",
-        executable="e",
-        origin=Origin(path="c.yaml", line=1, column=1),
-    )
+    return plans.node(f"obelisk_{section}_{index}", section, device=device)
 
 
 def rates(node: str, measured_hz: float, standing: Standing = "kept") -> RatesHeard:

@@ -5,10 +5,12 @@ from pathlib import Path
 from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.events import Told
 from obk_cli.launch.units import Unit
-from obk_cli.plan import OnCrash, Origin, Process
+from obk_cli.plan import OnCrash, Process
 from obk_cli.rehearsal.cases import Case
 from obk_cli.rehearsal.promise import Fault, promise
 from obk_cli.rehearsal.scene import Moment, Scene
+
+from ..plans import node  # noqa: TID252 - shared by folders of tests
 
 ROBOT, ESTIMATOR, CONTROLLER = "/obelisk_robot_0", "/obelisk_estimation_0", "/obelisk_control_0"
 NODES = (CONTROLLER, ESTIMATOR, ROBOT)
@@ -16,22 +18,13 @@ STRUCK_S = 1000.0
 
 
 def process(name: str, on_crash: OnCrash | None = None, *, has_lifecycle: bool = True) -> Process:
-    return Process(
-        node=name.strip("/"),
-        namespace="/",
-        section=name.split("_")[1],
-        device="onboard",
-        package="p",
-        executable="e",
-        origin=Origin(path="c.yaml", line=4, column=5),
-        on_crash=on_crash,
-        has_lifecycle=has_lifecycle,
-    )
+    section = name.split("_")[1]
+    return node(name.strip("/"), section, on_crash=on_crash, has_lifecycle=has_lifecycle)
 
 
 def unit(*names: str) -> Unit:
     name = names[0] if len(names) == 1 else "/s/composed"
-    return Unit(name=name, nodes=tuple(process(node) for node in names))
+    return Unit(name=name, nodes=tuple(map(process, names)))
 
 
 def case(fault: Fault, on_crash: OnCrash, *names: str) -> Case:

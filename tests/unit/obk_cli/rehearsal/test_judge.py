@@ -31,7 +31,7 @@ LOST: dict[str, int | None] = {ROBOT: None}
 
 
 def ended(
-    cause: str = f"{ROBOT}: the process was ended by SIGKILL", origin: str = "c.yaml:4:5"
+    cause: str = f"{ROBOT}: the process was ended by SIGKILL", origin: str = "c.yaml:1:1"
 ) -> tuple[float, Ended]:
     return 0.5, Ended(exit_code=1, cause=cause, origin=origin)
 

@@ -22,41 +22,30 @@ from obk_cli.launch.events import (
     TransitionEnded,
 )
 from obk_cli.launch.units import units_of
-from obk_cli.plan import Origin, Plan, Process
+from obk_cli.plan import Plan
 from obk_cli.report.escapes import plain
 from obk_cli.report.launch import LaunchReport
 from obk_cli.report.launch_status import LiveReport, opening_status, with_event
 from obk_cli.report.status_area import status_lines
 
+from ..plans import node  # noqa: TID252 - shared by folders of tests
+
 CONTROL, ROBOT = "/obelisk_control_0", "/obelisk_robot_0"
 EMPTY = Plan(name="dummy", processes=())
-
-
-def process(node: str, section: str) -> Process:
-    return Process(
-        node=node,
-        namespace="/",
-        section=section,
-        device="onboard",
-        package="p",
-        executable="e",
-        origin=Origin(path="c.yaml", line=1, column=1),
-        has_lifecycle=section != "joystick",
-    )
 
 
 PLAN = Plan(
     name="dummy",
     processes=(
-        process("joystick", "joystick"),
-        process("obelisk_control_0", "control"),
-        process("obelisk_robot_0", "robot"),
+        node("joystick", "joystick", has_lifecycle=False),
+        node("obelisk_control_0"),
+        node("obelisk_robot_0", "robot"),
     ),
 )
 MANY = Plan(
     name="many",
     processes=tuple(
-        process(f"obelisk_{section}_{n}", section)
+        node(f"obelisk_{section}_{n}", section)
         for section in ("robot", "sensing", "control")
         for n in range(10)
     ),
@@ -222,7 +211,7 @@ def test_more_nodes_than_there_is_room_for_are_summed_up_and_the_sick_ones_named
 
 
 def test_no_size_is_too_small_and_no_name_too_long() -> None:
-    long = Plan(name="长" * 30, processes=(process("长" * 50, "control"), *MANY.processes))
+    long = Plan(name="长" * 30, processes=(node("长" * 50), *MANY.processes))
     for plan in (EMPTY, PLAN, long):
         for phase in ("starting", "ready", "active", "stopping"):
             status = status_after(Phase(name=phase, seconds=1), plan=plan)

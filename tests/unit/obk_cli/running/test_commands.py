@@ -6,28 +6,15 @@ from pathlib import Path
 import pytest
 
 from obk_cli.launch.units import Unit, units_of
-from obk_cli.plan import Origin, Plan, Process
+from obk_cli.plan import Plan
 from obk_cli.report.launch import LaunchReport
 from obk_cli.running.commands import unit_commands
 from obk_cli.running.output import Output
 from obk_cli.running.run import _commands
 from obk_cli.surroundings import Command
 
+from ..plans import node  # noqa: TID252 - shared by folders of tests
 from .shown import Shown
-
-
-def node(name: str, **kwargs: object) -> Process:
-    return Process(
-        node=name,
-        namespace="/",
-        section="control",
-        device="onboard",
-        package="p",
-        executable="e",
-        origin=Origin(path="c.yaml", line=1, column=1),
-        **kwargs,  # type: ignore[arg-type]
-    )
-
 
 CONTROLLER = node("obelisk_control_0", parameters={"a": 1}, env={"GAIN": "2"}, log_level="debug")
 PLAN = Plan(name="s", processes=(CONTROLLER,))

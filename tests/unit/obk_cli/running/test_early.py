@@ -7,22 +7,11 @@ import pytest
 
 from obk_cli.adapters.gate import gate_path
 from obk_cli.launch.units import Unit, units_of
-from obk_cli.plan import Origin, Plan, Process
+from obk_cli.plan import Plan, Process
 from obk_cli.running.early import early_units, gate_variables, held_at_gate
 from obk_cli.surroundings import Command
 
-
-def node(name: str, executable: str = "e", **kwargs: object) -> Process:
-    return Process(
-        node=name,
-        namespace="/",
-        section="control",
-        device="onboard",
-        package="p",
-        executable=executable,
-        origin=Origin(path="c.yaml", line=1, column=1),
-        **kwargs,  # type: ignore[arg-type]
-    )
+from ..plans import node  # noqa: TID252 - shared by folders of tests
 
 
 def command(program: str = sys.executable) -> Command:
@@ -38,7 +27,7 @@ def early(*nodes: Process, program: str = sys.executable, together: bool = False
 
 
 def test_a_program_whose_node_the_library_makes_is_early() -> None:
-    assert early(node("a"), node("b", "of_another_kind")) == ["/a"]
+    assert early(node("a"), node("b", executable="of_another_kind")) == ["/a"]
 
 
 @pytest.mark.parametrize(
@@ -53,7 +42,7 @@ def test_what_may_be_of_another_library_is_not(late: Process) -> None:
 
 def test_nodes_in_one_process_are_early_when_all_of_them_wait() -> None:
     assert early(node("a"), node("b"), together=True) == ["/s/composed"]
-    assert not early(node("a"), node("b", "of_another_kind"), together=True)
+    assert not early(node("a"), node("b", executable="of_another_kind"), together=True)
 
 
 class Started:

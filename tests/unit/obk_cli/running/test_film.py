@@ -7,21 +7,13 @@ import pytest
 
 from obk_cli.launch.devices import share_of
 from obk_cli.launch.events import Ended, Phase
-from obk_cli.plan import Origin, Plan, Process
+from obk_cli.plan import Plan
 from obk_cli.running import film as film_module
 from obk_cli.running.film import Film
 
-ROBOT = Process(
-    node="robot_0",
-    namespace="/",
-    section="robot",
-    device="onboard",
-    package="p",
-    executable="e",
-    origin=Origin(path="c.yaml", line=1, column=1),
-    parameters={"render": "/here/out.mp4"},
-    model="arm.xml",
-)
+from ..plans import node  # noqa: TID252 - shared by folders of tests
+
+ROBOT = node("robot_0", "robot", parameters={"render": "/here/out.mp4"}, model="arm.xml")
 LOGGED = "[INFO] [1795289372.075278335] [robot_0]: "
 
 

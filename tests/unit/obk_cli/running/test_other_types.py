@@ -5,22 +5,19 @@ from collections.abc import Mapping, Sequence
 
 import pytest
 
-from obk_cli.plan import Endpoint, Origin, Plan, Process
+from obk_cli.plan import Endpoint, Plan
 from obk_cli.running import other_types
 from obk_cli.running.other_types import other_types_told
+
+from ..plans import node  # noqa: TID252 - shared by folders of tests
 
 CONTROL, STRING = "obelisk_control_msgs/msg/PositionSetpoint", "std_msgs/msg/String"
 PLAN = Plan(
     name="s",
     processes=(
-        Process(
-            node="obelisk_robot_0",
-            namespace="/",
-            section="robot",
-            device="onboard",
-            package="p",
-            executable="e",
-            origin=Origin(path="c.yaml", line=1, column=1),
+        node(
+            "obelisk_robot_0",
+            "robot",
             subscribes=(
                 Endpoint(topic="/ctrl", msg_type=CONTROL),
                 Endpoint(topic="/own", msg_type=None),

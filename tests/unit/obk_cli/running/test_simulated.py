@@ -6,24 +6,18 @@ import pytest
 
 from obk_cli.errors import MisuseError
 from obk_cli.launch.devices import share_of
-from obk_cli.plan import Origin, Plan, Process
+from obk_cli.plan import Plan, Process
 from obk_cli.running.simulated import with_simulator_parameters
+
+from ..plans import node  # noqa: TID252 - shared by folders of tests
 
 WEB = {"viewer": "web"}
 
 
 def process(section: str, *, device: str = "onboard", model: str | None = None) -> Process:
-    return Process(
-        node=f"obelisk_{section}_{device}",
-        namespace="/",
-        section=section,
-        device=device,
-        package="p",
-        executable="e",
-        origin=Origin(path="c.yaml", line=1, column=1),
-        parameters={"viewer": "none", "gain": 2.0},
-        model=model,
-    )
+    name = f"obelisk_{section}_{device}"
+    parameters = {"viewer": "none", "gain": 2.0}
+    return node(name, section, device=device, parameters=parameters, model=model)
 
 
 ROBOT = process("robot", model="arm.xml")

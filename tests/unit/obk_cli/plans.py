@@ -1,0 +1,19 @@
+"""Nodes of plans, for tests that compile no config."""
+
+from obk_cli.plan import Origin, Process
+
+__all__ = ["node"]
+
+
+def node(name: str, section: str = "control", **others: object) -> Process:
+    """A node at the top of the graph, but for the fields that are given."""
+    fields: dict[str, object] = {
+        "node": name,
+        "namespace": "/",
+        "section": section,
+        "device": "onboard",
+        "package": "p",
+        "executable": "e",
+        "origin": Origin(path="c.yaml", line=1, column=1),
+    }
+    return Process(**{**fields, **others})  # type: ignore[arg-type]
