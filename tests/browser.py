@@ -1,13 +1,14 @@
 """A headless Chromium for the tests of pages: no GPU, no traffic of its own."""
 
 import shutil
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import pytest
+
+from .waiting import eventually
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -61,7 +62,4 @@ def opened(url: str, *, width: int = 640, height: int = 480) -> Iterator["Page"]
 
 def seen(condition: Callable[[], object], what: str) -> None:
     """Wait until a page shows something; fails the test after a deadline."""
-    end = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < end, f"never seen: {what}"
-        time.sleep(0.2)
+    eventually(condition, what, deadline_s=DEADLINE_S, pause_s=0.2)

@@ -5,7 +5,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -18,9 +17,10 @@ import pytest
 from obelisk_py.core.sim.mujoco.viewing.child import Onlooker
 from obelisk_py.core.sim.mujoco.viewing.program import KINDS
 
+from ..waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
+
 pytestmark = pytest.mark.mujoco
 
-DEADLINE_S = 60.0
 ROBOT = """
 import sys, time, mujoco
 from obelisk_py.core.sim.mujoco.viewing.child import Onlooker
@@ -33,13 +33,6 @@ while True:
     web.states.send()
     time.sleep(0.01)
 """
-
-
-def eventually(condition: Callable[[], object], what: str) -> None:
-    end = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < end, f"never came: {what}"
-        time.sleep(0.02)
 
 
 class Looked:

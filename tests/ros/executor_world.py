@@ -1,7 +1,6 @@
 """What the tests of the executor share: nodes in a context of their own, run in a thread."""
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -12,7 +11,9 @@ from rclpy.node import Node
 
 from obelisk_py.core.executors import EventLoopExecutor
 
-DEADLINE_S = 60.0
+from ..waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
+
+__all__ = ["DEADLINE_S", "World", "eventually", "world"]
 
 N = TypeVar("N", bound=Node)
 
@@ -76,11 +77,3 @@ def world(num_threads: int = 1) -> Iterator[World]:
         yield made
     finally:
         made.close()
-
-
-def eventually(condition: Callable[[], object], what: str) -> None:
-    """Wait until something holds; fails the test after a deadline."""
-    end = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < end, f"never came: {what}"
-        time.sleep(0.005)

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,9 +23,9 @@ from rclpy.task import Future
 
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 
+from ..waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
+
 OBK = Path(sys.executable).with_name("obk")
-DEADLINE_S = 60.0
-"""What anything may take: a machine with much else to do is ten times as slow as an idle one."""
 MARK = "OBELISK_TEST_RUN"
 """The variable by which the fixture `ros_domain` knows a test's processes."""
 
@@ -95,14 +94,6 @@ def request(node: GuardedLifecycleNode, label: str = "", number: int = 0) -> boo
     task.add_done_callback(lambda _: done.set())
     assert done.wait(DEADLINE_S), f"no answer to {label or number}"
     return bool(task.result().success)
-
-
-def eventually(condition: Callable[[], object], what: str) -> None:
-    """Wait until something holds; fails the test after a deadline."""
-    end = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < end, f"never came: {what}"
-        time.sleep(0.02)
 
 
 def obk(

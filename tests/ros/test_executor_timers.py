@@ -56,8 +56,10 @@ def test_a_timer_that_is_not_started_waits_for_its_reset(one: World) -> None:
     node = one.node()
     ticks: list[int] = []
     timer = node.create_timer(0.005, lambda: ticks.append(1), autostart=False)
+    others: list[int] = []
+    node.create_timer(0.005, lambda: others.append(1))
     with one.spinning():
-        time.sleep(0.05)
+        eventually(lambda: len(others) >= 5, "ticks of another timer")
         assert not ticks
         timer.reset()
         eventually(lambda: len(ticks) >= 3, "ticks after reset")

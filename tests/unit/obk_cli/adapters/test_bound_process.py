@@ -5,8 +5,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import psutil
@@ -15,7 +13,7 @@ from obk_cli.adapters.bound_process import BoundProcess
 from obk_cli.adapters.free_domain import free_domain
 from obk_cli.adapters.strokes import freeze, kill, thaw
 
-DEADLINE_S = 30.0
+from ....waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
 
 
 def is_there(pid: int) -> bool:
@@ -23,13 +21,6 @@ def is_there(pid: int) -> bool:
         return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
     except psutil.NoSuchProcess:
         return False
-
-
-def await_end(pid: int) -> None:
-    end = time.monotonic() + DEADLINE_S
-    while is_there(pid):
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def test_a_child_is_heard_line_by_line_to_its_end() -> None:
@@ -72,29 +63,25 @@ def test_a_child_does_not_outlive_a_starter_that_is_killed(tmp_path: Path) -> No
         pid = int(starter.stdout.readline())
         assert is_there(pid)
         starter.kill()
-        await_end(pid)
+        eventually(lambda: not is_there(pid), "the end of the child")
 
 
-def eventually(condition: Callable[[], bool]) -> None:
-    """A signal takes effect some time after it was sent."""
-    end = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
+def stopped(*processes: psutil.Process) -> int:
+    """How many of them are."""
+    return sum(process.status() == psutil.STATUS_STOPPED for process in processes)
 
 
 def test_a_process_freezes_with_what_it_started_thaws_and_dies() -> None:
     with subprocess.Popen(["sh", "-c", "sleep 60 & wait"], start_new_session=True) as shell:
         family = psutil.Process(shell.pid)
-        while not family.children():
-            time.sleep(0.01)
+        eventually(family.children, "the grandchild")
         (grandchild,) = family.children()
         both = (family, grandchild)
         try:
             freeze(shell.pid)
-            eventually(lambda: all(p.status() == psutil.STATUS_STOPPED for p in both))
+            eventually(lambda: stopped(*both) == 2, "that both are frozen")
             thaw(shell.pid)
-            eventually(lambda: all(p.status() != psutil.STATUS_STOPPED for p in both))
+            eventually(lambda: stopped(*both) == 0, "that both run")
         finally:
             kill(shell.pid)
             grandchild.kill()

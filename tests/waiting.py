@@ -1,0 +1,24 @@
+"""Waiting for what comes in its own time."""
+
+import time
+from collections.abc import Callable
+from typing import Final
+
+__all__ = ["DEADLINE_S", "eventually"]
+
+DEADLINE_S: Final = 60.0
+"""What anything may take: a machine with much else to do is ten times as slow as an idle one."""
+
+
+def eventually(
+    condition: Callable[[], object],
+    what: str,
+    *,
+    deadline_s: float = DEADLINE_S,
+    pause_s: float = 0.01,
+) -> None:
+    """Wait until something holds; fails the test after a deadline."""
+    end = time.monotonic() + deadline_s
+    while not condition():
+        assert time.monotonic() < end, f"never came: {what}"
+        time.sleep(pause_s)
