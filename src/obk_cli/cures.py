@@ -12,7 +12,7 @@ from obk_cli.edits import Edit
 from obk_cli.source import Span
 from obk_cli.tree import Entry, TreeMap, TreeScalar
 
-__all__ = ["is_flow", "remove_entry", "respell"]
+__all__ = ["append_to", "is_flow", "remove_entry", "respell"]
 
 _FLOW = re.compile(r"(?:[&!]\S*\s+)*\{")
 _BLANK_OR_COMMENT = re.compile(r"[ \t]*(#.*)?")
@@ -31,6 +31,11 @@ def respell(span: Span, old: str, new: str) -> tuple[Edit, ...]:
     if quote:
         return (Edit(span, f"{quote}{new}{quote}" if is_safe else json.dumps(new)),)
     return (Edit(span, new if is_safe and core_scalar(new) == new else json.dumps(new)),)
+
+
+def append_to(span: Span, written: str, end: str) -> tuple[Edit, ...]:
+    """The edit that puts `end` behind what is `written`, without quotes."""
+    return (Edit(span, f"{written}{end}"),) if _written(span) == written else ()
 
 
 def _written(span: Span) -> str:

@@ -4,12 +4,23 @@ Made by reading source, never by running it; what cannot be known that way is sa
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 from obelisk_spec.components import SETTING_SUFFIX, component_identity, component_spellings
 from obk_cli.config import Component, ComponentKind
 from obk_cli.source import Span
 
-__all__ = ["CodeComponent", "CodeFault", "ControlLength", "MissingMethod", "NodeCode"]
+__all__ = [
+    "CodeComponent",
+    "CodeFault",
+    "CodeParameter",
+    "ControlLength",
+    "MissingMethod",
+    "NodeCode",
+    "kind_of_value",
+]
+
+_KINDS: Final = {bool: "bool", int: "int", float: "float", str: "text"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +65,26 @@ class CodeComponent:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CodeParameter:
+    """A ROS parameter that the code declares."""
+
+    name: str
+    kind: str | None
+    """As `kind_of_value` has it, None where the code takes any or computes it."""
+    span: Span
+    """The line of the call."""
+
+
+def kind_of_value(value: object) -> str | None:
+    """Of which kind a parameter with this value is, `float` or `list of ints`; None: of none."""
+    if isinstance(value, list | tuple):
+        kinds = {_KINDS.get(type(item)) for item in value}
+        kind = kinds.pop() if len(kinds) == 1 else None
+        return f"list of {kind}s" if kind else None
+    return _KINDS.get(type(value))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MissingMethod:
     """An abstract method that the class leaves out."""
 
@@ -81,8 +112,8 @@ class NodeCode:
     span: Span
     """The `class` line."""
     components: tuple[CodeComponent, ...]
-    parameters: tuple[str, ...]
-    """Names of the ROS parameters that it declares itself."""
+    parameters: tuple[CodeParameter, ...]
+    """The ROS parameters that it declares itself, each once."""
     knows_components: bool
     """Whether `components` is all there can be."""
     knows_parameters: bool

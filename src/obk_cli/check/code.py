@@ -1,4 +1,4 @@
-"""OBK405 to OBK410: what a node's Python source says against what the config says of the node."""
+"""OBK405 to OBK410, OBK412: what a node's Python source says against what the config says of it."""
 
 from collections.abc import Iterator, Sequence
 from difflib import SequenceMatcher
@@ -7,8 +7,10 @@ from obelisk_spec.articles import with_article
 from obelisk_spec.messages import resolve_msg_type
 from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names
 from obk_cli.config import Component, Node, Parameter, Spanned, Stack
+from obk_cli.cures import append_to
 from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.node_code import CodeComponent, CodeFault, NodeCode
+from obk_cli.edits import Edit
+from obk_cli.node_code import CodeComponent, CodeFault, CodeParameter, NodeCode, kind_of_value
 from obk_cli.surroundings import Surroundings
 
 __all__ = ["check_code"]
@@ -197,18 +199,48 @@ def _shortest(msg_type: str) -> str:
 
 
 def _check_parameters(node: Node, code: NodeCode) -> Iterator[Diagnostic]:
-    if not code.knows_parameters:
-        return
+    by_name = {declared.name: declared for declared in code.parameters}
     for parameter in node.params:
-        if parameter.name in (*code.parameters, *_OF_EVERY_NODE):
-            continue
-        if not parameter.name.startswith(_PREFIXES_OF_EVERY_NODE):
+        declared = by_name.get(parameter.name)
+        if declared is not None:
+            yield from _check_kind(parameter, declared, code)
+        elif code.knows_parameters and not (
+            parameter.name in _OF_EVERY_NODE or parameter.name.startswith(_PREFIXES_OF_EVERY_NODE)
+        ):
             yield _undeclared(parameter, code)
+
+
+def _check_kind(
+    parameter: Parameter, declared: CodeParameter, code: NodeCode
+) -> Iterator[Diagnostic]:
+    written = kind_of_value(parameter.value)
+    if written is None or declared.kind is None or declared.kind == written:
+        return
+    help: str | None = None
+    fix: tuple[Edit, ...] = ()
+    if written == "int" and declared.kind == "float":
+        whole = str(parameter.value)
+        help, fix = f"write `{whole}.0`", append_to(parameter.span, whole, ".0")
+    elif written == "list of ints" and declared.kind == "list of floats":
+        help = "write the numbers with a decimal point"
+    yield found(
+        "OBK412",
+        f"parameter `{parameter.name}` is {with_article(written)} here and "
+        f"{with_article(declared.kind)} in class `{code.class_name}`",
+        parameter.span,
+        help=help,
+        related=(Related(message="in the code", span=declared.span),),
+        fix=fix,
+    )
 
 
 def _undeclared(parameter: Parameter, code: NodeCode) -> Diagnostic:
     settings = {s for c in code.components for s in (c.ros_parameter,) if s}
-    own = [p for p in code.parameters if p not in settings and p not in ("params_path", _SETTINGS)]
+    own = [
+        declared.name
+        for declared in code.parameters
+        if declared.name not in settings and declared.name not in ("params_path", _SETTINGS)
+    ]
     return found(
         "OBK409",
         f"class `{code.class_name}` declares no parameter `{parameter.name}`",

@@ -11,8 +11,9 @@ from typing import Final
 from obk_cli.code.calls import Scope, bound_arguments, register_call, scope_of
 from obk_cli.code.lineage import ClassSource, Function, Lineage
 from obk_cli.code.modules import Library
-from obk_cli.code.values import UNKNOWN, Environment, value_of
-from obk_cli.node_code import CodeComponent
+from obk_cli.code.parameters import declared_parameters
+from obk_cli.code.values import UNKNOWN, Environment
+from obk_cli.node_code import CodeComponent, CodeParameter
 
 __all__ = ["Registrations", "registrations_of"]
 
@@ -31,7 +32,7 @@ class Registrations:
     """What was found; the two `knows_` turn False where something could not be seen."""
 
     components: dict[ast.Call, CodeComponent] = field(default_factory=dict)
-    parameters: list[str] = field(default_factory=list)
+    parameters: dict[str, CodeParameter] = field(default_factory=dict)
     knows_components: bool = True
     knows_parameters: bool = True
 
@@ -137,7 +138,7 @@ class _Walk:
         if registered is not None:
             self._register(registered, call, source, is_certain=is_certain)
         elif name in ("declare_parameter", "declare_parameters"):
-            self._declare(name, call, scope)
+            self._declare(name, call, scope, is_certain=is_certain)
         else:
             self.method(name, 0, is_certain=is_certain)
 
@@ -161,25 +162,21 @@ class _Walk:
         if not registered.is_named_in_full:
             self.found.knows_components = False
         if registered.ros_parameter:
-            self.found.parameters.append(registered.ros_parameter)
+            name = registered.ros_parameter
+            parameter = CodeParameter(name=name, kind=None, span=registered.span)
+            self.found.parameters.setdefault(name, parameter)
 
-    def _declare(self, name: str, call: ast.Call, scope: Scope) -> None:
-        if name == "declare_parameter":
-            wanted = [call.args[0]] if call.args else []
-        else:
-            listed = call.args[1] if len(call.args) > 1 else None
-            items = listed.elts if isinstance(listed, ast.List | ast.Tuple) else []
-            wanted = [i.elts[0] for i in items if isinstance(i, ast.Tuple) and i.elts]
-            if len(wanted) != len(items) or not items:
-                self.found.knows_parameters = False
-        if name == "declare_parameter" and not wanted:
+    def _declare(self, method: str, call: ast.Call, scope: Scope, *, is_certain: bool) -> None:
+        declared = declared_parameters(method, call, scope, self._library)
+        if declared is None:
             self.found.knows_parameters = False
-        for expression in wanted:
-            value = value_of(expression, scope.module, self._library, scope.local)
-            if isinstance(value, str):
-                self.found.parameters.append(value)
+        for parameter in declared or ():
+            if is_certain:
+                self.found.parameters[parameter.name] = parameter
             else:
-                self.found.knows_parameters = False
+                # Another branch may declare it of another kind.
+                of_any_kind = replace(parameter, kind=None)
+                self.found.parameters.setdefault(parameter.name, of_any_kind)
 
     def _super_call(
         self, name: str, index: int, call: ast.Call, scope: Scope, *, is_certain: bool

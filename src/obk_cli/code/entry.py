@@ -115,7 +115,7 @@ def _node_code(source: ClassSource, library: Library, has_arguments: bool) -> No
         class_name=source.node.name,
         span=span_of(source.node, source.module.source),
         components=tuple(found.components.values()),
-        parameters=tuple(dict.fromkeys(found.parameters)),
+        parameters=tuple(found.parameters.values()),
         knows_components=found.knows_components,
         knows_parameters=found.knows_parameters,
         missing_methods=tuple(lineage.missing_methods()),

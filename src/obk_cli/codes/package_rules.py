@@ -87,4 +87,13 @@ RULES: tuple[Rule, ...] = (
         cure="Mend the name, put the message package into the workspace, or source the one that "
         "has it.",
     ),
+    Rule(
+        code="OBK412",
+        severity="error",
+        title="a parameter of another kind than the code declares",
+        cause="A ROS parameter keeps to the kind of its default: a node that declares a float and "
+        "is given an int, `2` for `2.0`, does not start.",
+        cure="Write the value as the code declares it, or declare the parameter with "
+        "`ParameterDescriptor(dynamic_typing=True)`.",
+    ),
 )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from obk_cli.cures import remove_entry, respell
+from obk_cli.cures import append_to, remove_entry, respell
 from obk_cli.edits import Edit, apply_edits
 from obk_cli.parse import parse_source
 from obk_cli.source import SourceFile, Span
@@ -95,6 +95,20 @@ def test_a_key_that_a_merge_brings_stays() -> None:
 def test_a_word_is_written_in_its_own_quotes(text: str, new: str, after: str) -> None:
     source, _, entry = entry_of(text, "x")
     assert apply_edits(source, respell(entry.value.span, "old", new)) == after
+
+
+@pytest.mark.parametrize(
+    ("text", "after"),
+    [
+        ("a: {x: -2}\n", "a: {x: -2.0}\n"),
+        ("x: -2  # so\n", "x: -2.0  # so\n"),
+        ("x: -0o2\n", "x: -0o2\n"),
+        ('x: "-2"\n', 'x: "-2"\n'),
+    ],
+)
+def test_an_end_is_put_behind_what_is_plainly_written(text: str, after: str) -> None:
+    source, _, entry = entry_of(text, "x")
+    assert apply_edits(source, append_to(entry.value.span, "-2", ".0")) == after
 
 
 def test_edits_of_one_stretch_contradict_each_other() -> None:

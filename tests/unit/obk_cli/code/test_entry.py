@@ -180,7 +180,7 @@ def test_parameters_are_those_that_are_declared_anywhere_in_the_life_cycle() -> 
         node("self.declare_parameter('a', 1)\nself.declare_parameters('', [('b', 1), ('c', 2)])")
         + configure
     )
-    assert {"a", "b", "c", "late"} <= set(found.parameters)
+    assert {"a", "b", "c", "late"} <= {declared.name for declared in found.parameters}
     assert found.knows_parameters
 
 
@@ -192,6 +192,54 @@ def test_computed_parameters_leave_open_which_there_are(constructor: str) -> Non
     found = code(node(constructor))
     assert not found.knows_parameters
     assert found.knows_components
+
+
+def kinds(found: NodeCode) -> dict[str, str | None]:
+    return {declared.name: declared.kind for declared in found.parameters}
+
+
+@pytest.mark.parametrize(
+    ("default", "kind"),
+    [
+        ("True", "bool"),
+        ("1", "int"),
+        ("-1.5", "float"),
+        ("'x'", "text"),
+        ("[1, -2]", "list of ints"),
+        ("(1.0,)", "list of floats"),
+        ("[0.0] * JOINTS", "list of floats"),
+        ("GAIN", "float"),
+        ("shared.GAIN", "int"),
+        ("Parameter.Type.STRING_ARRAY", "list of texts"),
+        ("1.0, ParameterDescriptor(description='x')", "float"),
+        ("value=1.0", "float"),
+        ("1.0, ParameterDescriptor(dynamic_typing=True)", None),
+        ("1.0, DESCRIPTOR", None),
+        ("1.0, ignore_override=True", None),
+        ("1.0, **more", None),
+        ("[]", None),
+        ("[1, 1.0]", None),
+        ("None", None),
+        ("[JOINTS]", None),
+        ("computed()", None),
+        ("kp", None),
+    ],
+)
+def test_a_parameter_is_of_the_kind_of_its_default(default: str, kind: str | None) -> None:
+    head = "import shared\nfrom rclpy.parameter import Parameter\nJOINTS = 2\nGAIN = 1.0\n"
+    constructor = f"kp = 1.0\nself.declare_parameter('a', {default})"
+    assert kinds(code(head + node(constructor), shared="GAIN = 3\n"))["a"] == kind
+
+
+def test_parameters_of_a_list_are_of_the_kinds_of_their_defaults_behind_its_namespace() -> None:
+    listed = "[('a', 1.0), ('b', 1), ('c',)]"
+    found = kinds(code(node(f"self.declare_parameters('arm', {listed})")))
+    assert found.items() >= {"arm.a": "float", "arm.b": "int", "arm.c": None}.items()
+
+
+def test_what_a_branch_declares_is_of_a_kind_that_is_not_known() -> None:
+    found = kinds(code(node("if x:\n    self.declare_parameter('a', 1.0)")))
+    assert found["a"] is None
 
 
 def test_parameters_that_are_declared_by_themselves_leave_open_which_there_are() -> None:

@@ -9,7 +9,7 @@ class ArmController(ObeliskController):
     def __init__(self, node_name: str = "arm_controller") -> None:
         super().__init__(node_name, PositionSetpoint, EstimatedState)
         self.declare_parameter("gain", 1.0)
-        self.declare_parameters("limits", [("limits.speed", 1.0)])
+        self.declare_parameters("limits", [("speed", 1.0)])
 
     def update_x_hat(self, x_hat_msg: EstimatedState) -> None:
         self.x_hat = x_hat_msg
