@@ -1,6 +1,6 @@
 """OBK115, OBK410, OBK411: message types that nobody defines, the user's own packages counted."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Final
 
 from obelisk_spec.messages import (
@@ -25,6 +25,12 @@ _NO_PACKAGE_HELP: Final = "`obk new msgs` makes a message package in the workspa
 def check_message_types(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
     """Every type that config or code names exists; of packages that are here, by their sources."""
     told: set[tuple[str, str]] = set()
+    written = {
+        _package(component.msg_type.value)
+        for node in stack.nodes
+        for component in node.components
+        if component.msg_type is not None
+    }
     for node in stack.nodes:
         for component in node.components:
             if component.msg_type is not None:
@@ -35,7 +41,12 @@ def check_message_types(stack: Stack, surroundings: Surroundings) -> Iterator[Di
         code = surroundings.read_node_code(*command)
         if isinstance(code, NodeCode) and command not in told:
             told.add(command)
-            yield from _check_code(code, node.executable, surroundings)
+            yield from _check_code(code, node.executable, surroundings, told=written)
+
+
+def _package(msg_type: str) -> str:
+    """The package that a type names; empty for a bare name."""
+    return msg_type.partition("/")[0] if "/" in msg_type else ""
 
 
 def _check(written: Spanned[str], surroundings: Surroundings) -> Iterator[Diagnostic]:
@@ -60,22 +71,34 @@ def _is_known(package: str, name: str) -> bool:
 
 
 def _check_code(
-    code: NodeCode, executable: Spanned[str], surroundings: Surroundings
+    code: NodeCode,
+    executable: Spanned[str],
+    surroundings: Surroundings,
+    *,
+    told: Collection[str],
 ) -> Iterator[Diagnostic]:
-    """Classes that the node's source takes from a message package that does not have them."""
+    """Classes that nobody defines in the node's source; `told`: packages that the config names."""
     # Types that a base class is given count too: it is the user's code that gives them.
     by_type = {c.msg_type: c for c in reversed(code.components) if c.msg_type is not None}
     for msg_type, component in by_type.items():
         package, _, name = msg_type.partition("/msg/")
-        if _is_known(package, name):
+        if name in ROS_MESSAGES.get(package, ()):
             continue
-        names = surroundings.message_names(package)
+        names = OBELISK_MESSAGES.get(package) or surroundings.message_names(package)
         if names is not None and name not in names:
             yield found(
                 "OBK410",
                 f"`{executable.value}` cannot start: package `{package}` has no message `{name}`",
                 executable.span,
                 help=did_you_mean(name, names) or "it defines no messages",
+                related=(_place(component, code),),
+            )
+        elif names is None and package not in (*ROS_MESSAGES, *told):
+            yield found(
+                "OBK411",
+                f"`{executable.value}` cannot start: message package `{package}` is not found",
+                executable.span,
+                help=_near_package(package, surroundings),
                 related=(_place(component, code),),
             )
 
@@ -128,12 +151,16 @@ def _not_in_package(
 
 
 def _no_package(written: Spanned[str], package: str, surroundings: Surroundings) -> Diagnostic:
-    known = {*surroundings.message_packages(), *OBELISK_MESSAGES, *ROS_MESSAGES}
-    meant = sure_name(package, known)
-    near = ask_for((meant,) if meant else near_names(package, known))
     return found(
         "OBK411",
         f"message type `{written.value}`: package `{package}` is not found",
         written.span,
-        help=near or _NO_PACKAGE_HELP,
+        help=_near_package(package, surroundings),
     )
+
+
+def _near_package(package: str, surroundings: Surroundings) -> str:
+    known = {*surroundings.message_packages(), *OBELISK_MESSAGES, *ROS_MESSAGES}
+    meant = sure_name(package, known)
+    near = ask_for((meant,) if meant else near_names(package, known))
+    return near or _NO_PACKAGE_HELP

@@ -101,11 +101,54 @@ def main():
 """
 
 
-def test_a_message_that_only_the_code_names_is_looked_for_too(workspace: Path) -> None:
+def with_code(workspace: Path, code: str) -> None:
     demo = workspace / "src" / "demo"
     (demo / "demo").mkdir()
     (demo / "setup.py").write_text(SETUP)
-    (demo / "demo" / "nodes.py").write_text(CODE)
+    (demo / "demo" / "nodes.py").write_text(code)
+
+
+@pytest.mark.parametrize(
+    ("imported", "fault"),
+    [
+        (
+            "obelisk_control_msgs.msg import PositionSetpiont as Raech",
+            (
+                "OBK410",
+                "`controller` cannot start: package `obelisk_control_msgs` has no message "
+                "`PositionSetpiont`",
+                "did you mean `PositionSetpoint`?",
+            ),
+        ),
+        (
+            "amr_msgs.msg import Raech",
+            (
+                "OBK411",
+                "`controller` cannot start: message package `amr_msgs` is not found",
+                "did you mean `arm_msgs`?",
+            ),
+        ),
+        ("nav_msgs.msg import Goals as Raech", None),
+    ],
+)
+def test_a_message_class_that_nobody_defines_is_told(
+    workspace: Path, imported: str, fault: tuple[str, str, str] | None
+) -> None:
+    with_code(workspace, CODE.replace("arm_msgs.msg import Raech", imported))
+    found = told(compile_with(workspace, "PositionSetpoint"))
+    assert [one for one in found if one[0] in ("OBK410", "OBK411")] == ([fault] if fault else [])
+
+
+def test_a_package_that_the_config_names_too_is_told_once(workspace: Path) -> None:
+    with_code(workspace, CODE.replace("arm_msgs", "amr_msgs"))
+    lost = told(compile_with(workspace, "amr_msgs/Raech"))
+    assert [one[:2] for one in lost if one[0] == "OBK411"] == [
+        ("OBK411", "message type `amr_msgs/Raech`: package `amr_msgs` is not found")
+    ]
+
+
+def test_a_message_that_only_the_code_names_is_looked_for_too(workspace: Path) -> None:
+    with_code(workspace, CODE)
     findings = compile_with(workspace, "PositionSetpoint").diagnostics
     (lost,) = (d for d in findings if d.code == "OBK410")
     assert lost.message == "`controller` cannot start: package `arm_msgs` has no message `Raech`"
