@@ -21,6 +21,8 @@ PLACES = (
     ("interfaces/pyproject.toml", r'"obelisk-cli==({})"'),
     ("interfaces/*/package.xml", r"<version>({})</version>"),
     ("ros_packages/*/package.xml", r"<version>({})</version>"),
+    ("docs/how-to/installing.md", r"(?m)^ +rev: v({})$"),
+    ("docs/how-to/ci.md", r"OWNER/obelisk@v({})"),
 )
 """Files, and where in them the version stands."""
 UNRELEASED = "## [Unreleased]\n"

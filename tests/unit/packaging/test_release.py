@@ -11,7 +11,7 @@ import pytest
 from obk_cli.cli.main import main
 
 TOOLS = ("release.py", "generated.py")
-COPIED = ("pyproject.toml", "CHANGELOG.md", "interfaces", "ros_packages")
+COPIED = ("pyproject.toml", "CHANGELOG.md", "interfaces", "ros_packages", "docs/how-to")
 HEADING = re.compile(r"(?m)^## \[(.+?)\](?: - (\d{4}-\d\d-\d\d))?$")
 
 
@@ -23,14 +23,22 @@ def project_version(root: Path) -> str:
 
 def versions(root: Path) -> list[str]:
     """Every version of ours that stands in a checkout."""
-    files = [*root.glob("*.toml"), *root.glob("interfaces/*.toml"), *root.glob("*/*/package.xml")]
-    pattern = r'(?m)^version = "(.+)"$|"obelisk-[a-z]+==([\d.]+)"|<version>(.+)</version>'
+    files = [
+        *root.glob("*.toml"),
+        *root.glob("interfaces/*.toml"),
+        *root.glob("*/*/package.xml"),
+        *root.glob("docs/how-to/*.md"),
+    ]
+    pattern = (
+        r'(?m)^version = "(.+)"$|"obelisk-[a-z]+==([\d.]+)"|<version>(.+)</version>'
+        r"|\brev: v(.+)$|OWNER/obelisk@v(\S+)"
+    )
     return ["".join(groups) for file in files for groups in re.findall(pattern, file.read_text())]
 
 
 def test_every_file_has_the_version_of_the_project(repository: Path) -> None:
     found = versions(repository)
-    assert len(found) == 11
+    assert len(found) == 13
     assert set(found) == {project_version(repository)}
 
 
@@ -77,7 +85,7 @@ def test_a_release_puts_its_version_everywhere_and_closes_what_was_unreleased(
 ) -> None:
     before = (checkout / "CHANGELOG.md").read_text()
     assert release(checkout, "7.8.9").returncode == 0
-    assert versions(checkout) == ["7.8.9"] * 11
+    assert versions(checkout) == ["7.8.9"] * 13
     after = (checkout / "CHANGELOG.md").read_text()
     (unreleased, _), (version, date), *_ = HEADING.findall(after)
     assert (unreleased, version) == ("Unreleased", "7.8.9")
