@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Final, Generic, Literal, TypeVar
 
 from obelisk_spec.components import component_identity
+from obelisk_spec.parameter_value import ParameterValue
 from obk_cli.source import Span
 from obk_cli.tree import TreeMap, plain_value
 
@@ -26,7 +27,6 @@ __all__ = [
     "Joystick",
     "Node",
     "Parameter",
-    "ParameterValue",
     "Qos",
     "SensorGroup",
     "Sim",
@@ -35,18 +35,6 @@ __all__ = [
 ]
 
 T = TypeVar("T")
-
-ParameterValue = (
-    bool
-    | int
-    | float
-    | str
-    | tuple[bool, ...]
-    | tuple[int, ...]
-    | tuple[float, ...]
-    | tuple[str, ...]
-)
-"""What a ROS parameter can hold."""
 
 ComponentKind = Literal["publisher", "subscriber", "timer"]
 

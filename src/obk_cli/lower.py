@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import cast
 
 from obelisk_spec.components import DEFAULT_HISTORY_DEPTH, SETTING_SUFFIX
+from obelisk_spec.parameter_value import ParameterValue
 from obelisk_spec.settings import format_setting
 from obk_cli.config import (
     COMPONENT_LISTS,
@@ -14,7 +15,6 @@ from obk_cli.config import (
     FileSearch,
     Joystick,
     Node,
-    ParameterValue,
     Sim,
     Stack,
 )

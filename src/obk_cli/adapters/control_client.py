@@ -8,9 +8,8 @@ import socket
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-from obk_cli.launch.asks import ChangeAnswer, StackStatus
 from obk_cli.launch.wire import (
     CONTROL_SOCKET,
     LONGEST_ANSWER,
@@ -22,10 +21,11 @@ from obk_cli.launch.wire import (
     StopRequest,
     emit_request,
     is_stop_heard,
-    parse_change,
     parse_look,
-    parse_status,
 )
+
+if TYPE_CHECKING:
+    from obk_cli.launch.asks import ChangeAnswer, StackStatus
 
 __all__ = ["ANSWER_S", "ask_change", "ask_look", "ask_status", "ask_stop", "is_askable"]
 
@@ -34,8 +34,10 @@ ANSWER_S: Final = 1.0
 PIECE: Final = 1 << 16
 
 
-def ask_status(folder: Path, timeout_s: float = ANSWER_S) -> StackStatus | None:
+def ask_status(folder: Path, timeout_s: float = ANSWER_S) -> "StackStatus | None":
     """How the stack of a run is; None: no answer in time."""
+    from obk_cli.launch.answers import parse_status
+
     line = _ask(folder, StatusRequest(), timeout_s)
     return None if line is None else parse_status(line)
 
@@ -47,7 +49,7 @@ def ask_change(
     *,
     timeout_s: float | None,
     wait_s: float,
-) -> ChangeAnswer | None:
+) -> "ChangeAnswer | None":
     """Take a stack's nodes through a transition.
 
     Args:
@@ -60,6 +62,8 @@ def ask_change(
     Returns:
         How it ended, or None when no answer came in time.
     """
+    from obk_cli.launch.answers import parse_change
+
     request = ChangeRequest(transition=transition, nodes=nodes, timeout_s=timeout_s)
     line = _ask(folder, request, wait_s)
     return None if line is None else parse_change(line)

@@ -15,6 +15,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
+from obk_cli.launch.answers import emit_answer
 from obk_cli.launch.asks import ChangeAnswer, ChangeAsked, StackStatus, StatusAsked
 from obk_cli.launch.events import Heard, StopAsked
 from obk_cli.launch.wire import (
@@ -24,7 +25,6 @@ from obk_cli.launch.wire import (
     LookRequest,
     StatusRequest,
     StopRequest,
-    emit_answer,
     emit_fault,
     emit_look,
     parse_request,

@@ -1,6 +1,7 @@
 """Names for the shell's completion: from the plans of the stacks that run here; loads no ROS.
 
-What nothing is known of is left to the shell, which completes names of files.
+What nothing is known of is left to the shell, which completes names of files. Commands name these
+functions where they declare what they take: what finds the names is imported when a shell asks.
 """
 
 import os
@@ -8,15 +9,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import click
 from click.shell_completion import CompletionItem
 
-from obk_cli.adapters.live_runs import live_folders
-from obk_cli.codes import RULES
-from obk_cli.launch.runs import Run, config_of, run_folders, runs_folder
-from obk_cli.recording.made_from import run_topics
+if TYPE_CHECKING:
+    from obk_cli.launch.runs import Run
 
 __all__ = [
     "complete_kept_runs",
@@ -37,6 +36,8 @@ def complete_runs(incomplete: str) -> list[str]:
 
 def complete_kept_runs(incomplete: str) -> list[str]:
     """The runs that have logs: by their configs' names, where more is typed by their folders'."""
+    from obk_cli.launch.runs import config_of, run_folders, runs_folder
+
     with suppress(OSError):
         folders = run_folders(runs_folder(os.environ))
         configs = _beginning(incomplete, map(config_of, folders))
@@ -46,11 +47,15 @@ def complete_kept_runs(incomplete: str) -> list[str]:
 
 def complete_rules(incomplete: str) -> list[str]:
     """The codes of the rules."""
+    from obk_cli.codes import RULES
+
     return _beginning(incomplete.upper(), RULES)
 
 
 def complete_topics(incomplete: str) -> list[str]:
     """The topics that a user may be about to name, in full or by their last part."""
+    from obk_cli.recording.made_from import run_topics
+
     return _fitting(incomplete, (topic for folder, _ in _runs() for topic in run_topics(folder)))
 
 
@@ -59,7 +64,10 @@ def complete_nodes(incomplete: str) -> list[str]:
     return _fitting(incomplete, (node for _, run in _runs() for node in run.all_nodes))
 
 
-def _runs() -> Iterator[tuple[Path, Run]]:
+def _runs() -> "Iterator[tuple[Path, Run]]":
+    from obk_cli.adapters.live_runs import live_folders
+    from obk_cli.launch.runs import runs_folder
+
     # Whatever cannot be read is not completed.
     with suppress(OSError):
         domain = os.environ.get("ROS_DOMAIN_ID")

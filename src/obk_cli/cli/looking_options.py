@@ -3,16 +3,17 @@
 import json
 import sys
 from dataclasses import replace
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import click
 import typer
 from click.core import ParameterSource
 
-from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.cli.complete import complete_nodes, complete_topics
 from obk_cli.cli.option_values import require_positive
-from obk_cli.looking.place import NOBODY_S, Place, place_of
+
+if TYPE_CHECKING:
+    from obk_cli.looking.place import Place
 
 __all__ = [
     "TIMEOUT_S",
@@ -45,13 +46,16 @@ TimeoutOption = Annotated[
 ]
 
 
-def here(domain: int | None, timeout_s: float) -> Place:
+def here(domain: int | None, timeout_s: float) -> "Place":
     """Where to look, by these options of a command.
 
     Raises:
         CommandFailedError: ROS_DOMAIN_ID is no domain.
         MisuseError: the time is none.
     """
+    from obk_cli.adapters.ros_environment import ros_environment
+    from obk_cli.looking.place import NOBODY_S, place_of
+
     require_positive("--timeout", timeout_s, "seconds")
     environment = ros_environment()
     for note in environment.notes:
@@ -60,7 +64,7 @@ def here(domain: int | None, timeout_s: float) -> Place:
     return place_of(environment, domain, timeout_s if is_asked_for else NOBODY_S)
 
 
-def with_types(place: Place) -> Place:
+def with_types(place: "Place") -> "Place":
     """The place where the message types of its stacks are found, for this process too."""
     from obk_cli.cli.type_paths import with_run_types
 

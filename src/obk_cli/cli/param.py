@@ -21,7 +21,6 @@ from obk_cli.cli.looking_options import (
 )
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.emit.params import emit_node_params, emit_value
-from obk_cli.emit.write import write_text
 from obk_cli.errors import CommandFailedError
 from obk_cli.looking.parameters import (
     NOT_SET,
@@ -177,6 +176,8 @@ def dump(
         print(text, end="")
         return
     try:
+        from obk_cli.emit.write import write_text
+
         write_text(output, text)
     except OSError as error:
         raise CommandFailedError(f"{output} cannot be written: {error.strerror}") from error

@@ -16,11 +16,10 @@ from obk_cli.cli.looking_options import (
     with_types,
 )
 from obk_cli.errors import MisuseError
-from obk_cli.looking.place import Place
-from obk_cli.looking.selection import Selection
-from obk_cli.recording.tally import Tally
 
 if TYPE_CHECKING:
+    from obk_cli.looking.place import Place
+    from obk_cli.looking.selection import Selection
     from obk_cli.report.show import Shower
 
 __all__ = ["EXAMPLE", "command"]
@@ -77,9 +76,9 @@ def command(
 
 
 def _listen(
-    place: Place,
+    place: "Place",
     topic: str,
-    selections: Sequence[Selection],
+    selections: "Sequence[Selection]",
     shower: "Shower",
     most: int | None,
     timeout_s: float,
@@ -90,6 +89,7 @@ def _listen(
     from obk_cli.adapters.ros_types import fields_of, find_type, short_type
     from obk_cli.looking.finding import find_topic, the_type
     from obk_cli.looking.selection import check_selection
+    from obk_cli.recording.tally import Tally
 
     needs = ("rclpy.serialization", *place.modules([topic]))
     with open_look(place.environment, needs) as look:

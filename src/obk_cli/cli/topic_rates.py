@@ -19,10 +19,10 @@ from obk_cli.cli.looking_options import (
 from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import CommandFailedError
-from obk_cli.looking.place import Place
 
 if TYPE_CHECKING:
     from obk_cli.looking.delays import Delay
+    from obk_cli.looking.place import Place
     from obk_cli.looking.rates import Rate
 
 __all__ = ["DELAY_EXAMPLE", "HZ_EXAMPLE", "delay", "hz"]
@@ -73,7 +73,7 @@ def hz(
 
 
 def _count(
-    place: Place,
+    place: "Place",
     topics: Sequence[str],
     window_s: float,
     duration_s: float | None,
@@ -132,7 +132,7 @@ def delay(
 
 
 def _heard(
-    place: Place,
+    place: "Place",
     topic: str,
     window: int,
     duration_s: float | None,

@@ -7,15 +7,19 @@ import json
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING
 
-from obk_cli.plan import ParameterValue, Process
+from obelisk_spec.parameter_value import ParameterValue
+
+if TYPE_CHECKING:
+    from obk_cli.plan import Process
 
 __all__ = ["emit_node_params", "emit_params", "emit_value", "params_file_name"]
 
 _UNWRITABLE = re.compile("[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]")
 
 
-def emit_params(processes: Iterable[Process]) -> str:
+def emit_params(processes: "Iterable[Process]") -> str:
     """The text of one parameter file for these processes, keyed by the nodes' full names."""
     return "".join(emit_node_params(process.full_name, process.parameters) for process in processes)
 
@@ -25,7 +29,7 @@ def emit_node_params(full_name: str, parameters: Mapping[str, ParameterValue]) -
     return "".join(_node_lines(full_name, parameters))
 
 
-def params_file_name(process: Process) -> str:
+def params_file_name(process: "Process") -> str:
     """A file name of the process's own, `obelisk_control_0.yaml`."""
     return f"{process.full_name.strip('/').replace('/', '.')}.yaml"
 

@@ -5,7 +5,6 @@ which plan and versions, how it ended), `events.jsonl`, `launch.log` (what the t
 log a node, and while it runs `control.sock`.
 """
 
-import hashlib
 import json
 import re
 from collections.abc import Mapping
@@ -13,8 +12,6 @@ from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
-
-from platformdirs import user_state_path
 
 from obk_cli.launch.json_values import value_of
 
@@ -87,6 +84,8 @@ class MadeFrom:
     @property
     def plan_sha256(self) -> str:
         """The hash of the plan's text: the same for the same compiled config."""
+        import hashlib  # for this alone; who only reads runs is quicker without
+
         return hashlib.sha256(self.plan.encode()).hexdigest()
 
 
@@ -96,7 +95,12 @@ def runs_folder(environment: Mapping[str, str]) -> Path:
     logs = environment.get("ROS_LOG_DIR")
     if home:
         return Path(home) / "runs"
-    return (Path(logs) / "obk" if logs else user_state_path("obk")) / "runs"
+    if logs:
+        return Path(logs) / "obk" / "runs"
+
+    from platformdirs import user_state_path  # only where nothing else says
+
+    return user_state_path("obk") / "runs"
 
 
 def make_run_folder(parent: Path, name: str, now: datetime) -> Path:

@@ -1,20 +1,19 @@
 """What goes over a run's control socket: one JSON line asks, one JSON line answers.
 
-Pure: bytes to values and back. What comes from outside is checked; a fault is a sentence.
+Pure: bytes to values and back. What comes from outside is checked; a fault is a sentence. Answers
+that are more than JSON are in `answers`, so that who looks at the ROS graph needs none of them.
 """
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from obk_cli.launch.asks import ChangeAnswer, StackStatus
-from obk_cli.launch.json_values import value_of
 from obk_cli.launch.transitions import TRANSITIONS
 
 __all__ = [
     "CONTROL_SOCKET",
+    "HEARD",
     "LONGEST_ANSWER",
     "LONGEST_REQUEST",
     "ChangeRequest",
@@ -22,15 +21,14 @@ __all__ = [
     "Request",
     "StatusRequest",
     "StopRequest",
-    "emit_answer",
     "emit_fault",
+    "emit_line",
     "emit_look",
     "emit_request",
     "is_stop_heard",
-    "parse_change",
+    "parse_line",
     "parse_look",
     "parse_request",
-    "parse_status",
 ]
 
 CONTROL_SOCKET: Final = "control.sock"
@@ -41,6 +39,7 @@ LONGEST_ANSWER: Final = 1 << 24
 LONGEST_WAIT_S: Final = 3600.0
 LONGEST_REASON: Final = 200
 HEARD: Final = b'{"answer": "stopping"}\n'
+"""Answers the request to stop."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,18 +80,18 @@ def emit_request(request: Request) -> bytes:
     """The line that asks."""
     match request:
         case StatusRequest():
-            return _line({"ask": "status"})
+            return emit_line({"ask": "status"})
         case ChangeRequest():
-            return _line({"ask": "change", **asdict(request)})
+            return emit_line({"ask": "change", **asdict(request)})
         case StopRequest():
-            return _line({"ask": "stop", "reason": request.reason})
+            return emit_line({"ask": "stop", "reason": request.reason})
         case LookRequest():
-            return _line({"ask": "look", "question": request.question})
+            return emit_line({"ask": "look", "question": request.question})
 
 
 def parse_request(line: bytes) -> Request | str:
     """What a line asks for, or what is wrong with it."""
-    data = _object(line)
+    data = parse_line(line)
     if data is None:
         return "a request is one line with a JSON object"
     match data.get("ask"):
@@ -129,45 +128,20 @@ def _change(data: Mapping[str, Any]) -> ChangeRequest | str:
     return ChangeRequest(transition=transition, nodes=tuple(nodes), timeout_s=timeout)
 
 
-def emit_answer(answer: StackStatus | ChangeAnswer | None) -> bytes:
-    """The line that answers; None: the request to stop was heard."""
-    match answer:
-        case StackStatus():
-            seconds = answer.seconds if math.isfinite(answer.seconds) else 0.0
-            return _line({"answer": "status", **asdict(answer), "seconds": seconds})
-        case ChangeAnswer():
-            return _line({"answer": "change", **asdict(answer)})
-        case None:
-            return HEARD
-
-
 def emit_look(answer: Mapping[str, Any]) -> bytes:
     """The line that answers a question about the ROS graph."""
-    return _line({"answer": "look", "told": answer})
+    return emit_line({"answer": "look", "told": answer})
 
 
 def emit_fault(sentence: str) -> bytes:
     """The line that says what is wrong with a request."""
-    return _line({"error": sentence})
-
-
-def parse_status(line: bytes) -> StackStatus | None:
-    """The stack's state in an answer; None where there is none."""
-    return value_of(StackStatus, _object(line))
+    return emit_line({"error": sentence})
 
 
 def parse_look(line: bytes) -> Mapping[str, Any] | None:
     """What is told of the ROS graph in an answer; None where there is none."""
-    told = (_object(line) or {}).get("told")
+    told = (parse_line(line) or {}).get("told")
     return told if isinstance(told, dict) else None
-
-
-def parse_change(line: bytes) -> ChangeAnswer | None:
-    """How a transition ended; a fault told by the other end is a failure; None: neither."""
-    data = _object(line) or {}
-    if isinstance(data.get("error"), str):
-        return ChangeAnswer(success=False, why=data["error"])
-    return value_of(ChangeAnswer, data)
 
 
 def is_stop_heard(line: bytes) -> bool:
@@ -175,7 +149,8 @@ def is_stop_heard(line: bytes) -> bool:
     return line == HEARD
 
 
-def _object(line: bytes) -> Mapping[str, Any] | None:
+def parse_line(line: bytes) -> Mapping[str, Any] | None:
+    """The JSON object of a line; None where it holds none."""
     try:
         data = json.loads(line)
     except (ValueError, RecursionError):
@@ -183,5 +158,6 @@ def _object(line: bytes) -> Mapping[str, Any] | None:
     return data if isinstance(data, dict) else None
 
 
-def _line(data: Mapping[str, object]) -> bytes:
+def emit_line(data: Mapping[str, object]) -> bytes:
+    """A JSON object as a line."""
     return json.dumps(data).encode() + b"\n"

@@ -10,7 +10,7 @@ from typing import Any, Final
 from obelisk_spec.near import did_you_mean
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.looking.field_types import ArrayType, FieldType, Message, parse_type
-from obk_cli.recording.fields import field_steps
+from obk_cli.recording.steps import field_steps
 
 __all__ = ["MISSING", "FieldsOf", "Selection", "check_selection", "parse_selection", "selected"]
 

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator
 
+from obelisk_spec.parameter_value import ParameterValue
 from obelisk_spec.yaml_core import Scalar
-from obk_cli.config import Parameter, ParameterValue
+from obk_cli.config import Parameter
 from obk_cli.diagnostics import found
 from obk_cli.read.fields import Faults
 from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar, kind_of

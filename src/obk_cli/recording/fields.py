@@ -3,7 +3,6 @@
 In: what a user types, and decoded messages. Out: lines for a picture. Reads no file.
 """
 
-import re
 from array import array
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -11,12 +10,12 @@ from typing import Any, Final
 
 from obelisk_spec.near import did_you_mean, list_names
 from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.recording.steps import field_steps
 
-__all__ = ["MOST_LINES", "FieldName", "Line", "Lines", "field_steps", "parse_field", "topic_meant"]
+__all__ = ["MOST_LINES", "FieldName", "Line", "Lines", "parse_field", "topic_meant"]
 
 MOST_LINES: Final = 32
 """Of one field: more cannot be told apart in a picture."""
-_STEP: Final = re.compile(r"\.(?P<name>[A-Za-z]\w*)|\[(?P<index>\d+)\]")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,14 +54,6 @@ def parse_field(text: str) -> FieldName:
             help="expected TOPIC.FIELD, such as /arm/joints.position[0] or imu.gyro.x",
         )
     return FieldName(topic=topic, steps=steps, text=text)
-
-
-def field_steps(text: str) -> tuple[str | int, ...]:
-    """Names and places in arrays, outermost first, of `.position[0]`; empty where it is no such."""
-    steps = [*_STEP.finditer(text)]
-    if sum(len(step[0]) for step in steps) != len(text):
-        return ()
-    return tuple(step["name"] or int(step["index"]) for step in steps)
 
 
 def topic_meant(name: str, topics: Collection[str]) -> str:

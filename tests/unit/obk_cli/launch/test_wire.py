@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from obelisk_spec.rates import Rate
+from obk_cli.launch.answers import emit_answer, parse_change, parse_status
 from obk_cli.launch.asks import ChangeAnswer, Member, NodeStatus, StackStatus
 from obk_cli.launch.wire import (
     ChangeRequest,
@@ -15,15 +16,12 @@ from obk_cli.launch.wire import (
     Request,
     StatusRequest,
     StopRequest,
-    emit_answer,
     emit_fault,
     emit_look,
     emit_request,
     is_stop_heard,
-    parse_change,
     parse_look,
     parse_request,
-    parse_status,
 )
 
 STATUS = StackStatus(
