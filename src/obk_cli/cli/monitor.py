@@ -62,7 +62,7 @@ def command(
 def _print_views(watcher: Watcher, target: Target, *, is_json: bool, is_once: bool) -> None:
     for view in watcher.views():
         if view is None:
-            raise target.place().nobody()
+            raise target.nobody()
         print(json_line(monitor_data(view)) if is_json else _text(view), flush=True)
         if is_once or view.has_ended:
             raise typer.Exit(EXIT_DONE)

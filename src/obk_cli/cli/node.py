@@ -12,6 +12,7 @@ from obk_cli.cli.looking_options import (
     here,
     print_json,
 )
+from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 
 __all__ = ["app"]
@@ -41,6 +42,7 @@ def list_(
 ) -> None:
     """Show every node; of those that `obk launch` started here the state and the process too."""
     is_json = wants_json(format)
+    require_positive("--wait", wait, "seconds")
     place = here(domain, timeout)
 
     from obk_cli.looking.finding import settle

@@ -1,11 +1,15 @@
 """What several commands ask of an option's value: one of certain words, a number above 0."""
 
 from collections.abc import Collection
+from typing import Final
 
 from obelisk_spec.near import ask_for, list_names, near_names
 from obk_cli.errors import MisuseError
 
 __all__ = ["require_positive", "require_word"]
+
+MOST: Final = 1e6
+"""Of any number: seconds are 11 days, and beyond 24 the system's waits fail."""
 
 
 def require_word(option: str, word: str, words: Collection[str]) -> None:
@@ -22,10 +26,17 @@ def require_word(option: str, word: str, words: Collection[str]) -> None:
 
 
 def require_positive(option: str, number: float | None, what: str = "a number") -> None:
-    """Refuse an option's number that is not above 0; None stands for an option that is not given.
+    """Refuse an option's number that is not above 0, or that is beyond all use.
+
+    Args:
+        option: as it is written.
+        number: its value; None: it is not given.
+        what: of what it is a number ("seconds").
 
     Raises:
-        MisuseError: it is not; `what` says of what it is a number ("seconds").
+        MisuseError: it is such a number.
     """
-    if number is not None and not number > 0:
-        raise MisuseError(f"`{option} {number:g}`: expected {what} above 0")
+    if number is None or 0 < number <= MOST:
+        return
+    wanted = f"up to {MOST:.0f}" if number > MOST else "above 0"
+    raise MisuseError(f"`{option} {number:g}`: expected {what} {wanted}")

@@ -13,6 +13,7 @@ from obk_cli.cli.looking_options import (
     here,
     print_json,
 )
+from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 
 __all__ = ["app"]
@@ -45,6 +46,7 @@ def list_(
 ) -> None:
     """Show every topic with its type and how many publish and subscribe."""
     is_json = wants_json(format)
+    require_positive("--wait", wait, "seconds")
     place = here(domain, timeout)
 
     from obk_cli.looking.finding import settle

@@ -58,7 +58,13 @@ class Place:
         return tuple(run_plan(folder) for folder in self.runs)
 
     def nobody(self) -> CommandFailedError:
-        """The error that there is no node in the domain at all."""
+        """The error that no node was found in the domain."""
+        if self.runs:
+            names = ", ".join(sorted({run.name for run in self.runs.values()}))
+            return CommandFailedError(
+                f"none of the nodes of {names} was found in the ROS domain {self.domain} in time",
+                help="wait longer with `--timeout`; `obk ps` shows whether they run",
+            )
         live = live_folders(runs_folder(self.environment.variables)).values()
         others = [f"{run.name} in {run.domain}" for run in live if run.domain != self.domain]
         return CommandFailedError(

@@ -10,11 +10,12 @@ from pathlib import Path
 from threading import Event
 from typing import Final, Protocol
 
+from obelisk_spec.near import did_you_mean
 from obk_cli.adapters.live_runs import live_folders
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_look import RosLook, open_look
 from obk_cli.asking.lifecycle import Asked, change_states
-from obk_cli.errors import MisuseError
+from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.asks import ChangeAnswer
 from obk_cli.launch.runs import Run, runs_folder
 from obk_cli.looking.place import DOMAIN, Place, place_of
@@ -54,6 +55,17 @@ class Target:
         live = live_folders(runs_folder(self.environment.variables))
         meant = (run.domain for folder, run in live.items() if self._is_meant(folder, run))
         return place_of(self.environment, next(meant, None))
+
+    def nobody(self) -> CommandFailedError:
+        """The error that nothing of what is meant runs."""
+        place = self.place()
+        names = sorted({run.name for run in place.runs.values()})
+        if self.run is None or not names:
+            return place.nobody()
+        return CommandFailedError(
+            f"no stack `{self.run}` runs in the ROS domain {place.domain}",
+            help=did_you_mean(self.run, names),
+        )
 
     def choose(self, place: Place) -> tuple[Path, Run] | None:
         """The run there that is meant; None: no launcher of this host runs one.

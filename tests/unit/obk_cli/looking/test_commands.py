@@ -13,6 +13,7 @@ from obk_cli.cli.main import main
 from obk_cli.cli.topic_pub import _type_and_text
 from obk_cli.launch.runs import MadeFrom, Run, make_run_folder, write_run
 from obk_cli.looking.place import place_of
+from obk_cli.monitoring.watcher import Target
 
 PLAN = {
     "name": "arm",
@@ -89,6 +90,21 @@ def test_stacks_in_several_domains_leave_it_to_the_user(home: Path) -> None:
     )
 
 
+def test_stacks_whose_nodes_were_not_found_in_time_are_not_said_not_to_run(home: Path) -> None:
+    runs_in(home, arm=7, leg=7)
+    nobody = place_of(environment(home), None).nobody()
+    assert nobody.message == "none of the nodes of arm, leg was found in the ROS domain 7 in time"
+
+
+def test_a_stack_to_watch_that_does_not_run_is_told_with_those_that_do(home: Path) -> None:
+    runs_in(home, arm=7)
+    nobody = Target(environment=environment(home), domain=7, run="amr").nobody()
+    assert nobody.message == "no stack `amr` runs in the ROS domain 7"
+    assert nobody.help == "did you mean `arm`?"
+    elsewhere = Target(environment=environment(home), domain=8, run="arm").nobody()
+    assert elsewhere.message.startswith("no stack runs in the ROS domain 8")
+
+
 def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     runs_in(home, arm=7)
     assert complete_topics("") == ["/arm/est", "/arm/imu"]
@@ -104,6 +120,10 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
     ("words", "complaint"),
     [
         ("topic list --timeout 0", "`--timeout 0`: expected seconds above 0"),
+        ("topic list --timeout inf", "`--timeout inf`: expected seconds up to 1000000"),
+        ("topic list --wait -1", "`--wait -1`: expected seconds above 0"),
+        ("node list --wait nan", "`--wait nan`: expected seconds above 0"),
+        ("monitor --once --period 1e300", "`--period 1e+300`: expected seconds up to 1000000"),
         ("topic list --format yaml", "`--format yaml`: expected `text` or `json`"),
         ("topic echo est --format yaml", "expected `text`, `json` or `csv`"),
         ("topic echo est a..b", "`a..b` names no field"),
