@@ -77,6 +77,17 @@ class RosMeter:
     def turn(self) -> None:
         """Count what has come, then rest until the turn is over."""
         begin = time.monotonic()
+        self._take(begin)
+        time.sleep(max(0.0, self._turn_s - (time.monotonic() - begin)))
+
+    def rates(self) -> Mapping[str, Rate]:
+        """What was measured by now, by topic."""
+        # Whoever asks may have rested or waited for others: what has come since is counted too.
+        self._take(time.monotonic())
+        now_ns = time.time_ns()
+        return {name: topic.meter.rate(now_ns) for name, topic in self._topics.items()}
+
+    def _take(self, begin: float) -> None:
         if begin - self._looked > LOOK_S:
             self._looked = begin
             for topic in self._topics.values():
@@ -92,12 +103,6 @@ class RosMeter:
                 take(received_ns, len(data), info["publication_sequence_number"])
                 if watch is not None:
                     watch(received_ns, data)
-        time.sleep(max(0.0, self._turn_s - (time.monotonic() - begin)))
-
-    def rates(self) -> Mapping[str, Rate]:
-        """What was measured by now, by topic."""
-        now_ns = time.time_ns()
-        return {name: topic.meter.rate(now_ns) for name, topic in self._topics.items()}
 
 
 class _Counted:

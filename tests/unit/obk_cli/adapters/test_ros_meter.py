@@ -62,6 +62,14 @@ def test_what_was_published_before_anybody_listened_is_no_part_of_the_rate(look:
     assert counted(look, *old, *new) == 3
 
 
+def test_what_came_while_the_asker_rested_is_counted(look: Any) -> None:
+    meter = RosMeter(look, 10.0, turn_s=0.0)
+    meter.add("/imu", "p/msg/M", object)
+    meter.turn()
+    look.topic.waiting = [(100 * S, 100 * S)]
+    assert meter.rates()["/imu"].age_s == 0.0
+
+
 def test_a_publisher_whose_clock_is_behind_is_counted_all_the_same(look: Look) -> None:
     behind = [(n * S // 10, 100 * S + n * S // 10) for n in range(20)]
     assert counted(look, *behind) == 14
