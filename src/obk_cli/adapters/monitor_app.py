@@ -122,7 +122,7 @@ class MonitorApp(App[ObkError | None]):
     AUTO_FOCUS = ""
     ENABLE_COMMAND_PALETTE = False
     CSS = """
-    Screen { layout: vertical; }
+    Screen { layout: vertical; overflow: hidden; }
     #head { height: 1; }
     #nodes { height: auto; max-height: 34%; margin-top: 1; scrollbar-size: 0 0; }
     #topics { height: auto; max-height: 45%; margin-top: 1; scrollbar-size: 0 0; }
@@ -196,6 +196,8 @@ class MonitorApp(App[ObkError | None]):
         """Show a view; what was seen last of a stack that has ended stays."""
         self._has_looked = True
         is_ended = self._view is not None and self._view.has_ended
+        if message.view is not None and (self._view is None or is_ended):
+            self._say("")  # of a time when nothing ran
         if message.view is not None or not is_ended:
             self._view = message.view
         if self._view is None or self._chosen not in (node.node for node in self._view.nodes):
@@ -221,6 +223,8 @@ class MonitorApp(App[ObkError | None]):
     def action_ask(self, key: str) -> None:
         """Ask whether transitions are really meant."""
         view = self._view
+        if not self._has_looked:
+            return  # the first line says so
         if self._is_busy or view is None or view.has_ended:
             self._say("wait for the last one to end" if self._is_busy else "nothing runs")
             return

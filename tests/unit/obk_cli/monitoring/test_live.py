@@ -95,6 +95,8 @@ def live(
 def test_before_anything_runs_it_says_so_and_then_shows_the_stack() -> None:
     async def steps(world: World) -> None:
         await world.shows("head", "looking for a stack")
+        await world.press("a")
+        assert not world.text("said")
         world.watch.put(None)
         await world.shows("head", "no stack runs here; waiting for one")
         await world.press("a")
@@ -104,8 +106,19 @@ def test_before_anything_runs_it_says_so_and_then_shows_the_stack() -> None:
         await world.shows("nodes_text", "estimation_0  active")
         await world.shows("topics_text", "age along the way")
         await world.shows("log_text", "[WARN] the simulation fell behind")
+        assert not world.text("said")
 
     live(steps)
+
+
+@pytest.mark.parametrize("size", [(80, 24), (40, 10), (20, 5)])
+def test_what_has_no_room_is_left_out_without_a_scrollbar(size: tuple[int, int]) -> None:
+    async def steps(world: World) -> None:
+        await world.shows("head", "dummy")
+        await world.pilot.pause()
+        assert not any(world.app.screen.scrollbars_enabled)
+
+    live(steps, HEALTHY, size=size)
 
 
 def test_a_transition_of_the_stack_is_asked_for_before_it_is_carried_out() -> None:
