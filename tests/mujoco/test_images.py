@@ -186,7 +186,7 @@ def test_at_a_pace_a_picture_is_left_out_while_the_last_one_is_drawn(feed):
     feed.closing.pop()()
     assert _greys(camera) == [1]
     assert camera.warnings == [
-        "camera `above` is drawn more slowly than its `dt` asks for: 1 pictures left out since "
+        "camera `above` is drawn more slowly than its `dt` asks for: 1 picture left out since "
         "the start"
     ]
 

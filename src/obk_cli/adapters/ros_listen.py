@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
+from obelisk_spec.articles import with_number
 from obk_cli.adapters.raw_topics import RawTopic
 from obk_cli.errors import CommandFailedError
 from obk_cli.recording.tally import Tally
@@ -50,8 +51,9 @@ def serialized(raw: RawTopic, tally: Tally, timeout_s: float, *, each: bool) -> 
         if now > heard + timeout_s and (each or not tally.count):
             raise CommandFailedError(
                 f"no message came on {raw.name} within {timeout_s:g} s",
-                help=f"it has {raw.publishers} publishers: `obk topic info {raw.name}` shows "
-                "them, `obk lifecycle get` whether their nodes are active",
+                help=f"it has {with_number(raw.publishers, 'publisher')}: "
+                f"`obk topic info {raw.name}` shows them, `obk lifecycle get` whether their nodes "
+                "are active",
             )
         if now > looked + LOOK_S:
             looked = now

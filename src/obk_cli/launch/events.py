@@ -248,8 +248,10 @@ class RateBroken:
         if self.silent_s:
             how = f"{rate.name} is promised at {rate.wanted_hz:.4g} Hz, "
             how += f"and nothing was reported for {self.silent_s:.1f} s"
-        else:
+        elif rate.late_p99_us:
             how = f"{rate}, 99 % of its ticks at most {rate.late_p99_us / 1e3:.3g} ms late"
+        else:  # its ticks are the simulator's, which are never late for it
+            how = str(rate)
         return f"{how}; promised at {self.origin}" if self.origin else how
 
 

@@ -79,8 +79,7 @@ def require_fit(value: object, msg_type: str, fields_of: FieldsOf) -> Data:
         lines = [*(f"  {fault}" for fault in shown), *([f"  and {more} more"] if more else ())]
         raise MisuseError(
             "\n".join([f"the message does not fit {msg_type}:", *lines]),
-            help=", ".join(f"{name}: {kind}" for name, kind in fields_of(msg_type).items())
-            or "it has no fields",
+            help=", ".join(f"{name}: {kind}" for name, kind in fields_of(msg_type).items()) or None,
         )
     return filled.data
 

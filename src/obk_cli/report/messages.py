@@ -79,6 +79,8 @@ def _flow(value: Plain, is_whole: bool) -> str:
         return escaped(json.dumps(text, ensure_ascii=False))
     if isinstance(value, bool):
         return "true" if value else "false"
+    if value is None:
+        return "null"
     if isinstance(value, float) and not math.isfinite(value):
         return f"{value}".replace("nan", ".nan").replace("inf", ".inf")
     return f"{value}"

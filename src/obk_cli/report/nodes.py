@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from obelisk_spec.articles import with_number
 from obk_cli.launch.asks import NodeStatus
 from obk_cli.looking.graph import special_services
 from obk_cli.looking.nodes import NodeSeen
@@ -43,7 +44,8 @@ def node_text(seen: NodeSeen) -> Iterator[str]:
         for name, types in names.items():
             yield plain(f"    {name:<{width}}  {', '.join(types)}")
     if len(own) < len(seen.services):
-        yield f"  and {len(seen.services) - len(own)} services for its parameters"
+        others = with_number(len(seen.services) - len(own), "service")
+        yield f"  and {others} for its parameters"
 
 
 def node_data(seen: NodeSeen) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from collections import deque
 from dataclasses import replace
 
+from obelisk_spec.rates import Rate
 from obk_cli.launch.asks import StackStatus, StatusAsked
 from obk_cli.launch.events import (
     Heard,
@@ -55,6 +56,22 @@ def test_a_rate_that_breaks_is_told_once_and_once_when_it_is_kept_again() -> Non
     assert broken.how == (
         "timer runs at 50 of 100 Hz, 99 % of its ticks at most 2.5 ms late; promised at c.yaml:7:21"
     )
+
+
+def test_of_ticks_that_cannot_be_late_only_their_number_is_told() -> None:
+    rate = Rate(
+        name="/arm/camera",
+        wanted_hz=10.0,
+        measured_hz=1.25,
+        ticks=5,
+        overruns=40,
+        late_p50_us=0.0,
+        late_p99_us=0.0,
+        late_max_us=0.0,
+        standing="broken",
+    )
+    broken = RateBroken(node="/robot", rate=rate, origin="c.yaml:7:21")
+    assert broken.how == "/arm/camera runs at 1.25 of 10 Hz; promised at c.yaml:7:21"
 
 
 def test_a_broken_rate_is_told_anew_only_where_it_has_moved() -> None:

@@ -96,6 +96,10 @@ def test_one_selected_number_is_a_line() -> None:
     assert list(shower("q[1]").lines(whole())) == ["-0.25"]
 
 
+def test_an_element_that_is_not_there_is_null_as_in_yaml() -> None:
+    assert list(shower("q[9]").lines(whole())) == ["null"]
+
+
 def test_several_selected_fields_are_told_apart() -> None:
     assert list(shower("q[0]", "header.stamp").lines(whole())) == [
         "q[0]: 0.5",

@@ -16,6 +16,7 @@ from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.sim.mujoco.cameras import CameraView, choose_back_end
 from obelisk_py.core.sim.mujoco.sensors.kind import Sampler, SensorKind, SensorSource
 from obelisk_py.core.utils.msg import multiarray_from_numpy
+from obelisk_spec.articles import with_number
 
 __all__ = ["OBK_IMAGE"]
 
@@ -91,7 +92,7 @@ class _Feed:
             self._last_report_s = now_s
             self._source.warn(
                 f"camera `{self._name}` is drawn more slowly than its `dt` asks for: "
-                f"{self._left_out} pictures left out since the start"
+                f"{with_number(self._left_out, 'picture')} left out since the start"
             )
 
 
