@@ -1,5 +1,6 @@
-"""Calls and single messages of a stack that its launcher's node makes and hears."""
+"""Calls and single messages of a stack that its launcher's node makes, hears and publishes."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -9,10 +10,13 @@ import pytest
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 
+from obk_cli.adapters.launcher_look import ask_launcher
+from obk_cli.adapters.live_runs import live_folders
 from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.adapters.ros_errands import LONGEST_MESSAGE
+from obk_cli.launch.runs import runs_folder
 
 from .stack import DEADLINE_S, DUMMY, eventually, launched, obk
 
@@ -77,6 +81,49 @@ def test_a_stacks_launcher_calls_and_hears_for_others(writer: Any) -> None:
         publisher.publish(String(data=long))
         story, end = run("topic", "echo", "/story", "data", "--once", "--format", "json")
         assert (end, len(story) > len(long)) == ("True 0", True), story[:200]
+
+
+def test_a_stacks_launcher_publishes_for_others_where_no_robot_listens(writer: Any) -> None:
+    heard: list[Header] = []
+    listener = writer.create_subscription(Header, "/story", heard.append, LATCHED)
+
+    def hears(frames: list[str]) -> bool:
+        rclpy.spin_once(writer, timeout_sec=0.02)
+        return [one.frame_id for one in heard] == frames
+
+    def has_publisher() -> bool:
+        return bool(writer.get_publishers_info_by_topic("/story"))
+
+    with launched(DUMMY, "--quiet") as stack:
+        text = "{stamp: now, frame_id: a}"
+        said, end = run("topic", "pub", "/story", "std_msgs/msg/Header", text, "--once")
+        assert (said, end) == ("published 1 message on /story\n", "False 0")
+        eventually(lambda: hears(["a"]), "the message")
+        assert heard[0].stamp.sec > 1_600_000_000
+        eventually(lambda: not has_publisher(), "the end of the launcher's publisher")
+
+        said, end = run("topic", "pub", "story", "{frame_id: b}", "-n", "1")
+        assert (said, end) == ("published 1 message on /story\n", "False 0")
+        wrong, end = run("topic", "pub", "story", "{frame: c}", "--once")
+        assert (end, "frame: std_msgs/msg/Header has no such field" in wrong) == ("False 2", True)
+        wrong, end = run("topic", "pub", "/story", "std_msgs/msg/String", "{}", "--once")
+        assert (end, "/story is of the type std_msgs/msg/Header" in wrong) == ("False 1", True)
+        wrong, end = run("topic", "pub", "ctrl", "{u_mujoco: [0.0]}", "--once")
+        assert (end, "moves `/obelisk_robot_0`" in wrong) == ("False 1", True), wrong
+        # Whom the user lets move the robot is known by a node of its own.
+        words = ("{u_mujoco: [0.0]}", "--once", "--allow-foreign")
+        said, end = run("topic", "pub", "ctrl", *words)
+        assert (said, end) == ("published 1 message on /obelisk/dummy/ctrl\n", "True 0")
+
+        # The launcher looks for itself, whoever asks it.
+        (launcher,) = (ask_launcher([folder]) for folder in live_folders(runs_folder(os.environ)))
+        assert launcher is not None
+        kind = "obelisk_control_msgs/msg/PositionSetpoint"
+        assert launcher.publish("/obelisk/dummy/ctrl", kind, {}, 1) is None
+        assert launcher.publish("/story", "std_msgs/msg/Header", {}, 2) is None
+        assert stack.process.poll() is None, stack.text
+    eventually(lambda: hears(["a", "b"]), "two messages")
+    writer.destroy_subscription(listener)
 
 
 def test_who_is_let_publish_in_the_first_seconds_of_a_launch_does_not_end_it() -> None:

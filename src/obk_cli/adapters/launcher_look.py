@@ -32,6 +32,8 @@ LOOK_S: Final = 0.05
 """Between two questions while something is waited for [s]."""
 MARGIN_S: Final = 1.0
 """For the way to the launcher and back, beside what a node may take [s]."""
+PUBLISH_S: Final = 10.0
+"""For a message on its way by the launcher's node, which waits for some seconds at most [s]."""
 NOTHING: Final = NodeEnds(publishes={}, subscribes={}, services={})
 
 
@@ -141,6 +143,29 @@ class LauncherLook:
             return None
         response: Plain = _told(self._folder, question, timeout_s + MARGIN_S)["response"]
         return response
+
+    def publish(self, topic: str, kind: str, message: object, subscribers: int) -> bool | None:
+        """Have the launcher's node publish a message.
+
+        Args:
+            topic: full name.
+            kind: full, `pkg/msg/Name`.
+            message: JSON's values, checked against the type.
+            subscribers: how many have to hear it.
+
+        Returns:
+            Whether all who hear it have confirmed it. None: nothing was sent; the message is long,
+            the topic moves a robot, or not so many hear the launcher's node.
+
+        Raises:
+            CommandFailedError: the launcher gives no answer.
+        """
+        question = {"about": "publish", "topic": topic, "type": kind, "message": message}
+        question["subscribers"] = subscribers
+        if not is_askable(question):
+            return None
+        confirmed = _told(self._folder, question, PUBLISH_S)["confirmed"]
+        return None if confirmed is None else bool(confirmed)
 
     def rates(self, topics: Mapping[str, str], duration_s: float) -> Mapping[str, Rate]:
         """What the launcher's node measures of topics.

@@ -6,6 +6,9 @@ In: a question, JSON's values, and the node's look. Out: what came of it, JSON's
 - `{"about": "call", "service": NAME, "type": NAME, "request": DATA, "timeout_s": S}`: `response`.
 - `{"about": "message", "topic": NAME, "type": NAME, "timeout_s": S}`: the next `message`; null
   where it is so long that to make data of it would hold up the node's process.
+- `{"about": "publish", "topic": NAME, "type": NAME, "message": DATA, "subscribers": COUNT}`:
+  `confirmed`, whether all who hear it have it; null where nothing was sent, because the topic moves
+  a robot, or not so many hear this node.
 - `{"about": "rates", "topics": {NAME: TYPE, ...}, "duration_s": S}`: `rates`, as `looking.rates`.
 - `{"about": "delay", "topic": NAME, "type": NAME, "window": COUNT, "duration_s": S}`: `delay`, as
   `looking.delays`, null where no stamped message came, and how many were `unstamped`.
@@ -18,12 +21,16 @@ from itertools import islice
 from typing import Any, Final
 
 from obk_cli.adapters.ros_calls import ServiceClient
+from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.adapters.ros_listen import arrived, deserialized, serialized
 from obk_cli.adapters.ros_look import RosLook
 from obk_cli.adapters.ros_meter import RosMeter
+from obk_cli.adapters.ros_publisher import RosPublisher
 from obk_cli.adapters.ros_types import fields_of, find_type, make_message, raw_type, short_type
 from obk_cli.looking.delays import DelayMeter
 from obk_cli.looking.fill import require_fit
+from obk_cli.looking.guard import moved_by
+from obk_cli.looking.place import place_of
 from obk_cli.looking.plain_data import Plain, plain_data
 from obk_cli.looking.rates import LAUNCHER_COUNTS_S
 from obk_cli.looking.stamps import stamp_of
@@ -35,6 +42,8 @@ LONGEST_S: Final = 3600.0
 """How long whoever is to answer may be waited for [s]."""
 POLL_S: Final = 0.001
 """Between two looks for messages that are on their way [s]."""
+HEARD_S: Final = 0.5
+"""Within which those who are known to listen are known to a new publisher [s]."""
 MOST_DELAYS: Final = 10_000
 LONGEST_MESSAGE: Final = 1 << 16
 """Of which data is made here [bytes]: some ms of Python, in which other threads hardly run."""
@@ -65,6 +74,14 @@ def run_errand(look: RosLook, question: Mapping[str, Any]) -> Mapping[str, Any] 
             "timeout_s": int() | float() as wait_s,
         }:
             return {"message": _next(look, topic, kind, min(wait_s, LONGEST_S))}
+        case {
+            "about": "publish",
+            "topic": str(topic),
+            "type": str(kind),
+            "message": message,
+            "subscribers": int(subscribers),
+        }:
+            return {"confirmed": _publish(look, topic, kind, message, subscribers)}
         case {"about": "rates", "topics": dict(topics), "duration_s": int() | float() as count_s}:
             return {"rates": _rates(look, topics, min(count_s, LAUNCHER_COUNTS_S))}
         case {
@@ -92,6 +109,29 @@ def _next(look: RosLook, topic: str, kind: str, timeout_s: float) -> Plain:
     finally:
         raw.close()
     return None if len(data) > LONGEST_MESSAGE else plain_data(deserialized(data, raw))
+
+
+def _publish(
+    look: RosLook, topic: str, kind: str, message: object, subscribers: int
+) -> bool | None:
+    data = require_fit(message, kind, fields_of)
+    plans = place_of(ros_environment(), look.domain).plans
+
+    def moves_a_robot() -> bool:
+        return bool(moved_by(look.topic(topic), plans))
+
+    if moves_a_robot():
+        return None
+    publisher = RosPublisher(look, look.topic(topic), find_type(kind))
+    try:
+        are_there = look.wait_for(lambda: publisher.subscribers >= subscribers or None, HEARD_S)
+        publisher.become_known(look.topic(topic))
+        if not are_there or moves_a_robot():
+            return None
+        publisher.publish(make_message(kind, data))
+        return publisher.rest()
+    finally:
+        publisher.close()
 
 
 def _rates(look: RosLook, topics: Mapping[str, str], duration_s: float) -> Mapping[str, Any]:

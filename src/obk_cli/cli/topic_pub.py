@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from obelisk_spec.messages import near_msg_types, resolve_msg_type
-from obelisk_spec.names import topic_name_fault
-from obelisk_spec.near import did_you_mean, list_names
+from obelisk_spec.near import did_you_mean
 from obk_cli.cli.looking_options import (
     TIMEOUT_S,
     DomainOption,
@@ -18,12 +17,11 @@ from obk_cli.cli.looking_options import (
     with_types,
 )
 from obk_cli.cli.option_values import require_positive
-from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.looking.graph import TopicSeen
+from obk_cli.errors import MisuseError
 from obk_cli.looking.place import Place
 
 if TYPE_CHECKING:
-    from obk_cli.adapters.ros_look import RosLook
+    from obk_cli.looking.publishing import Publication, Published
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -64,47 +62,71 @@ def command(
     """
     require_positive("--rate", rate)
     msg_type, text = _type_and_text(words or [])
-    place = with_types(here(domain, timeout))
+    place = here(domain, timeout)
     most = 1 if once else count
 
+    from obk_cli.cli.message_argument import load_message
+    from obk_cli.looking.errands import publish_by_launcher
+    from obk_cli.looking.publishing import Publication
+
+    publication = Publication(
+        topic=topic,
+        msg_type=msg_type,
+        message=load_message(text),
+        subscribers=wait_for,
+        timeout_s=timeout,
+        may_move=allow_foreign,
+    )
+    published = publish_by_launcher(place, publication) if most == 1 else None
+    if published is None:
+        published = _publish(with_types(place), publication, most, rate)
+    if not published.is_confirmed:
+        print("warning: not every subscriber has confirmed the last message", file=sys.stderr)
+    messages = "messages" if published.count > 1 else "message"
+    print(f"published {published.count} {messages} on {published.topic}")
+
+
+def _publish(
+    place: Place, publication: "Publication", most: int | None, rate_hz: float
+) -> "Published":
+    """Publish by a participant of our own.
+
+    Args:
+        place: where.
+        publication: what.
+        most: messages; None: without end.
+        rate_hz: messages per second.
+    """
     from obk_cli.adapters.allowed_publisher import ALLOWED_PUBLISHER
     from obk_cli.adapters.ros_look import LOOKER, open_look
     from obk_cli.adapters.ros_publisher import RosPublisher
     from obk_cli.adapters.ros_types import fields_of, find_type, make_message
-    from obk_cli.cli.message_argument import load_message
     from obk_cli.looking.fill import require_fit
+    from obk_cli.looking.publishing import (
+        Published,
+        refuse_moving,
+        topic_to_publish,
+        wait_for_subscribers,
+    )
 
-    value = load_message(text)
-
-    node = ALLOWED_PUBLISHER if allow_foreign else LOOKER
-    with open_look(place.environment, place.modules([topic]), node) as look:
-        seen = _topic(look, place, topic, msg_type, timeout)
-        full_type = msg_type or seen.msg_types[0]
-        data = require_fit(value, full_type, fields_of)
-        if not allow_foreign:
-            _refuse_moving(seen, place)
-        is_latched = any(e.qos.durability == "transient_local" for e in seen.subscriptions)
-        publisher = RosPublisher(
-            look, seen.name, find_type(full_type), is_transient_local=is_latched
-        )
-        if not look.wait_for(lambda: publisher.subscribers >= wait_for or None, timeout):
-            _require_type(look.topic(seen.name), full_type)
-            raise CommandFailedError(
-                f"{publisher.subscribers} of {wait_for} subscribers of {seen.name} came within "
-                f"{timeout:g} s",
-                help="`--wait-for 0` publishes without any",
-            )
+    node = ALLOWED_PUBLISHER if publication.may_move else LOOKER
+    with open_look(place.environment, place.modules([publication.topic]), node) as look:
+        seen, kind = topic_to_publish(look, place, publication)
+        data = require_fit(publication.message, kind, fields_of)
+        if not publication.may_move:
+            refuse_moving(seen, place)
+        publisher = RosPublisher(look, seen, find_type(kind))
+        wait_for_subscribers(look, seen.name, kind, publication, lambda: publisher.subscribers)
+        publisher.become_known(look.topic(seen.name))
         # Nodes of other hosts may have become known only now.
-        if not allow_foreign:
-            _refuse_moving(look.topic(seen.name), place)
+        if not publication.may_move:
+            refuse_moving(look.topic(seen.name), place)
         begin, sent = time.monotonic(), 0
         while most is None or sent < most:
-            publisher.until(begin + sent / rate)
-            publisher.publish(make_message(full_type, data))
+            publisher.until(begin + sent / rate_hz)
+            publisher.publish(make_message(kind, data))
             sent += 1
-        if not publisher.rest():
-            print("warning: not every subscriber has confirmed the last message", file=sys.stderr)
-        print(f"published {sent} message{'s' if sent > 1 else ''} on {seen.name}")
+        return Published(topic=seen.name, count=sent, is_confirmed=publisher.rest())
 
 
 def _type_and_text(words: list[str]) -> tuple[str | None, str]:
@@ -130,47 +152,3 @@ def _type_and_text(words: list[str]) -> tuple[str | None, str]:
             help="TOPIC [TYPE] [MESSAGE], the message in quotes",
         )
     return full, rest[0] if rest else ""
-
-
-def _topic(
-    look: "RosLook", place: Place, name: str, msg_type: str | None, timeout_s: float
-) -> TopicSeen:
-    """The topic; one that nobody has yet needs a full name and a type.
-
-    Raises:
-        CommandFailedError: there is none of that name, or it has another type.
-        MisuseError: a new one's name is none.
-    """
-    from obk_cli.looking.finding import find_topic, the_type
-
-    if msg_type is None or not name.startswith("/"):
-        seen = find_topic(look, place, name, timeout_s, is_heard=False)
-        the_type("topic", seen.name, {msg_type} if msg_type else seen.msg_types)
-    else:
-        if fault := topic_name_fault(name):
-            raise MisuseError(f"`{name}` is no topic: {fault}")
-        # Who listens is to be known, for the sake of robots.
-        look.settle(place.nodes, 0.5, timeout_s if place.nodes else 0.5)
-        seen = look.topic(name)
-    if msg_type is not None:
-        _require_type(seen, msg_type)
-    return seen
-
-
-def _require_type(topic: TopicSeen, msg_type: str) -> None:
-    others = [end.msg_type for end in topic.subscriptions if end.msg_type != msg_type]
-    if others and len(others) == len(topic.subscriptions):
-        raise CommandFailedError(
-            f"{topic.name} is of the type {others[0]}, not {msg_type}",
-            help="nobody would hear the messages",
-        )
-
-
-def _refuse_moving(topic: TopicSeen, place: Place) -> None:
-    from obk_cli.looking.guard import moved_by
-
-    if robots := moved_by(topic, place.plans):
-        raise CommandFailedError(
-            f"{topic.name} moves {list_names(robots)}, which runs in the ROS domain {place.domain}",
-            help="publish there only on purpose, with `--allow-foreign`",
-        )

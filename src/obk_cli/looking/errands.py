@@ -10,12 +10,26 @@ from obk_cli.adapters.launcher_look import ask_launcher
 from obk_cli.looking.delays import Delay
 from obk_cli.looking.fill import require_fit
 from obk_cli.looking.finding import find_service, find_topic, the_type
+from obk_cli.looking.guard import moved_by
 from obk_cli.looking.place import Place
 from obk_cli.looking.plain_data import Plain
+from obk_cli.looking.publishing import (
+    Publication,
+    Published,
+    refuse_moving,
+    topic_to_publish,
+    wait_for_subscribers,
+)
 from obk_cli.looking.rates import LAUNCHER_COUNTS_S, Rate
 from obk_cli.looking.selection import Selection, check_selection
 
-__all__ = ["call_by_launcher", "delay_by_launcher", "message_by_launcher", "rates_by_launcher"]
+__all__ = [
+    "call_by_launcher",
+    "delay_by_launcher",
+    "message_by_launcher",
+    "publish_by_launcher",
+    "rates_by_launcher",
+]
 
 
 def call_by_launcher(
@@ -70,6 +84,40 @@ def message_by_launcher(
     for selection in selections:
         check_selection(selection, kind.replace("/msg/", "/"), look.fields_of)
     return look.next_message(seen.name, kind, timeout_s)
+
+
+def publish_by_launcher(place: Place, publication: Publication) -> Published | None:
+    """One message on a topic that moves no robot.
+
+    On one that does, a launcher looks for publishers that are none of its stack's, and knows those
+    that the user lets by their node; so they are left to a participant, which has such a name. Who
+    hears the topic is waited for here: a command that is broken off leaves no publisher waiting.
+
+    Raises:
+        CommandFailedError: there is no such topic, it has another type, not enough hear it in time,
+            or it moves a robot, which the publication may not.
+        MisuseError: the message does not fit the type.
+    """
+    look = ask_launcher(place.runs)
+    if look is None:
+        return None
+    seen, kind = topic_to_publish(look, place, publication)
+    if not look.has_type(kind):
+        return None
+    require_fit(publication.message, kind, look.fields_of)
+    if not publication.may_move:
+        refuse_moving(seen, place)
+    elif moved_by(seen, place.plans):
+        return None
+
+    def count() -> int:
+        return sum(end.msg_type == kind for end in look.topic(seen.name).subscriptions)
+
+    wait_for_subscribers(look, seen.name, kind, publication, count)
+    confirmed = look.publish(seen.name, kind, publication.message, publication.subscribers)
+    if confirmed is None:
+        return None
+    return Published(topic=seen.name, count=1, is_confirmed=confirmed)
 
 
 def rates_by_launcher(

@@ -115,13 +115,19 @@ def test_calls_and_messages_go_by_the_launcher(tmp_path: Path) -> None:
 
     def answer(question: Mapping[str, Any]) -> Mapping[str, Any]:
         heard.append(question)
-        return {"fields": {"data": "boolean"}, "response": {"success": True}, "message": {"x": 1}}
+        return {
+            "fields": {"data": "boolean"},
+            "response": {"success": True},
+            "message": {"x": 1},
+            "confirmed": False,
+        }
 
     with launcher(tmp_path, answer) as look:
         assert look.has_type("p/srv/S_Request")
         assert look.fields_of("p/srv/S_Request") == {"data": "boolean"}
         assert look.call("/pause", "p/srv/S", {"data": True}, WAIT_S) == {"success": True}
         assert look.next_message("/q", "p/msg/M", WAIT_S) == {"x": 1}
+        assert look.publish("/q", "p/msg/M", {"x": 1}, 2) is False
     assert heard[1:] == [
         {"about": "fields", "type": "p/srv/S_Request"},
         {
@@ -132,6 +138,13 @@ def test_calls_and_messages_go_by_the_launcher(tmp_path: Path) -> None:
             "timeout_s": WAIT_S,
         },
         {"about": "message", "topic": "/q", "type": "p/msg/M", "timeout_s": WAIT_S},
+        {
+            "about": "publish",
+            "topic": "/q",
+            "type": "p/msg/M",
+            "message": {"x": 1},
+            "subscribers": 2,
+        },
     ]
 
 
@@ -161,6 +174,12 @@ def test_a_request_that_is_too_long_for_the_launcher_is_not_sent_to_it(tmp_path:
 
     with launcher(tmp_path, answer) as look:
         assert look.call("/load", "p/srv/S", {"text": "x" * LONGEST_REQUEST}, WAIT_S) is None
+        assert look.publish("/load", "p/msg/M", {"text": "x" * LONGEST_REQUEST}, 0) is None
+
+
+def test_a_launcher_that_has_sent_nothing_says_so(tmp_path: Path) -> None:
+    with launcher(tmp_path, lambda _: {"confirmed": None}) as look:
+        assert look.publish("/q", "p/msg/M", {}, 1) is None
 
 
 def test_a_type_that_the_launcher_lacks_is_told(tmp_path: Path) -> None:
