@@ -286,16 +286,16 @@ def test_nodes_of_a_stack_are_asked_by_its_launcher_and_others_by_ros(talker: Ta
     with launched(DUMMY, "--quiet"):
         commands = [
             "topic info est --format json",
-            "param set control_0 report_rates false",
-            "param get control_0 report_rates",
+            "param set control_0 params_path /there",
+            "param get control_0 params_path",
             "param list control_0",
             "node info control_0",
         ]
         code = PARAMETERS.format(commands=commands)
         result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         assert result.stdout.endswith("False\n"), (result.stdout, result.stderr)
-        assert "report_rates = false (bool), before true" in result.stdout
-        assert "report_rates  bool  false" in result.stdout
+        assert 'params_path = "/there" (string), before "' in result.stdout
+        assert 'params_path  string  "/there"' in result.stdout
         assert '"node": "/obelisk_estimation_0"' in result.stdout
         assert "no parameter `gain`" in refused("param", "get", "control_0", "gain")
         assert done("param", "get", "talker", "gain").split() == ["gain", "double", "1.5"]

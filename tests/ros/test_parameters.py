@@ -77,6 +77,7 @@ REFUSED = (
     ),
     (message("obelisk_settings", "callback_groups: 3"), "'callback_groups' is not a mapping"),
     (message("use_sim_time", True), "'use_sim_time' is read at configure"),
+    (message("report_rates", False), "'report_rates' is read at configure: clean up, set it"),
     (message("use_sim_time", "yes"), "expected 'Type.BOOL' got 'Type.STRING'"),
     (message("params_paht", "x"), "no parameter 'params_paht'; did you mean `params_path`?"),
     (message("", "x"), "the node has no parameter ''; there is: `obelisk_settings`"),

@@ -24,6 +24,8 @@ class RatedNode(GuardedLifecycleNode):
         """Make the node; the arguments are those of the base."""
         super().__init__(node_name, **kwargs)
         self.declare_parameter(PARAMETER, True)
+        # Whoever listens would take a node that falls silent for one that does not tick.
+        self._parameter_rules.add((PARAMETER,))
         self.rates = RateReporter(self)
         """The node's promises."""
 
