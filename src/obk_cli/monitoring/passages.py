@@ -1,7 +1,7 @@
 """How old messages are when they come, read from where CDR has the stamp of a leading header.
 
-In: serialized messages with the time of receipt. Out: percentiles over a window. No message is
-deserialized: of a type that begins with `std_msgs/Header` the stamp is bytes 4 to 12.
+In: serialized messages with the time of receipt. Out: percentiles over a window, as that of rates.
+No message is deserialized: of a type that begins with `std_msgs/Header` the stamp is bytes 4 to 12.
 
 Source: DDSI-RTPS 2.5, 10.2 (4 bytes of encapsulation, then the fields in order); rcl_interfaces
 `builtin_interfaces/Time` (int32 sec, uint32 nanosec).
@@ -9,7 +9,8 @@ Source: DDSI-RTPS 2.5, 10.2 (4 bytes of encapsulation, then the fields in order)
 
 import struct
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from itertools import chain
 from typing import Final
 
 from obk_cli.looking.delays import OTHER_CLOCK_NS
@@ -31,8 +32,14 @@ _CARRIED: Final = 0.5
 class PassageMeter:
     """Keeps the stamps and delays of a topic's newest messages."""
 
-    def __init__(self) -> None:
-        """Begin with none."""
+    def __init__(self, window_s: float) -> None:
+        """Begin with none.
+
+        Args:
+            window_s: how far back figures go [s].
+        """
+        self._window_ns = round(window_s * _NS)
+        self._received: deque[int] = deque(maxlen=_KEPT)
         self._stamps: deque[int] = deque(maxlen=_KEPT)
         self._delays_ns: deque[int] = deque(maxlen=_KEPT)
 
@@ -49,6 +56,7 @@ class PassageMeter:
         seconds, rest = order.unpack_from(data, _AFTER_ENCAPSULATION)
         stamp = seconds * _NS + rest
         if stamp:
+            self._received.append(received_ns)
             self._stamps.append(stamp)
             self._delays_ns.append(received_ns - stamp)
 
@@ -57,19 +65,32 @@ class PassageMeter:
         """Of the newest messages [ns]."""
         return self._stamps
 
-    def passage(self, further_up: "Collection[PassageMeter]" = ()) -> Passage | None:
-        """What was measured; None without stamps, or where they are of another clock.
+    def passage(self, now_ns: int, further_up: "Collection[PassageMeter]" = ()) -> Passage | None:
+        """What was measured by now; None without stamps, or where they are of another clock.
 
         Args:
+            now_ns: the clock by which messages were received [ns since 1970].
             further_up: of the topics that this one is made from.
         """
+        self._forget(now_ns - self._window_ns)
         if not self._delays_ns or abs(min(self._delays_ns)) > OTHER_CLOCK_NS:
             return None
         delays = sorted(self._delays_ns)
-        known = frozenset(stamp for meter in further_up for stamp in meter.stamps)
-        carried = sum(stamp in known for stamp in self._stamps)
         return Passage(
             p50_s=delays[len(delays) // 2] / _NS,
             p99_s=delays[min(len(delays) - 1, int(_NEAR_ALL * len(delays)))] / _NS,
-            is_carried=carried > _CARRIED * len(self._stamps),
+            is_carried=self._are_carried([meter.stamps for meter in further_up if meter.stamps]),
         )
+
+    def _are_carried(self, further_up: Sequence[Collection[int]]) -> bool:
+        """Whether the stamps are known from further up, as far back as all of there are kept."""
+        since = max(map(min, further_up), default=0)
+        known = frozenset(chain.from_iterable(further_up))
+        judged = [stamp for stamp in self._stamps if stamp >= since]
+        return sum(stamp in known for stamp in judged) > _CARRIED * len(judged)
+
+    def _forget(self, before_ns: int) -> None:
+        # Stamps stay: those of topics further down, which are later, are held against them.
+        while self._received and self._received[0] < before_ns:
+            self._received.popleft()
+            self._delays_ns.popleft()

@@ -8,7 +8,7 @@ import struct
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any, Final
 
-from obk_cli.adapters.clock import monotonic_s
+from obk_cli.adapters.clock import monotonic_s, wall_s
 from obk_cli.adapters.ros_look import RosLook
 from obk_cli.adapters.ros_meter import RosMeter, Watch
 from obk_cli.adapters.ros_types import fields_of, find_type, raw_type, short_type
@@ -108,7 +108,7 @@ class TopicWatch:
             subscriptions=sum(end.node != own for end in seen.subscriptions),
             wanted_hz=topic.wanted_hz,
             rate=rates.get(topic.name),
-            passage=passage.passage(up) if passage else None,
+            passage=passage.passage(round(wall_s() * 1e9), up) if passage else None,
             is_expected=self._is_expected(topic, active),
             made_from=topic.made_from,
         )
@@ -141,8 +141,8 @@ class TopicWatch:
             return
 
     def _listen(self, topic: PlannedTopic, msg_type: str, python_type: Any) -> None:
-        passage = PassageMeter() if _begins_with_header(msg_type) else None
         window_s = max(WINDOW_S, PERIODS / topic.wanted_hz if topic.wanted_hz else 0.0)
+        passage = PassageMeter(window_s) if _begins_with_header(msg_type) else None
         watch = passage.take if passage is not None else None
         self._meter.add(topic.name, msg_type, python_type, watch, window_s=window_s)
         self._heard[topic.name] = passage

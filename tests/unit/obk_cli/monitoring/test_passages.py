@@ -15,20 +15,20 @@ def message(stamp_ns: int, *, order: str = "<") -> bytes:
 
 
 def test_half_of_the_messages_and_nearly_all_are_at_most_so_old() -> None:
-    meter = PassageMeter()
+    meter = PassageMeter(2.0)
     for number in range(100):
         meter.take(NOW + number * 1_000_000, message(NOW, order="<>"[number % 2]))
-    assert meter.passage() == Passage(p50_s=0.05, p99_s=0.099, is_carried=False)
+    assert meter.passage(NOW) == Passage(p50_s=0.05, p99_s=0.099, is_carried=False)
 
 
 def test_a_stamp_that_was_taken_over_tells_the_age_of_the_chain() -> None:
-    up, down, other = PassageMeter(), PassageMeter(), PassageMeter()
+    up, down, other = (PassageMeter(2.0) for _ in range(3))
     for number in range(10):
         stamp = NOW + number
         up.take(stamp + 1000, message(stamp))
         down.take(stamp + 3000, message(stamp))
         other.take(stamp + 3000, message(stamp + 2000))
-    carried, own = down.passage([up]), other.passage([up])
+    carried, own = down.passage(NOW, [up]), other.passage(NOW, [up])
     assert carried is not None
     assert carried.is_carried
     assert own is not None
@@ -36,9 +36,31 @@ def test_a_stamp_that_was_taken_over_tells_the_age_of_the_chain() -> None:
 
 
 def test_stamps_that_were_never_set_or_are_of_another_clock_tell_nothing() -> None:
-    meter = PassageMeter()
+    meter = PassageMeter(2.0)
     meter.take(NOW, message(0))
     meter.take(NOW, b"\x00\x01\x00\x00")
-    assert meter.passage() is None
+    assert meter.passage(NOW) is None
     meter.take(NOW, message(5 * S))
-    assert meter.passage() is None
+    assert meter.passage(NOW) is None
+
+
+def test_a_topic_on_which_nothing_comes_any_more_has_no_age() -> None:
+    meter = PassageMeter(2.0)
+    meter.take(NOW + S // 10, message(NOW))
+    meter.take(NOW + S, message(NOW + S // 2))
+    now = meter.passage(NOW + 3 * S)
+    assert now is not None
+    assert now.p50_s == 0.5
+    assert meter.passage(NOW + 4 * S) is None
+
+
+def test_stamps_of_a_slower_topic_are_held_against_those_that_are_still_known() -> None:
+    up, down = PassageMeter(2.0), PassageMeter(5.0)
+    for number in range(20_000):  # 20 s at 1 kHz, of which 1 s is kept
+        stamp = NOW + number * S // 1000
+        up.take(stamp, message(stamp))
+        if not number % 100:
+            down.take(stamp, message(stamp))
+    passage = down.passage(NOW + 20 * S, [up])
+    assert passage is not None
+    assert passage.is_carried
