@@ -81,7 +81,7 @@ class Plots:
             try:
                 self._listen(look, wish, plot)
             except ObkError as error:
-                plot.trace.fault = ". ".join(filter(None, (error.message, error.help)))
+                plot.trace.fault = "; ".join(filter(None, (error.message, error.help)))
             if plot.raw is not None and plot.selection is not None:
                 self._take(wish, plot, plot.raw, plot.selection)
 

@@ -54,6 +54,14 @@ def test_only_what_is_new_is_told() -> None:
     assert trace.heard(7).samples == ()
 
 
+def test_that_messages_have_no_number_there_is_told_until_one_has() -> None:
+    trace = Trace()
+    trace.take(5, {})
+    assert trace.heard(0).fault == "the newest message has no number there"
+    trace.take(7, {"x": 2.0})
+    assert not trace.heard(0).fault
+
+
 def test_an_array_may_grow_and_shrink() -> None:
     trace = Trace()
     for at, count in enumerate((1, 3, 2)):
