@@ -88,10 +88,13 @@ def test_ends_that_do_not_fit_are_told_and_no_callback_gets_their_messages() -> 
     with launched(DUMMY, "--allow-foreign") as run:
         foreign = subprocess.Popen([sys.executable, "-c", FOREIGN])
         try:
-            run.wait_for_line(
+            told = (
                 "/obelisk/dummy/ctrl is a topic of obelisk_control_msgs/msg/PositionSetpoint here, "
                 "and /stranger has it as std_msgs/msg/String: none of these messages get through"
             )
+            run.wait_for_line(told)
+            view = json.loads(obk("monitor", "--once", "--format", "json").stdout)
+            assert f"warning: {told}" in view["lines"]
             run.wait_for_line(
                 "New publisher discovered on topic '/obelisk/dummy/joint_encoders', offering "
                 "incompatible QoS"
