@@ -51,6 +51,7 @@ COMMANDS = (
     "param dump control_0",
     "service list",
     "service call obelisk_robot_0/get_state",
+    "topic pub est '{q_joints: [0.0]}' --once",
     "topic pub ctrl '{u_mujoco: [0.0]}' --once --allow-foreign",
 )
 COMPLETION = {

@@ -22,6 +22,7 @@ __all__ = ["Goal", "goals_table", "main", "notes"]
 ROOT: Final = Path(__file__).resolve().parents[1]
 RESULTS: Final = ROOT / "benchmarks" / "results"
 README: Final = ROOT / "README.md"
+PUB_TO_ROBOT: Final = "topic pub ctrl '{u_mujoco: [0.0]}' --once --allow-foreign"
 WORK: Final = {"rate_hz": 1000, "joints": 30, "nodes": 3}
 
 Results = Mapping[str, Any]
@@ -206,8 +207,14 @@ GOALS: Final = (
         figure=lambda results: max(
             float(took["median_s"])
             for words, took in results["looking"]["commands"].items()
-            if words not in ("lifecycle get", "completion")
+            if words not in ("lifecycle get", "completion", PUB_TO_ROBOT)
         ),
+    ),
+    Goal(
+        what="`obk topic pub --once` where a robot listens, by a participant of its own",
+        most=0.5,
+        unit=" s",
+        figure=at("looking", "commands", PUB_TO_ROBOT, "median_s"),
     ),
     Goal(
         what="`obk launch` of the dummy to all active",
