@@ -7,7 +7,7 @@ import pytest
 
 from obk_cli.adapters.ros_environment import ros_environment
 
-from .stack import DEADLINE_S, obk
+from .stack import obk
 
 
 def announce_as_a_stack_does(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -17,14 +17,13 @@ def announce_as_a_stack_does(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def done(*words: object) -> str:
-    result = obk(*words, "--timeout", str(DEADLINE_S))
+    result = obk(*words)
     assert result.returncode == 0, (words, result.stdout, result.stderr)
     return result.stdout
 
 
 def refused(*words: object, exit_code: int = 1, is_patient: bool = True) -> str:
-    patience = ("--timeout", str(DEADLINE_S)) if is_patient and "--timeout" not in words else ()
-    result = obk(*words, *patience)
+    result = obk(*words, is_patient=is_patient)
     assert result.returncode == exit_code, (words, result.stdout, result.stderr)
     assert "Traceback" not in result.stderr
     return result.stderr

@@ -12,12 +12,13 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import psutil
 import rclpy
 from lifecycle_msgs.srv import ChangeState
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
@@ -26,6 +27,12 @@ from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from ..waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
 
 OBK = Path(sys.executable).with_name("obk")
+LIMITS = {
+    "launch": {"--timeout": str(DEADLINE_S), "--hang-after": "20"},
+    **{word: {"--timeout": str(DEADLINE_S)} for word in ("node", "param", "service", "topic")},
+}
+"""First word of a command -> the options that say how long others may take, with time enough."""
+N = TypeVar("N", bound=Node)
 MARK = "OBELISK_TEST_RUN"
 """The variable by which the fixture `ros_domain` knows a test's processes."""
 
@@ -57,11 +64,12 @@ def parameters(**values: str) -> dict[str, Any]:
 
 
 @contextmanager
-def spinning(make: Callable[[], GuardedLifecycleNode]) -> Iterator[GuardedLifecycleNode]:
+def spinning(
+    make: Callable[[], N], make_executor: Callable[[], Executor] = SingleThreadedExecutor
+) -> Iterator[N]:
     """A node that spins in a thread, in a context of its own."""
     rclpy.init()
-    node = make()
-    executor = SingleThreadedExecutor()
+    node, executor = make(), make_executor()
     executor.add_node(node)
     over = Future()
     spin = executor.spin_until_future_complete
@@ -96,12 +104,23 @@ def request(node: GuardedLifecycleNode, label: str = "", number: int = 0) -> boo
     return bool(task.result().success)
 
 
+def patient(*words: object) -> list[str]:
+    """A command, with limits that a busy machine keeps; a test of the limits gives its own."""
+    given = list(map(str, words))
+    limits = LIMITS.get(given[0], {}) if given else {}
+    missing = (limit for limit in limits.items() if limit[0] not in given)
+    return [*given, *(word for limit in missing for word in limit)]
+
+
 def obk(
-    *arguments: object, timeout_s: float = 2 * DEADLINE_S, env: Mapping[str, str] | None = None
+    *arguments: object,
+    timeout_s: float = 2 * DEADLINE_S,
+    env: Mapping[str, str] | None = None,
+    is_patient: bool = True,
 ) -> subprocess.CompletedProcess[str]:
     """Run obk to its end, with these variables too."""
     return subprocess.run(
-        [OBK, *map(str, arguments)],
+        [OBK, *(patient(*arguments) if is_patient else map(str, arguments))],
         capture_output=True,
         text=True,
         timeout=timeout_s,
@@ -121,10 +140,8 @@ def launched(config: Path, *options: object, phase: str = "active") -> Iterator[
 @contextmanager
 def started(config: Path, *options: object) -> Iterator["Launched"]:
     """A stack that comes up; ended by SIGINT at the latest."""
-    # A node that a busy machine keeps waiting does not hang; a test of those that do says when.
-    patience = () if "--hang-after" in options else ("--hang-after", "20")
     process = subprocess.Popen(
-        [OBK, "launch", config, *map(str, options), *patience],
+        [OBK, *patient("launch", config, *options)],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

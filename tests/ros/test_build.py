@@ -202,7 +202,7 @@ def test_messages_of_a_running_stacks_workspace_are_shown_from_any_folder(
     with started(make_nodes(workspace)) as launch:
         launch.wait_for_line("reached 3.0")
         monkeypatch.chdir(tmp_path)
-        words = ("topic", "echo", "est", "steps[0].joints", "--once", "--timeout", "20")
+        words = ("topic", "echo", "est", "steps[0].joints", "--once")
         shown = obk(*words)
     assert (shown.stdout, shown.returncode) == ("[1.0, 2.0]\n", 0), shown.stderr
 

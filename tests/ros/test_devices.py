@@ -10,11 +10,13 @@ from signal import SIGINT
 
 import pytest
 
-from .stack import DEADLINE_S, DUMMY, OBK, Launched, eventually
+from .stack import DEADLINE_S, DUMMY, OBK, Launched, eventually, patient
 
 pytestmark = pytest.mark.ros
 
 LOST_CONTACT_S = 60.0
+HANG_AFTER = ("--hang-after", "5")
+"""Soon enough for the test of a node that is gone, late enough for one that has to wait."""
 OWN_SHARED_MEMORY = 'mount -t tmpfs tmpfs /dev/shm && exec "$0" "$@"'
 ROBOT, ESTIMATOR, CONTROLLER = (
     "/obelisk_robot_0",
@@ -50,8 +52,9 @@ class Host:
 
     @contextmanager
     def launched(self, config: Path, device: str) -> Iterator[Launched]:
+        words = ("launch", config, "--device", device, "--quiet", "--ignore", "OBK", *HANG_AFTER)
         process = subprocess.Popen(
-            self.command(OBK, "launch", config, "--device", device, "--quiet", "--ignore", "OBK"),
+            self.command(OBK, *patient(*words)),
             env=self.environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from .stack import DEADLINE_S, DUMMY, OBK, eventually, launched, marked, obk
+from .stack import DEADLINE_S, DUMMY, OBK, eventually, launched, marked, obk, patient
 
 pytestmark = pytest.mark.ros
 
@@ -105,7 +105,8 @@ def test_a_raise_in_a_transition_is_shown_with_its_traceback_and_taken_back(
 
 def test_a_launcher_started_with_sigint_ignored_ends_at_sigint_all_the_same() -> None:
     """As a shell script starts what it sends to the background."""
-    command = ["sh", "-c", 'trap "" INT; exec "$@"', "sh", OBK, "launch", DUMMY, "--quiet"]
+    command = ["sh", "-c", 'trap "" INT; exec "$@"', "sh", OBK]
+    command += patient("launch", DUMMY, "--quiet")
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         eventually(lambda: "s] active" in process.stdout.readline(), "a stack that is active")

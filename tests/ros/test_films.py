@@ -11,7 +11,7 @@ from .stack import DUMMY, eventually, launched, obk
 
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 
-PATIENT = ("--timeout", "60", "--hang-after", "0", "--quiet")
+PATIENT = ("--hang-after", "0", "--quiet")
 """OpenGL opens while the robot is configured, and this machine may be busy."""
 ORANGE = (240, 140, 50)
 """The rod that swings."""

@@ -1,17 +1,15 @@
 """What runs agrees with the state, whatever an override forgot, and whichever executor spins."""
 
-import gc
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
 from obelisk_control_msgs.msg import PositionSetpoint
 from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -19,11 +17,10 @@ from rclpy.parameter import Parameter
 
 from obelisk_py.core.control import ObeliskController
 from obelisk_py.core.executors import EventLoopExecutor
-from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.robot import ObeliskRobot, ObeliskSimRobot
 
-from .stack import DEADLINE_S, eventually, parameters
+from .stack import DEADLINE_S, eventually, parameters, spinning
 
 pytestmark = pytest.mark.ros
 
@@ -38,25 +35,10 @@ EXECUTORS: dict[str, Callable[[], Executor]] = {
 }
 
 
-@contextmanager
 def spun(
-    make: Callable[[], GuardedLifecycleNode], executor: Callable[[], Executor] = EventLoopExecutor
-) -> Iterator[Any]:
-    rclpy.init()
-    node, runner = make(), executor()
-    runner.add_node(node)
-    thread = threading.Thread(target=runner.spin, daemon=True)
-    thread.start()
-    try:
-        yield node
-    finally:
-        runner.shutdown()
-        thread.join(DEADLINE_S)
-        node.destroy_node()
-        rclpy.try_shutdown()
-        # A life-cycle node is part of reference cycles, and in the ROS graph until they are gone.
-        del node
-        gc.collect()
+    make: Callable[[], Any], executor: Callable[[], Executor] = EventLoopExecutor
+) -> AbstractContextManager[Any]:
+    return spinning(make, executor)
 
 
 class Ticking(ObeliskController):

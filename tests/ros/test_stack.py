@@ -21,6 +21,7 @@ from .stack import (
     launched,
     marked,
     obk,
+    patient,
     started,
 )
 
@@ -207,7 +208,8 @@ def test_a_second_launch_in_the_domain_is_refused_and_the_first_runs_on(tmp_path
 def test_output_that_nobody_reads_holds_up_neither_the_stack_nor_its_end(tmp_path: Path) -> None:
     read_fd, write_fd = os.pipe()
     events = tmp_path / "home" / "runs"
-    with subprocess.Popen([OBK, "launch", chatty(tmp_path)], stdout=write_fd) as process:
+    command = [OBK, *patient("launch", chatty(tmp_path))]
+    with subprocess.Popen(command, stdout=write_fd) as process:
         os.close(write_fd)
         # More than a pipe and the queue hold: the screen has stalled by then.
         eventually(
@@ -224,7 +226,7 @@ def test_output_that_nobody_reads_holds_up_neither_the_stack_nor_its_end(tmp_pat
 
 def test_a_reader_that_leaves_brings_the_stack_down_in_order(tmp_path: Path) -> None:
     with subprocess.Popen(
-        [OBK, "launch", chatty(tmp_path)],
+        [OBK, *patient("launch", chatty(tmp_path))],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -37,7 +37,7 @@ def monitored() -> Mapping[str, Any]:
 
 
 def delay(topic: str) -> Any:
-    words = ("topic", "delay", topic, "--duration", "3", "--timeout", "20", "--format", "json")
+    words = ("topic", "delay", topic, "--duration", "3", "--format", "json")
     result = obk(*words)
     assert result.returncode == 0, result.stderr
     return json.loads(result.stdout)
