@@ -131,6 +131,16 @@ GOALS: Final = (
         figure=watched("separate"),
     ),
     Goal(what="the same, composed", least=99.8, unit=" %", figure=watched("composed")),
+    Goal(
+        what="the slowest rate watched to the slowest of the stack alone, a process each",
+        least=0.998,
+        figure=at("watched", "watched_to_alone", "separate"),
+    ),
+    Goal(
+        what="the same, composed",
+        least=0.998,
+        figure=at("watched", "watched_to_alone", "composed"),
+    ),
     Goal(what="2 kHz kept, composed", least=99.8, unit=" %", figure=kept("composed", 2000)),
     Goal(
         what="CPU of a node's tick, 30 nodes to 3, a process each",

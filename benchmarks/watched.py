@@ -17,7 +17,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -149,6 +149,18 @@ def measure(options: Sequence[str], seconds: float, *, is_watched: bool) -> dict
         }
 
 
+def watched_to_alone(runs: Mapping[str, Sequence[Mapping[str, Any]]], layout: str) -> float:
+    """What the slowest promise keeps while it is watched, to what it keeps alone: the median."""
+    alone, watched = runs[f"{layout}, alone"], runs[f"{layout}, watched"]
+    return statistics.median(
+        _least_kept(one) / _least_kept(other) for one, other in zip(watched, alone, strict=True)
+    )
+
+
+def _least_kept(run: Mapping[str, Any]) -> float:
+    return min(map(float, run["kept"].values()))
+
+
 def _cpu_s(process: psutil.Process | None) -> float:
     if process is None:
         return 0.0
@@ -182,9 +194,8 @@ def main() -> int:
     warn_of_stolen_time(max(run["stolen_percent"] for found in runs.values() for run in found))
     result = {
         "seconds": asked.seconds,
-        "least_kept": {
-            name: min(min(run["kept"].values()) for run in found) for name, found in runs.items()
-        },
+        "least_kept": {name: min(map(_least_kept, found)) for name, found in runs.items()},
+        "watched_to_alone": {layout: watched_to_alone(runs, layout) for layout in LAYOUTS},
         "monitor_cores": statistics.median(
             run["monitor_cores"]
             for name, found in runs.items()
