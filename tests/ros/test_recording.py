@@ -76,6 +76,8 @@ def test_a_recorded_launch_has_every_message_to_the_last() -> None:
     assert result.returncode == 0, result.stdout + result.stderr
     assert result.stdout.splitlines()[-1] == "ended in order"
     run = only_run()
+    for folder in (run, run.parent):
+        assert folder.stat().st_mode & 0o077 == 0  # what was recorded and said is its owner's
     found = read_back(run / "recording.mcap")
     lost = {topic["topic"]: topic["dropped"] for topic in told(run / "recording.mcap")["topics"]}
     assert set(found) == set(lost)

@@ -28,7 +28,15 @@ RUN = Run(name="dummy", pid=1, started=2.5, domain=3, config="c.yaml", nodes=("/
 def test_the_folder_carries_the_configs_name_and_the_time(tmp_path: Path) -> None:
     folder = make_run_folder(tmp_path / "runs", "dummy", NOW)
     assert folder.name == "dummy_20310203_040506"
-    assert folder.stat().st_mode & 0o777 == 0o700
+
+
+def test_runs_are_for_their_owner_only_whatever_the_umask(tmp_path: Path) -> None:
+    before = os.umask(0)
+    try:
+        folder = make_run_folder(tmp_path / "home" / "runs", "dummy", NOW)
+    finally:
+        os.umask(before)
+    assert [f.stat().st_mode & 0o777 for f in (folder, folder.parent)] == [0o700, 0o700]
 
 
 def test_two_runs_of_one_second_have_two_folders(tmp_path: Path) -> None:
