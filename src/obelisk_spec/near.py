@@ -4,7 +4,15 @@ import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-__all__ = ["ask_for", "comparable", "did_you_mean", "list_names", "near_names", "sure_name"]
+__all__ = [
+    "ask_for",
+    "comparable",
+    "did_you_mean",
+    "list_names",
+    "near_names",
+    "sure_name",
+    "there_is",
+]
 
 _PART = re.compile(r"[_/.\s-]+")
 _DIGITS = re.compile(r"[0-9]+")
@@ -53,8 +61,13 @@ def list_names(names: Iterable[str], *, most: int = 8) -> str:
 def did_you_mean(name: str, known: Iterable[str]) -> str | None:
     """A help line: the near names, or what exists at all; None where nothing exists."""
     every = list(known)
-    there_is = f"there is: {list_names(every)}" if every else None
-    return ask_for(near_names(name, every)) or there_is
+    return ask_for(near_names(name, every)) or there_is(every)
+
+
+def there_is(known: Iterable[str]) -> str | None:
+    """A help line that names what exists; None where nothing does."""
+    every = list(known)
+    return f"there is: {list_names(every)}" if every else None
 
 
 def ask_for(meant: Iterable[str]) -> str | None:

@@ -10,7 +10,7 @@ from typing import Any
 from obelisk_spec.articles import with_article
 from obelisk_spec.disturbances import check_disturbances
 from obelisk_spec.model import ModelFacts, SensorFact
-from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names, sure_name
+from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names, sure_name, there_is
 from obelisk_spec.scans import check_scan
 from obelisk_spec.sensors import SENSOR_GROUPS, GroupRule, sensor_group
 from obelisk_spec.sim_faults import SimFault, SimPath
@@ -213,11 +213,10 @@ def _check_camera(name: str, path: SimPath, facts: ModelFacts) -> Iterator[SimFa
 
 
 def _near_sensors(name: str, written: str, facts: ModelFacts) -> str | None:
-    """Near names among the sensors of the type that was written, then among all."""
+    """Near names among the sensors of the type that was written, else among all."""
     same_type = [sensor.name for sensor in facts.sensors.values() if sensor.type == written]
-    if near_names(name, same_type) or not near_names(name, facts.sensors):
-        return did_you_mean(name, same_type or facts.sensors)
-    return did_you_mean(name, facts.sensors)
+    near = near_names(name, same_type) or near_names(name, facts.sensors)
+    return ask_for(near) or there_is(same_type or facts.sensors)
 
 
 def _check_one_place(

@@ -4,8 +4,8 @@ What parsing makes and resolving rewrites; every value, `true` and null too, kee
 text that wrote it, whatever file that stands in.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from obk_cli.source import Span
@@ -47,13 +47,17 @@ class TreeMap:
 
     entries: tuple[Entry, ...]
     span: Span
+    _by_key: Mapping[str, Entry] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_by_key", {entry.key: entry for entry in self.entries})
 
     def __iter__(self) -> Iterator[Entry]:
         return iter(self.entries)
 
     def get(self, key: str) -> Entry | None:
         """The entry of that key."""
-        return next((entry for entry in self.entries if entry.key == key), None)
+        return self._by_key.get(key)
 
 
 Tree = TreeScalar | TreeList | TreeMap
