@@ -6,6 +6,7 @@ Source: YAML 1.2.2, 10.3 Core Schema.
 """
 
 import re
+from collections.abc import Callable
 from typing import Final
 
 import yaml
@@ -51,24 +52,45 @@ class YamlTextError(ValueError):
 class _CoreLoader(yaml.SafeLoader):
     """SafeLoader whose plain scalars are those of YAML 1.2 core."""
 
+    expand: Callable[[str], str]
+    """What becomes of each scalar's text before it is read."""
+
     yaml_implicit_resolvers = {  # noqa: RUF012  (the attribute's name and type are PyYAML's)
         "<": [("tag:yaml.org,2002:merge", re.compile(r"<<$"))],
         None: [("!plain", re.compile(""))],
     }
 
 
-_CoreLoader.add_constructor("!plain", lambda _, node: core_scalar(node.value))
+def _plain(loader: _CoreLoader, node: yaml.ScalarNode) -> Scalar:
+    return core_scalar(loader.expand(node.value))
+
+
+def _quoted(loader: _CoreLoader, node: yaml.ScalarNode) -> str:
+    return loader.expand(str(loader.construct_scalar(node)))
+
+
+_CoreLoader.add_constructor("!plain", _plain)
+_CoreLoader.add_constructor("tag:yaml.org,2002:str", _quoted)
 _CoreLoader.add_constructor("tag:yaml.org,2002:merge", lambda _, node: node.value)
 
 
-def load_yaml_core(text: str) -> object:
+def load_yaml_core(text: str, expand: Callable[[str], str] = str) -> object:
     """The value of one YAML document.
 
+    Args:
+        text: the document.
+        expand: what becomes of each scalar's text before it is read; may raise a ValueError.
+
     Raises:
-        YamlTextError: the text is not YAML, or uses a tag that builds objects.
+        YamlTextError: the text is not YAML, or uses a tag that builds objects; or `expand` raised.
     """
     try:
-        return yaml.load(text, Loader=_CoreLoader)  # noqa: S506 - a SafeLoader
+        loader = _CoreLoader(text)
+        loader.expand = expand
+        try:
+            return loader.get_single_data()
+        finally:
+            loader.dispose()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""

@@ -96,9 +96,25 @@ def test_a_ray_caster_is_read_from_its_file(load, tmp_path):
     assert (bare.site, bare.frame) == ("tip", "world")
 
 
+def test_variables_in_the_file_of_a_ray_caster_are_replaced(load, tmp_path, monkeypatch):
+    monkeypatch.setenv("SITE_OF_CASE", "tip")
+    (tmp_path / "rays.yaml").write_text(
+        'site_name: "${SITE_OF_CASE}"\n'
+        "max_distance: ${NOT_SET_IN_CASE:-2.5}\n"
+        "pattern: {type: height_scan, resolution: 1, size: [2, 2]}\n"
+    )
+    group = _group(msg_type="ObkScan", config_path="rays.yaml")
+    (loaded,) = load(sensor_settings=[group]).block.groups
+    assert (loaded.rays.site, loaded.rays.max_distance_m) == ("tip", 2.5)
+
+
 @pytest.mark.parametrize(
     ("text", "part"),
     [
+        (
+            "site_name: ${NOT_SET_IN_CASE}",
+            "rays.yaml cannot be read: environment variable `NOT_SET_IN_CASE` is not set",
+        ),
         ("[1, 2]", "rays.yaml holds no ray caster: a mapping with `site_name` and `pattern`"),
         ("{a: {", "rays.yaml cannot be read: "),
         ("site_name: tpi", "site `tpi` is not in the model"),

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from obelisk_spec.near import ask_for, near_names
+from obelisk_spec.variables import REFERENCE, value_of_reference
 from obelisk_spec.yaml_core import core_scalar
 from obk_cli.diagnostics import Diagnostic, found
 from obk_cli.source import Span
@@ -12,8 +13,6 @@ from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar
 
 __all__ = ["resolve_variables"]
 
-# A default is bounded, lest every `${A:-` of a text be compared with all that follows it.
-_REFERENCE = re.compile(r"\$\$\{|\$\{([A-Za-z_][A-Za-z0-9_]*)(?::-([^}]{0,1000}+))?\}|\$\{")
 _MOST_SUGGESTIONS = 50
 """Findings with a near name; whoever has more is told the names only."""
 
@@ -51,21 +50,17 @@ def _replaced_text(
     places: dict[str, Span] = {}
 
     def value_of(reference: re.Match[str]) -> str:
-        name, default = reference.groups()
-        if reference[0] == "$${":
-            return "${"
-        if name is not None and name in environment:
-            return environment[name]
-        if default is not None:
-            return str(default)
+        value = value_of_reference(reference, environment)
+        if value is not None:
+            return value
         if reference[0] not in told:
             told.add(reference[0])
             known = environment if len(faults) < _MOST_SUGGESTIONS else {}
             places.update({} if places else _first_places(span))
-            faults.append(_undefined(name, places.get(reference[0], span), known))
+            faults.append(_undefined(reference[1], places.get(reference[0], span), known))
         return reference[0]
 
-    new = _REFERENCE.sub(value_of, text)
+    new = REFERENCE.sub(value_of, text)
     is_plain = span.text[:1] not in ("'", '"', "|", ">")
     return TreeScalar(core_scalar(new) if is_plain else new, span)
 
@@ -73,7 +68,7 @@ def _replaced_text(
 def _first_places(span: Span) -> dict[str, Span]:
     """Reference -> where it stands first on the first line of a value."""
     places: dict[str, Span] = {}
-    for match in _REFERENCE.finditer(span.text):
+    for match in REFERENCE.finditer(span.text):
         column = span.column + match.start()
         places.setdefault(match[0], Span.at(span.source, span.line, column, len(match[0])))
     return places

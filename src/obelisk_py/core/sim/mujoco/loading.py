@@ -1,9 +1,10 @@
 """From the text of a `sim` block to a compiled model, or to everything that is wrong with it.
 
 In: the text, the keyframe that the config asks for. Out: model, block and keyframe. Reads the
-files of the model and of ray casters and nothing else.
+files of the model and of ray casters, and the environment where those name variables.
 """
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -65,7 +66,7 @@ def load_model(
         return find_file(path, package, folder, share_of)
 
     spec, errors = _read_spec(raw, find)
-    raw, unreadable = with_ray_casters(raw, find)
+    raw, unreadable = with_ray_casters(raw, find, os.environ)
     errors += unreadable
     facts = None if spec is None else read_model_facts(spec)
     errors += findings_of(raw, {"ic_keyframe": keyframe} if keyframe else {}, facts, warn)
