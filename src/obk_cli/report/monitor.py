@@ -76,7 +76,7 @@ def head_line(view: StackView, width: int) -> Line:
     off = sum(topic.is_off for topic in view.topics)
     rtf = view.realtime_factor
     parts = [
-        view.name or "launched elsewhere",
+        _fitted(view.name, max(_NARROWEST, width // 3)) or "launched elsewhere",
         _standing(view),
         f"up {timedelta(seconds=int(view.uptime_s))}" if view.uptime_s else "",
         f"{with_number(off, 'topic')} off" if off else "",

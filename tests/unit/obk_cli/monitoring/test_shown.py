@@ -47,6 +47,11 @@ def test_no_line_is_wider_than_the_terminal(width: int) -> None:
     assert "880" in text or width < 40
 
 
+def test_a_long_name_is_cut_before_what_the_stack_does_is_left_out() -> None:
+    head, *_ = monitor_text(replace(BROKEN, name="arm" * 40), 80, colour=False).splitlines()
+    assert head.startswith(f"{'arm' * 8}a…  inactive  up 0:01:23  2 topics off")
+
+
 def test_a_topic_that_is_off_is_marked_in_text_and_for_programs() -> None:
     marked = [
         line for line in monitor_text(BROKEN, 80, colour=False).splitlines() if line[:1] == "!"
