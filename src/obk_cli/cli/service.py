@@ -1,7 +1,8 @@
 """`obk service list|call`: the services of a running stack."""
 
 import json
-from typing import Annotated
+import re
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -14,11 +15,15 @@ from obk_cli.cli.looking_options import (
     with_types,
 )
 from obk_cli.cli.text_or_json import FormatOption, wants_json
-from obk_cli.errors import EXIT_FAILED
-from obk_cli.looking.place import Place
-from obk_cli.looking.plain_data import Plain
+from obk_cli.errors import EXIT_FAILED, MisuseError
+
+if TYPE_CHECKING:
+    from obk_cli.looking.place import Place
+    from obk_cli.looking.plain_data import Plain
 
 __all__ = ["app"]
+
+_SERVICE_TYPE: Final = re.compile(r"\w+/srv/\w+", re.ASCII)
 
 app = typer.Typer(
     add_completion=False,
@@ -63,7 +68,7 @@ def list_(
     print("\n".join(services_text(shown)))
 
 
-@app.command(epilog="Example: obk service call obelisk_robot_0/step '{data: 10}'")
+@app.command(epilog="Example: obk service call robot_0/pause '{data: true}'")
 def call(
     service: Annotated[str, typer.Argument(help="Its name or the end: robot_0/reset.")],
     request: Annotated[
@@ -83,6 +88,8 @@ def call(
     no answer comes in time, and where the response has `success: false`.
     """
     is_json = wants_json(format)
+    if service_type is not None and not _SERVICE_TYPE.fullmatch(service_type):
+        raise MisuseError(f"`--type {service_type}`: expected such as `std_srvs/srv/Trigger`")
     place = here(domain, timeout)
 
     from obk_cli.cli.message_argument import load_message
@@ -102,8 +109,8 @@ def call(
 
 
 def _call(
-    place: Place, service: str, service_type: str | None, request: object, timeout_s: float
-) -> Plain:
+    place: "Place", service: str, service_type: str | None, request: object, timeout_s: float
+) -> "Plain":
     """The response of a service, called by a participant of our own."""
     from obk_cli.adapters.ros_calls import ServiceClient
     from obk_cli.adapters.ros_look import open_look

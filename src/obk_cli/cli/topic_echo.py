@@ -59,6 +59,8 @@ def command(
     """
     if format not in ("text", "json", "csv"):
         raise MisuseError(f"`--format {format}`: expected `text`, `json` or `csv`")
+    if csv and format == "json":
+        raise MisuseError("`--csv` and `--format json` ask for different things")
     most = 1 if once else count
 
     from obk_cli.looking.errands import message_by_launcher

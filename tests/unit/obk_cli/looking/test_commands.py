@@ -126,6 +126,8 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
         ("monitor --once --period 1e300", "`--period 1e+300`: expected seconds up to 1000000"),
         ("topic list --format yaml", "`--format yaml`: expected `text` or `json`"),
         ("topic echo est --format yaml", "expected `text`, `json` or `csv`"),
+        ("topic echo est --csv --format json", "`--csv` and `--format json` ask for different"),
+        ("service call a/b --type Trigger", "`--type Trigger`: expected such as `std_srvs/srv/"),
         ("topic echo est a..b", "`a..b` names no field"),
         ("topic hz est --window 0", "`--window 0`: expected seconds above 0"),
         ("topic hz est --duration -1", "`--duration -1`: expected seconds above 0"),
