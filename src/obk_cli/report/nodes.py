@@ -32,7 +32,9 @@ def node_text(seen: NodeSeen) -> Iterator[str]:
     yield plain(f"{seen.node}{f': {seen.state}' if seen.state else ''}")
     if seen.status is not None:
         yield f"  run {plain(seen.run or '')}, {status_text(seen.status)}"
-    yield f"  parameters: {'no answer' if seen.parameters is None else seen.parameters}"
+    asked = f"{seen.node}/list_parameters" in seen.services
+    unknown = "no answer" if asked else "it tells of none"
+    yield f"  parameters: {unknown if seen.parameters is None else seen.parameters}"
     own = special_services(seen.services)
     for title, names in (
         ("publishes", seen.publishes),
