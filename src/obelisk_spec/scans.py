@@ -120,6 +120,14 @@ def check_scan(
 ) -> Iterator[SimFault]:
     """Findings about a ray caster of the group `written`; `path` leads to the ray caster."""
     yield from _check_keys(scan, "a ray caster", SCAN_KEYS, path)
+    if is_count(scan.get("viz_decimation")):
+        yield SimFault(
+            code="OBK506",
+            severity="info",
+            path=(*path, "viz_decimation"),
+            points_at="key",
+            message="`viz_decimation` has no effect",
+        )
     yield from _check_groups(scan.get("geom_groups"), (*path, "geom_groups"))
     pattern = scan.get("pattern")
     if isinstance(pattern, Mapping):
