@@ -14,11 +14,12 @@ def eventually(
     condition: Callable[[], object],
     what: str,
     *,
+    seen: Callable[[], str] = str,
     deadline_s: float = DEADLINE_S,
     pause_s: float = 0.01,
 ) -> None:
-    """Wait until something holds; fails the test after a deadline."""
+    """Wait until something holds; fails the test after a deadline, with what is seen then."""
     end = time.monotonic() + deadline_s
     while not condition():
-        assert time.monotonic() < end, f"never came: {what}"
+        assert time.monotonic() < end, f"never came: {what}\n{seen()}"
         time.sleep(pause_s)

@@ -146,7 +146,7 @@ def test_a_state_that_no_packet_holds_is_told_once() -> None:
     assert "sysctl -w net.core.wmem_max=" in text
 
 
-def test_words_cross_the_same_link_until_it_ends(model: mujoco.MjModel) -> None:
+def test_words_cross_the_same_link_until_it_ends() -> None:
     with link() as (ours, theirs):
         say(theirs, "info", "shown at http://127.0.0.1:8080")
         say(theirs, "warning", "größer: als")

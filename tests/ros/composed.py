@@ -176,7 +176,7 @@ class Composed:
 
     def wait_for_line(self, part: str) -> None:
         """Wait for a line with these words."""
-        eventually(lambda: part in self.text, f"'{part}': {self.text}")
+        eventually(lambda: part in self.text, part, seen=lambda: self.text)
 
     def end(self, *signals: int) -> int:
         """The exit code, after these signals."""

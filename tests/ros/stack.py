@@ -181,14 +181,20 @@ class Launched:
         """Wait for a phase line, and note every process below the launcher."""
         eventually(
             lambda: any(f"s] {phase}" in line for line in self.lines) or self._has_ended(),
-            f"the phase {phase}: {self.text}",
+            f"the phase {phase}",
+            seen=lambda: self.text,
         )
         assert not self._has_ended(), self.text
         self.descendants |= set(psutil.Process(self.process.pid).children(recursive=True))
 
     def wait_for_line(self, part: str) -> None:
         """Wait for a line with these words."""
-        eventually(lambda: any(part in line for line in self.lines), f"'{part}': {self.text}")
+
+        def is_said() -> bool:
+            return any(part in line for line in self.lines)
+
+        eventually(lambda: is_said() or not self.reader.is_alive(), part, seen=lambda: self.text)
+        assert is_said(), self.text
 
     def node(self, name: str) -> psutil.Process:
         """The process of a node."""

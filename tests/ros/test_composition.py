@@ -57,7 +57,7 @@ def test_the_dummy_stack_runs_in_one_process(
         (EstimatedState, "/obelisk/dummy/est"),
         (PositionSetpoint, "/obelisk/dummy/ctrl"),
     ):
-        eventually(composed.listen(kind, topic), f"{topic}: {composed.text}")
+        eventually(composed.listen(kind, topic), topic, seen=lambda: composed.text)
     for node, own in (
         ("/obelisk_robot_0", "mujoco_setting"),
         ("/obelisk_estimation_0", "timer_est_setting"),

@@ -127,12 +127,11 @@ def is_broken(heard: list[RatesHeard], name: str) -> bool:
     ],
     ids=["own", "own, threads", "rclpy's, one thread", "rclpy's, threads"],
 )
-@pytest.mark.usefixtures("ros_domain")
 def test_a_throttled_timer_is_marked_with_every_executor(
     executor_type: Callable[[], Executor],
 ) -> None:
     with listening(Two, executor_type) as (_, heard):
-        eventually(lambda: is_broken(heard, "timer_fast"), f"a broken rate: {heard}")
+        eventually(lambda: is_broken(heard, "timer_fast"), "a broken rate", seen=lambda: str(heard))
         rate = newest(heard, "timer_fast")
     assert {told.node for told in heard} == {"/arm/two"}
     assert [rate.name for rate in heard[0].rates] == ["timer_slow", "timer_fast"]
@@ -147,10 +146,9 @@ def test_a_throttled_timer_is_marked_with_every_executor(
     assert rate.late_p50_us >= 3_900
 
 
-@pytest.mark.usefixtures("ros_domain")
 def test_coroutines_of_the_configs_timers_are_counted() -> None:
     with listening(Awaiting, EventLoopExecutor) as (_, heard):
-        eventually(lambda: (newest(heard, "timer_slow") or NONE).ticks >= 3, f"ticks: {heard}")
+        eventually(lambda: (newest(heard, "timer_slow") or NONE).ticks >= 3, "three ticks")
         assert (newest(heard, "timer_fast") or NONE).ticks >= 3
         assert (newest(heard, "timer_slow") or NONE).wanted_hz == 2
 
@@ -162,7 +160,6 @@ def is_heard_for(heard: list[RatesHeard], wait_s: float) -> bool:
     return len(heard) > before
 
 
-@pytest.mark.usefixtures("ros_domain")
 def test_only_an_active_node_tells_of_its_rates() -> None:
     with listening(Two, EventLoopExecutor) as (node, heard):
         eventually(lambda: len(heard) >= 2, "reports")
@@ -177,7 +174,6 @@ def test_only_an_active_node_tells_of_its_rates() -> None:
         assert [rate.name for rate in heard[before].rates] == ["timer_slow", "timer_fast"]
 
 
-@pytest.mark.usefixtures("ros_domain")
 def test_on_simulated_time_a_rate_is_one_of_it_and_nothing_is_promised_while_it_stands() -> None:
     """Simulated time goes at a fifth of the wall's: 10 Hz of it are 2 Hz."""
 
@@ -195,14 +191,13 @@ def test_on_simulated_time_a_rate_is_one_of_it_and_nothing_is_promised_while_it_
             clock.publish(Clock(clock=Time(sec=now_ms // 1000, nanosec=now_ms % 1000 * 10**6)))
             return (newest(heard, "timer_slow") or NONE).ticks >= 8
 
-        eventually(move_on, f"ticks: {heard}")
+        eventually(move_on, "eight ticks", seen=lambda: str(heard))
         assert (newest(heard, "timer_slow") or NONE).measured_hz > 4
         stopped = len(heard)
         eventually(lambda: len(heard) >= stopped + 3, "reports")
         assert (newest(heard, "timer_slow") or NONE).standing == "kept"
 
 
-@pytest.mark.usefixtures("ros_domain")
 def test_a_node_is_silenced_by_its_parameter() -> None:
     def make() -> ObeliskNode:
         return Two(report_rates=False)
@@ -213,7 +208,6 @@ def test_a_node_is_silenced_by_its_parameter() -> None:
         assert heard == []
 
 
-@pytest.mark.usefixtures("ros_domain")
 def test_a_status_says_whose_it_is_and_what_is_wrong() -> None:
     from diagnostic_msgs.msg import DiagnosticArray
 
@@ -256,7 +250,6 @@ MUTE = "        report_rates: False\n"
 
 
 @pytest.mark.mujoco
-@pytest.mark.usefixtures("ros_domain")
 def test_strict_rates_end_a_stack_whose_node_is_throttled_and_name_it(config: Path) -> None:
     result = obk("launch", config, "--strict-rates", "--quiet", "--duration", 60)
     assert result.returncode == 1, result.stdout
@@ -272,7 +265,6 @@ def test_strict_rates_end_a_stack_whose_node_is_throttled_and_name_it(config: Pa
 
 @pytest.mark.mujoco
 @pytest.mark.parametrize("how", [(), ("--composed",)])
-@pytest.mark.usefixtures("ros_domain")
 def test_a_throttled_node_is_told_once_and_shown_by_ps(config: Path, how: tuple[str, ...]) -> None:
     with launched(config, "--quiet", *how) as run:
         run.wait_for_line("control_0: RATE: timer_ctrl runs at ")
@@ -288,7 +280,6 @@ def test_a_throttled_node_is_told_once_and_shown_by_ps(config: Path, how: tuple[
 
 
 @pytest.mark.mujoco
-@pytest.mark.usefixtures("ros_domain")
 def test_a_stack_that_keeps_its_promises_runs_on_with_strict_rates(config: Path) -> None:
     config.write_text(config.read_text().replace(FAST, SLOW))
     options = ("--strict-rates", "--quiet", "--duration", 5, "--format", "json")
@@ -300,7 +291,6 @@ def test_a_stack_that_keeps_its_promises_runs_on_with_strict_rates(config: Path)
 
 
 @pytest.mark.mujoco
-@pytest.mark.usefixtures("ros_domain")
 def test_a_simulator_promises_its_steps_and_its_sensors(config: Path) -> None:
     config.write_text(config.read_text().replace(MUTE, "", 2))
     with launched(config, "--quiet"):

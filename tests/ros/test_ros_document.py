@@ -21,7 +21,7 @@ SETTINGS = {
 }
 
 
-def test_both_nodes_command_the_same(ros_domain: int) -> None:
+def test_both_nodes_command_the_same() -> None:
     known: dict[str, Any] = {
         "Node": Node,
         "PositionSetpoint": PositionSetpoint,

@@ -72,7 +72,7 @@ def test_all_nodes_go_round_the_life_cycle_from_another_terminal() -> None:
         assert states("get", "control", "robot") == {NODES[0]: "active", NODES[2]: "inactive"}
         refused = obk("lifecycle", "configure", "robot")
         assert refused.returncode == 1
-        assert f"'configure' starts from unconfigured, and {NODES[0]} is active" in refused.stderr
+        assert f"`configure` starts from unconfigured, and {NODES[0]} is active" in refused.stderr
         unknown = obk("lifecycle", "get", "contrl_0")
         assert unknown.returncode == 1
         assert "did you mean" in unknown.stderr
@@ -188,13 +188,13 @@ def test_an_rmw_that_is_not_installed_is_told_and_not_used(monkeypatch: pytest.M
     assert "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp is not installed here" in result.stderr
 
 
-def test_a_second_launch_in_the_domain_is_refused_and_the_first_runs_on(tmp_path: Path) -> None:
+def test_a_second_launch_in_the_domain_is_refused_and_the_first_runs_on() -> None:
     with launched(DUMMY, "--quiet") as run:
         second = obk("launch", DUMMY, "--quiet")
         assert second.returncode == 1
         domain = os.environ["ROS_DOMAIN_ID"]
         assert second.stderr.startswith(
-            f"error: the stack 'dummy' already runs in the ROS domain {domain} "
+            f"error: the stack `dummy` already runs in the ROS domain {domain} "
             f"(process {run.process.pid}, /obelisk_control_0, "
         )
         assert "help: stop it or use another ROS_DOMAIN_ID" in second.stderr

@@ -306,7 +306,7 @@ def test_a_cancelled_coroutine_frees_its_group(world: World) -> None:
     assert world.log == ["same"]
 
 
-def test_a_closed_lane_can_still_be_called(world: World) -> None:
+def test_a_closed_lane_can_still_be_called() -> None:
     lane = Lane()
     lane.close()
     lane.call()

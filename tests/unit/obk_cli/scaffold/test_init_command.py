@@ -191,7 +191,7 @@ def test_a_workspace_beside_another_may_have_its_name(here: Path) -> None:
     assert (here / "two/arm/arm.yaml").is_file()
 
 
-def test_a_package_is_no_place_for_a_workspace(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_package_is_no_place_for_a_workspace(here: Path) -> None:
     (here / "pkg").mkdir()
     (here / "pkg/package.xml").write_text("<package/>")
     assert "is a package" in refused("pkg").message
