@@ -268,7 +268,7 @@ class MonitorApp(App[ObkError | None]):
         box.focus()
 
     def action_help(self) -> None:
-        """Show the keys in the place of the log, or the log again."""
+        """Show the keys in the place of topics and log, or these again."""
         self._shows_help = not self._shows_help
         self._draw()
 
@@ -319,6 +319,7 @@ class MonitorApp(App[ObkError | None]):
                 self._put(name, [Line(text=line) for line in HELP] if name == "log_text" else [])
             return
         passage = passage_line(view, width)
+        self.query_one("#topics").display = not self._shows_help
         self._put("head", [head_line(view, width)])
         self._put("nodes_text", self._node_rows(view, width))
         self._put("topics_text", [*topic_lines(view, width), *([passage] if passage else [])])

@@ -10,7 +10,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, Static
 
-from obk_cli.adapters.monitor_app import MonitorApp
+from obk_cli.adapters.monitor_app import HELP, MonitorApp
 from obk_cli.errors import CommandFailedError, ObkError
 from obk_cli.launch.asks import ChangeAnswer
 from obk_cli.monitoring.view import StackView
@@ -195,13 +195,17 @@ def test_the_log_is_filtered_while_its_words_are_written() -> None:
     assert not live(steps, HEALTHY).asked
 
 
-def test_help_takes_the_place_of_the_log() -> None:
+def test_help_takes_the_place_of_topics_and_log_to_be_seen_whole() -> None:
     async def steps(world: World) -> None:
         await world.shows("log_text", "simulation")
         await world.press("question_mark")
         await world.shows("log_text", "quit; the stack goes on")
+        async with asyncio.timeout(30):
+            while world.app.query_one("#log").size.height < len(HELP):
+                await world.pilot.pause(0.01)
         await world.press("question_mark")
         await world.shows("log_text", "simulation")
+        assert world.app.query_one("#topics").display
 
     live(steps, HEALTHY)
 
