@@ -13,19 +13,7 @@ from benchmarks.loop.report import disturbances, rows_of, table, write_json, wri
 from benchmarks.loop.suite import Load, Suite
 from benchmarks.loop.turns import Failed, Run
 
-
-def figures(cpu_percent: float) -> Figures:
-    return Figures(
-        cpu_percent=cpu_percent,
-        cpu_per_tick_us=cpu_percent,
-        others_percent=0.0,
-        stolen_percent=0.0,
-        rate_hz=1000.0,
-        late_p50_us=20.0,
-        late_p99_us=2 * cpu_percent,
-        latency_p50_ms=1.0,
-        latency_p99_ms=2.0,
-    )
+from .measured import figures
 
 
 def suite(*runs: Run, busy_percent: float = 1.0, stolen_percent: float = 0.0) -> Suite:

@@ -3,7 +3,6 @@
 import pytest
 
 from benchmarks.loop.figures import (
-    Figures,
     Spread,
     Usage,
     figures_of,
@@ -13,6 +12,8 @@ from benchmarks.loop.figures import (
     spread,
 )
 from benchmarks.loop.record import NodeRecord
+
+from .measured import figures
 
 PERIOD_NS = 1000
 USAGE = Usage(own=50.0, others=10.0, stolen=3.0)
@@ -25,20 +26,6 @@ def late(*ticks_ns: int, phase_ns: int = 0) -> list[int]:
 def record(name: str = "sim_0", **noted: tuple[int, ...]) -> NodeRecord:
     times = {"ticks_ns": (), "arrivals_ns": (), "delays_ns": (), **noted}
     return NodeRecord(name=name, period_ns=PERIOD_NS, phase_ns=0, **times)
-
-
-def figures(cpu_percent: float) -> Figures:
-    return Figures(
-        cpu_percent=cpu_percent,
-        cpu_per_tick_us=cpu_percent,
-        others_percent=0.0,
-        stolen_percent=0.0,
-        rate_hz=1000.0,
-        late_p50_us=1.0,
-        late_p99_us=2.0,
-        latency_p50_ms=1.0,
-        latency_p99_ms=2.0,
-    )
 
 
 def test_a_tick_is_late_by_what_it_is_behind_its_schedule() -> None:

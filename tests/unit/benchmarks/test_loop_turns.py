@@ -16,10 +16,11 @@ from benchmarks.loop.cases import (
     cases_of,
     effort_of,
 )
-from benchmarks.loop.figures import Figures
 from benchmarks.loop.journal import append_record, read_journal, write_journal
 from benchmarks.loop.suite import Load, estimate_s, suite_of
 from benchmarks.loop.turns import Failed, Run, disturbed, kept, to_repeat, turns_of
+
+from .measured import figures
 
 FLOORS = Case(contestant=FLOOR, layout="composed")
 OURS = Case(contestant=LIBRARY, layout="composed")
@@ -28,18 +29,7 @@ EFFORTS = {case: Effort(rounds=3, seconds=2.0) for case in (THEIRS, OURS, FLOORS
 
 
 def run(case: Case, number: int, stolen_percent: float) -> Run:
-    figures = Figures(
-        cpu_percent=1.0,
-        cpu_per_tick_us=1.0,
-        others_percent=0.0,
-        stolen_percent=stolen_percent,
-        rate_hz=1000.0,
-        late_p50_us=1.0,
-        late_p99_us=2.0,
-        latency_p50_ms=1.0,
-        latency_p99_ms=2.0,
-    )
-    return Run(case=case, round=number, outcome=figures)
+    return Run(case=case, round=number, outcome=figures(1.0, stolen_percent))
 
 
 def rounds(case: Case, *stolen_percents: float) -> list[Run]:
