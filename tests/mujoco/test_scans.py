@@ -5,18 +5,14 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
-from rclpy.serialization import deserialize_message
 
 from obelisk_py.core.sim.mujoco.scans import make_caster, typed_ray_caster
 from obelisk_py.core.sim.mujoco.scans.rays import lay_out
-from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, SensorSource
+
+from .groups import group, taken
 
 pytestmark = pytest.mark.mujoco
 
-STAMP = Time(sec=12, nanosec=34)
-STAMP_NS = 12_000_000_034
-AT_ONCE = {"deliver": pytest.fail, "on_close": pytest.fail, "is_paced": False}
 SINGLE = 1e-6
 """Of a value: the messages hold 32 bits."""
 
@@ -66,19 +62,7 @@ def _settings(pattern, *, site="imu", **more):
 
 
 def _sample(model, data, kind, settings):
-    source = SensorSource(
-        model=model, data=data, names={}, warn=pytest.fail, rays=settings, **AT_ONCE
-    )
-    message = _taken(kind, SENSOR_KINDS[kind].build(source))
-    assert message.header.stamp == STAMP
-    return message
-
-
-def _taken(kind, sampler):
-    """The message of the present state."""
-    sampler.take()
-    data = sampler.message.to_bytes(STAMP_NS)
-    return deserialize_message(data, SENSOR_KINDS[kind].message_type)
+    return taken(kind, group(model, data, kind, rays=settings))
 
 
 def _own_rays(model, data, settings, site_rotation):
@@ -385,10 +369,7 @@ def test_the_points_of_a_cloud_are_given_in_the_frame(everything, moving, patter
 
 
 def test_scans_follow_the_simulation(everything, moving):
-    source = SensorSource(
-        model=everything, data=moving, names={}, warn=pytest.fail, rays=_settings(LIDAR), **AT_ONCE
-    )
-    sampler = SENSOR_KINDS["ObkScan"].build(source)
-    before = _taken("ObkScan", sampler).data
+    sampler = group(everything, moving, "ObkScan", rays=_settings(LIDAR))
+    before = taken("ObkScan", sampler).data
     mujoco.mj_step(everything, moving, 20)
-    assert not np.array_equal(_taken("ObkScan", sampler).data, before, equal_nan=True)
+    assert not np.array_equal(taken("ObkScan", sampler).data, before, equal_nan=True)

@@ -3,39 +3,19 @@
 import mujoco
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Time
-from rclpy.serialization import deserialize_message
 
 from obelisk_py.core.messages import message_name
-from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, SensorSource
+from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS
 from obelisk_spec.sensors import SENSOR_GROUPS
+
+from .groups import STAMP, group, taken
 
 pytestmark = pytest.mark.mujoco
 
-STAMP = Time(sec=12, nanosec=34)
-STAMP_NS = 12_000_000_034
-AT_ONCE = {"deliver": pytest.fail, "on_close": pytest.fail, "is_paced": False}
-
 
 def _sample(model, data, kind, names, warnings=None):
-    source = SensorSource(
-        model=model,
-        data=data,
-        names=names,
-        rays=None,
-        warn=(warnings if warnings is not None else []).append,
-        **AT_ONCE,
-    )
-    message = _taken(kind, SENSOR_KINDS[kind].build(source))
-    assert message.header.stamp == STAMP
-    return message
-
-
-def _taken(kind, sampler):
-    """The message of the present state."""
-    sampler.take()
-    data = sampler.message.to_bytes(STAMP_NS)
-    return deserialize_message(data, SENSOR_KINDS[kind].message_type)
+    warn = (warnings if warnings is not None else []).append
+    return taken(kind, group(model, data, kind, names=names, warn=warn))
 
 
 def _wxyz(field):
@@ -217,16 +197,8 @@ def test_odometry_without_a_pose_leaves_it_empty(everything, moving):
 
 
 def test_each_message_has_the_numbers_of_its_own_state(everything, moving):
-    sampler = SENSOR_KINDS["ObkJointEncoders"].build(
-        SensorSource(
-            model=everything,
-            data=moving,
-            names={"left_hip_pos": "jointpos", "left_hip_vel": "jointvel"},
-            rays=None,
-            warn=print,
-            **AT_ONCE,
-        )
-    )
-    before = _taken("ObkJointEncoders", sampler).joint_pos.tolist()
+    names = {"left_hip_pos": "jointpos", "left_hip_vel": "jointvel"}
+    sampler = group(everything, moving, "ObkJointEncoders", names=names)
+    before = taken("ObkJointEncoders", sampler).joint_pos.tolist()
     mujoco.mj_step(everything, moving, 10)
-    assert _taken("ObkJointEncoders", sampler).joint_pos.tolist() != before
+    assert taken("ObkJointEncoders", sampler).joint_pos.tolist() != before
