@@ -12,6 +12,7 @@ from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Any, Final, Self
 
+from obelisk_spec.late_generator import leave_generator_for_later
 from obk_cli.adapters.extras import no_ros
 from obk_cli.adapters.ros_clients import NodeClients
 from obk_cli.adapters.ros_environment import RosEnvironment
@@ -47,6 +48,7 @@ def open_ros(name: str, environment: RosEnvironment) -> "Iterator[RosLifecycle]"
         from rclpy.signals import SignalHandlerOptions
     except ImportError as error:
         raise no_ros(error) from error
+    leave_generator_for_later()
     with ExitStack() as stack:
         context = rclpy.Context()
         try:

@@ -7,12 +7,12 @@ raises is mapped here.
 
 import importlib
 import os
-import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Final, TypeVar
 
+from obelisk_spec.late_generator import leave_generator_for_later
 from obk_cli.adapters.extras import no_ros
 from obk_cli.adapters.raw_topics import RawTopic, offer_of
 from obk_cli.adapters.ros_environment import RosEnvironment
@@ -30,8 +30,6 @@ LOOK_S: Final = 0.005
 """Between two looks at what has come [s]."""
 QUIET_S: Final = 0.03
 """In which nothing more is told of nodes that are all there [s]."""
-GENERATOR: Final = "rosidl_generator_py.generate_py_impl"
-"""Every message package imports it along, with a parser; it takes longer than all its types."""
 
 
 @contextmanager
@@ -64,29 +62,16 @@ def open_look(
     except Exception as error:
         context.try_shutdown()
         raise CommandFailedError(f"ROS 2 does not start: {error}") from error
-    with _without_generator():
-        for module in ("rclpy.topic_endpoint_info", *needs):
-            # Whoever wants it will say what is wrong with it.
-            with suppress(Exception):
-                importlib.import_module(module)
+    leave_generator_for_later()
+    for module in ("rclpy.topic_endpoint_info", *needs):
+        # Whoever wants it will say what is wrong with it.
+        with suppress(Exception):
+            importlib.import_module(module)
     try:
         yield RosLook(node, rclpy_implementation, environment.domain)
     finally:
         node.destroy_when_not_in_use()
         context.try_shutdown()
-
-
-@contextmanager
-def _without_generator() -> Iterator[None]:
-    """Have `rosidl_generator_py` imported as where its generator is not installed."""
-    is_there = GENERATOR in sys.modules
-    if not is_there:
-        sys.modules[GENERATOR] = None  # type: ignore[assignment]
-    try:
-        yield
-    finally:
-        if not is_there:
-            del sys.modules[GENERATOR]
 
 
 class RosLook:
