@@ -6,16 +6,14 @@ Used like a `RosLook`, without ROS: an answer takes some ms, and nobody has to b
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from obk_cli.adapters.control_client import ask_look, is_askable
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.json_values import value_of
-from obk_cli.looking.delays import Delay
 from obk_cli.looking.graph import Graph, TopicSeen
 from obk_cli.looking.parameters import Parameter
 from obk_cli.looking.plain_data import Plain
-from obk_cli.looking.rates import Rate
 from obk_cli.looking.told import (
     GraphTold,
     NodeEnds,
@@ -23,6 +21,10 @@ from obk_cli.looking.told import (
     parse_graph,
     parse_parameter_told,
 )
+
+if TYPE_CHECKING:
+    from obk_cli.looking.delays import Delay
+    from obk_cli.looking.rates import Rate
 
 __all__ = ["LauncherLook", "LauncherParameters", "ask_launcher"]
 
@@ -167,7 +169,7 @@ class LauncherLook:
         confirmed = _told(self._folder, question, PUBLISH_S)["confirmed"]
         return None if confirmed is None else bool(confirmed)
 
-    def rates(self, topics: Mapping[str, str], duration_s: float) -> Mapping[str, Rate]:
+    def rates(self, topics: Mapping[str, str], duration_s: float) -> "Mapping[str, Rate]":
         """What the launcher's node measures of topics.
 
         Args:
@@ -177,6 +179,8 @@ class LauncherLook:
         Raises:
             CommandFailedError: the launcher gives no answer.
         """
+        from obk_cli.looking.rates import Rate
+
         question = {"about": "rates", "topics": dict(topics), "duration_s": duration_s}
         told = _told(self._folder, question, duration_s + MARGIN_S)["rates"]
         rates = {name: value_of(Rate, told.get(name)) for name in topics}
@@ -184,7 +188,7 @@ class LauncherLook:
 
     def delay(
         self, topic: str, kind: str, window: int, duration_s: float
-    ) -> tuple[Delay | None, int]:
+    ) -> "tuple[Delay | None, int]":
         """How late messages came to the launcher's node, and how many had no stamp.
 
         Args:
@@ -196,6 +200,8 @@ class LauncherLook:
         Raises:
             CommandFailedError: messages of the type have no stamp, or the launcher is silent.
         """
+        from obk_cli.looking.delays import Delay
+
         question = {"about": "delay", "topic": topic, "type": kind, "window": window}
         told = _told(self._folder, {**question, "duration_s": duration_s}, duration_s + MARGIN_S)
         return value_of(Delay, told["delay"]), int(told["unstamped"])
