@@ -73,7 +73,7 @@ def test_without_the_run_registry_the_graph_alone_is_enough(
             assert told("lifecycle", "get", *NODES) == dict.fromkeys(NODES, goal)
         refused = obk("lifecycle", "configure", "robot_0")
         assert refused.returncode == 1
-        assert "'configure' starts from unconfigured, and the node is active" in refused.stderr
+        assert "`configure` starts from unconfigured, and the node is active" in refused.stderr
     assert run.process.returncode == 0, run.text
 
 

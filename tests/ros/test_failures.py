@@ -80,7 +80,7 @@ def test_a_transition_that_gets_stuck_is_shown_with_the_place_where_it_is(
     # What a busy machine has no time to show is in the log.
     (log,) = (tmp_path / "home" / "runs").glob("*/obelisk_control_0.log")
     assert f"in {callback}" in shown + log.read_text()
-    failed = f"failed: /obelisk_control_0: the transition '{name}' was not done within 3.0 s"
+    failed = f"failed: /obelisk_control_0: the transition `{name}` was not done within 3.0 s"
     assert failed in result.stdout
     assert f"{config.name}:" in result.stdout.partition(failed)[2]
     assert not marked()
@@ -100,7 +100,7 @@ def test_a_raise_in_a_transition_is_shown_with_its_traceback_and_taken_back(
     assert shown.index("ValueError: no gain") < shown.index("rolling back")
     undone = {"configure": "cleanup", "activate": "deactivate"}[name]
     assert f"robot_0: {undone} ok" in shown.partition("rolling back")[2].partition("stopping")[0]
-    assert f"failed: /obelisk_control_0: the transition '{name}' failed" in shown
+    assert f"failed: /obelisk_control_0: the transition `{name}` failed" in shown
 
 
 def test_a_launcher_started_with_sigint_ignored_ends_at_sigint_all_the_same() -> None:

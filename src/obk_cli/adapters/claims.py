@@ -67,7 +67,7 @@ def claim_run(
         if not replace_other:
             raise _refusal(run, in_the_way[1])
         _end(*in_the_way)
-    raise CommandFailedError(f"the stack '{run.name}' is started again and again from elsewhere")
+    raise CommandFailedError(f"the stack `{run.name}` is started again and again from elsewhere")
 
 
 def _first_in_the_way(parent: Path, run: Run) -> tuple[Path, Run] | None:
@@ -89,7 +89,7 @@ def _common(run: Run, other: Run) -> list[str]:
 def _refusal(run: Run, other: Run) -> CommandFailedError:
     nodes = ", ".join(_common(run, other) or other.all_nodes)
     return CommandFailedError(
-        f"the stack '{other.name}' already runs in the ROS domain {other.domain} "
+        f"the stack `{other.name}` already runs in the ROS domain {other.domain} "
         f"(process {other.pid}, {nodes})",
         help="stop it or use another ROS_DOMAIN_ID",
     )
@@ -99,7 +99,7 @@ def _end(folder: Path, other: Run) -> None:
     end = end_launcher(folder, other, reason="replaced", timeout_s=STOP_S, may_kill=True)
     if end == "still there":
         raise CommandFailedError(
-            f"the stack '{other.name}' in the ROS domain {other.domain} does not end "
+            f"the stack `{other.name}` in the ROS domain {other.domain} does not end "
             f"(process {other.pid})",
             help="the system holds on to that process; use another ROS_DOMAIN_ID",
         )

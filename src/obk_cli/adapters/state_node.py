@@ -40,10 +40,10 @@ def refusal(state: str, label: str, number: int) -> str:
     """Why a request cannot be met in a state."""
     possible = ", ".join(edge.label for edge in edges_from(state))
     if not possible:
-        when = "has come up" if state == UNKNOWN else f"is through with '{state}'"
+        when = "has come up" if state == UNKNOWN else f"is through with `{state}`"
         possible = "none" if state == "finalized" else f"none before the stack {when}"
     return (
-        f"refused the transition '{label or number}' in the state '{state}'; "
+        f"refused the transition `{label or number}` in the state `{state}`; "
         f"possible here: {possible}"
     )
 

@@ -101,7 +101,7 @@ def _choose(ros: RosLifecycle, environment: RosEnvironment, wanted: Wanted) -> t
     for name in wanted.names:
         if not nodes_meant(name, found):
             raise CommandFailedError(
-                f"there is no life-cycle node '{name}' in the ROS domain {environment.domain}",
+                f"there is no life-cycle node `{name}` in the ROS domain {environment.domain}",
                 help=did_you_mean(name, found),
             )
     return in_tier_order({node for name in wanted.names for node in nodes_meant(name, found)})
@@ -122,10 +122,10 @@ def _taken(ros: RosLifecycle, transition: str, node: str, timeout_s: float) -> M
         return Member(node=node, result="reached", state=table.goal)
     result: Result = "refused"
     if answer is None:
-        result, fault = "timed out", f"no answer to '{transition}' within {timeout_s:g} s"
+        result, fault = "timed out", f"no answer to `{transition}` within {timeout_s:g} s"
     elif before not in table.starts:
         starts = " or ".join(sorted(table.starts))
-        fault = f"'{transition}' starts from {starts}, and the node is {before}"
+        fault = f"`{transition}` starts from {starts}, and the node is {before}"
     else:
-        fault = f"'{transition}' failed: {answer.fault or 'the node gave no reason'}"
+        fault = f"`{transition}` failed: {answer.fault or 'the node gave no reason'}"
     return Member(node=node, result=result, state=_state(ros, node, timeout_s), fault=fault)

@@ -95,7 +95,7 @@ def _ask_launcher(choice: Choice, transition: str, timeout_s: float | None) -> C
     answer = ask_change(stack.folder, transition, choice.nodes, timeout_s=timeout_s, wait_s=wait_s)
     if answer is None:
         raise CommandFailedError(
-            f"the launcher of '{stack.run.name}' (process {stack.run.pid}) gave no answer",
+            f"the launcher of `{stack.run.name}` (process {stack.run.pid}) gave no answer",
             help="see `obk ps` and `obk logs`",
         )
     return answer

@@ -39,7 +39,7 @@ def log_meant(parent: Path, run: str | None, node: str | None) -> Path:
         of_newest = () if node else tuple(map(_short, _nodes(folders[0])))
         what = "run" if node else "run, nor a node of the newest one,"
         raise CommandFailedError(
-            f"there is no {what} called '{run}'", help=did_you_mean(run, (*names, *of_newest))
+            f"there is no {what} called `{run}`", help=did_you_mean(run, (*names, *of_newest))
         )
     folder = named or folders[0]
     return folder / LAUNCH_LOG if node is None else _node_log(folder, node)
@@ -65,12 +65,12 @@ def _node_log(folder: Path, name: str) -> Path:
     meant = nodes_meant(name, known)
     if not meant:
         raise CommandFailedError(
-            f"the run {folder.name} has no node '{name}'",
+            f"the run {folder.name} has no node `{name}`",
             help=did_you_mean(name, map(_short, known)),
         )
     if len(meant) > 1:
         raise CommandFailedError(
-            f"'{name}' means several nodes", help=f"name one of {list_names(map(_short, meant))}"
+            f"`{name}` means several nodes", help=f"name one of {list_names(map(_short, meant))}"
         )
     return folder / f"{meant[0].strip('/').replace('/', '.')}.log"
 

@@ -74,7 +74,7 @@ def runs_meant(
         where = "on this host" if domain is None else f"in the ROS domain {domain} on this host"
         names = sorted({run.name for run in here.values()})
         raise CommandFailedError(
-            f"no stack '{name}' runs {where}", help=did_you_mean(name, names) or "see `obk ps`"
+            f"no stack `{name}` runs {where}", help=did_you_mean(name, names) or "see `obk ps`"
         )
     return meant
 

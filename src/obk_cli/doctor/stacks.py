@@ -31,7 +31,7 @@ def judge_stacks(facts: StackFacts) -> Iterator[Finding]:
     """Stacks that run and processes that should not."""
     for stack in facts.running:
         yield note(
-            f"the stack '{stack.name}' runs in ROS domain {stack.domain} (launcher {stack.pid})",
+            f"the stack `{stack.name}` runs in ROS domain {stack.domain} (launcher {stack.pid})",
             f"obk stop {stack.name}",
             domain=stack.domain,
             pid=stack.pid,

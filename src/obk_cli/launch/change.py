@@ -117,7 +117,7 @@ def reason(culprit: Member, transition: Transition, limit_s: float) -> str:
         "gone": "was cut short",
     }
     first = f": {culprit.fault.splitlines()[0]}" if culprit.fault else ""
-    return f"{culprit.node}: the transition '{transition.name}' {how[culprit.result]}{first}"
+    return f"{culprit.node}: the transition `{transition.name}` {how[culprit.result]}{first}"
 
 
 def _gone(roster: Roster, node: str) -> Member:
@@ -158,7 +158,7 @@ def _obstacle(hearing: Hearing, change: Change) -> str:
     for node, state in states.items():
         if state != transition.goal and state not in transition.starts:
             starts = " or ".join(sorted(transition.starts))
-            return f"'{transition.name}' starts from {starts}, and {node} is {state}"
+            return f"`{transition.name}` starts from {starts}, and {node} is {state}"
     return ""
 
 

@@ -157,7 +157,7 @@ class Recovery:
             return True
         if self._runs(unit):
             first = f": {failed.fault.splitlines()[0]}" if failed.fault else ""
-            what = f"the transition '{transition.name}' failed after a restart{first}"
+            what = f"the transition `{transition.name}` failed after a restart{first}"
             self._give_up(failed.node, f"{failed.node}: {what}")
         return False
 

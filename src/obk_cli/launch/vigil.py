@@ -44,7 +44,7 @@ def _answer(hearing: Hearing, asked: ChangeAsked) -> ChangeAnswer:
         why = f"no such node with a life cycle is driven here: {', '.join(unknown)}"
         return ChangeAnswer(success=False, why=why)
     if asked.transition not in TRANSITIONS:
-        return ChangeAnswer(success=False, why=f"there is no transition '{asked.transition}'")
+        return ChangeAnswer(success=False, why=f"there is no transition `{asked.transition}`")
     lost = sorted(set(asked.nodes) & roster.lost)
     if lost:
         return ChangeAnswer(success=False, why=f"crashed, and not brought back: {', '.join(lost)}")

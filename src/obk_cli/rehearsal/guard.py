@@ -39,7 +39,7 @@ def refuse_running(runs: Path, name: str) -> None:
     other = next((run for run in live_folders(runs).values() if run.name == name), None)
     if other is not None:
         raise CommandFailedError(
-            f"the stack '{name}' runs in the ROS domain {other.domain} (process {other.pid}), and "
+            f"the stack `{name}` runs in the ROS domain {other.domain} (process {other.pid}), and "
             "a rehearsal beside it would disturb both",
             help=f"`obk stop {name}` ends it",
         )

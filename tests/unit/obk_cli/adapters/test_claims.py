@@ -49,7 +49,7 @@ def test_a_claim_is_seen_by_other_terminals(tmp_path: Path) -> None:
 )
 def test_the_same_name_or_a_common_node_is_refused(tmp_path: Path, second: Run) -> None:
     claim_run(tmp_path, RUN, NOW)
-    message = rf"the stack 's' already runs in the ROS domain 80 \(process {PID}, .*/b\)"
+    message = rf"the stack `s` already runs in the ROS domain 80 \(process {PID}, .*/b\)"
     with pytest.raises(CommandFailedError, match=message) as raised:
         claim_run(tmp_path, second, NOW)
     assert raised.value.help == "stop it or use another ROS_DOMAIN_ID"

@@ -146,7 +146,7 @@ def test_a_run_that_is_not_there_is_told_with_near_names(
 ) -> None:
     with (
         fake_stack(parent, ACTIVE),
-        pytest.raises(CommandFailedError, match="no stack 'dumy' runs in the ROS dom") as raised,
+        pytest.raises(CommandFailedError, match="no stack `dumy` runs in the ROS dom") as raised,
     ):
         node_states(environment, Asked(run="dumy"))
     assert raised.value.help == "did you mean `dummy`?"
@@ -158,7 +158,7 @@ def test_the_graph_is_asked_where_no_launcher_has_the_nodes(
     in_graph(monkeypatch, {**ACTIVE, "/nav": "inactive"})
     with fake_stack(parent, ACTIVE):
         assert node_states(environment, Asked(names=("nav",))) == {"/nav": "inactive"}
-        with pytest.raises(CommandFailedError, match="no life-cycle node 'contrl_0'") as raised:
+        with pytest.raises(CommandFailedError, match="no life-cycle node `contrl_0`") as raised:
             node_states(environment, Asked(names=("contrl_0",)))
     assert raised.value.help is not None
     assert "`/obelisk_control_0`" in raised.value.help
@@ -172,7 +172,7 @@ def test_the_graph_is_asked_where_the_launcher_does_not_answer(
     with fake_stack(parent, ACTIVE):
         assert node_states(environment, Asked()) == {ROBOT: "inactive", CONTROL: "no answer"}
         answer = change_states(environment, "activate", Asked())
-    assert answer.why == f"{CONTROL}: no answer to 'activate' within 10 s"
+    assert answer.why == f"{CONTROL}: no answer to `activate` within 10 s"
     assert [(m.node, m.result) for m in answer.members] == [
         (ROBOT, "reached"),
         (CONTROL, "timed out"),
@@ -192,8 +192,8 @@ def test_in_the_graph_the_state_node_is_left_out_and_down_goes_control_first(
 @pytest.mark.parametrize(
     ("transition", "fault"),
     [
-        ("activate", "'activate' failed: no torque"),
-        ("configure", "'configure' starts from unconfigured, and the node is active"),
+        ("activate", "`activate` failed: no torque"),
+        ("configure", "`configure` starts from unconfigured, and the node is active"),
     ],
 )
 def test_in_the_graph_a_refusal_says_why(

@@ -49,12 +49,12 @@ def test_a_log_of_a_run_that_tells_nothing_is_found(tmp_path: Path) -> None:
     [
         (
             ("dumy", None),
-            "there is no run, nor a node of the newest one, called 'dumy'",
+            "there is no run, nor a node of the newest one, called `dumy`",
             "did you mean `dummy`?",
         ),
-        (("contrl_0", "robot_0"), "there is no run called 'contrl_0'", "there is: `other`, `dumm"),
-        (("dummy", "robo_0"), r"the run dummy_\d+_\d+ has no node 'robo_0'", "did you mean `robot"),
-        (("dummy", "control"), "'control' means several nodes", "name one of `control_0`, `left/"),
+        (("contrl_0", "robot_0"), "there is no run called `contrl_0`", "there is: `other`, `dumm"),
+        (("dummy", "robo_0"), r"the run dummy_\d+_\d+ has no node `robo_0`", "did you mean `robot"),
+        (("dummy", "control"), "`control` means several nodes", "name one of `control_0`, `left/"),
     ],
 )
 def test_what_is_not_there_is_told_with_what_is(

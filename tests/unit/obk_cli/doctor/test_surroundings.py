@@ -103,7 +103,7 @@ def test_libraries_of_another_ros_beside_the_wheels_are_told() -> None:
 def test_a_stack_that_runs_is_noted_with_how_to_stop_it() -> None:
     world = StackFacts(running=(RunningStack(name="arm", domain=3, pid=42),), leftovers=())
     found = the_one(judge_stacks(world), "note")
-    assert found.message == "the stack 'arm' runs in ROS domain 3 (launcher 42)"
+    assert found.message == "the stack `arm` runs in ROS domain 3 (launcher 42)"
     assert found.cure == "obk stop arm"
 
 

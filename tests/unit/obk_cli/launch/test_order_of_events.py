@@ -228,7 +228,7 @@ def test_a_hung_node_is_not_asked_for_what_it_would_do_once_it_wakes() -> None:
     world.later.extend([lambda: world.mute.add(ESTIMATOR), 5.0, asked, STOP])
     world.run(duration_s=None)
     assert answers[0].why == (
-        f"{ESTIMATOR}: the transition 'deactivate' was cut short: the node hangs"
+        f"{ESTIMATOR}: the transition `deactivate` was cut short: the node hangs"
     )
     assert "deactivate" not in world.transitions_of(ESTIMATOR)
 
@@ -244,7 +244,7 @@ def test_a_node_that_fails_after_its_restart_says_why_in_the_cause() -> None:
     world = World(on_crash="restart")
     world.later.extend([lambda: world.refuses.update({(ROBOT, "configure"): "no gain"}), died()])
     assert world.run(duration_s=None).cause.endswith(
-        "the transition 'configure' failed after a restart: no gain"
+        "the transition `configure` failed after a restart: no gain"
     )
 
 

@@ -74,7 +74,7 @@ def test_a_refused_activate_takes_its_tier_back_and_fails_with_the_nodes_own_wor
     ended = world.run()
     assert ended.exit_code == 1
     assert ended.cause == (
-        f"{ESTIMATOR}: the transition 'activate' failed: on_activate: ValueError: no gain"
+        f"{ESTIMATOR}: the transition `activate` failed: on_activate: ValueError: no gain"
     )
     assert (CONTROLLER, "activate") not in world.done
     assert (ROBOT, "deactivate") in world.done
@@ -96,7 +96,7 @@ def test_nodes_of_a_tier_that_did_make_a_failed_step_are_rolled_back() -> None:
 def test_a_transition_without_an_answer_is_a_timeout() -> None:
     world = World(silent={(ROBOT, "configure")})
     ended = world.run()
-    assert ended.cause == f"{ROBOT}: the transition 'configure' was not done within 10.0 s"
+    assert ended.cause == f"{ROBOT}: the transition `configure` was not done within 10.0 s"
     assert (
         TransitionEnded(node=ROBOT, transition="configure", result="timed out", seconds=10.0)
         in world.told
@@ -174,7 +174,7 @@ def test_a_node_that_does_not_shut_down_and_ends_by_sigterm_has_not_ended_in_ord
     world = World(silent={(ROBOT, "shutdown")}, deaf_to={(ROBOT, signal.SIGINT)})
     ended = world.run()
     assert ended.exit_code == 1
-    assert "'shutdown' was not done within 3.0 s" in ended.cause
+    assert "`shutdown` was not done within 3.0 s" in ended.cause
     assert ended.consequences == 1
 
 
@@ -189,7 +189,7 @@ def test_a_node_without_an_answer_on_the_way_down_is_asked_nothing_more() -> Non
     world = World(silent={(CONTROLLER, "deactivate")})
     ended = world.run()
     assert ended.exit_code == 1
-    assert "'deactivate' was not done within 3.0 s" in ended.cause
+    assert "`deactivate` was not done within 3.0 s" in ended.cause
     assert (CONTROLLER, "cleanup") not in world.done
     assert (ROBOT, "shutdown") in world.done
 
@@ -213,7 +213,7 @@ def test_a_failure_in_a_transition_that_was_asked_for_is_told_once() -> None:
         ),
     )
     ended = world.run()
-    assert ended.cause == f"{ROBOT}: the transition 'configure' failed: x"
+    assert ended.cause == f"{ROBOT}: the transition `configure` failed: x"
     assert ended.consequences == 0
     assert not [event for event in world.told if isinstance(event, Failed)]
 
@@ -249,7 +249,7 @@ def test_an_old_message_does_not_stand_for_the_state_after_the_newest_answer() -
 def test_a_node_that_became_active_after_its_deadline_is_deactivated() -> None:
     world = World(unheard={(ROBOT, "activate")})
     ended = world.run()
-    assert ended.cause == f"{ROBOT}: the transition 'activate' was not done within 10.0 s"
+    assert ended.cause == f"{ROBOT}: the transition `activate` was not done within 10.0 s"
     assert ended.consequences == 0
     assert world.transitions_of(ROBOT)[2:] == ["deactivate", "cleanup", "shutdown"]
 

@@ -91,7 +91,7 @@ def test_a_node_that_fails_again_after_its_restart_uses_up_its_budget() -> None:
     world.later.appendleft(lambda: world.refuses.update({(ROBOT, "configure"): "no gain"}))
     ended = world.run(duration_s=None)
     assert ended.exit_code == 1
-    assert "the transition 'configure' failed after a restart" in ended.cause
+    assert "the transition `configure` failed after a restart" in ended.cause
 
 
 def test_a_hang_is_seen_within_two_seconds_and_stops_the_stack() -> None:
@@ -197,7 +197,7 @@ def test_a_failed_change_is_taken_back_and_leaves_the_stack_up() -> None:
     world = World(refuses={(ROBOT, "deactivate"): "on_deactivate: no"})
     answer = ask(world, "deactivate")
     assert not answer.success
-    assert answer.why == f"{ROBOT}: the transition 'deactivate' failed: on_deactivate: no"
+    assert answer.why == f"{ROBOT}: the transition `deactivate` failed: on_deactivate: no"
     assert [(m.node, m.result, m.state) for m in answer.members] == [
         (CONTROLLER, "taken back", "active"),
         (ESTIMATOR, "taken back", "active"),
@@ -209,7 +209,7 @@ def test_a_failed_change_is_taken_back_and_leaves_the_stack_up() -> None:
 def test_what_cannot_begin_is_refused_as_a_whole() -> None:
     world = World()
     answer = ask(world, "cleanup")
-    assert answer.why == f"'cleanup' starts from inactive, and {CONTROLLER} is active"
+    assert answer.why == f"`cleanup` starts from inactive, and {CONTROLLER} is active"
     assert not answer.members
     assert "taken back" not in world.phases
 
