@@ -18,9 +18,9 @@ from obk_cli.cli.looking_options import (
 )
 from obk_cli.cli.option_values import require_positive
 from obk_cli.errors import MisuseError
-from obk_cli.looking.place import Place
 
 if TYPE_CHECKING:
+    from obk_cli.looking.place import Place
     from obk_cli.looking.publishing import Publication, Published
 
 __all__ = ["EXAMPLE", "command"]
@@ -87,7 +87,7 @@ def command(
 
 
 def _publish(
-    place: Place, publication: "Publication", most: int | None, rate_hz: float
+    place: "Place", publication: "Publication", most: int | None, rate_hz: float
 ) -> "Published":
     """Publish by a participant of our own.
 
