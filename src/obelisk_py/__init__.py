@@ -4,10 +4,6 @@ Importing it gives the message classes the field names of their older layouts ba
 (`PositionSetpoint.u`, `EstimatedState.x_hat`); the wire format does not change.
 """
 
-from obelisk_spec.late_generator import leave_generator_for_later
-
-leave_generator_for_later()
-
-from obelisk_py.core.messages import add_field_aliases  # noqa: E402  only now without it
+from obelisk_py.core.messages import add_field_aliases
 
 add_field_aliases()

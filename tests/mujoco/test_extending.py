@@ -31,9 +31,10 @@ def extended(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     for folder in NEEDED:
         shutil.copytree(repository / folder, copy / folder, ignore=unwanted)
     (copy / "tests/mujoco").mkdir()
-    for file in ("pyproject.toml", "tests/conftest.py", "tests/mujoco/test_sensors.py"):
+    for file in ("pyproject.toml", "tests/conftest.py"):
         shutil.copy(repository / file, copy / file)
-    shutil.copy(repository / "tests/mujoco/conftest.py", copy / "tests/mujoco")
+    for file in ("conftest.py", "groups.py", "test_sensors.py"):
+        shutil.copy(repository / "tests/mujoco" / file, copy / "tests/mujoco")
     for listing in LISTING.finditer((repository / DOCUMENT).read_text()):
         path = copy / listing["path"]
         path.parent.mkdir(parents=True, exist_ok=True)

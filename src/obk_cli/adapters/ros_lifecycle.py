@@ -12,8 +12,8 @@ from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Any, Final, Self
 
-from obelisk_spec.late_generator import leave_generator_for_later
 from obk_cli.adapters.extras import no_ros
+from obk_cli.adapters.late_generator import leave_generator_for_later
 from obk_cli.adapters.ros_clients import NodeClients
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_graph import RosGraph

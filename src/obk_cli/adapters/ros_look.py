@@ -12,8 +12,8 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Final, TypeVar
 
-from obelisk_spec.late_generator import leave_generator_for_later
 from obk_cli.adapters.extras import no_ros
+from obk_cli.adapters.late_generator import leave_generator_for_later
 from obk_cli.adapters.raw_topics import RawTopic, offer_of
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_graph import full_name
