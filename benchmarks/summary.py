@@ -17,7 +17,7 @@ from benchmarks.loop.cases import LIBRARY
 from benchmarks.readme import peers_table, with_table
 from benchmarks.stolen import DISTURBED_PERCENT
 
-__all__ = ["Goal", "goals_table", "main", "notes"]
+__all__ = ["Goal", "goals_table", "main", "notes", "slowest_look"]
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 RESULTS: Final = ROOT / "benchmarks" / "results"
@@ -89,6 +89,15 @@ def per_node(layout: str) -> Callable[[Results], float]:
 def watched(layout: str) -> Callable[[Results], float]:
     """The least share of a promised rate while the stack is watched, in %."""
     return lambda results: 100 * float(results["watched"]["least_kept"][f"{layout}, watched"])
+
+
+def slowest_look(commands: Mapping[str, Mapping[str, float]]) -> float:
+    """The longest median beyond the time that a command is told to measure for [s]."""
+    return max(
+        took["median_s"] - float(words.partition("--duration ")[2] or 0.0)
+        for words, took in commands.items()
+        if words not in ("lifecycle get", "completion", PUB_TO_ROBOT)
+    )
 
 
 def at(*path: str) -> Callable[[Results], float]:
@@ -211,14 +220,10 @@ GOALS: Final = (
         figure=at("looking", "commands", "lifecycle get", "median_s"),
     ),
     Goal(
-        what="the slowest of `obk topic`, `node`, `param`, `service`",
+        what="the slowest of `obk topic`, `node`, `param`, `service`, beyond its window",
         most=0.5,
         unit=" s",
-        figure=lambda results: max(
-            float(took["median_s"])
-            for words, took in results["looking"]["commands"].items()
-            if words not in ("lifecycle get", "completion", PUB_TO_ROBOT)
-        ),
+        figure=lambda results: slowest_look(results["looking"]["commands"]),
     ),
     Goal(
         what="`obk topic pub --once` where a robot listens, by a participant of its own",

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.summary import Goal, goals_table, notes
+from benchmarks.summary import Goal, goals_table, notes, slowest_look
 
 
 @pytest.mark.parametrize(
@@ -51,3 +51,8 @@ def test_results_that_the_host_had_a_part_in_are_named() -> None:
         "loop: the machine was not quiet before every round",
         "watched: up to 9 % of a core was stolen by the machine's host",
     ]
+
+
+def test_the_time_that_a_command_is_told_to_measure_for_is_not_its_own() -> None:
+    commands = {"topic list": 0.25, "topic hz est --duration 0.5": 0.8, "lifecycle get": 2.0}
+    assert slowest_look({w: {"median_s": s} for w, s in commands.items()}) == pytest.approx(0.3)
