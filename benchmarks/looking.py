@@ -134,17 +134,19 @@ def counting(topics: int, rate_hz: float, seconds: float, variables: dict[str, s
         text=True,
     )
     names = [f"/load/t{number:02}" for number in range(topics)]
-    counter = psutil.Popen(
-        [OBK, "topic", "hz", *names, "--format", "json", "--timeout", "60"],
-        env=variables,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    told = json.loads(publisher.communicate(timeout=seconds * 5 + 60)[0])
-    used = counter.cpu_times()
-    time.sleep(TOLD_S)
-    counter.send_signal(2)
-    lines = [json.loads(line) for line in counter.communicate(timeout=60)[0].splitlines()]
+    with tempfile.TemporaryFile("w+") as output:  # a pipe that nobody reads would hold it up
+        counter = psutil.Popen(
+            [OBK, "topic", "hz", *names, "--format", "json", "--timeout", "60"],
+            env=variables,
+            stdout=output,
+        )
+        told = json.loads(publisher.communicate(timeout=seconds * 5 + 60)[0])
+        used = counter.cpu_times()
+        time.sleep(TOLD_S)
+        counter.send_signal(2)
+        counter.wait(60)
+        output.seek(0)
+        lines = [json.loads(line) for line in output]
     last = {line["topic"]: line for line in lines}
     return {
         "topics": topics,
