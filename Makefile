@@ -107,10 +107,12 @@ fuzz: SECONDS ?= 60
 fuzz: setup
 	$(BIN)/python -m tests.fuzz --seconds $(SECONDS)
 
-# The dummy stack in trouble for SECONDS; writes benchmarks/results/soak.json and soak.svg.
+# The dummy stack in trouble for SECONDS, then 1,000 rounds of its life cycle in one process; writes
+# soak.json, soak.svg, rounds.json and rounds.svg into benchmarks/results.
 soak: SECONDS ?= 1800
 soak: setup
 	$(BIN)/python -m benchmarks.soak --seconds $(SECONDS)
+	$(BIN)/python -m benchmarks.soak.rounds
 
 # --- the environment, in four steps; each is done again only when what it is made from changes ---
 

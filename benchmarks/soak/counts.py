@@ -90,8 +90,15 @@ def growth(times: Sequence[float], values: Sequence[float]) -> Growth:
     )
 
 
-def verdicts(samples: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Of each process that lived long enough and each count: whether it is flat."""
+def verdicts(
+    samples: Iterable[Mapping[str, Any]], least_judged_s: float = LEAST_JUDGED_S
+) -> list[dict[str, Any]]:
+    """Of each process that lived long enough and each count: whether it is flat.
+
+    Args:
+        samples: with `time_s` [s], `who`, `pid` and counts.
+        least_judged_s: of a process that was looked at for a shorter time nothing is told [s].
+    """
     by_process: defaultdict[tuple[str, int], list[Mapping[str, Any]]] = defaultdict(list)
     for one in samples:
         by_process[one["who"], one["pid"]].append(one)
@@ -99,7 +106,7 @@ def verdicts(samples: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     for (who, pid), own in by_process.items():
         judged = own[int(WARM_PART * len(own)) :]
         times = [one["time_s"] for one in judged]
-        if times[-1] - times[0] < LEAST_JUDGED_S:
+        if times[-1] - times[0] < least_judged_s:
             continue
         for key in LEAST:
             if key not in judged[0]:

@@ -1,4 +1,4 @@
-"""A short soak: every trouble once, answered as the rules say, and nothing left."""
+"""A short soak: every trouble once, answered as the rules say, and nothing left; a few rounds."""
 
 import json
 import subprocess
@@ -34,3 +34,23 @@ def test_every_trouble_is_answered_as_the_rules_say_and_nothing_is_left(
     }
     assert {"launcher", "shared memory"} < {one["who"] for one in result["samples"]}
     assert (tmp_path / "soak.svg").exists()
+
+
+def test_one_process_goes_round_its_life_cycle_and_is_counted(
+    repository: Path, tmp_path: Path
+) -> None:
+    # Not whether it grew: that a few rounds say nothing of.
+    subprocess.run(
+        [
+            *(sys.executable, "-m", "benchmarks.soak.rounds", "--rounds", "10"),
+            *("--config", str(DUMMY), "--results", str(tmp_path)),
+        ],
+        cwd=repository,
+        capture_output=True,
+        check=False,
+    )
+    result = json.loads((tmp_path / "rounds.json").read_text())
+    assert result["faults"] == []
+    assert len({one["pid"] for one in result["samples"]}) == 2
+    assert len(result["samples"]) > 10
+    assert (tmp_path / "rounds.svg").exists()

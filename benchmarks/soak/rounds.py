@@ -1,0 +1,116 @@
+"""Takes one process through its life cycle many times, and looks whether anything of it grows.
+
+    python -m benchmarks.soak.rounds [--rounds 1000]
+
+The dummy stack composed in one process is deactivated, cleaned up, configured and activated by its
+launcher, again and again; its process and the launcher's are counted. Numbers and verdict go to
+`rounds.json`, and with the extra `plot` a picture to `rounds.svg`. Exit code 1: something grows, or
+a transition fails.
+"""
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Final
+
+from rich.progress import track
+
+from benchmarks.soak.counts import of_process, verdicts
+from benchmarks.soak.picture import draw_picture
+from benchmarks.soak.stack import Stack
+from benchmarks.stolen import StolenTime
+from obk_cli.adapters.free_domain import free_domain
+from obk_cli.adapters.ros_environment import ros_environment
+from obk_cli.asking.lifecycle import Asked, change_states
+
+__all__ = ["main"]
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+RESULTS: Final = ROOT / "benchmarks" / "results"
+CONFIG: Final = ROOT / "examples" / "dummy" / "dummy.yaml"
+ROUND: Final = ("deactivate", "cleanup", "configure", "activate")
+TRANSITION_S: Final = 30.0
+SAMPLES: Final = 200
+LEAST_JUDGED_S: Final = 1.0
+"""Of a thousand rounds it is minutes; a test makes few."""
+
+
+def go_round(stack: Stack, rounds: int) -> list[dict[str, Any]]:
+    """All rounds, as long as none fails; what was counted."""
+    environment, asked = ros_environment(), Asked(timeout_s=TRANSITION_S)
+    samples: list[dict[str, Any]] = []
+    for number in track(range(rounds), "rounds"):
+        if number % max(1, rounds // SAMPLES) == 0:
+            samples += sample(stack)
+        for transition in ROUND:
+            answer = change_states(environment, transition, asked)
+            if not answer.success:
+                stack.blame(f"{transition} in round {number}: {answer.why}")
+                return samples
+    return samples + list(sample(stack))
+
+
+def sample(stack: Stack) -> Iterator[dict[str, Any]]:
+    """What the two processes hold."""
+    assert stack.launcher is not None
+    (composed,) = {node["pid"] for node in stack.nodes().values()}
+    for who, pid in {"launcher": stack.launcher.pid, "composed nodes": composed}.items():
+        if counts := of_process(pid):
+            yield {"time_s": round(stack.now(), 2), "who": who, "pid": pid, **counts}
+
+
+def measure(asked: argparse.Namespace, home: Path) -> dict[str, Any]:
+    """All of it; the result."""
+    stolen, stack = StolenTime(), Stack.of(asked.config, home, ("--composed", "--hang-after", "20"))
+    stack.launch()
+    samples = go_round(stack, asked.rounds)
+    stack.stop()
+    found = verdicts(samples, LEAST_JUDGED_S)
+    return {
+        "rounds": asked.rounds,
+        "seconds": round(stack.now()),
+        "cores": os.cpu_count(),
+        "stolen_percent": stolen.percent(),
+        "is_sound": bool(found) and all(one["is_flat"] for one in found) and not stack.faults,
+        "faults": stack.faults,
+        "judged": found,
+        "troubles": [],
+        "samples": samples,
+    }
+
+
+def main() -> int:
+    """Run, tell, keep."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.soak.rounds",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--rounds", type=int, default=1000)
+    parser.add_argument("--config", type=Path, default=CONFIG, help="its folder is copied")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="folder")
+    asked = parser.parse_args()
+    with ExitStack() as held:
+        if "ROS_DOMAIN_ID" not in os.environ:
+            os.environ["ROS_DOMAIN_ID"] = str(held.enter_context(free_domain()))
+        home = Path(held.enter_context(tempfile.TemporaryDirectory()))
+        os.environ |= {"OBK_HOME": str(home), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        result = measure(asked, home)
+    path = asked.results / "rounds.json"
+    path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    try:
+        draw_picture(result, path.with_suffix(".svg"))
+    except ImportError:
+        print("no picture: install obk with its `plot` extra", file=sys.stderr)
+    shown = {key: result[key] for key in ("seconds", "stolen_percent", "is_sound", "faults")}
+    print(json.dumps({**shown, "judged": result["judged"]}, indent=1))
+    return 0 if result["is_sound"] else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
