@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from benchmarks.soak.counts import mapped_files, of_process, shared_files, verdicts
-from benchmarks.soak.picture import draw_picture
+from benchmarks.soak.results import keep_result
 from benchmarks.soak.plan import Trouble, first_deck, plan
 from benchmarks.soak.rates import Rates, bare_timer_beside
 from benchmarks.soak.stack import Stack
@@ -169,12 +169,7 @@ def main() -> int:
         if "ROS_DOMAIN_ID" not in os.environ:
             os.environ["ROS_DOMAIN_ID"] = str(held.enter_context(free_domain()))
         result = soak(asked, Path(held.enter_context(tempfile.TemporaryDirectory())))
-    path = asked.results / "soak.json"
-    path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    try:
-        draw_picture(result, path.with_suffix(".svg"))
-    except ImportError:
-        print("no picture: install obk with its `plot` extra", file=sys.stderr)
+    keep_result(result, asked.results / "soak.json")
     shown = ("verdict", "load_average", "stolen_percent", "faults", "left", "rates", "grown")
     print(json.dumps({key: result[key] for key in shown}, indent=1))
     return 0 if result["is_sound"] else 1

@@ -21,7 +21,7 @@ from typing import Any, Final
 from rich.progress import track
 
 from benchmarks.soak.counts import of_process, verdicts
-from benchmarks.soak.picture import draw_picture
+from benchmarks.soak.results import keep_result
 from benchmarks.soak.stack import Stack
 from benchmarks.stolen import StolenTime
 from obk_cli.adapters.free_domain import free_domain
@@ -101,12 +101,7 @@ def main() -> int:
         home = Path(held.enter_context(tempfile.TemporaryDirectory()))
         os.environ |= {"OBK_HOME": str(home), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         result = measure(asked, home)
-    path = asked.results / "rounds.json"
-    path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    try:
-        draw_picture(result, path.with_suffix(".svg"))
-    except ImportError:
-        print("no picture: install obk with its `plot` extra", file=sys.stderr)
+    keep_result(result, asked.results / "rounds.json")
     shown = {key: result[key] for key in ("seconds", "stolen_percent", "is_sound", "faults")}
     print(json.dumps({**shown, "judged": result["judged"]}, indent=1))
     return 0 if result["is_sound"] else 1

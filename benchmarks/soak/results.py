@@ -1,14 +1,30 @@
-"""Draws memory, handles, threads and shared files over time, with the troubles: `soak.svg`."""
+"""Keeps a result: its numbers as JSON, and memory, handles, threads and shared files over time."""
 
+import json
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-__all__ = ["draw_picture"]
+__all__ = ["draw_picture", "keep_result"]
 
 KEYS = ("rss_mb", "handles", "threads", "shm_files")
 # The same figures give the same file.
 STYLE: Any = {"svg.hashsalt": "obelisk", "svg.fonttype": "none"}
+
+
+def keep_result(result: Mapping[str, Any], path: Path) -> None:
+    """Write the numbers, and where matplotlib is installed the picture beside them.
+
+    Args:
+        result: with `samples` and `troubles`.
+        path: of the numbers, `*.json`.
+    """
+    path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    try:
+        draw_picture(result, path.with_suffix(".svg"))
+    except ImportError:
+        print("no picture: install obk with its `plot` extra", file=sys.stderr)
 
 
 def draw_picture(result: Mapping[str, Any], path: Path) -> None:
