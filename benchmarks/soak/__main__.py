@@ -25,9 +25,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from benchmarks.soak.counts import mapped_files, of_process, shared_files, verdicts
-from benchmarks.soak.results import keep_result
 from benchmarks.soak.plan import Trouble, first_deck, plan
 from benchmarks.soak.rates import Rates, bare_timer_beside
+from benchmarks.soak.results import keep_result
 from benchmarks.soak.stack import Stack
 from benchmarks.soak.troubles import trouble
 from benchmarks.stolen import StolenTime

@@ -11,9 +11,9 @@ import pytest
 from benchmarks.bare_timer import BareSecond
 from benchmarks.soak.__main__ import verdict
 from benchmarks.soak.counts import growth, verdicts
-from benchmarks.soak.results import draw_picture
 from benchmarks.soak.plan import DECK, first_deck, plan
 from benchmarks.soak.rates import Rates, is_void
+from benchmarks.soak.results import draw_picture
 from benchmarks.soak.stack import Stack
 
 
