@@ -5,17 +5,20 @@ robot waits for controls is heard by nobody and would never know why.
 """
 
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Final
 
-from obk_cli.adapters.ros_graph import RosGraph
+from obk_cli.adapters.ros_graph import UNNAMED, RosGraph
 from obk_cli.plan import Plan
 from obk_cli.running.beside import beside
 
 __all__ = ["other_types_told"]
 
 LOOK_S: Final = 1.0
+NAMING_LOOKS: Final = 4
+"""The look by which an end is told without its node's name, which DDS brings after the end."""
 
 
 def other_types_told(
@@ -26,11 +29,16 @@ def other_types_told(
 
     def look(is_over: threading.Event) -> None:
         told: set[tuple[str, str]] = set()
+        looks: Counter[tuple[str, str]] = Counter()
         while not is_over.wait(LOOK_S):
             for topic, other in _others(wanted, graph.topic_types()):
-                if (topic, other) not in told:
+                if (topic, other) in told:
+                    continue
+                looks[topic, other] += 1
+                ends = graph.ends_of_type(topic, other)
+                if UNNAMED not in ends or looks[topic, other] == NAMING_LOOKS:
                     told.add((topic, other))
-                    tell(_sentence(topic, wanted[topic], other, graph.ends_of_type(topic, other)))
+                    tell(_sentence(topic, wanted[topic], other, ends))
 
     return beside(look, "types")
 

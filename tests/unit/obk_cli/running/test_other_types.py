@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import pytest
 
+from obk_cli.adapters.ros_graph import UNNAMED
 from obk_cli.plan import Endpoint, Plan
 from obk_cli.running import other_types
 from obk_cli.running.other_types import other_types_told
@@ -30,10 +31,13 @@ PLAN = Plan(
 class Graph:
     """What is found, look by look; the last look is repeated."""
 
-    def __init__(self, *looks: Mapping[str, Sequence[str]]) -> None:
+    def __init__(
+        self, looks: Sequence[Mapping[str, Sequence[str]]], ends: Sequence[tuple[str, ...]]
+    ) -> None:
         self.looks = list(looks)
+        self.ends = list(ends)
         self.is_through = threading.Event()
-        self.left = len(looks) + 2
+        self.left = len(looks) + len(ends) + 10
 
     def topic_types(self) -> Mapping[str, Sequence[str]]:
         self.left -= 1
@@ -42,13 +46,19 @@ class Graph:
         return self.looks.pop(0) if len(self.looks) > 1 else self.looks[0]
 
     def ends_of_type(self, topic: str, msg_type: str) -> tuple[str, ...]:
-        return ("/a", "/b") if (topic, msg_type) == ("/ctrl", STRING) else ()
+        if (topic, msg_type) != ("/ctrl", STRING):
+            return ()
+        return self.ends.pop(0) if len(self.ends) > 1 else self.ends[0]
 
 
-def told_of(*looks: Mapping[str, Sequence[str]], monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def told_of(
+    *looks: Mapping[str, Sequence[str]],
+    monkeypatch: pytest.MonkeyPatch,
+    ends: Sequence[tuple[str, ...]] = (("/a", "/b"),),
+) -> list[str]:
     monkeypatch.setattr(other_types, "LOOK_S", 0.001)
     told: list[str] = []
-    graph = Graph(*looks)
+    graph = Graph(looks, ends)
     with other_types_told(PLAN, graph, told.append):  # type: ignore[arg-type]
         assert graph.is_through.wait(60)
     return told
@@ -63,6 +73,18 @@ def test_another_type_is_told_once_with_both_types_and_whose_it_is(
         f"warning: /ctrl is a topic of {CONTROL} here, and /a, /b has it as {STRING}: none of "
         "these messages get through"
     ]
+
+
+@pytest.mark.parametrize(
+    ("ends", "who"),
+    [([("/a", UNNAMED), (UNNAMED,), ("/a", "/b")], "/a, /b"), ([(UNNAMED,)], UNNAMED)],
+    ids=["told in time", "never told"],
+)
+def test_a_nodes_name_is_waited_for_and_the_type_told_without_it_in_the_end(
+    ends: Sequence[tuple[str, ...]], who: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (told,) = told_of({"/ctrl": [CONTROL, STRING]}, monkeypatch=monkeypatch, ends=ends)
+    assert f"and {who} has it as {STRING}" in told
 
 
 def test_other_topics_and_those_without_a_type_in_the_plan_do_not_matter(
