@@ -18,7 +18,9 @@ DEPTH: Final = 1000
 class RawTopic:
     """One topic that is listened to."""
 
-    def __init__(self, node: Any, name: str, msg_type: str, python_type: Any) -> None:
+    def __init__(
+        self, node: Any, name: str, msg_type: str, python_type: Any, *, is_light: bool = False
+    ) -> None:
         """Subscribe.
 
         Args:
@@ -26,6 +28,7 @@ class RawTopic:
             name: full.
             msg_type: full, `pkg/msg/Name`.
             python_type: the message's class.
+            is_light: cost the publishers little; see `request_for`.
 
         Raises:
             Exception: whatever a generated package raises whose libraries cannot be loaded.
@@ -44,11 +47,12 @@ class RawTopic:
         """Of the publishers' types."""
         self.offers: tuple[Offer, ...] = ()
         self._node = node
+        self._is_light = is_light
         self._functions = rclpy_implementation
         self._end: Any = TopicEndpointInfo
         self._has_taken = False
         self.learn()
-        self._request = request_for(self.offers)
+        self._request = request_for(self.offers, is_light=is_light)
         self._subscription = self._subscribe()
 
     def learn(self) -> None:
@@ -66,7 +70,7 @@ class RawTopic:
         Not while what has come is being taken.
         """
         self.learn()
-        request = request_for(self.offers)
+        request = request_for(self.offers, is_light=self._is_light)
         # What was published before is asked for only while nothing has come: no doubles.
         is_weaker = self._request.is_reliable and not request.is_reliable
         is_latched = request.is_transient_local and not self._request.is_transient_local

@@ -180,15 +180,18 @@ class RosLook:
             time.sleep(LOOK_S)
         return found
 
-    def listen(self, name: str, msg_type: str, python_type: Any) -> RawTopic:
+    def listen(
+        self, name: str, msg_type: str, python_type: Any, *, is_light: bool = False
+    ) -> RawTopic:
         """Subscribe to a topic, as its publishers offer it.
 
         Args:
             name: full.
             msg_type: full, `pkg/msg/Name`.
             python_type: the message's class.
+            is_light: cost the publishers little, and miss a message rather.
         """
-        return RawTopic(self.node, name, msg_type, python_type)
+        return RawTopic(self.node, name, msg_type, python_type, is_light=is_light)
 
     def _of(self, ask: Any, node: str, *hidden: bool) -> dict[str, tuple[str, ...]]:
         namespace, _, name = node.rpartition("/")

@@ -51,6 +51,7 @@ class RosMeter:
         watch: Watch | None = None,
         *,
         window_s: float | None = None,
+        is_light: bool = False,
     ) -> None:
         """Count a topic's messages from now on; one that is counted already goes on.
 
@@ -60,9 +61,10 @@ class RosMeter:
             python_type: the message's class.
             watch: is shown each message.
             window_s: how far back its figures go [s]; None: as those of others.
+            is_light: cost its publishers little, and miss a message rather.
         """
         if name not in self._topics:
-            raw = self._look.listen(name, msg_type, python_type)
+            raw = self._look.listen(name, msg_type, python_type, is_light=is_light)
             self._topics[name] = _Counted(raw, Meter(window_s or self._window_s), watch)
 
     def drop(self, name: str) -> None:

@@ -37,7 +37,7 @@ class Rate:
     window_s: float
     """From the first to the last message in the window [s]."""
     rate_hz: float | None = None
-    """None: fewer than two messages."""
+    """At which they are published, lost ones among them where known; None: fewer than two came."""
     min_s: float | None = None
     """Shortest time between two messages [s]."""
     max_s: float | None = None
@@ -54,7 +54,7 @@ class Rate:
 class Meter:
     """Counts the messages of one topic."""
 
-    __slots__ = ("_received", "_sizes", "_tally", "_window_ns", "bytes", "publishers")
+    __slots__ = ("_lost", "_received", "_sizes", "_tally", "_window_ns", "bytes", "publishers")
 
     def __init__(self, window_s: float) -> None:
         """Begin with none.
@@ -65,6 +65,7 @@ class Meter:
         self._window_ns = round(window_s / _NS)
         self._received: deque[int] = deque(maxlen=MOST_KEPT)
         self._sizes: deque[int] = deque(maxlen=MOST_KEPT)
+        self._lost: deque[int] = deque(maxlen=MOST_KEPT)
         self._tally = Tally()
         self.publishers = 0
         """How many there are now; set by whoever knows."""
@@ -87,6 +88,7 @@ class Meter:
         self._tally.take(sequence, self.publishers)
         self._received.append(received_ns)
         self._sizes.append(size)
+        self._lost.append(self._tally.dropped)
         self.bytes += size
 
     def rate(self, now_ns: int) -> Rate:
@@ -110,10 +112,11 @@ class Meter:
         variance = sum(one * one for one in off) / len(off)
         # The first message's bytes came before the window's first interval.
         come = sum(self._sizes) - self._sizes[0]
+        published = seen - 1 + self._lost[-1] - self._lost[0]
         return replace(
             told,
             window_s=span_ns * _NS,
-            rate_hz=(seen - 1) / (span_ns * _NS),
+            rate_hz=published / (span_ns * _NS),
             min_s=intervals[0] * _NS,
             max_s=intervals[-1] * _NS,
             std_dev_s=sqrt(variance) * _NS,
@@ -127,3 +130,4 @@ class Meter:
         while len(self._received) > 1 and self._received[0] < before_ns:
             self._received.popleft()
             self._sizes.popleft()
+            self._lost.popleft()

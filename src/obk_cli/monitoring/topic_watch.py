@@ -144,7 +144,7 @@ class TopicWatch:
         window_s = max(WINDOW_S, PERIODS / topic.wanted_hz if topic.wanted_hz else 0.0)
         passage = PassageMeter(window_s) if _begins_with_header(msg_type) else None
         watch = passage.take if passage is not None else None
-        self._meter.add(topic.name, msg_type, python_type, watch, window_s=window_s)
+        self._meter.add(topic.name, msg_type, python_type, watch, window_s=window_s, is_light=True)
         self._heard[topic.name] = passage
         self._expected_since[topic.name] = monotonic_s()
 

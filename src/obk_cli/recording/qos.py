@@ -1,4 +1,4 @@
-"""How a recording subscribes so that it hears every publisher, and what it keeps of their offers.
+"""How to subscribe so that every publisher is heard, and what a recording keeps of their offers.
 
 In: what publishers offer. Out: what to ask for, and the text that rosbag2 reads when it plays a
 recording. Source: rosbag2, `offered_qos_profiles` of a topic, metadata of version 9.
@@ -36,14 +36,20 @@ class Request:
     """Whether what was published before is wanted too."""
 
 
-def request_for(offers: Collection[Offer]) -> Request:
-    """The most that all of them have to offer; without any, what Obelisk's nodes offer."""
-    if not offers:
-        return Request()
-    return Request(
+def request_for(offers: Collection[Offer], *, is_light: bool = False) -> Request:
+    """The most that all of them have to offer; without any, what Obelisk's nodes offer.
+
+    Args:
+        offers: one for each publisher.
+        is_light: let them send each message once, without waiting for a word that it came: half of
+            their work. What was published before is not had so; where it is wanted, it is reliable.
+    """
+    request = Request(
         is_reliable=all(offer.reliability == "reliable" for offer in offers),
-        is_transient_local=all(offer.durability == "transient_local" for offer in offers),
+        is_transient_local=bool(offers)
+        and all(offer.durability == "transient_local" for offer in offers),
     )
+    return request if request.is_transient_local or not is_light else Request(is_reliable=False)
 
 
 def offers_text(offers: Iterable[Offer]) -> str:

@@ -84,9 +84,22 @@ def test_gaps_in_the_numbers_of_one_publisher_are_losses() -> None:
     meter.publishers = 1
     for number in (1, 2, 5):
         meter.take(BEGIN + number * MS, 8, number)
-    assert meter.rate(BEGIN + 9 * MS).lost == 2
+    rate = meter.rate(BEGIN + 9 * MS)
+    assert (rate.lost, rate.seen) == (2, 3)
+    assert rate.rate_hz == pytest.approx(1000.0)
+    assert rate.bytes_per_s == pytest.approx(4_000.0)
     meter.publishers = 2
     assert meter.rate(BEGIN + 9 * MS).lost is None
+
+
+def test_a_loss_before_the_window_does_not_count_as_published_in_it() -> None:
+    meter = Meter(0.0025)
+    meter.publishers = 1
+    for time_ms, number in ((0, 1), (1, 5), (2, 6), (3, 7)):
+        meter.take(BEGIN + time_ms * MS, 8, number)
+    rate = meter.rate(BEGIN + 3 * MS)
+    assert (rate.lost, rate.seen) == (3, 3)
+    assert rate.rate_hz == pytest.approx(1000.0)
 
 
 def test_memory_is_bounded() -> None:

@@ -32,6 +32,12 @@ def test_one_weaker_publisher_among_them_is_heard_too() -> None:
     assert request_for([RELIABLE, UNRELIABLE]) == Request(is_reliable=False)
 
 
+def test_a_light_one_is_reliable_only_for_what_was_published_before() -> None:
+    assert request_for([], is_light=True) == Request(is_reliable=False)
+    assert request_for([RELIABLE], is_light=True) == Request(is_reliable=False)
+    assert request_for([LATCHED], is_light=True) == request_for([LATCHED])
+
+
 def test_offers_are_kept_in_the_words_of_rosbag2() -> None:
     first, second = yaml.safe_load(offers_text([RELIABLE, UNRELIABLE]))
     assert first == {
