@@ -171,8 +171,8 @@ def _cpu_s(process: psutil.Process | None) -> float:
 def main() -> int:
     """Measure in turns, print, keep."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--seconds", type=float, default=12.0)
+    parser.add_argument("--rounds", type=int, default=5)
     asked = parser.parse_args()
     runs: dict[str, list[dict[str, Any]]] = {}
     load = os.getloadavg()[0]

@@ -38,7 +38,7 @@ def command(
     for module in ("starlette", "uvicorn"):
         require_extra(module, "web")
     target = Target(environment=here(domain, TIMEOUT_S).environment, domain=domain, run=run)
-    target.choose(target.place())
+    is_there = target.choose(target.place()) is not None
 
     from obk_cli.adapters.web_app import TOKEN, Site, make_app
     from obk_cli.adapters.web_server import HOST, WebServer, take_port
@@ -54,6 +54,8 @@ def command(
         site = Site(lambda: feed.moment, plots, target.change, lambda: server.is_ending)
         url = f"http://{HOST}:{number}/?{TOKEN}={token}"
         print(f"the stack is shown at {url}\nCtrl-C ends", flush=True)
+        if run is not None and not is_there:
+            print(f"no stack `{run}` runs on this host yet: the page waits for it", flush=True)
         feed.start()
         if open_:
             webbrowser.open(url)
