@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ANSWER_S", "ask_change", "ask_look", "ask_status", "ask_stop", "is_askable"]
 
-ANSWER_S: Final = 1.0
-"""How long a launcher that is well may take at most to say how its stack is [s]."""
+ANSWER_S: Final = 3.0
+"""How long a launcher that is well may take at most to say how its stack is: ms, but seconds on a
+machine with much else to do [s]."""
 PIECE: Final = 1 << 16
 
 

@@ -32,7 +32,7 @@ T = TypeVar("T")
 
 LOOK_S: Final = 0.05
 """Between two questions while something is waited for [s]."""
-MARGIN_S: Final = 1.0
+MARGIN_S: Final = 3.0
 """For the way to the launcher and back, beside what a node may take [s]."""
 PUBLISH_S: Final = 10.0
 """For a message on its way by the launcher's node, which waits for some seconds at most [s]."""

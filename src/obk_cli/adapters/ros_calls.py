@@ -12,6 +12,8 @@ from obk_cli.errors import CommandFailedError
 __all__ = ["ServiceClient"]
 
 POLL_S: Final = 0.001
+ASK_AGAIN_S: Final = 1.0
+"""The first answer to a client is lost if the node was not told of the client by then [s]."""
 
 
 class ServiceClient:
@@ -39,8 +41,13 @@ class ServiceClient:
                 look.node, python_type, name, profile.get_c_qos_profile()
             )
 
-    def call(self, request: Any, timeout_s: float) -> Any:
+    def call(self, request: Any, timeout_s: float, *, is_question: bool = False) -> Any:
         """The response to a request.
+
+        Args:
+            request: of the service's class.
+            timeout_s: for the server and its response [s].
+            is_question: whether it changes nothing, so that it may be asked again and again.
 
         Raises:
             CommandFailedError: none came in time, or there is no server.
@@ -51,11 +58,15 @@ class ServiceClient:
         )
         if is_there is None:
             raise CommandFailedError(f"nobody serves {self._name} within {timeout_s:g} s")
-        number = self._client.send_request(request)
-        while time.monotonic() < end:
+        numbers = {self._client.send_request(request)}
+        again = time.monotonic() + ASK_AGAIN_S
+        while (now := time.monotonic()) < end:
             header, response = self._client.take_response(self._type.Response)
-            if header is not None and header.request_id.sequence_number == number:
+            if header is not None and header.request_id.sequence_number in numbers:
                 return response
+            if is_question and now > again:
+                numbers.add(self._client.send_request(request))
+                again = now + ASK_AGAIN_S
             time.sleep(POLL_S)
         raise CommandFailedError(
             f"{self._name} gave no answer within {timeout_s:g} s",

@@ -26,6 +26,8 @@ from obk_cli.launch.events import Answered, Heard, StateAnswered
 __all__ = ["RosLifecycle", "open_ros"]
 
 LOOK_S: Final = 0.01
+ASK_AGAIN_S: Final = 0.5
+"""The first answer to a client is lost if the node was not told of the client by then [s]."""
 END_S: Final = 2.0
 """How long a callback may still take at the end [s]."""
 
@@ -167,9 +169,13 @@ class RosLifecycle:
 
     def state(self, node: str, timeout_s: float) -> str | None:
         """A node's state; None when no answer came in time."""
+        end = time.monotonic() + timeout_s
+        self._clients.open(node)
         if not self._wait_until_ready(node, "get_state", timeout_s):
             return None
-        response = self._wait(self._clients.ask_state(node), timeout_s)
+        response = None
+        while response is None and (left_s := end - time.monotonic()) > 0:
+            response = self._wait(self._clients.ask_state(node), min(ASK_AGAIN_S, left_s))
         return None if response is None else str(response.current_state.label)
 
     def last_fault(self, node: str, timeout_s: float) -> str:

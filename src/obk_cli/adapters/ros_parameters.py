@@ -88,7 +88,7 @@ class NodeParameters:
         request = python_type.Request()
         for name, value in fields.items():
             setattr(request, name, value)
-        return client.call(request, self._timeout_s)
+        return client.call(request, self._timeout_s, is_question=kind != "SetParameters")
 
 
 def _parameter(message: Any) -> Parameter:

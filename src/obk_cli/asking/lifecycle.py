@@ -20,8 +20,6 @@ from obk_cli.launch.transitions import TRANSITIONS
 
 __all__ = ["Asked", "change_states", "node_states", "possible_transitions"]
 
-TRANSITION_S: Final = 10.0
-"""For one node's transition where nothing else is said [s]."""
 LAUNCHES_OWN_S: Final = 60.0
 """What a launch's own limit is taken for: whoever asks does not know it [s]."""
 MARGIN_S: Final = 5.0
@@ -36,7 +34,7 @@ class Asked:
     run: str | None = None
     """A config's name or a run folder's; None: whatever runs in the ROS domain."""
     timeout_s: float | None = None
-    """For one node [s]; None: the launch's own."""
+    """For one node's answer or transition [s]; None: the launch's own."""
 
 
 def node_states(environment: RosEnvironment, asked: Asked) -> Mapping[str, str]:
@@ -53,7 +51,7 @@ def node_states(environment: RosEnvironment, asked: Asked) -> Mapping[str, str]:
     from obk_cli.asking.graph import Wanted, states_in_graph
 
     wanted = Wanted(names=asked.names, expected=_nodes(runs), if_none=_if_none(environment))
-    return states_in_graph(environment, wanted, asked.timeout_s or TRANSITION_S)
+    return states_in_graph(environment, wanted, asked.timeout_s)
 
 
 def change_states(environment: RosEnvironment, transition: str, asked: Asked) -> ChangeAnswer:
@@ -71,7 +69,7 @@ def change_states(environment: RosEnvironment, transition: str, asked: Asked) ->
     from obk_cli.asking.graph import Wanted, change_in_graph
 
     wanted = Wanted(names=asked.names, expected=_nodes(runs), if_none=_if_none(environment))
-    return change_in_graph(environment, transition, wanted, asked.timeout_s or TRANSITION_S)
+    return change_in_graph(environment, transition, wanted, asked.timeout_s)
 
 
 def possible_transitions(state: str) -> tuple[str, ...]:

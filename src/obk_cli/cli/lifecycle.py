@@ -37,7 +37,7 @@ def command(
     ] = None,
     timeout: Annotated[
         float | None,
-        typer.Option(help="Seconds that a node's transition may take; else as launched, or 10."),
+        typer.Option(help="Seconds for a node's answer or transition; else as launched, or 10."),
     ] = None,
     format: FormatOption = "text",
 ) -> None:

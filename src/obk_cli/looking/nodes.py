@@ -79,7 +79,7 @@ def _state(look: Sight, node: str, timeout_s: float) -> str | None:
     kind = find_type(GET_STATE)
     try:
         client = ServiceClient(look, f"{node}/get_state", kind)
-        return str(client.call(kind.Request(), timeout_s).current_state.label)
+        return str(client.call(kind.Request(), timeout_s, is_question=True).current_state.label)
     except CommandFailedError:
         return None
 
