@@ -152,11 +152,15 @@ class Composed:
     def activate(self, *nodes: str) -> None:
         """Configure and activate."""
         for label, goal in (("configure", "inactive"), ("activate", "active")):
-            request = ChangeState.Request()
-            request.transition.label = label
             for node in nodes:
-                self._client(ChangeState, f"{node}/change_state").call_async(request)
+                self._change(node, label)
                 eventually(lambda node=node, goal=goal: self.state(node) == goal, f"{goal} {node}")
+
+    def set_off(self, node: str) -> None:
+        """Configure a node and ask it to activate; it may fail before anybody sees it active."""
+        self._change(node, "configure")
+        eventually(lambda: self.state(node) == "inactive", f"inactive {node}")
+        self._change(node, "activate")
 
     def state(self, node: str) -> str:
         """The state of a node."""
@@ -192,6 +196,11 @@ class Composed:
         self.end()
         self._executor.shutdown()
         self.client.destroy_node()
+
+    def _change(self, node: str, label: str) -> None:
+        request = ChangeState.Request()
+        request.transition.label = label
+        self._client(ChangeState, f"{node}/change_state").call_async(request)
 
     def _client(self, kind: Any, name: str) -> Any:
         if name not in self._clients:

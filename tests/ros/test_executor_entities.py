@@ -61,8 +61,13 @@ def test_a_subscription_that_destroys_itself_gets_none_of_what_waits(one: World)
     for number in range(5):
         publisher.publish(String(data=str(number)))
     later: list[int] = []
-    node.create_timer(0.01, lambda: later.append(1))
-    one.run_until(lambda: len(later) > 3, "later ticks")
+
+    def tick() -> None:
+        if received:
+            later.append(1)
+
+    node.create_timer(0.01, tick)
+    one.run_until(lambda: len(later) > 3, "ticks after the first message")
     assert received == ["0"]
 
 
@@ -214,7 +219,7 @@ def test_after_shutdown_neither_descriptor_nor_thread_is_left() -> None:
             executor.shutdown()
             made.executor.add_node(node)
         assert open_fds() <= before_fds
-        assert threading.active_count() == before_threads
+        assert threading.active_count() <= before_threads
 
 
 def test_a_shutdown_within_a_callback_leaves_no_descriptor_either() -> None:
@@ -243,7 +248,7 @@ def test_an_executor_that_nobody_has_any_more_lets_go_of_everything() -> None:
         gc.collect()
         assert reference() is None
         assert open_fds() < before_fds
-        assert threading.active_count() == before_threads
+        assert threading.active_count() <= before_threads
         node.destroy_node()
 
 

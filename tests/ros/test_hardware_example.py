@@ -108,7 +108,7 @@ def test_a_dead_drive_is_told_and_the_robot_comes_back_with_it(watcher: Watcher)
             watcher.wait_for_a_swing()
             process.kill()
             process.wait()
-            run.wait_for_line(f"the drive at 127.0.0.1:{port} has sent no new state for 3.")
+            run.wait_for_line(f"the drive at 127.0.0.1:{port} has sent no new state for ")
             run.wait_for_line("goes on without robot_0")
             others = {node: state for node, state in states().items() if node != ROBOT}
             assert set(others.values()) == {"active"}

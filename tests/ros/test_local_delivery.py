@@ -147,7 +147,7 @@ def test_a_listener_outside_comes_and_goes_and_each_end_gets_each_message_once(
 def outside(count: int) -> list[int]:
     """What a listener in another process heard before it went."""
     command = [sys.executable, PEER, "/numbers", str(count)]
-    ended = subprocess.run(command, capture_output=True, timeout=60, check=True)
+    ended = subprocess.run(command, capture_output=True, timeout=2 * DEADLINE_S, check=True)
     numbers: list[int] = json.loads(ended.stdout)
     return numbers
 
