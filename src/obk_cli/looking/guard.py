@@ -1,26 +1,25 @@
 """Topics that move a robot: whoever publishes on them from outside moves it. Pure."""
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 from obk_cli.looking.graph import TopicSeen
+from obk_cli.plan import Plan
 
 __all__ = ["moved_by"]
 
 
-def moved_by(topic: TopicSeen, plans: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
+def moved_by(topic: TopicSeen, plans: Iterable[Plan]) -> tuple[str, ...]:
     """Full names of the robots that listen to a topic.
 
     Args:
         topic: with its ends.
-        plans: of the stacks that are known to run, as their run folders keep them.
+        plans: of the stacks that are known to run.
     """
     planned = (
-        f"{process['namespace'].rstrip('/')}/{process['node']}"
+        process.full_name
         for plan in plans
-        for process in plan.get("processes", ())
-        if process["section"] == "robot"
-        and any(end["topic"] == topic.name for end in process["subscribes"])
+        for process in plan.processes
+        if process.section == "robot" and any(end.topic == topic.name for end in process.subscribes)
     )
     # A stack of another host is known by its nodes' names only.
     named = (end.node for end in topic.subscriptions if "/obelisk_robot_" in end.node)

@@ -3,13 +3,14 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from obk_cli.adapters.live_runs import live_folders
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.runs import Run, runs_folder
 from obk_cli.looking.names import meant
+from obk_cli.plan import Plan
 from obk_cli.recording.made_from import run_plan, run_topics
 
 __all__ = ["NOBODY_S", "Place", "place_of"]
@@ -53,7 +54,7 @@ class Place:
         return ("rosidl_generator_py", *(f"{package}.msg" for package in packages))
 
     @property
-    def plans(self) -> tuple[Mapping[str, Any], ...]:
+    def plans(self) -> tuple[Plan, ...]:
         """The configs of the runs as compiled."""
         return tuple(run_plan(folder) for folder in self.runs)
 

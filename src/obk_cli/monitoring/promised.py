@@ -1,12 +1,15 @@
 """What a run's plan says of its topics: types, rates, who publishes, what each is made from.
 
-In: the plan as the run's folder keeps it. Out: values; a part that is not as expected is left out.
+In: the plan. Out: values.
 """
 
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
+
+from obk_cli.monitoring.speeds import REALTIME_FACTOR
+from obk_cli.plan import Plan, Process
 
 __all__ = ["PlannedTopic", "planned_topics", "simulated_robots"]
 
@@ -32,12 +35,12 @@ class PlannedTopic:
 
 
 def planned_topics(
-    plan: Mapping[str, Any], factors: Mapping[str, float] = NO_FACTORS
+    plan: Plan, factors: Mapping[str, float] = NO_FACTORS
 ) -> tuple[PlannedTopic, ...]:
     """The topics of a plan along the way of data: those made from nothing first.
 
     Args:
-        plan: as the run's folder keeps it.
+        plan: a whole stack.
         factors: full name -> real-time factor of simulated robots, where they have told.
     """
     clock = _speed_of_clock(plan, factors)
@@ -45,18 +48,16 @@ def planned_topics(
     promised: defaultdict[str, list[float | None]] = defaultdict(list)
     publishers: defaultdict[str, dict[str, None]] = defaultdict(dict)
     sources: defaultdict[str, dict[str, None]] = defaultdict(dict)
-    for process in plan.get("processes", ()):
-        node = _full_name(process)
+    for process in plan.processes:
         speed = _speed(process, clock, factors)
-        for end in process["subscribes"]:
-            kinds[end["topic"]] = kinds.get(end["topic"]) or end["msg_type"]
-        for end in process["publishes"]:
-            topic = end["topic"]
-            kinds[topic] = kinds.get(topic) or end["msg_type"]
-            promised[topic].append(_in_wall_time(end["rate_hz"], speed))
-            publishers[topic][node] = None
-            if process["section"] not in _MEASURING:
-                sources[topic].update(dict.fromkeys(one["topic"] for one in process["subscribes"]))
+        for end in process.subscribes:
+            kinds[end.topic] = kinds.get(end.topic) or end.msg_type
+        for end in process.publishes:
+            kinds[end.topic] = kinds.get(end.topic) or end.msg_type
+            promised[end.topic].append(_in_wall_time(end.rate_hz, speed))
+            publishers[end.topic][process.full_name] = None
+            if process.section not in _MEASURING:
+                sources[end.topic].update(dict.fromkeys(one.topic for one in process.subscribes))
     found = (
         PlannedTopic(
             name=name,
@@ -70,29 +71,26 @@ def planned_topics(
     return tuple(sorted(found, key=lambda topic: (_depth(topic.name, sources), topic.name)))
 
 
-def simulated_robots(plan: Mapping[str, Any]) -> tuple[str, ...]:
+def simulated_robots(plan: Plan) -> tuple[str, ...]:
     """Full names of the robots of a plan that are simulated."""
-    return tuple(_full_name(one) for one in plan.get("processes", ()) if one.get("model"))
+    return tuple(process.full_name for process in plan.processes if process.model)
 
 
-def _full_name(process: Mapping[str, Any]) -> str:
-    return f"{process['namespace'].rstrip('/')}/{process['node']}"
-
-
-def _speed_of_clock(plan: Mapping[str, Any], factors: Mapping[str, float]) -> float:
+def _speed_of_clock(plan: Plan, factors: Mapping[str, float]) -> float:
     """The speed of `/clock`; 0 where nobody knows it: no robot is simulated, or several differ."""
-    simulated = (process for process in plan.get("processes", ()) if process.get("model"))
+    simulated = (process for process in plan.processes if process.model)
     speeds = {_speed(process, 0.0, factors) for process in simulated}
     return speeds.pop() if len(speeds) == 1 else 0.0
 
 
-def _speed(process: Mapping[str, Any], clock: float, factors: Mapping[str, float]) -> float:
+def _speed(process: Process, clock: float, factors: Mapping[str, float]) -> float:
     """How fast the time passes in which a node keeps its rates, over wall time; 0: not known."""
-    parameters = process.get("parameters", {})
-    if process.get("model"):
-        planned = float(parameters.get("realtime_factor", 1.0))
-        return factors.get(_full_name(process), planned)
-    return clock if parameters.get("use_sim_time") else 1.0
+    if process.model:
+        planned = process.parameters.get(REALTIME_FACTOR, 1.0)
+        # A robot refuses what is no number, and its speed is not known then.
+        own = float(planned) if isinstance(planned, int | float) else 0.0
+        return factors.get(process.full_name, own)
+    return clock if process.parameters.get("use_sim_time") else 1.0
 
 
 def _in_wall_time(rate_hz: float | None, speed: float) -> float | None:

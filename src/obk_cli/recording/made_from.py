@@ -8,11 +8,11 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from obk_cli.launch.json_values import value_of
 from obk_cli.launch.runs import read_told
-from obk_cli.plan import Endpoint, Origin, SensorGroup
+from obk_cli.plan import Endpoint, Origin, Plan, Process, SensorGroup
 
 __all__ = ["Background", "background_of", "run_plan", "run_topics"]
 
@@ -29,7 +29,7 @@ class Background:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Parameters:
-    """Of a node's parameters those that say how fast its time passes."""
+    """Of a node's parameters those that say how fast its time passes; JSON may not hold others."""
 
     realtime_factor: float = 1.0
     use_sim_time: bool = False
@@ -76,16 +76,35 @@ def background_of(folder: Path) -> Background:
 def run_topics(folder: Path) -> Mapping[str, str | None]:
     """The topics of a run's plan with the types that it knows, read from what the run keeps."""
     found: dict[str, str | None] = {}
-    for process in run_plan(folder).get("processes", ()):
-        for end in (*process["publishes"], *process["subscribes"]):
-            found[end["topic"]] = found.get(end["topic"]) or end["msg_type"]
+    for process in run_plan(folder).processes:
+        for end in (*process.publishes, *process.subscribes):
+            found[end.topic] = found.get(end.topic) or end.msg_type
     return found
 
 
-def run_plan(folder: Path) -> Mapping[str, Any]:
-    """Of a run's config as compiled its processes and topics; empty where its folder has none."""
-    plan = value_of(_Plan, read_told(folder).get("plan"))
-    return {} if plan is None else asdict(plan)
+def run_plan(folder: Path) -> Plan:
+    """Of a run's config as compiled what is looked at while it runs; empty where there is none."""
+    told = value_of(_Plan, read_told(folder).get("plan"))
+    if told is None:
+        return Plan(name="", processes=())
+    return Plan(name=told.name, processes=tuple(map(_process, told.processes)))
+
+
+def _process(told: _Process) -> Process:
+    return Process(
+        node=told.node,
+        namespace=told.namespace,
+        section=told.section,
+        device=told.device,
+        package=told.package,
+        executable=told.executable,
+        origin=told.origin,
+        publishes=told.publishes,
+        subscribes=told.subscribes,
+        parameters=asdict(told.parameters),
+        model=told.model,
+        sensor_groups=told.sensor_groups,
+    )
 
 
 def _parameters(folder: Path) -> Mapping[str, str]:

@@ -16,8 +16,10 @@ from obk_cli.looking.graph import (
 from obk_cli.looking.guard import moved_by
 from obk_cli.looking.names import meant, one_meant
 from obk_cli.looking.stamps import stamp_of
+from obk_cli.plan import Endpoint, Plan
 from obk_cli.recording.qos import Offer
 
+from ..plans import node  # noqa: TID252 - shared by folders of tests
 from .definitions import Message, fields_of
 
 TOPICS = ("/a/est", "/b/est", "/a/ctrl", "/obelisk_robot_0/rtf")
@@ -101,12 +103,8 @@ def test_what_is_hidden_and_what_every_node_has_is_left_out() -> None:
 
 
 def test_robots_that_listen_to_a_topic_are_known_by_plan_or_by_name() -> None:
-    plan = {
-        "processes": [
-            {"section": "robot", "namespace": "/", "node": "arm", "subscribes": [{"topic": "/c"}]},
-            {"section": "control", "namespace": "/", "node": "k", "subscribes": [{"topic": "/c"}]},
-        ]
-    }
+    hears = {"subscribes": (Endpoint(topic="/c", msg_type=None),)}
+    plan = Plan(name="arm", processes=(node("arm", "robot", **hears), node("k", **hears)))
     topic = TopicSeen(
         name="/c",
         msg_types=(),

@@ -19,8 +19,10 @@ from obk_cli.looking.publishing import (
     topic_to_publish,
     wait_for_subscribers,
 )
+from obk_cli.plan import Endpoint, Plan
 from obk_cli.recording.qos import Offer
 
+from ..plans import node  # noqa: TID252 - shared by folders of tests
 from .definitions import FIELDS
 
 TYPES = {**FIELDS, "pkg/msg/State": FIELDS["pkg/State"]}
@@ -169,9 +171,8 @@ def test_a_launcher_is_not_asked_to_move_a_robot(monkeypatch: pytest.MonkeyPatch
 def test_the_robots_of_every_stack_here_are_minded_before_they_listen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    subscribes = [{"topic": "/arm/state"}]
-    robot = {"node": "r", "namespace": "/", "section": "robot", "subscribes": subscribes}
-    plans = {"a": {}, "b": {"processes": [robot]}}
+    robot = node("r", "robot", subscribes=(Endpoint(topic="/arm/state", msg_type=None),))
+    plans = {"a": Plan(name="a", processes=()), "b": Plan(name="b", processes=(robot,))}
     monkeypatch.setattr("obk_cli.looking.place.run_plan", lambda folder: plans[folder.name])
     monkeypatch.setattr("obk_cli.looking.place.run_topics", lambda _: {})
     look = Look(("/b", "pkg/msg/State"))

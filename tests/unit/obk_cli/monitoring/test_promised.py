@@ -1,35 +1,38 @@
 """What a plan says of its topics."""
 
-from typing import Any
+from collections.abc import Iterable
 
 from obk_cli.monitoring.promised import PlannedTopic, planned_topics, simulated_robots
+from obk_cli.plan import Endpoint, Plan, Process
+
+from ..plans import node  # noqa: TID252 - shared by folders of tests
 
 
-def end(topic: str, rate_hz: float | None = None, msg_type: str | None = "p/msg/M") -> Any:
-    return {"topic": topic, "msg_type": msg_type, "rate_hz": rate_hz}
+def end(topic: str, rate_hz: float | None = None, msg_type: str | None = "p/msg/M") -> Endpoint:
+    return Endpoint(topic=topic, msg_type=msg_type, rate_hz=rate_hz)
 
 
 def process(
-    node: str, section: str, publishes: list[Any], subscribes: list[Any], **more: object
-) -> Any:
-    return {
-        **more,
-        "node": node,
-        "namespace": "/arm",
-        "section": section,
-        "publishes": publishes,
-        "subscribes": subscribes,
-    }
+    name: str,
+    section: str,
+    publishes: Iterable[Endpoint],
+    subscribes: Iterable[Endpoint],
+    **more: object,
+) -> Process:
+    ends = {"publishes": tuple(publishes), "subscribes": tuple(subscribes)}
+    return node(name, section, namespace="/arm", **ends, **more)
+
+
+def plan_of(*processes: Process) -> Plan:
+    return Plan(name="arm", processes=processes)
 
 
 def test_topics_stand_along_the_way_of_data_with_what_they_promise() -> None:
-    plan = {
-        "processes": [
-            process("c", "control", [end("/ctrl", 100.0)], [end("/est")]),
-            process("e", "estimation", [end("/est", 50.0)], [end("/q"), end("/imu")]),
-            process("r", "robot", [end("/q", 1000.0), end("/imu", None)], [end("/ctrl")]),
-        ]
-    }
+    plan = plan_of(
+        process("c", "control", [end("/ctrl", 100.0)], [end("/est")]),
+        process("e", "estimation", [end("/est", 50.0)], [end("/q"), end("/imu")]),
+        process("r", "robot", [end("/q", 1000.0), end("/imu", None)], [end("/ctrl")]),
+    )
     topics = planned_topics(plan)
     assert [topic.name for topic in topics] == ["/imu", "/q", "/est", "/ctrl"]
     assert topics[2] == PlannedTopic(
@@ -45,13 +48,13 @@ def test_topics_stand_along_the_way_of_data_with_what_they_promise() -> None:
 
 def test_what_two_publish_is_wanted_from_both() -> None:
     one, other = process("a", "control", [end("/x", 10.0)], []), end("/x", 5.0)
-    both = planned_topics({"processes": [one, process("b", "control", [other], [])]})
+    both = planned_topics(plan_of(one, process("b", "control", [other], [])))
     assert both[0].wanted_hz == 15.0
     without = process("b", "control", [end("/x")], [])
-    assert planned_topics({"processes": [one, without]})[0].wanted_hz is None
+    assert planned_topics(plan_of(one, without))[0].wanted_hz is None
 
 
-def wanted_at(*factors: float) -> dict[str, float | None]:
+def wanted_at(*factors: float | str) -> dict[str, float | None]:
     """What is wanted of a robot of each factor, and of nodes with and without its time."""
     robots = [
         process(
@@ -69,7 +72,7 @@ def wanted_at(*factors: float) -> dict[str, float | None]:
         process("e", "estimation", [end("/est", 500.0)], [end("/q0")], **follows),
         process("c", "control", [end("/ctrl", 100.0)], [end("/est")]),
     ]
-    return {topic.name: topic.wanted_hz for topic in planned_topics({"processes": robots + nodes})}
+    return {topic.name: topic.wanted_hz for topic in planned_topics(plan_of(*robots, *nodes))}
 
 
 def test_rates_of_simulated_time_are_wanted_at_its_speed() -> None:
@@ -81,8 +84,8 @@ def test_a_speed_that_was_set_since_counts_instead_of_the_plans() -> None:
     robot = process(
         "r", "robot", [end("/q", 1000.0)], [], model="m.xml", parameters={"realtime_factor": 1.0}
     )
-    node = process("n", "control", [end("/u", 10.0)], [], parameters={"use_sim_time": True})
-    plan = {"processes": [robot, node]}
+    follower = process("n", "control", [end("/u", 10.0)], [], parameters={"use_sim_time": True})
+    plan = plan_of(robot, follower)
     (name,) = simulated_robots(plan)
     wanted = {topic.name: topic.wanted_hz for topic in planned_topics(plan, {name: 0.5})}
     assert (name, wanted) == ("/arm/r", {"/q": 500.0, "/u": 5.0})
@@ -99,14 +102,18 @@ def test_whose_time_it_is_among_simulators_of_several_speeds_is_not_known() -> N
 def test_nodes_that_feed_each_other_have_an_order_too() -> None:
     a = process("a", "control", [end("/a")], [end("/b")])
     b = process("b", "control", [end("/b")], [end("/a")])
-    assert {topic.name for topic in planned_topics({"processes": [a, b]})} == {"/a", "/b"}
+    assert {topic.name for topic in planned_topics(plan_of(a, b))} == {"/a", "/b"}
 
 
 def test_a_type_that_only_one_end_knows_is_known() -> None:
     a = process("a", "control", [end("/x", msg_type=None)], [])
     b = process("b", "robot", [], [end("/x")])
-    assert planned_topics({"processes": [a, b]})[0].msg_type == "p/msg/M"
+    assert planned_topics(plan_of(a, b))[0].msg_type == "p/msg/M"
 
 
-def test_a_folder_without_a_plan_has_no_topics() -> None:
-    assert planned_topics({}) == ()
+def test_a_plan_without_nodes_has_no_topics() -> None:
+    assert planned_topics(plan_of()) == ()
+
+
+def test_at_a_speed_that_is_no_number_nothing_is_judged() -> None:
+    assert wanted_at(".inf") == {"/q0": None, "/est": None, "/ctrl": 100.0}

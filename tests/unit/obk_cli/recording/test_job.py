@@ -1,11 +1,17 @@
 """What a recorder is told comes to it unchanged; what it is told of a run comes from its folder."""
 
 import json
+from dataclasses import replace
+from math import inf
 from pathlib import Path
 
+from obk_cli.emit.plan_json import emit_plan
+from obk_cli.plan import Endpoint, Plan, SensorGroup
 from obk_cli.recording.choice import Wish
 from obk_cli.recording.job import Job, job_from_json, job_to_json
-from obk_cli.recording.made_from import Background, background_of, run_topics
+from obk_cli.recording.made_from import Background, background_of, run_plan, run_topics
+
+from ..plans import node  # noqa: TID252 - shared by folders of tests
 
 PROCESS = {
     "node": "n",
@@ -68,8 +74,24 @@ def test_the_topics_of_a_run_have_the_types_that_either_end_knows(tmp_path: Path
     assert run_topics(run_folder(tmp_path)) == {"/a": "x/msg/A", "/b": "x/msg/B"}
 
 
+def test_of_a_runs_plan_comes_back_what_is_looked_at_while_it_runs(tmp_path: Path) -> None:
+    robot = node(
+        "robot",
+        "robot",
+        parameters={"realtime_factor": 0.5, "use_sim_time": True},
+        publishes=(Endpoint(topic="/q", msg_type="x/msg/Q", rate_hz=100.0),),
+        model="arm.xml",
+        sensor_groups=(SensorGroup(topic="/q", kind="Q", sensors={"j": "jointpos"}),),
+    )
+    told = replace(robot, parameters={**robot.parameters, "bounds": (0.0, inf)}, env={"A": "1"})
+    text = emit_plan(Plan(name="arm", processes=(told,)))
+    (tmp_path / "run.json").write_text(json.dumps({"plan": json.loads(text)}), encoding="utf-8")
+    assert run_plan(tmp_path) == Plan(name="arm", processes=(robot,))
+
+
 def test_a_folder_without_a_run_tells_nothing(tmp_path: Path) -> None:
     assert run_topics(tmp_path) == {}
+    assert run_plan(tmp_path).processes == ()
     assert background_of(tmp_path) == Background(
         metadata={"obelisk": {"run": tmp_path.name}, "obelisk_versions": {}}
     )

@@ -10,6 +10,7 @@ import pytest
 
 from obk_cli.errors import MisuseError
 from obk_cli.monitoring.view import StackView
+from obk_cli.recording.made_from import run_plan
 from obk_cli.web.feed import Feed, Moment
 from obk_cli.web.picture import live_picture
 
@@ -72,7 +73,7 @@ def test_the_picture_is_that_of_the_run(tmp_path: Path, repository: Path) -> Non
     folder.mkdir()
     (folder / "run.json").write_text(json.dumps({"plan": plan}))
     picture = last_moment(tmp_path, HEALTHY).picture
-    assert picture == live_picture(plan)
+    assert picture == live_picture(run_plan(folder))
     for name in ('data-node="/obelisk_control_0"', 'data-topic="/obelisk/dummy/est"'):
         assert name in picture
     assert last_moment(tmp_path, HEALTHY, ELSEWHERE).picture == ""
