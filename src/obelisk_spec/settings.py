@@ -47,7 +47,7 @@ def parse_mapping(text: str) -> dict[str, object]:
     if value is None:
         return {}
     if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
-        raise SettingTextError(f"settings text {text!r} is not a mapping like '{{topic: /x}}'")
+        raise SettingTextError(f"settings text {text!r} is not a mapping like `{{topic: /x}}`")
     return value
 
 
@@ -59,8 +59,8 @@ def _flat_field(part: str, text: str) -> tuple[str, object]:
     field = _FLAT_FIELD.fullmatch(part)
     if field is None:
         raise SettingTextError(
-            f"settings text {text!r} is neither like '{{topic: /x, history_depth: 10}}' "
-            "nor like 'topic:/x,history_depth:10'"
+            f"settings text {text!r} is neither like `{{topic: /x, history_depth: 10}}` "
+            "nor like `topic:/x,history_depth:10`"
         )
     return field[1], core_scalar(field[2].strip())
 

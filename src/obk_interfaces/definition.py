@@ -87,14 +87,14 @@ def check_definition(
     """Return every problem of one definition, in the order of its lines."""
     problems: list[Problem] = []
     if not _MESSAGE_NAME.fullmatch(interface.name):
-        sentence = f"'{interface.name}' cannot be the name of a message"
+        sentence = f"`{interface.name}` cannot be the name of a message"
         help = "a message's file is named in capitals and small letters, such as JointState.msg"
         problems.append(Problem(path=path, line=1, column=1, sentence=sentence, help=help))
     sections = _sections(path, text)
     expected = _SECTIONS[interface.kind]
     if len(sections) != expected:
         sentence = (
-            f"{len(sections) - 1} lines '---', where a .{interface.kind} file has {expected - 1}"
+            f"{len(sections) - 1} lines `---`, where a .{interface.kind} file has {expected - 1}"
         )
         problems.append(Problem(path=path, line=1, column=1, sentence=sentence))
     for lines in sections:
@@ -122,13 +122,13 @@ def _check_section(
         match = _LINE.match(line.text)
         if match is None or match["name"] is None:
             token = line.text.strip()
-            yield line.problem(token, f"'{token}' has a type but no name", "write: <type> <name>")
+            yield line.problem(token, f"`{token}` has a type but no name", "write: <type> <name>")
             continue
         name = match["name"]
         yield from _check_type(line, match["type"], package, messages)
         yield from _check_constant(line, name) if match["equals"] else _check_field(line, name)
         if name in first_line_of:
-            yield line.problem(name, f"'{name}' is already defined in line {first_line_of[name]}")
+            yield line.problem(name, f"`{name}` is already defined in line {first_line_of[name]}")
         first_line_of.setdefault(name, line.number)
 
 
@@ -136,14 +136,14 @@ def _check_field(line: _Line, name: str) -> Iterator[Problem]:
     if languages := languages_reserving(name):
         yield line.problem(
             name,
-            f"field '{name}' is a keyword of {' and '.join(languages)}: "
+            f"field `{name}` is a keyword of {' and '.join(languages)}: "
             "the generated code would not compile",
-            f"choose another name, such as '{name}_value'",
+            f"choose another name, such as `{name}_value`",
         )
     elif not _FIELD_NAME.fullmatch(name):
         yield line.problem(
             name,
-            f"'{name}' cannot be the name of a field",
+            f"`{name}` cannot be the name of a field",
             "small letters, digits and single underscores, starting with a letter",
         )
 
@@ -152,7 +152,7 @@ def _check_constant(line: _Line, name: str) -> Iterator[Problem]:
     if not _CONSTANT_NAME.fullmatch(name):
         yield line.problem(
             name,
-            f"'{name}' cannot be the name of a constant",
+            f"`{name}` cannot be the name of a constant",
             "capital letters, digits and single underscores, such as MAX_SPEED",
         )
 
@@ -163,7 +163,7 @@ def _check_type(
     match = _TYPE.fullmatch(text)
     if match is None or (match["bound"] and match["base"] not in _BOUNDED):
         help = "examples: float64, float64[], float64[9], string<=10, geometry_msgs/Vector3[<=4]"
-        yield line.problem(text, f"'{text}' is not a type", help)
+        yield line.problem(text, f"`{text}` is not a type", help)
         return
     base = match["base"]
     if base in _PRIMITIVES:
@@ -179,12 +179,12 @@ def _unknown_type(
     owner, slash, _ = base.partition("/")
     if slash and owner != package.name and owner not in package.depends:
         help = f"package.xml does not depend on {owner}: add <depend>{owner}</depend>"
-        return line.problem(base, f"the type '{base}' is not known", help)
+        return line.problem(base, f"the type `{base}` is not known", help)
     names = [*_PRIMITIVES, *messages, *(m.partition("/")[2] for m in messages)]
     near = difflib.get_close_matches(base.replace("/msg/", "/"), sorted(set(names)), n=3)
     spelled = dict.fromkeys(_spelled_out(name, package, messages) for name in near)
     help = "did you mean " + ", ".join(spelled) + "?" if spelled else ""
-    return line.problem(base, f"the type '{base}' is not known", help)
+    return line.problem(base, f"the type `{base}` is not known", help)
 
 
 def _spelled_out(name: str, package: InterfacePackage, messages: frozenset[str]) -> str:

@@ -242,5 +242,5 @@ def test_a_film_that_cannot_be_is_an_error_of_the_parameters():
     with pytest.raises(ObeliskConfigError) as caught:
         film_wanted(given.__getitem__)
     assert str(caught.value) == (
-        "the film that 'render' asks for: `out.avi`: expected a file named .mp4, .gif or .png"
+        "the film that `render` asks for: `out.avi`: expected a file named .mp4, .gif or .png"
     )

@@ -169,9 +169,9 @@ def test_a_model_that_does_not_compile_is_told_in_its_words(load, tmp_path):
 @pytest.mark.parametrize(
     ("text", "part"),
     [
-        ("", "the parameter 'mujoco_setting' is not set"),
-        ("[1, 2]", "the parameter 'mujoco_setting': "),
-        ("{a: {", "the parameter 'mujoco_setting': "),
+        ("", "the parameter `mujoco_setting` is not set"),
+        ("[1, 2]", "the parameter `mujoco_setting`: "),
+        ("{a: {", "the parameter `mujoco_setting`: "),
         ("{num_steps_per_viz: 5}", "key `model_xml_path` is missing"),
     ],
 )

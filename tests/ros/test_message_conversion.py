@@ -40,7 +40,7 @@ def test_bytes_that_are_no_message_are_told_of_and_reach_no_callback(
     one.run_until(lambda: received, "the message behind the wrong one")
     assert received == ["good"]
     told = capfd.readouterr().err
-    assert "dropped a message on '/topic': 18 bytes are no std_msgs/msg/String" in told
+    assert "dropped a message on `/topic`: 18 bytes are no std_msgs/msg/String" in told
 
 
 def test_big_endian_bytes_are_read_as_well(one: World) -> None:

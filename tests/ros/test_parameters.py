@@ -64,23 +64,23 @@ REFUSED = (
     (message("timer_ctrl_setting", "{timer_period_sec: fast}"), f"is 'fast', {PERIOD}"),
     (message("timer_ctrl_setting", "{timer_period_sec: -1}"), f"is -1, {PERIOD}"),
     (message("timer_ctrl_setting", "{timer_period_sec: .nan}"), f"is nan, {PERIOD}"),
-    (message("timer_ctrl_setting", "{a: ["), "the parameter 'timer_ctrl_setting' cannot be read"),
+    (message("timer_ctrl_setting", "{a: ["), "the parameter `timer_ctrl_setting` cannot be read"),
     (message("timer_ctrl_setting", "{timer_period_sec: 0.5}"), "clean up, set it, configure again"),
-    (message("pub_ctrl_setting", "{topic: 3}"), "has no 'topic' in its settings"),
+    (message("pub_ctrl_setting", "{topic: 3}"), "has no `topic` in its settings"),
     (
         message("pub_ctrl_setting", "{topic: /c, msg_type: PositionSetpiont}"),
-        "'PositionSetpiont' is not known; near names: PositionSetpoint",
+        "`PositionSetpiont` is not known; near names: PositionSetpoint",
     ),
     (
         message("sub_est_setting", "{topic: /e, msg_type: EstimatedState, history_depth: 0}"),
-        "'history_depth' is 0, expected an integer of at least 1",
+        "`history_depth` is 0, expected an integer of at least 1",
     ),
-    (message("obelisk_settings", "callback_groups: 3"), "'callback_groups' is not a mapping"),
-    (message("use_sim_time", True), "'use_sim_time' is read at configure"),
-    (message("report_rates", False), "'report_rates' is read at configure: clean up, set it"),
+    (message("obelisk_settings", "callback_groups: 3"), "`callback_groups` is not a mapping"),
+    (message("use_sim_time", True), "`use_sim_time` is read at configure"),
+    (message("report_rates", False), "`report_rates` is read at configure: clean up, set it"),
     (message("use_sim_time", "yes"), "expected 'Type.BOOL' got 'Type.STRING'"),
-    (message("params_paht", "x"), "no parameter 'params_paht'; did you mean `params_path`?"),
-    (message("", "x"), "the node has no parameter ''; there is: `obelisk_settings`"),
+    (message("params_paht", "x"), "no parameter `params_paht`; did you mean `params_path`?"),
+    (message("", "x"), "the node has no parameter ``; there is: `obelisk_settings`"),
     (of_type("params_path", 99), "a value of the type 99; there are: 0 (not_set), 1 (bool)"),
     (of_type("params_path", 0), "Static parameter cannot be undeclared"),
 )
@@ -132,7 +132,7 @@ def test_a_check_of_the_users_that_raises_refuses() -> None:
         node.add_on_set_parameters_callback(check)
         assert request(node, "configure")
         assert request(node, "activate")
-        told = "the node's check of 'gain' raised ValueError: too much"
+        told = "the node's check of `gain` raised ValueError: too much"
         assert set_each(node, message("gain", 5), message("gain", 2)) == [told, ""]
         assert_works(node)
         node.remove_on_set_parameters_callback(check)
@@ -144,15 +144,15 @@ def test_a_simulator_takes_only_what_it_could_be_configured_with() -> None:
     from .test_mujoco_robot import simulator
 
     refused = {
-        ("realtime_factor", "fast"): "the parameter 'realtime_factor' is 'fast', no number",
+        ("realtime_factor", "fast"): "the parameter `realtime_factor` is 'fast', no number",
         ("realtime_factor", -1.0): "expected a number above 0, or 0 for as fast as possible",
         ("realtime_factor", math.inf): "expected a number above 0",
         ("viewer", "hologram"): "there are: none, native, web",
         ("viewer_port", 99999): "expected a port from 1 to 65535, or 0 for a free one",
         ("viewer_port", "web"): "expected 'Type.INTEGER' got 'Type.STRING'",
-        ("render", "film.doc"): "the film that 'render' asks for: ",
-        ("mujoco_setting", "{a: ["): "the parameter 'mujoco_setting'",
-        ("mujoco_setting", ""): "the parameter 'mujoco_setting' is not set",
+        ("render", "film.doc"): "the film that `render` asks for: ",
+        ("mujoco_setting", "{a: ["): "the parameter `mujoco_setting`",
+        ("mujoco_setting", ""): "the parameter `mujoco_setting` is not set",
     }
     sent = [message(name, value) for name, value in refused]
     with simulator() as (node, _):
@@ -164,7 +164,7 @@ def test_a_simulator_takes_only_what_it_could_be_configured_with() -> None:
                 assert request(node, "configure")
                 assert request(node, "activate")
         told = set_each(node, message("viewer", "web"), message("ic_keyframe", "nowhere"))
-        assert told[0] == "'viewer' is read at configure: clean up, set it, configure again"
+        assert told[0] == "`viewer` is read at configure: clean up, set it, configure again"
         assert "the keyframe `nowhere` is not in the model" in told[1]
         assert (node.state_label, node.last_fault) == ("active", None)
         assert node.get_parameter("realtime_factor").value == 1.0

@@ -310,5 +310,5 @@ def test_settings_of_no_component_are_told(capfd: pytest.CaptureFixture[str]) ->
     settings = "publishers: [{key: pub_crtl, topic: /x}]"
     with spun(lambda: ObeliskNode("n", **parameters(obelisk_settings=settings))) as node:
         node.trigger_configure()
-    text = "the config has a publisher 'pub_crtl' that this node's code does not register"
+    text = "the config has a publisher `pub_crtl` that this node's code does not register"
     assert text in capfd.readouterr().err

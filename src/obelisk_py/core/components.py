@@ -55,7 +55,7 @@ class Component:
             raise ObeliskConfigError(f"the {self} was registered without a callback")
 
     def __str__(self) -> str:
-        return f"{self.kind.noun} '{self.key or self.ros_parameter}'"
+        return f"{self.kind.noun} `{self.key or self.ros_parameter}`"
 
     @property
     def names(self) -> frozenset[str]:
@@ -85,7 +85,7 @@ class ComponentTable(Mapping[str, T], Generic[T]):
             return self._values[self._names[name]]
         except KeyError:
             have = ", ".join(self._values) or "none (is the node configured?)"
-            raise KeyError(f"no {self._kind.noun} '{name}'; there are: {have}") from None
+            raise KeyError(f"no {self._kind.noun} `{name}`; there are: {have}") from None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._values)

@@ -190,7 +190,7 @@ class GuardedLifecycleNode(LifecycleNode):
             try:
                 self._settle(state)
             except Exception as error:
-                self._keep(error, f"settling in '{state}'")
+                self._keep(error, f"settling in `{state}`")
                 self._is_unrecoverable = True
             self._forget_fault_at_rest()
             self._end_if_unrecoverable()
@@ -278,8 +278,8 @@ class GuardedLifecycleNode(LifecycleNode):
                 response.success = self._triggers[number]() == SUCCESS
                 return response
         self.get_logger().warning(
-            f"refused the transition '{wanted.label or wanted.id}' in the state "
-            f"'{self.state_label}'; possible here: {', '.join(by_label) or 'none'}"
+            f"refused the transition `{wanted.label or wanted.id}` in the state "
+            f"`{self.state_label}`; possible here: {', '.join(by_label) or 'none'}"
         )
         response.success = False
         return response

@@ -35,18 +35,18 @@ def message_class(name: str) -> type[Any]:
     if full is None:
         near = ", ".join(near_msg_types(name))
         raise ObeliskMsgError(
-            f"message type '{name}' is not known" + (f"; near names: {near}" if near else "")
+            f"message type `{name}` is not known" + (f"; near names: {near}" if near else "")
         )
     package, _, bare = full.split("/")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), bare)  # type: ignore[no-any-return]
     except ModuleNotFoundError as error:
         raise ObeliskMsgError(
-            f"message type '{full}': the package '{package}' is not installed "
+            f"message type `{full}`: the package `{package}` is not installed "
             "(those of a workspace are compiled by `obk build`)"
         ) from error
     except AttributeError as error:
-        raise ObeliskMsgError(f"the package '{package}' has no message '{bare}'") from error
+        raise ObeliskMsgError(f"the package `{package}` has no message `{bare}`") from error
 
 
 def message_name(message: type[Any]) -> str:

@@ -310,9 +310,9 @@ class ObeliskNode(RatedNode):
 
     def _without_settings(self, component: Component) -> None:
         where = (
-            f"the parameter '{component.ros_parameter}'"
+            f"the parameter `{component.ros_parameter}`"
             if component.ros_parameter
-            else (f"an entry with 'key: {component.key}' in the parameter 'obelisk_settings'")
+            else f"an entry with `key: {component.key}` in the parameter `obelisk_settings`"
         )
         if component.required:
             raise ObeliskConfigError(f"the {component} has no settings: set {where}")
@@ -362,9 +362,10 @@ class ObeliskNode(RatedNode):
         if name is None:
             return None
         if name not in self.obk_callback_groups:
-            have = ", ".join(self.obk_callback_groups) or f"none (types: {CALLBACK_GROUP_TYPES})"
+            types = ", ".join(CALLBACK_GROUP_TYPES)
+            have = ", ".join(self.obk_callback_groups) or f"none (types: {types})"
             raise ObeliskConfigError(
-                f"the {component} is in the callback group '{name}'; there are: {have}"
+                f"the {component} is in the callback group `{name}`; there are: {have}"
             )
         return self.obk_callback_groups[name]
 
@@ -375,10 +376,10 @@ class ObeliskNode(RatedNode):
             for entry in entries:
                 names = entry_names(entry)
                 if not any(component.names & names for component in known):
-                    have = ", ".join(f"'{c.key or c.ros_parameter}'" for c in known) or "none"
+                    have = ", ".join(f"`{c.key or c.ros_parameter}`" for c in known) or "none"
                     self.get_logger().warning(
                         f"the config has a {kind.noun} "
-                        f"'{entry.get('key') or entry.get('ros_parameter')}' that this node's code "
+                        f"`{entry.get('key') or entry.get('ros_parameter')}` that this node's code "
                         f"does not register; it registers: {have}"
                     )
 

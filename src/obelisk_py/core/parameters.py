@@ -40,7 +40,7 @@ class GuardedCheck:
         try:
             return self.callback(parameters)
         except Exception as error:
-            names = ", ".join(f"'{parameter.name}'" for parameter in parameters)
+            names = ", ".join(f"`{parameter.name}`" for parameter in parameters)
             return _refused(f"the node's check of {names} raised {type(error).__name__}: {error}")
 
 
@@ -104,7 +104,7 @@ class ParameterRules:
                 return _refused(str(error))
             for name in mine:
                 if rule.is_read_at_configure and self._would_be_half_applied(name, new[name]):
-                    return _refused(f"'{name}' {READ_AT_CONFIGURE}")
+                    return _refused(f"`{name}` {READ_AT_CONFIGURE}")
         return SetParametersResult(successful=True)
 
     def _would_be_half_applied(self, name: str, value: object) -> bool:
@@ -147,12 +147,12 @@ def _refusal_of(node: Node, message: Any) -> str | None:
     known = {kind.value: kind.name.lower() for kind in Parameter.Type}
     if message.value.type not in known:
         there = ", ".join(f"{number} ({kind})" for number, kind in known.items())
-        return f"'{message.name}' has a value of the type {message.value.type}; there are: {there}"
+        return f"`{message.name}` has a value of the type {message.value.type}; there are: {there}"
     if not message.name or not (
         node.has_parameter(message.name) or node._allow_undeclared_parameters
     ):
         hint = did_you_mean(message.name, sorted(node._parameters))
-        return f"the node has no parameter '{message.name}'; {hint}"
+        return f"the node has no parameter `{message.name}`; {hint}"
     return None
 
 

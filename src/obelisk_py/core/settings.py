@@ -87,14 +87,14 @@ def parse_node_settings(text: str) -> NodeSettings:
     Raises:
         ObeliskConfigError: it is no mapping of lists of mappings, or names an unknown group type.
     """
-    block = _parsed(parse_mapping, text, "the parameter 'obelisk_settings'")
+    block = _parsed(parse_mapping, text, "the parameter `obelisk_settings`")
     groups = block.get("callback_groups") or {}
     if not isinstance(groups, Mapping):
-        raise ObeliskConfigError("obelisk_settings: 'callback_groups' is not a mapping")
+        raise ObeliskConfigError("obelisk_settings: `callback_groups` is not a mapping")
     for name, kind in groups.items():
         if kind not in CALLBACK_GROUP_TYPES:
             raise ObeliskConfigError(
-                f"callback group '{name}' has the type '{kind}'; there are: "
+                f"callback group `{name}` has the type `{kind}`; there are: "
                 f"{', '.join(CALLBACK_GROUP_TYPES)}"
             )
     return NodeSettings(
@@ -115,7 +115,7 @@ def find_settings(
         (e for e in node.components[component.kind] if component.names & entry_names(e)), None
     )
     if parameter_text.strip():
-        where = f"the parameter '{component.ros_parameter}'"
+        where = f"the parameter `{component.ros_parameter}`"
         own = _parsed(parse_component_setting, parameter_text, where)
         return {"key": entry["key"], **own} if entry and "key" in entry else own
     if entry is not None:
@@ -157,7 +157,7 @@ def message_class_of(component: Component, configured: str | None) -> type[Any]:
     """
     if component.msg_type is None and configured is None:
         raise ObeliskMsgError(
-            f"the {component} has no message type: give 'msg_type' in the config or in the code"
+            f"the {component} has no message type: give `msg_type` in the config or in the code"
         )
     if component.msg_type is None:
         assert configured is not None
@@ -183,14 +183,14 @@ def topic_settings(component: Component, raw: Mapping[str, Any]) -> TopicSetting
     """
     topic = raw.get("topic")
     if not isinstance(topic, str) or not topic:
-        raise ObeliskConfigError(f"the {component} has no 'topic' in its settings {dict(raw)}")
+        raise ObeliskConfigError(f"the {component} has no `topic` in its settings {dict(raw)}")
     qos = raw.get("qos") or {}
     if not isinstance(qos, Mapping):
-        raise ObeliskConfigError(f"the {component}: 'qos' is {qos!r}, expected a mapping")
+        raise ObeliskConfigError(f"the {component}: `qos` is {qos!r}, expected a mapping")
     depth = qos.get("history_depth", raw.get("history_depth", DEFAULT_HISTORY_DEPTH))
     if not isinstance(depth, int) or isinstance(depth, bool) or depth < 1:
         raise ObeliskConfigError(
-            f"the {component}: 'history_depth' is {depth!r}, expected an integer of at least 1"
+            f"the {component}: `history_depth` is {depth!r}, expected an integer of at least 1"
         )
     return TopicSettings(
         topic=topic,
@@ -225,7 +225,7 @@ def stale_policy(component: Component, raw: Mapping[str, Any]) -> StalePolicy | 
         return None
     if action not in (None, *STALE_ACTIONS):
         raise ObeliskConfigError(
-            f"the {component}: 'stale_action' is '{action}'; there are: {', '.join(STALE_ACTIONS)}"
+            f"the {component}: `stale_action` is `{action}`; there are: {', '.join(STALE_ACTIONS)}"
         )
     return StalePolicy(
         max_age_s=_seconds(component, "max_age_sec", age), action=action or DEFAULT_STALE_ACTION
@@ -239,7 +239,7 @@ def _seconds(component: Component, key: str, value: Any) -> float:
         or not SHORTEST_PERIOD_S <= value < LONGEST_PERIOD_S
     ):
         raise ObeliskConfigError(
-            f"the {component}: '{key}' is {value!r}, expected seconds above 0, "
+            f"the {component}: `{key}` is {value!r}, expected seconds above 0, "
             f"from {SHORTEST_PERIOD_S:g} to {LONGEST_PERIOD_S:g}"
         )
     return float(value)
@@ -251,7 +251,7 @@ def _policy(
     value = str(qos.get(key, default)).lower()
     if value not in table:
         raise ObeliskConfigError(
-            f"the {component}: qos '{key}' is '{value}'; there are: {', '.join(table)}"
+            f"the {component}: qos `{key}` is `{value}`; there are: {', '.join(table)}"
         )
     return table[value]
 
@@ -265,7 +265,7 @@ def _entries(value: Any, kind: ComponentKind) -> tuple[Mapping[str, Any], ...]:
     if value is None:
         return ()
     if not isinstance(value, Iterable) or not all(isinstance(e, Mapping) for e in value):
-        raise ObeliskConfigError(f"obelisk_settings: '{kind.value}' is not a list of mappings")
+        raise ObeliskConfigError(f"obelisk_settings: `{kind.value}` is not a list of mappings")
     return tuple(value)
 
 

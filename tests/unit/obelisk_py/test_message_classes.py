@@ -41,9 +41,9 @@ def test_a_class_tells_its_full_name() -> None:
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("PositionSetpont", r"'PositionSetpont' is not known; near names: PositionSetpoint"),
-        ("nope_msgs/msg/Nope", r"the package 'nope_msgs' is not installed"),
-        ("sensor_msgs/msg/Nope", r"'sensor_msgs' has no message 'Nope'"),
+        ("PositionSetpont", r"`PositionSetpont` is not known; near names: PositionSetpoint"),
+        ("nope_msgs/msg/Nope", r"the package `nope_msgs` is not installed"),
+        ("sensor_msgs/msg/Nope", r"`sensor_msgs` has no message `Nope`"),
     ],
 )
 def test_a_name_that_is_no_message_is_told_apart(name: str, sentence: str) -> None:

@@ -69,10 +69,10 @@ def test_qos_is_taken() -> None:
 @pytest.mark.parametrize(
     ("raw", "sentence"),
     [
-        ({}, "has no 'topic'"),
-        ({"topic": "/x", "history_depth": 0}, "'history_depth' is 0, expected an integer of at"),
-        ({"topic": "/x", "history_depth": True}, "'history_depth' is True"),
-        ({"topic": "/x", "qos": 3}, "'qos' is 3, expected a mapping"),
+        ({}, "has no `topic`"),
+        ({"topic": "/x", "history_depth": 0}, "`history_depth` is 0, expected an integer of at"),
+        ({"topic": "/x", "history_depth": True}, "`history_depth` is True"),
+        ({"topic": "/x", "qos": 3}, "`qos` is 3, expected a mapping"),
         ({"topic": "/x", "qos": {"reliability": "maybe"}}, "there are: reliable, best_effort"),
     ],
 )
@@ -81,7 +81,7 @@ def test_bad_topic_settings_name_the_component_and_the_value(
 ) -> None:
     with pytest.raises(ObeliskConfigError, match=sentence) as error:
         topic_settings(publisher(), raw)
-    assert "publisher 'pub_ctrl_setting'" in str(error.value)
+    assert "publisher `pub_ctrl_setting`" in str(error.value)
 
 
 @pytest.mark.parametrize("period", [0, -1, True, "fast", None])
@@ -110,20 +110,20 @@ def test_how_old_a_command_may_become_is_taken(
 @pytest.mark.parametrize(
     ("raw", "fault"),
     [
-        ({"max_age_sec": 0}, "'max_age_sec' is 0, expected seconds above 0"),
-        ({"max_age_sec": -1.0}, "'max_age_sec' is -1.0, expected seconds above 0"),
-        ({"max_age_sec": True}, "'max_age_sec' is True, expected seconds above 0"),
-        ({"max_age_sec": float("nan")}, "'max_age_sec' is nan, expected seconds above 0"),
-        ({"stale_action": "hold"}, "'max_age_sec' is None, expected seconds above 0"),
+        ({"max_age_sec": 0}, "`max_age_sec` is 0, expected seconds above 0"),
+        ({"max_age_sec": -1.0}, "`max_age_sec` is -1.0, expected seconds above 0"),
+        ({"max_age_sec": True}, "`max_age_sec` is True, expected seconds above 0"),
+        ({"max_age_sec": float("nan")}, "`max_age_sec` is nan, expected seconds above 0"),
+        ({"stale_action": "hold"}, "`max_age_sec` is None, expected seconds above 0"),
         (
             {"max_age_sec": 1, "stale_action": "explode"},
-            "'stale_action' is 'explode'; there are: zero, hold, damp",
+            "`stale_action` is `explode`; there are: zero, hold, damp",
         ),
     ],
 )
 def test_an_age_or_an_action_that_is_none_is_named(raw: dict[str, object], fault: str) -> None:
     with pytest.raises(
-        ObeliskConfigError, match=re.escape(f"the publisher 'pub_ctrl_setting': {fault}")
+        ObeliskConfigError, match=re.escape(f"the publisher `pub_ctrl_setting`: {fault}")
     ):
         stale_policy(publisher(), raw)
 
@@ -150,5 +150,5 @@ def test_a_table_finds_every_spelling_and_lists_what_exists() -> None:
     for name in ("pub_ctrl", "pub_ctrl_setting", "publisher_ctrl", "asdf"):
         assert table[name] == 7
     assert list(table) == ["pub_ctrl"]
-    with pytest.raises(KeyError, match="no publisher 'nope'; there are: pub_ctrl"):
+    with pytest.raises(KeyError, match="no publisher `nope`; there are: pub_ctrl"):
         table["nope"]

@@ -45,20 +45,20 @@ def test_what_rosidl_takes_is_taken(text: str) -> None:
 )
 def test_a_keyword_is_refused_with_its_place_and_languages(word: str, languages: str) -> None:
     assert problems_of(f"float64 x\n  int32 {word}\n") == [
-        f"msg/Robot.msg:2:9: field '{word}' is a keyword of {languages}: "
+        f"msg/Robot.msg:2:9: field `{word}` is a keyword of {languages}: "
         "the generated code would not compile\n"
-        f"  help: choose another name, such as '{word}_value'"
+        f"  help: choose another name, such as `{word}_value`"
     ]
 
 
 def test_every_problem_of_a_file_is_told_at_once() -> None:
     found = problems_of("floa64 x\nint32 Big\nint32 low_value = 3\nint32\nfloat64 x\n")
     assert [line.partition("\n")[0] for line in found] == [
-        "msg/Robot.msg:1:1: the type 'floa64' is not known",
-        "msg/Robot.msg:2:7: 'Big' cannot be the name of a field",
-        "msg/Robot.msg:3:7: 'low_value' cannot be the name of a constant",
-        "msg/Robot.msg:4:1: 'int32' has a type but no name",
-        "msg/Robot.msg:5:9: 'x' is already defined in line 1",
+        "msg/Robot.msg:1:1: the type `floa64` is not known",
+        "msg/Robot.msg:2:7: `Big` cannot be the name of a field",
+        "msg/Robot.msg:3:7: `low_value` cannot be the name of a constant",
+        "msg/Robot.msg:4:1: `int32` has a type but no name",
+        "msg/Robot.msg:5:9: `x` is already defined in line 1",
     ]
 
 
@@ -77,14 +77,14 @@ def test_every_problem_of_a_file_is_told_at_once() -> None:
 )
 def test_an_unknown_type_comes_with_what_would_be_right(wrong: str, help: str) -> None:
     assert problems_of(f"{wrong} value\n") == [
-        f"msg/Robot.msg:1:1: the type '{wrong}' is not known\n  help: {help}"
+        f"msg/Robot.msg:1:1: the type `{wrong}` is not known\n  help: {help}"
     ]
 
 
 @pytest.mark.parametrize("wrong", ["float64<=3", "float64[", "int32[<3]", "9lives"])
 def test_what_is_not_a_type_at_all_is_answered_with_examples(wrong: str) -> None:
     (problem,) = problems_of(f"{wrong} value\n")
-    assert problem.startswith(f"msg/Robot.msg:1:1: '{wrong}' is not a type\n  help: examples: ")
+    assert problem.startswith(f"msg/Robot.msg:1:1: `{wrong}` is not a type\n  help: examples: ")
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_what_is_not_a_type_at_all_is_answered_with_examples(wrong: str) -> None
 )
 def test_a_wrong_number_of_sections_is_told(kind: str, text: str, has: int, wants: int) -> None:
     assert problems_of(text, kind=kind) == [
-        f"{kind}/Robot.{kind}:1:1: {has} lines '---', where a .{kind} file has {wants}"
+        f"{kind}/Robot.{kind}:1:1: {has} lines `---`, where a .{kind} file has {wants}"
     ]
 
 
@@ -103,7 +103,7 @@ def test_sections_may_use_the_same_name() -> None:
 
 def test_a_file_name_that_cannot_name_a_message_is_refused() -> None:
     (problem,) = problems_of("int32 a\n", name="robot_state")
-    assert problem.startswith("msg/robot_state.msg:1:1: 'robot_state' cannot be the name")
+    assert problem.startswith("msg/robot_state.msg:1:1: `robot_state` cannot be the name")
 
 
 def test_text_that_is_not_utf8_is_told_with_its_line(tmp_path: Path) -> None:

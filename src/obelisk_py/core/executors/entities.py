@@ -199,7 +199,7 @@ class SubscriptionRunner(Runner):
     def _tell_of_drop(self, error: ObeliskMsgError) -> None:
         # Middleware that unpacks drops what it cannot read as well, but says nothing.
         get_logger(self.entity.logger_name).error(
-            f"dropped a message on '{self.entity.topic_name}': {error}",
+            f"dropped a message on `{self.entity.topic_name}`: {error}",
             throttle_duration_sec=_DROPS_TOLD_EVERY_S,
         )
 

@@ -77,12 +77,12 @@ def read_block(text: str) -> Mapping[str, Any]:
     """
     if not text.strip():
         raise ObeliskConfigError(
-            f"the parameter '{PARAMETER}' is not set; it carries the `sim` block of the config"
+            f"the parameter `{PARAMETER}` is not set; it carries the `sim` block of the config"
         )
     try:
         return parse_mapping(text)
     except SettingTextError as error:
-        raise ObeliskConfigError(f"the parameter '{PARAMETER}': {error}") from error
+        raise ObeliskConfigError(f"the parameter `{PARAMETER}`: {error}") from error
 
 
 def not_given(value: object) -> bool:

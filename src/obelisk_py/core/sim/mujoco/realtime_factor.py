@@ -21,10 +21,10 @@ def realtime_factor_of(value: object) -> float:
         ObeliskConfigError: the value is none.
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ObeliskConfigError(f"the parameter '{REALTIME_FACTOR}' is {value!r}, no number")
+        raise ObeliskConfigError(f"the parameter `{REALTIME_FACTOR}` is {value!r}, no number")
     if not (math.isfinite(value) and value >= 0):
         raise ObeliskConfigError(
-            f"the parameter '{REALTIME_FACTOR}' is {value:g}; expected a number above 0, or 0 "
+            f"the parameter `{REALTIME_FACTOR}` is {value:g}; expected a number above 0, or 0 "
             "for as fast as possible"
         )
     return float(value)

@@ -54,7 +54,7 @@ def film_wanted(parameter: Callable[[str], Any]) -> FilmSettings | None:
     try:
         return read_film(path, camera, size, rate_hz)
     except FilmError as error:
-        raise ObeliskConfigError(f"the film that 'render' asks for: {error}") from error
+        raise ObeliskConfigError(f"the film that `render` asks for: {error}") from error
 
 
 def film_outputs(

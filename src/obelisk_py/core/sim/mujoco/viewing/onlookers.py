@@ -88,11 +88,11 @@ def _viewer(parameter: Callable[[str], Any]) -> list[Wish]:
     viewer, port = parameter("viewer"), parameter("viewer_port")
     if viewer not in VIEWERS:
         raise ObeliskConfigError(
-            f"the parameter 'viewer' is '{viewer}'; there are: {', '.join(VIEWERS)}"
+            f"the parameter `viewer` is `{viewer}`; there are: {', '.join(VIEWERS)}"
         )
     if not 0 <= port <= _HIGHEST_PORT:
         raise ObeliskConfigError(
-            f"the parameter 'viewer_port' is {port}; expected a port from 1 to {_HIGHEST_PORT}, "
+            f"the parameter `viewer_port` is {port}; expected a port from 1 to {_HIGHEST_PORT}, "
             "or 0 for a free one"
         )
     if viewer == "none":
