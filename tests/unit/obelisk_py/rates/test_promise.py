@@ -18,17 +18,27 @@ class _World:
 
     def __init__(self, wanted_hz: float) -> None:
         self.now_ns: int | None = 10 * S
+        self.steady_s = 3.0
         self.counter = TickCounter()
         self.promise = Promise(
-            name="timer_ctrl", wanted_hz=wanted_hz, counter=self.counter, clock=lambda: self.now_ns
+            name="timer_ctrl",
+            wanted_hz=wanted_hz,
+            counter=self.counter,
+            clock=lambda: self.now_ns,
+            steady_s=lambda: self.steady_s,
         )
 
     def second(self, ticks_ms: Iterable[float] = (), late_ns: int = 0) -> Rate:
         """A second with ticks at these times from its beginning [ms]."""
+        return self.after(1.0, ticks_ms, late_ns)
+
+    def after(self, seconds: float, ticks_ms: Iterable[float] = (), late_ns: int = 0) -> Rate:
+        """The promise read after another time than a second."""
         assert self.now_ns is not None
         for tick_ms in ticks_ms:
             self.counter.tick(self.now_ns + round(tick_ms * MS), late_ns)
-        self.now_ns += S
+        self.now_ns += round(seconds * S)
+        self.steady_s += seconds
         return self.promise.read()
 
 
@@ -56,6 +66,24 @@ def test_the_first_second_is_forgiven_the_next_is_off_and_two_are_broken() -> No
         "broken",
         "broken",
     ]
+
+
+@pytest.mark.parametrize(
+    ("reads_s", "standings"),
+    [
+        ((0.97, 0.98), ["off", "broken"]),
+        ((0.3, 1.0, 1.0), ["off", "off", "broken"]),
+        ((1.0, 0.6, 0.5), ["off", "off", "broken"]),
+        ((1.4, 0.6, 1.0), ["off", "off", "broken"]),
+        ((5.0, 1.0), ["off", "broken"]),
+    ],
+)
+def test_what_is_broken_was_off_for_two_seconds_however_the_reads_come(
+    reads_s: tuple[float, ...], standings: list[str]
+) -> None:
+    world = _World(100.0)
+    world.second(every(10))
+    assert [world.after(read_s).standing for read_s in reads_s] == standings
 
 
 def test_one_good_second_is_enough_to_keep_a_promise_again() -> None:
