@@ -252,18 +252,18 @@ def test_missing_settings_are_named_all_at_once() -> None:
     with spinning(lambda: Controller(pub_ctrl_setting="", timer_ctrl_setting="")) as node:
         assert not request(node, "configure")
         assert node.last_fault is not None
-        assert "set the parameter 'pub_ctrl_setting'" in node.last_fault.text
-        assert "set the parameter 'timer_ctrl_setting'" in node.last_fault.text
+        assert "set the parameter `pub_ctrl_setting`" in node.last_fault.text
+        assert "set the parameter `timer_ctrl_setting`" in node.last_fault.text
 
 
 @pytest.mark.parametrize(
     ("setting", "sentence"),
     [
         ("{topic: /c}", "has no message type"),
-        ("{topic: /c, msg_type: PositionSetpont}", "'PositionSetpont' is not known; near names"),
-        ("{topic: /c, msg_type: nope_msgs/msg/A}", "the package 'nope_msgs' is not installed"),
-        ("{topic: /c, msg_type: PositionSetpoint, callback_group: g}", "callback group 'g'"),
-        ("{topic: [", "the parameter 'pub_ctrl_setting' cannot be read"),
+        ("{topic: /c, msg_type: PositionSetpont}", "`PositionSetpont` is not known; near names"),
+        ("{topic: /c, msg_type: nope_msgs/msg/A}", "the package `nope_msgs` is not installed"),
+        ("{topic: /c, msg_type: PositionSetpoint, callback_group: g}", "callback group `g`"),
+        ("{topic: [", "the parameter `pub_ctrl_setting` cannot be read"),
     ],
 )
 def test_wrong_settings_fail_configure_with_a_sentence(setting: str, sentence: str) -> None:

@@ -314,7 +314,7 @@ def test_anything_else_is_refused(factor: Any) -> None:
     with simulator(realtime_factor=factor) as (node, _):
         assert not request(node, "configure")
         assert node.last_fault is not None
-        assert "the parameter 'realtime_factor' is" in node.last_fault.text
+        assert "the parameter `realtime_factor` is" in node.last_fault.text
 
 
 def test_a_realtime_factor_is_taken_between_runs_and_not_within_one() -> None:
@@ -328,7 +328,7 @@ def test_a_realtime_factor_is_taken_between_runs_and_not_within_one() -> None:
         refused = set_factor(node, 0.25)
         assert not refused.successful
         assert refused.reason == (
-            "'realtime_factor' is read at configure: clean up, set it, configure again"
+            "`realtime_factor` is read at configure: clean up, set it, configure again"
         )
         assert node.get_parameter("realtime_factor").value == 1.0
         assert request(node, "cleanup")
