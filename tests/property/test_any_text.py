@@ -5,6 +5,7 @@ import re
 import sys
 import tempfile
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -47,13 +48,21 @@ ODD = (
 ENOUGH = settings(max_examples=150, deadline=None)
 
 
-def compiled(text: str) -> tuple[Diagnostic, ...]:
-    surroundings = MachineSurroundings(Path.cwd(), Path.cwd(), {})
-    # Packages whose code and models are there, so that every check has something to look at.
-    surroundings.packages = PackageIndex(
+@cache
+def surroundings() -> MachineSurroundings:
+    """Packages whose code and models are there, so that every check has something to look at.
+
+    The same for all texts: what the packages say is read once.
+    """
+    world = MachineSurroundings(Path.cwd(), Path.cwd(), {})
+    world.packages = PackageIndex(
         workspaces=(TESTS / "cases" / "workspace",), prefixes=(Path(sys.prefix),)
     )
-    options = Options(environment={}, working_folder=Path.cwd(), surroundings=surroundings)
+    return world
+
+
+def compiled(text: str) -> tuple[Diagnostic, ...]:
+    options = Options(environment={}, working_folder=Path.cwd(), surroundings=surroundings())
     outcome = compile_source(SourceFile.of("<text>", text), options)
     report_text(outcome.diagnostics, colour=True)
     return outcome.diagnostics
