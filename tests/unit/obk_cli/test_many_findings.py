@@ -16,11 +16,12 @@ from collections import Counter
 from pathlib import Path
 from obk_cli.pipeline import Options, compile_config
 resource.setrlimit(resource.RLIMIT_AS, (700_000_000, 700_000_000))
+resource.setrlimit(resource.RLIMIT_CPU, (20, 20))  # [s], whatever else the machine does
 outcome = compile_config(sys.argv[1], Options(environment={}, working_folder=Path.cwd()))
 for code, times in Counter(fault.code for fault in outcome.diagnostics).items():
     print(code, times)
 """
-A_HANG_SECONDS = 20
+HANG_S = 120
 IMU = "msg_type: sensor_msgs/msg/Imu"
 
 
@@ -90,7 +91,7 @@ def test_many_faults_are_told_in_bounded_time_and_memory(
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=A_HANG_SECONDS,
+        timeout=HANG_S,
         check=False,
     )
     assert expected in done.stdout.splitlines(), done.stderr

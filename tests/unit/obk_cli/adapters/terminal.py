@@ -10,6 +10,8 @@ from typing import Final
 from rich.cells import cell_len
 
 DEADLINE_S: Final = 30.0
+_END: Final = b"\0"
+"""Stands behind all that was written: a terminal hands on what it gets in its own time."""
 _PIECE: Final = re.compile(r"\x1b\[(?P<number>[\d;]*)(?P<end>[@-~])|(?P<char>.)", re.DOTALL)
 
 
@@ -25,6 +27,7 @@ class Terminal:
         self.wrapped = 0
         self._decoder = codecs.getincrementaldecoder("utf-8")()
         self._begun = ""
+        self._is_over = False
 
     def resize(self, width: int, height: int) -> None:
         self.width, self.height = width, height
@@ -38,7 +41,9 @@ class Terminal:
         """Take what comes next."""
         ready, _, _ = select.select([self.master], [], [], DEADLINE_S)
         assert ready, f"nothing more came; the last rows are: {self.rows[-5:]}"
-        self.feed(self._decoder.decode(os.read(self.master, 1 << 16)))
+        data = os.read(self.master, 1 << 16)
+        self._is_over = data.endswith(_END)
+        self.feed(self._decoder.decode(data.removesuffix(_END)))
 
     def read_until(self, text: str) -> None:
         """Take what comes until it is somewhere to be seen."""
@@ -46,7 +51,9 @@ class Terminal:
             self.read()
 
     def read_the_rest(self) -> None:
-        while select.select([self.master], [], [], 0)[0]:
+        """Take all that was written until now."""
+        os.write(self.slave, _END)
+        while not self._is_over:
             self.read()
 
     def feed(self, text: str) -> None:

@@ -24,6 +24,8 @@ from obk_cli.launch.runs import (
     write_run,
 )
 
+from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
+
 NOW = datetime(2031, 2, 3, 4, 5, 6)
 PID, STARTED = this_process()
 RUN = Run(
@@ -187,5 +189,5 @@ def test_whoever_replaces_ends_the_other_launcher_first(tmp_path: Path) -> None:
         assert started is not None
         claim_run(tmp_path, replace(RUN, pid=other.pid, started=started), NOW)
         folder = claim_run(tmp_path, RUN, NOW, replace_other=True)
-        assert other.wait(5) == -signal.SIGINT
+        assert other.wait(DEADLINE_S) == -signal.SIGINT
     assert read_run(folder) == RUN

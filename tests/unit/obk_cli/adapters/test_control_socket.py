@@ -17,9 +17,10 @@ from obk_cli.adapters.control_socket import serve_control
 from obk_cli.launch.asks import ChangeAnswer, ChangeAsked, Member, StackStatus, StatusAsked
 from obk_cli.launch.events import Heard, StopAsked
 
+from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
+
 STATUS = StackStatus(name="dummy", state="active", phase="active", seconds=1.5, nodes=())
 ANSWER = ChangeAnswer(success=True, members=(Member(node="/a", result="reached", state="active"),))
-WAIT_S = 5.0
 
 
 def answer_all(heard: Heard) -> None:
@@ -62,7 +63,7 @@ def served(
 def raw(folder: Path, data: bytes, *, ends: bool = False) -> dict[str, str]:
     """What a foreign client gets for these bytes."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
-        link.settimeout(WAIT_S)
+        link.settimeout(DEADLINE_S)
         link.connect(str(folder / "control.sock"))
         try:
             link.sendall(data)
@@ -82,7 +83,7 @@ def test_a_stack_says_how_it_is(tmp_path: Path) -> None:
 
 def test_a_change_is_handed_on_with_all_that_was_asked(tmp_path: Path) -> None:
     with served(tmp_path) as heard:
-        answer = ask_change(tmp_path, "activate", ("/a",), timeout_s=2.5, wait_s=WAIT_S)
+        answer = ask_change(tmp_path, "activate", ("/a",), timeout_s=2.5, wait_s=DEADLINE_S)
         assert answer == ANSWER
     asked = heard.get()
     assert isinstance(asked, ChangeAsked)
@@ -202,7 +203,7 @@ def test_a_change_that_is_open_at_the_end_is_answered(tmp_path: Path) -> None:
     with served(tmp_path, leave_open) as heard:
 
         def ask() -> None:
-            answers.append(ask_change(tmp_path, "activate", timeout_s=None, wait_s=WAIT_S))
+            answers.append(ask_change(tmp_path, "activate", timeout_s=None, wait_s=DEADLINE_S))
 
         asker = threading.Thread(target=ask)
         asker.start()

@@ -17,6 +17,8 @@ from obk_cli.adapters.process_start import start_s
 from obk_cli.launch.events import StopAsked
 from obk_cli.launch.runs import Run, write_run
 
+from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
+
 WAIT = "import time; print(flush=True); time.sleep(60)"
 IGNORE = f"import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); {WAIT}"
 
@@ -41,7 +43,7 @@ def launcher(code: str, folder: Path) -> Iterator[tuple["subprocess.Popen[str]",
 def test_a_launcher_without_a_socket_gets_sigint(tmp_path: Path) -> None:
     with launcher(WAIT, tmp_path) as (process, run):
         assert end_launcher(tmp_path, run, reason="test") == "ended"
-        assert process.wait(5) == -signal.SIGINT
+        assert process.wait(DEADLINE_S) == -signal.SIGINT
 
 
 def test_a_launcher_that_does_not_end_is_left_or_killed_as_asked(tmp_path: Path) -> None:
@@ -49,7 +51,7 @@ def test_a_launcher_that_does_not_end_is_left_or_killed_as_asked(tmp_path: Path)
         assert end_launcher(tmp_path, run, reason="test", timeout_s=0.01) == "still there"
         assert process.poll() is None
         assert end_launcher(tmp_path, run, reason="test", timeout_s=0.01, may_kill=True) == "killed"
-        assert process.wait(5) == -signal.SIGKILL
+        assert process.wait(DEADLINE_S) == -signal.SIGKILL
 
 
 def test_a_launcher_that_answers_is_asked_and_not_signalled(

@@ -14,6 +14,8 @@ from obk_cli.adapters.leftovers import end_leftovers, find_leftovers, launch_mar
 from obk_cli.adapters.process_start import start_s, this_process
 from obk_cli.launch.runs import Run, write_run
 
+from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
+
 PID, STARTED = this_process()
 GONE = f"{PID}:{STARTED - 60}"
 RUN = f"dummy_20310203_{os.getpid():06}"
@@ -30,8 +32,7 @@ BREEDING = f"""
 import signal, subprocess, sys
 def breed(*_):
     child = subprocess.Popen([sys.executable, '-I', '-S', '-c', {WAIT!r}], env={{}},
-        start_new_session=True, stdout=subprocess.PIPE)
-    child.stdout.readline()
+        start_new_session=True, stdout=subprocess.DEVNULL)
     print(child.pid, flush=True)
 signal.signal(signal.SIGTERM, breed)
 print(flush=True)
@@ -100,7 +101,7 @@ def test_a_leftover_is_ended_with_its_children_in_sessions_of_their_own(tmp_path
         assert process.stdout is not None
         grandchild = int(process.stdout.readline())
         assert not end_leftovers(find_leftovers(tmp_path, run=RUN))
-        assert process.wait(5) != 0
+        assert process.wait(DEADLINE_S) != 0
         assert not psutil.pid_exists(grandchild) or start_s(grandchild) is None
 
 
@@ -112,7 +113,7 @@ def test_one_that_ignores_sigterm_is_killed(
         assert process.stdout is not None
         process.stdout.readline()
         assert not end_leftovers(find_leftovers(tmp_path, run=RUN))
-        assert process.wait(5) == -9
+        assert process.wait(DEADLINE_S) == -9
 
 
 def test_what_is_started_meanwhile_is_ended_too(

@@ -8,7 +8,7 @@ import pytest
 
 from obk_cli.adapters.screen import Screen
 
-DEADLINE_S = 30.0
+from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 
 
 @pytest.fixture

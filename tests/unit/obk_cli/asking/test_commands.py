@@ -15,6 +15,7 @@ from obk_cli.cli import stop
 from obk_cli.cli.main import main
 from obk_cli.launch.events import StopAsked
 
+from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 from .fake_stack import CONTROL, JOY, ROBOT, fake_stack
 
 STATES = {ROBOT: "active", CONTROL: "inactive", JOY: ""}
@@ -262,4 +263,4 @@ def test_reap_ends_what_is_left_and_says_so(
         assert left.poll() is None
         assert obk("reap") == 0
         assert line in capsys.readouterr().out
-        assert left.wait(5) == -15
+        assert left.wait(DEADLINE_S) == -15
