@@ -6,6 +6,7 @@ import signal
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -31,7 +32,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "home"
 
 
-def told(*arguments: str) -> dict[str, object]:
+def told(*arguments: object) -> dict[str, Any]:
     result = obk(*arguments, "--format", "json")
     assert result.returncode == 0, result.stdout + result.stderr
     return dict(json.loads(result.stdout))
@@ -51,7 +52,7 @@ def test_the_launcher_tells_and_moves_its_stack_again_and_again() -> None:
         (stack,) = json.loads(obk("ps", "--format", "json").stdout)["stacks"]
         assert (stack["launcher"], stack["state"]) == (run.process.pid, "active")
         assert {node["node"]: node["pid"] for node in stack["nodes"]} == node_pids(run)
-        for _ in range(3):
+        for _ in range(2):
             for verb, goal in ROUND:
                 assert told("lifecycle", verb)["success"] is True
                 assert told("lifecycle", "get") == dict.fromkeys(NODES, goal)
@@ -67,11 +68,15 @@ def test_without_the_run_registry_the_graph_alone_is_enough(
     with launched(DUMMY, "--quiet") as run:
         monkeypatch.setenv("OBK_HOME", str(tmp_path / "another host"))
         eventually(lambda: states() == dict.fromkeys(NODES, "active"), "all three")
+        # By their full names, so that all are waited for however slow the graph is.
+        patient = (*NODES, "--timeout", DEADLINE_S)
         for verb, goal in ROUND:
-            # By their full names, so that all are waited for however slow the graph is.
-            assert told("lifecycle", verb, *NODES)["success"] is True
-            assert told("lifecycle", "get", *NODES) == dict.fromkeys(NODES, goal)
-        refused = obk("lifecycle", "configure", "robot_0")
+            answer = told("lifecycle", verb, *patient)
+            assert answer["success"] is True
+            reached = {member["node"]: member["state"] for member in answer["members"]}
+            assert reached == dict.fromkeys(NODES, goal)
+        assert told("lifecycle", "get", *patient) == dict.fromkeys(NODES, "active")
+        refused = obk("lifecycle", "configure", NODES[0], "--timeout", DEADLINE_S)
         assert refused.returncode == 1
         assert "`configure` starts from unconfigured, and the node is active" in refused.stderr
     assert run.process.returncode == 0, run.text

@@ -142,7 +142,7 @@ def test_the_lead_brings_all_up_and_down(hosts: tuple[Host, Host], config: Path)
     with both(hosts, config) as (lead, follower):
         for node in (ROBOT, ESTIMATOR, CONTROLLER):
             state = hosts[0].obk("lifecycle", "get", node)
-            assert "active" in state.stdout, state.stdout + state.stderr
+            assert state.stdout.split() == [node, "active"], state.stdout + state.stderr
         lead.process.send_signal(SIGINT)
         lead.process.wait(DEADLINE_S)
         follower.process.wait(DEADLINE_S)

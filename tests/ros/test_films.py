@@ -27,8 +27,9 @@ def test_a_launch_leaves_a_film_of_its_robot(tmp_path: Path) -> None:
     words = ("--render", path, "--render-camera", "overview", "--render-size", "160x120", *PATIENT)
     result = obk("launch", DUMMY, *words, "--duration", "3", "--color", "never")
     assert result.returncode == 0, result.stdout + result.stderr
-    *_, told, end = result.stdout.splitlines()
-    assert end == "ended in order"
+    lines = result.stdout.splitlines()
+    assert lines[-1] == "ended in order"
+    (told,) = (line for line in lines if line.startswith("film: "))
     assert told.startswith(f"film: {path}, ")
     with av.open(path) as film:
         stream = film.streams.video[0]

@@ -123,7 +123,7 @@ def test_bad_definitions_are_refused_before_anything_is_generated(
     source: Path, tmp_path: Path
 ) -> None:
     (source / "msg" / "Plan.msg").write_text("int32 short\n")
-    with pytest.raises(DefinitionError, match=r"msg/Plan\.msg:1:7: field 'short' is a keyword"):
+    with pytest.raises(DefinitionError, match=r"msg/Plan\.msg:1:7: field `short` is a keyword"):
         build(
             discover([source]),
             build_dir=tmp_path / "b",

@@ -39,7 +39,7 @@ class NodeParameters:
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        response = self._call("ListParameters", "list_parameters", depth=0)
+        response = self._ask("ListParameters", "list_parameters", depth=0)
         return tuple(sorted(response.result.names))
 
     def values(self, names: Sequence[str]) -> Mapping[str, Parameter]:
@@ -60,7 +60,7 @@ class NodeParameters:
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        response = self._call("DescribeParameters", "describe_parameters", names=[name])
+        response = self._ask("DescribeParameters", "describe_parameters", names=[name])
         return next((KINDS[one.type] for one in response.descriptors), NOT_SET)
 
     def set(self, name: str, parameter: Parameter) -> str | None:
@@ -69,26 +69,29 @@ class NodeParameters:
         Raises:
             CommandFailedError: the node gives no answer.
         """
+        client = self._client("SetParameters", "set_parameters")
+        # Nodes are told of clients in order: one that answers a later client knows this one too.
+        self._told([name])
         message = find_type(f"{PACKAGE}/msg/Parameter")(name=name)
         message.value.type = KINDS.index(parameter.kind)
         if parameter.kind != NOT_SET:
             setattr(message.value, f"{parameter.kind}_value", _for_message(parameter))
-        response = self._call("SetParameters", "set_parameters", parameters=[message])
-        result = response.results[0]
+        request = find_type(f"{PACKAGE}/srv/SetParameters").Request(parameters=[message])
+        result = client.call(request, self._timeout_s).results[0]
         return None if result.successful else str(result.reason) or "it gave no reason"
 
     def _told(self, names: Sequence[str]) -> Sequence[Any]:
-        response = self._call("GetParameters", "get_parameters", names=list(names))
+        response = self._ask("GetParameters", "get_parameters", names=list(names))
         values: Sequence[Any] = response.values
         return values
 
-    def _call(self, kind: str, service: str, **fields: Any) -> Any:
+    def _ask(self, kind: str, service: str, **fields: Any) -> Any:
+        request = find_type(f"{PACKAGE}/srv/{kind}").Request(**fields)
+        return self._client(kind, service).call(request, self._timeout_s, is_question=True)
+
+    def _client(self, kind: str, service: str) -> ServiceClient:
         python_type = find_type(f"{PACKAGE}/srv/{kind}")
-        client = ServiceClient(self._look, f"{self._node}/{service}", python_type)
-        request = python_type.Request()
-        for name, value in fields.items():
-            setattr(request, name, value)
-        return client.call(request, self._timeout_s, is_question=kind != "SetParameters")
+        return ServiceClient(self._look, f"{self._node}/{service}", python_type)
 
 
 def _parameter(message: Any) -> Parameter:

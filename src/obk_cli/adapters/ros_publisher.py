@@ -8,7 +8,7 @@ from obk_cli.looking.graph import TopicSeen
 
 __all__ = ["RosPublisher"]
 
-ACK_S: Final = 2.0
+ACK_S: Final = 5.0
 """How long a subscriber that is there may take to have the last message [s]."""
 KNOWN_S: Final = 0.1
 """How long those who hear with best effort may take to know of a publisher [s]."""

@@ -24,7 +24,7 @@ Example: obk doctor
          obk doctor --format json > doctor.json
 """
 
-TIMEOUT_S: Final = 20.0
+TIMEOUT_S: Final = 30.0
 """Of one check; what it tries in processes of their own ends sooner [s]."""
 
 

@@ -12,7 +12,7 @@ from obk_interfaces.toolchain import Toolchain, find_toolchain
 
 __all__ = ["probe_compiler"]
 
-COMPILE_S: Final = 8.0
+COMPILE_S: Final = 20.0
 SOURCES: Final = {
     "c": "#include <Python.h>\nint of_c(void) { return PY_MAJOR_VERSION; }\n",
     "cpp": '#include <string>\nextern "C" int of_c();\nint both() { return of_c(); }\n',

@@ -16,7 +16,8 @@ from obk_cli.errors import CommandFailedError
 __all__ = ["probe_discovery"]
 
 PROGRAM: Final = "obk_cli.adapters.probes.discovery_program"
-ANSWER_S: Final = 10.0
+ANSWER_S: Final = 20.0
+"""Of the one that calls, its start included: one second, unless the machine is busy [s]."""
 KILL_S: Final = 2.0
 
 

@@ -20,7 +20,7 @@ from std_msgs.msg import Int64
 
 __all__ = ["answer", "call", "main"]
 
-LONGEST_S: Final = 15
+LONGEST_S: Final = 25
 REPEAT_S: Final = 0.05
 ROUNDS: Final = 10
 

@@ -13,7 +13,7 @@ from obk_cli.doctor.interfaces import InterfaceFacts
 
 __all__ = ["probe_interfaces"]
 
-LOAD_S: Final = 8.0
+LOAD_S: Final = 20.0
 
 
 def probe_interfaces() -> InterfaceFacts:

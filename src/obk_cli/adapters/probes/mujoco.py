@@ -12,7 +12,7 @@ from obk_cli.doctor.mujoco import BACK_ENDS, DrawingTrial, MujocoFacts
 __all__ = ["probe_mujoco"]
 
 PROGRAM: Final = "obk_cli.adapters.probes.mujoco_program"
-DRAW_S: Final = 10.0
+DRAW_S: Final = 20.0
 
 
 def probe_mujoco() -> MujocoFacts:
