@@ -12,7 +12,7 @@ from typing import Final, Self
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import Writer
 
-from obk_cli.adapters.files import explain_os_error
+from obk_cli.adapters.files import unwritable
 from obk_cli.adapters.versions import run_versions
 from obk_cli.errors import CommandFailedError
 
@@ -40,7 +40,7 @@ class BagWriter:
                 f"{path} is there already", help="name another file with `--output`"
             ) from error
         except OSError as error:
-            raise CommandFailedError(f"{path}: {explain_os_error(error)}") from error
+            raise unwritable(path, error) from error
         self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)
         self._writer.start(Profile.ROS2, library=f"obk {run_versions().get('obk', '')}".strip())
         self._schemas: dict[str, int] = {}

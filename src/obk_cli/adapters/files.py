@@ -1,11 +1,12 @@
-"""Reading files of the user's, the system's errors told in one sentence."""
+"""Reading files of the user's; the system's errors, of writing too, told in one sentence."""
 
 import sys
 from pathlib import Path
 
+from obk_cli.errors import CommandFailedError
 from obk_cli.source import LONGEST_FILE_BYTES
 
-__all__ = ["STANDARD_INPUT", "explain_os_error", "read_bytes"]
+__all__ = ["STANDARD_INPUT", "explain_os_error", "read_bytes", "unwritable"]
 
 STANDARD_INPUT = "-"
 _MOST_BYTES = LONGEST_FILE_BYTES + 1
@@ -44,3 +45,13 @@ def explain_os_error(error: OSError | ValueError) -> str:
         case OSError(strerror=str() as text):
             return text.lower()
     return str(error)
+
+
+def unwritable(path: Path, error: OSError) -> CommandFailedError:
+    """What a command ends with that cannot write its file."""
+    reason = explain_os_error(error)
+    if isinstance(error, FileNotFoundError) and not path.parent.is_dir():
+        reason = f"the folder {path.parent} is not there"
+    elif isinstance(error, PermissionError):
+        reason = "it may not be written"
+    return CommandFailedError(f"`{path}` cannot be written: {reason}")

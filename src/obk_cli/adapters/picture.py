@@ -1,11 +1,12 @@
 """Draws lines over time into a picture, PNG or SVG, with matplotlib; opens no window."""
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Final
 
-from obk_cli.adapters.files import explain_os_error
-from obk_cli.errors import CommandFailedError
+from obk_cli.adapters.files import unwritable
+from obk_cli.emit.write import write_bytes
 from obk_cli.recording.fields import Lines
 
 __all__ = ["FORMATS", "draw"]
@@ -20,7 +21,7 @@ MOST_NAMED: Final = 12
 
 
 def draw(fields: Sequence[Lines], title: str, path: Path) -> None:
-    """Write a picture with one part for each field, one below the other.
+    """Write a picture with one part for each field, one below the other; whole or not at all.
 
     Raises:
         CommandFailedError: the file cannot be written.
@@ -40,9 +41,11 @@ def draw(fields: Sequence[Lines], title: str, path: Path) -> None:
     parts[-1, 0].set_xlabel("time since the begin of the recording [s]")
     figure.suptitle(title, fontsize="medium")
     # The same recording gives the same bytes, and text stays text.
+    picture, kind = BytesIO(), path.suffix.removeprefix(".")
     with matplotlib.rc_context({"svg.hashsalt": "obk", "svg.fonttype": "none"}):
-        try:
-            is_svg = path.suffix == ".svg"
-            figure.savefig(path, dpi=DPI, metadata={"Date": None} if is_svg else None)
-        except OSError as error:
-            raise CommandFailedError(f"{path}: {explain_os_error(error)}") from error
+        metadata = {"Date": None} if kind == "svg" else None
+        figure.savefig(picture, format=kind, dpi=DPI, metadata=metadata)
+    try:
+        write_bytes(path, picture.getvalue())
+    except OSError as error:
+        raise unwritable(path, error) from error

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from obk_cli.adapters.files import explain_os_error
+from obk_cli.adapters.files import unwritable
 from obk_cli.cli.config_options import (
     ColourOption,
     ConfigArgument,
@@ -19,7 +19,6 @@ from obk_cli.cli.findings import sound_plan
 from obk_cli.cli.option_values import require_word
 from obk_cli.emit.forms import FORMS, Form
 from obk_cli.emit.write import write_text
-from obk_cli.errors import CommandFailedError
 from obk_cli.pipeline import compile_config
 from obk_cli.plan import Plan
 
@@ -67,5 +66,4 @@ def deliver(plan: Plan, form: Form, output: str | None) -> None:
     try:
         write_text(path, text)
     except OSError as error:
-        reason = explain_os_error(error)
-        raise CommandFailedError(f"`{path}` cannot be written: {reason}") from error
+        raise unwritable(path, error) from error

@@ -5,7 +5,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from obk_cli.adapters.files import STANDARD_INPUT, explain_os_error, read_bytes
+from obk_cli.adapters.files import STANDARD_INPUT, read_bytes, unwritable
 from obk_cli.adapters.near_configs import did_you_mean_config
 from obk_cli.adapters.replace_file import replace_file
 from obk_cli.diagnostics import Diagnostic
@@ -56,8 +56,7 @@ def write_edited(file: EditedFile, text: str) -> None:
             raise CommandFailedError(f"`{path}` has changed meanwhile, nothing is written")
         replace_file(path, file.bytes_of(text))
     except OSError as error:
-        reason = explain_os_error(error)
-        raise CommandFailedError(f"`{path}` cannot be written: {reason}") from error
+        raise unwritable(path, error) from error
 
 
 def print_bytes(data: bytes) -> None:

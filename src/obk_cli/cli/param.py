@@ -175,12 +175,14 @@ def dump(
     if output is None:
         print(text, end="")
         return
-    try:
-        from obk_cli.emit.write import write_text
 
+    from obk_cli.adapters.files import unwritable
+    from obk_cli.emit.write import write_text
+
+    try:
         write_text(output, text)
     except OSError as error:
-        raise CommandFailedError(f"{output} cannot be written: {error.strerror}") from error
+        raise unwritable(output, error) from error
     print(f"{len(written)} parameters of {asked.node} in {output}", file=sys.stderr)
 
 

@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from obk_cli.adapters.files import explain_os_error
+from obk_cli.adapters.files import explain_os_error, unwritable
 from obk_cli.adapters.replace_file import replace_file
 from obk_cli.emit.write import write_text
 from obk_cli.errors import CommandFailedError
@@ -143,6 +143,5 @@ def _write(path: Path, text: str) -> bool:
             return False
         replace_file(path, data)
     except OSError as error:
-        reason = explain_os_error(error)
-        raise CommandFailedError(f"`{path}` cannot be written: {reason}") from error
+        raise unwritable(path, error) from error
     return True

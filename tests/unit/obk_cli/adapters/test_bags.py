@@ -1,5 +1,6 @@
 """Recordings written, cut off anywhere, read back and drawn; no ROS is running."""
 
+import errno
 import re
 import struct
 import tracemalloc
@@ -145,8 +146,29 @@ def test_a_field_is_drawn_as_png_and_as_svg_the_same_bytes_each_time(tmp_path: P
 
 def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     lines = speed_lines(written(tmp_path / "a.mcap"))
-    with pytest.raises(CommandFailedError, match="there is no such file"):
-        draw([lines], "t", tmp_path / "no" / "a.png")
+    (tmp_path / "a.png").mkdir()
+    with pytest.raises(CommandFailedError, match=r"a\.png` cannot be written: it is a folder"):
+        draw([lines], "t", tmp_path / "a.png")
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+
+
+def test_a_picture_that_was_there_stays_where_no_new_one_can_be_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    (tmp_path / "a.png").write_text("the one before")
+    monkeypatch.setattr("os.fdopen", fail)
+    with pytest.raises(CommandFailedError, match="no space left on device"):
+        draw([speed_lines(written(tmp_path / "a.mcap"))], "t", tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_text() == "the one before"
+
+
+def test_a_recording_that_cannot_be_begun_is_told(tmp_path: Path) -> None:
+    gone = re.escape(f"`{tmp_path}/no/a.mcap` cannot be written: the folder {tmp_path}/no is not")
+    with pytest.raises(CommandFailedError, match=gone):
+        BagWriter(tmp_path / "no" / "a.mcap")
 
 
 def with_chunk(path: Path, chunk: Chunk, *, has_index: bool = True) -> Path:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.files import read_bytes
+from obk_cli.adapters.files import read_bytes, unwritable
 from obk_cli.source import LONGEST_FILE_BYTES
 
 
@@ -30,6 +30,15 @@ def test_what_never_ends_is_read_in_part() -> None:
     read = read_bytes("/dev/zero")
     assert isinstance(read, bytes)
     assert len(read) == LONGEST_FILE_BYTES + 1
+
+
+def test_a_file_that_may_not_be_written_is_not_told_as_one_that_may_not_be_read(
+    tmp_path: Path,
+) -> None:
+    error = unwritable(tmp_path / "x", PermissionError(13, "Permission denied"))
+    assert error.message == f"`{tmp_path}/x` cannot be written: it may not be written"
+    gone = unwritable(tmp_path / "x", FileNotFoundError(2, "No such file or directory"))
+    assert gone.message.endswith("cannot be written: there is no such file")
 
 
 @pytest.mark.parametrize(
