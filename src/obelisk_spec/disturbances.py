@@ -12,7 +12,7 @@ from obelisk_spec.articles import with_article
 from obelisk_spec.messages import bare_name
 from obelisk_spec.near import did_you_mean, list_names, sure_name
 from obelisk_spec.sim_faults import SimFault, SimPath
-from obelisk_spec.values import is_number
+from obelisk_spec.values import is_mapping, is_number
 
 __all__ = ["FIELD_NOISE_KEYS", "NOISY_FIELDS", "FieldKind", "check_disturbances"]
 
@@ -83,7 +83,7 @@ def check_disturbances(group: Mapping[str, Any], path: SimPath) -> Iterator[SimF
 
 
 def _check_field(name: str, noise: object, kind: FieldKind, path: SimPath) -> Iterator[SimFault]:
-    if not isinstance(noise, Mapping):
+    if not is_mapping(noise):
         yield _wrong(f"the noise of `{name}` is {noise!r}", _wanted_keys(), path)
         return
     for key in noise:

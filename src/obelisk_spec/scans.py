@@ -76,10 +76,10 @@ def _is_pinhole(value: Any) -> bool:
 
 
 _LENGTH: Final = "a length in metres greater than 0"
-_OFFSET: Final = ScanKey("a mapping", is_mapping)
+_OFFSET: Final = ScanKey("a mapping whose keys are texts", is_mapping)
 SCAN_KEYS: Final[Mapping[str, ScanKey]] = {
     "site_name": ScanKey("the name of a site", is_text, required=True),
-    "pattern": ScanKey("a mapping", is_mapping, required=True),
+    "pattern": ScanKey("a mapping whose keys are texts", is_mapping, required=True),
     "geom_groups": ScanKey("a list of geom groups", lambda value: isinstance(value, list | tuple)),
     "frame": ScanKey("the name of a frame", is_text),
     "max_distance": ScanKey(_LENGTH, _is_positive),
@@ -130,7 +130,7 @@ def check_scan(
         )
     yield from _check_groups(scan.get("geom_groups"), (*path, "geom_groups"))
     pattern = scan.get("pattern")
-    if isinstance(pattern, Mapping):
+    if is_mapping(pattern):
         yield from _check_pattern(pattern, written, rule, (*path, "pattern"))
 
 
@@ -167,7 +167,7 @@ def _check_pattern(
     if not wrong:
         yield from _check_ray_count(pattern, path)
     offset = pattern.get("offset")
-    if isinstance(offset, Mapping):
+    if is_mapping(offset):
         yield from _check_keys(offset, "an `offset`", OFFSET_KEYS, (*path, "offset"))
 
 

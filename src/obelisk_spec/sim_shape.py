@@ -8,13 +8,18 @@ from typing import Any, Final
 
 from obelisk_spec.limits import LARGEST_COUNT, LONGEST_PERIOD_S
 from obelisk_spec.sim_faults import SimFault, SimPath
-from obelisk_spec.values import COUNT_WANTED, is_count, is_mapping, is_number, is_text, is_whole
+from obelisk_spec.values import (
+    COUNT_WANTED,
+    PERIOD_WANTED,
+    is_count,
+    is_mapping,
+    is_number,
+    is_period,
+    is_text,
+    is_whole,
+)
 
 __all__ = ["check_sim_shape"]
-
-
-def _is_period(value: object) -> bool:
-    return is_number(value, most=LONGEST_PERIOD_S) and value > 0
 
 
 def _is_probability(value: object) -> bool:
@@ -22,11 +27,19 @@ def _is_probability(value: object) -> bool:
 
 
 def _is_delay(value: object) -> bool:
-    return value == 0 or _is_period(value)
+    return is_number(value, 0, LONGEST_PERIOD_S)
 
 
 def _is_seed(value: object) -> bool:
     return is_whole(value, 0, LARGEST_COUNT)
+
+
+def _is_names(value: object) -> bool:
+    return is_mapping(value) and all(map(is_text, value.values()))
+
+
+def _is_geoms(value: object) -> bool:
+    return is_mapping(value) and all(is_text(kind) for name, kind in value.items() if name != "dt")
 
 
 def _is_list_of_mappings(value: object) -> bool:
@@ -37,23 +50,22 @@ def _is_list_of_mappings(value: object) -> bool:
     )
 
 
-_PERIOD: Final = f"a number of seconds greater than 0 and at most {LONGEST_PERIOD_S:g}"
 _DELAY: Final = f"a number of seconds from 0 to {LONGEST_PERIOD_S:g}"
 _Rule = tuple[str, bool, Callable[[object], bool], str]
 
 _BLOCK: tuple[_Rule, ...] = (
     ("model_xml_path", True, is_text, "a path"),
     ("num_steps_per_viz", False, is_count, COUNT_WANTED),
-    ("time_step", False, _is_period, _PERIOD),
+    ("time_step", False, is_period, PERIOD_WANTED),
     ("sensor_settings", False, _is_list_of_mappings, "a list of sensor groups"),
-    ("viz_geoms", False, is_mapping, "a mapping of geom names to geom types"),
+    ("viz_geoms", False, _is_geoms, "a mapping of geom names to geom types"),
 )
 _GROUP: tuple[_Rule, ...] = (
     ("topic", True, is_text, "a topic"),
-    ("dt", True, _is_period, _PERIOD),
+    ("dt", True, is_period, PERIOD_WANTED),
     ("msg_type", True, is_text, "a message type"),
     ("history_depth", False, is_count, COUNT_WANTED),
-    ("sensor_names", False, is_mapping, "a mapping of sensor names to sensor types"),
+    ("sensor_names", False, _is_names, "a mapping of sensor names to sensor types"),
     ("scan_config", False, is_mapping, "a mapping"),
     ("config_path", False, is_text, "a path"),
     ("noise", False, is_mapping, "a mapping of fields to their noise"),

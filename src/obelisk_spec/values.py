@@ -4,12 +4,23 @@ import sys
 from collections.abc import Mapping
 from typing import Final, TypeGuard
 
-from obelisk_spec.limits import LARGEST_COUNT
+from obelisk_spec.limits import LARGEST_COUNT, LONGEST_PERIOD_S
 
-__all__ = ["COUNT_WANTED", "is_count", "is_mapping", "is_number", "is_text", "is_whole"]
+__all__ = [
+    "COUNT_WANTED",
+    "PERIOD_WANTED",
+    "is_count",
+    "is_mapping",
+    "is_number",
+    "is_period",
+    "is_text",
+    "is_whole",
+]
 
 COUNT_WANTED: Final = f"a whole number from 1 to {LARGEST_COUNT}"
 """What `is_count` asks for, as a message says it."""
+PERIOD_WANTED: Final = f"a number of seconds greater than 0 and at most {LONGEST_PERIOD_S:g}"
+"""What `is_period` asks for, likewise."""
 _LARGEST: Final = sys.float_info.max
 
 
@@ -30,11 +41,16 @@ def is_count(value: object) -> TypeGuard[int]:
     return is_whole(value, 1, LARGEST_COUNT)
 
 
+def is_period(value: object) -> TypeGuard[int | float]:
+    """Whether it is a time [s] that passes between two events."""
+    return is_number(value, most=LONGEST_PERIOD_S) and value > 0
+
+
 def is_text(value: object) -> TypeGuard[str]:
     """Whether it is a text that is not empty."""
     return isinstance(value, str) and bool(value)
 
 
-def is_mapping(value: object) -> TypeGuard[Mapping[object, object]]:
-    """Whether it is a mapping."""
-    return isinstance(value, Mapping)
+def is_mapping(value: object) -> TypeGuard[Mapping[str, object]]:
+    """Whether it is a mapping whose keys are texts; YAML knows others."""
+    return isinstance(value, Mapping) and all(isinstance(key, str) for key in value)

@@ -181,7 +181,7 @@ def test_a_text_that_is_no_block_is_named(tmp_path, text, part):
     assert part in str(caught.value)
 
 
-@pytest.mark.parametrize("period", [0, -1.0, "often", True])
+@pytest.mark.parametrize("period", [0, -1.0, "often", True, float("inf")])
 def test_a_period_of_the_geoms_that_is_none_is_named(load, period):
     refusal = _refusal(load, viz_geoms={"dt": period, "dummy_box": "box"})
     assert f"viz_geoms.dt: {period!r}, expected a number of seconds greater than 0" in refusal

@@ -86,6 +86,37 @@ def test_a_fault_has_its_code(block: dict[str, Any], code: str) -> None:
     assert codes(block) == [code]
 
 
+_SCAN = {"site_name": "imu", "pattern": {"type": "lidar_scan"}}
+
+
+@pytest.mark.parametrize(
+    ("block", "told"),
+    [
+        ({"viz_geoms": {1: "box"}}, "`viz_geoms` is {1: 'box'}, expected a mapping of geom names"),
+        ({"viz_geoms": {"box": ["box"]}}, "`viz_geoms` is {'box': ['box']}, expected a mapping"),
+        ({"sensor_settings": [group(names={"q": ["jointpos"]})]}, "`sensor_names` is {'q': ["),
+        ({"sensor_settings": [group(names={None: "jointpos"})]}, "`sensor_names` is {None: "),
+        ({"sensor_settings": [group(noise={3: {}})]}, "`noise` is {3: {}}, expected a mapping"),
+        ({"sensor_settings": [group(noise={"y": {3: 1}})]}, "the noise of `y` is {3: 1}, expected"),
+        ({"sensor_settings": [group(delay=False)]}, "`delay` is False, expected a number of"),
+        (
+            {
+                "sensor_settings": [
+                    group("ObkScan", scan_config=_SCAN | {"pattern": {3: "lidar_scan"}})
+                ]
+            },
+            "`pattern` is a mapping, expected a mapping whose keys are texts",
+        ),
+    ],
+)
+def test_what_only_yaml_can_write_is_told_and_not_stumbled_over(
+    block: dict[str, Any], told: str
+) -> None:
+    faults = check_sim({"model_xml_path": "m.xml", **block}, {}, FACTS)
+    assert [fault.code for fault in faults] == ["OBK103"]
+    assert faults[0].message.startswith(told)
+
+
 def test_a_camera_of_the_model_is_taken_and_a_slip_in_its_name_told() -> None:
     assert codes({"sensor_settings": [group("ObkImage", names={"front": "camera"})]}) == []
     settings = [group("ObkImage", names={"frnt": "camera"})]

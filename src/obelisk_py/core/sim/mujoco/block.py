@@ -19,6 +19,7 @@ from obelisk_spec.model import ModelFacts
 from obelisk_spec.settings import SettingTextError, parse_mapping
 from obelisk_spec.sim_checks import check_sim
 from obelisk_spec.sim_shape import check_sim_shape
+from obelisk_spec.values import PERIOD_WANTED, is_period
 
 __all__ = [
     "PARAMETER",
@@ -128,8 +129,8 @@ def _beyond_this_simulator(block: Mapping[str, Any]) -> list[str]:
         if name != "dt" and kind not in GEOM_KINDS
     ]
     period = geoms.get("dt", _DEFAULT_GEOMS_PERIOD_S)
-    if isinstance(period, bool) or not isinstance(period, int | float) or not period > 0:
-        found.append(f"viz_geoms.dt: {period!r}, expected a number of seconds greater than 0")
+    if not is_period(period):
+        found.append(f"viz_geoms.dt: {period!r}, expected {PERIOD_WANTED}")
     return found
 
 
