@@ -21,6 +21,8 @@ __all__ = ["Stack"]
 OBK: Final = Path(sys.executable).with_name("obk")
 WAIT_S: Final = 60.0
 """For a stack to be as it should, or gone [s]; not a promise, but what is not endless."""
+ANSWER_S: Final = 20.0
+"""For a launcher to say how its stack is [s]."""
 PERIOD: Final = re.compile(r"timer_period_sec: ([0-9.]+)")
 
 
@@ -81,7 +83,8 @@ class Stack:
 
     def nodes(self) -> dict[str, dict[str, Any]]:
         """What `obk ps` would say of each; empty where nothing runs, or nobody answers."""
-        stacks = live_stacks(runs_meant(runs_folder({"OBK_HOME": str(self.home)})))
+        runs = runs_meant(runs_folder({"OBK_HOME": str(self.home)}))
+        stacks = live_stacks(runs, ANSWER_S)
         return {
             node.node: asdict(node)
             for stack in stacks

@@ -173,16 +173,14 @@ class RosLifecycle:
         self._clients.open(node)
         if not self._wait_until_ready(node, "get_state", timeout_s):
             return None
-        response = None
-        while response is None and (left_s := end - time.monotonic()) > 0:
-            response = self._wait(self._clients.ask_state(node), min(ASK_AGAIN_S, left_s))
+        response = self._answer(lambda: self._clients.ask_state(node), end - time.monotonic())
         return None if response is None else str(response.current_state.label)
 
     def last_fault(self, node: str, timeout_s: float) -> str:
         """What an Obelisk node says of its newest fault; empty when it says nothing."""
         if not self._wait_until_ready(node, "last_error", timeout_s):
             return ""
-        response = self._wait(self._clients.ask_fault(node), timeout_s)
+        response = self._answer(lambda: self._clients.ask_fault(node), timeout_s)
         return "" if response is None else str(response.message)
 
     def find(self, expected: Iterable[str], timeout_s: float, quiet_s: float) -> tuple[str, ...]:
@@ -201,6 +199,13 @@ class RosLifecycle:
 
     def _pass_on(self, heard: Heard) -> None:
         self._hear(heard)
+
+    def _answer(self, ask: Callable[[], Any], timeout_s: float) -> Any:
+        """What comes on a question, asked again where the answer got lost; None: not in time."""
+        end, response = time.monotonic() + timeout_s, None
+        while response is None and (left_s := end - time.monotonic()) > 0:
+            response = self._wait(ask(), min(ASK_AGAIN_S, left_s))
+        return response
 
     def _wait(self, future: Any, timeout_s: float) -> Any:
         done = threading.Event()

@@ -159,7 +159,8 @@ def _strike(case: Case, pid: int, launched: Launched, count: int) -> float:
             thaw(pid)
     if case.fault == "freeze" and case.promise.reaction in ("go on", "nothing"):
         nodes = {node.full_name for node in case.unit.nodes if node.has_lifecycle}
-        launched.wait_until(lambda told: nodes <= _back(told), QUIET_S, since=count)
+        limit_s = case.promise.noticed_s
+        launched.wait_until(lambda told: nodes <= _back(told), limit_s, since=count)
     return struck_s
 
 

@@ -24,8 +24,8 @@ LEFT_S: Final = 2.0
 OVER_S: Final = 1.0
 """How long the last of its output may take after its end [s]."""
 POLL_S: Final = 0.05
-ANSWER_S: Final = 2.0
-"""For an answer over the control socket [s]."""
+ANSWER_S: Final = 10.0
+"""For an answer over the control socket, which is not judged by how soon it comes [s]."""
 
 
 class Launched:

@@ -33,7 +33,7 @@ class Allowances:
     end_noticed_s: float = 0.1
     """Until it tells that a process has ended."""
     hang_noticed_s: float = 2.0
-    """Until it tells that a node hangs."""
+    """Until it tells that a node hangs, or answers again."""
     down_s: float = 10.0
     """From the fault until the launcher has ended."""
     back_s: float = 10.0
