@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from .stack import DEADLINE_S, launched
+from .stack import DEADLINE_S, marked, started
 
 pytestmark = pytest.mark.ros
 PAIRS = 14
@@ -42,8 +42,9 @@ def test_thirty_nodes_come_up_and_down(
     repository: Path, tmp_path: Path, options: tuple[str, ...]
 ) -> None:
     config = thirty_nodes(repository, tmp_path)
-    with launched(config, "--quiet", "--duration", "1", *options) as run:
-        assert run.process.wait(2 * DEADLINE_S) == 0, run.text
+    with started(config, "--quiet", "--duration", "1", *options) as run:
+        # Thirty processes take ten times as long as the three of the other tests.
+        assert run.process.wait(5 * DEADLINE_S) == 0, run.text
     assert run.text.count(": activate ok") == 30
     assert run.text.count("shutdown ok") == 30
-    assert not run.left_over()
+    assert not marked()

@@ -5,19 +5,21 @@ import subprocess
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import count
 from typing import Any
 
 import pytest
 import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Int32
 
 from obk_cli.adapters.unbuilt_types import stand_in
 
-from .looking import announce_as_a_stack_does, refused, told
-from .stack import DEADLINE_S, OBK, eventually
+from .looking import announce_as_a_stack_does, refused
+from .stack import DEADLINE_S, OBK, eventually, obk
 
 pytestmark = pytest.mark.ros
 
@@ -44,31 +46,43 @@ def measuring(topic: str) -> Iterator["subprocess.Popen[str]"]:
         process.stdout.close()
 
 
+def measured(node: Node, topic: str) -> tuple[Any, float]:
+    """1000 messages at 1 kHz, or as quickly as this machine does them, and the rate of sending."""
+    publisher = node.create_publisher(Int32, topic, 1000)
+    with measuring(topic) as process:
+        eventually(publisher.get_subscription_count, "a subscription")
+        clock, begin = node.get_clock(), node.get_clock().now().nanoseconds
+        for number in range(1000):
+            while clock.now().nanoseconds < begin + number * 1_000_000:
+                pass
+            publisher.publish(Int32(data=number))
+        own_s = (clock.now().nanoseconds - begin) * 1e-9
+        assert process.stdout is not None
+        rates = (json.loads(line) for line in process.stdout)
+        rate = next(rate for rate in rates if rate["count"] + rate["lost"] == 1000)
+    node.destroy_publisher(publisher)
+    return rate, 999 / own_s
+
+
 def test_a_measured_rate_is_the_publishers_own() -> None:
-    """1000 messages at 1 kHz, or as quickly as this machine does them."""
     rclpy.init()
     try:
         node = rclpy.create_node("quick")
-        publisher = node.create_publisher(Int32, "/quick", 1000)
-        with measuring("/quick") as process:
-            eventually(publisher.get_subscription_count, "a subscription")
-            clock, begin = node.get_clock(), node.get_clock().now().nanoseconds
-            for number in range(1000):
-                while clock.now().nanoseconds < begin + number * 1_000_000:
-                    pass
-                publisher.publish(Int32(data=number))
-            own_s = (clock.now().nanoseconds - begin) * 1e-9
-            assert process.stdout is not None
-            rates = (json.loads(line) for line in process.stdout)
-            rate = next(rate for rate in rates if rate["count"] + rate["lost"] == 1000)
+
+        def is_own() -> bool:
+            """A busy machine may receive the first or the last message late: then once more."""
+            rate, own_hz = measured(node, f"/quick{next(numbers)}")
+            assert rate["lost"] == 0
+            assert rate["seen"] == 1000
+            assert rate["min_s"] <= 1 / rate["rate_hz"] <= rate["max_s"]
+            assert rate["mean_bytes"] == len(serialize_message(Int32()))
+            return bool(rate["rate_hz"] == pytest.approx(own_hz, rel=0.1))
+
+        numbers = count()
+        eventually(is_own, "the rate of the publisher")
         node.destroy_node()
     finally:
         rclpy.try_shutdown()
-    assert rate["lost"] == 0
-    assert rate["seen"] == 1000
-    assert rate["rate_hz"] == pytest.approx(999 / own_s, rel=0.1)
-    assert rate["min_s"] <= 1 / rate["rate_hz"] <= rate["max_s"]
-    assert rate["mean_bytes"] == len(serialize_message(Int32()))
 
 
 def test_a_type_that_is_not_built_here_is_counted_and_cannot_be_shown() -> None:
@@ -91,7 +105,14 @@ def test_a_type_that_is_not_built_here_is_counted_and_cannot_be_shown() -> None:
         thread = threading.Thread(target=talk)
         thread.start()
         try:
-            (rate,) = [told("topic", "hz", "/odd", "--duration", "3")]
+            rate: dict[str, Any] = {}
+
+            def is_measured() -> bool:
+                result = obk("topic", "hz", "/odd", "--duration", "1", "--format", "json")
+                rate.update(json.loads(result.stdout))
+                return result.returncode == 0
+
+            eventually(is_measured, "messages")
             complaint = refused("topic", "echo", "/odd", "--once")
         finally:
             is_over.set()

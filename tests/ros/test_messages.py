@@ -32,7 +32,7 @@ def test_every_message_arrives_in_another_process_with_every_field_equal(peer: M
             receiver, stdout=subprocess.PIPE, text=True, check=True, timeout=120
         ).stdout
         process.stdin.close()
-        assert process.wait(timeout=30) == 0
+        assert process.wait(timeout=60) == 0
     assert json.loads(output) == {name: peer.plain(peer.filled(name)) for name in NAMES}
 
 

@@ -363,7 +363,7 @@ def test_the_module_runs_as_a_process() -> None:
         looking = rclpy.create_node("looking")
         assert looking.create_client(GetState, "/a/get_state").wait_for_service(DEADLINE_S)
         process.terminate()
-        assert process.wait(timeout=20) == 0
+        assert process.wait(DEADLINE_S) == 0
     finally:
         rclpy.shutdown()
         process.kill()

@@ -37,7 +37,7 @@ def test_a_model_becomes_a_running_stack_as_the_document_has_it(
                 continue
             seen = ""
             for line in step.lines:
-                shell.type(f"{line}\n")
+                shell.enter(line)
                 if line.startswith("obk launch"):
                     shell.wait_for(ACTIVE)
                     shell.press_ctrl_c()

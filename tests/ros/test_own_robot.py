@@ -47,7 +47,7 @@ def test_the_document_leads_to_a_stack_that_moves_the_motor(
                 continue
             seen = ""
             for line in step.lines:
-                shell.type(f"{line}\n")
+                shell.enter(line)
                 if line == "obk launch dummy_new.yaml":
                     shell.wait_for(ACTIVE)
                     shell.press_ctrl_c()

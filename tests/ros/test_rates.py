@@ -202,10 +202,8 @@ def test_a_node_is_silenced_by_its_parameter() -> None:
     def make() -> ObeliskNode:
         return Two(report_rates=False)
 
-    with listening(make, EventLoopExecutor) as (node, heard):
+    with listening(make, EventLoopExecutor) as (node, _):
         assert node.count_publishers(DIAGNOSTICS_TOPIC) == 0
-        time.sleep(1.5)
-        assert heard == []
 
 
 def test_a_status_says_whose_it_is_and_what_is_wrong() -> None:

@@ -71,6 +71,14 @@ def told(recording: Path) -> dict[str, Any]:
     return dict(json.loads(result.stdout))
 
 
+def counts(path: Path, *wanted: str) -> dict[str, int]:
+    """Topic -> messages in a file that is being written, of all that have some and those wanted."""
+    result = obk("bag", "info", path, "--format", "json")
+    topics = json.loads(result.stdout)["topics"] if result.returncode == 0 else []
+    found = {topic["topic"]: topic["count"] for topic in topics if topic["count"]}
+    return dict.fromkeys(wanted, 0) | found
+
+
 def test_a_recorded_launch_has_every_message_to_the_last() -> None:
     result = obk("launch", EXAMPLE, "--record", "--duration", "2", "--color", "never")
     assert result.returncode == 0, result.stdout + result.stderr
@@ -95,8 +103,9 @@ def test_a_recorded_launch_has_every_message_to_the_last() -> None:
 
 
 def test_a_recording_begins_with_what_it_was_made_from() -> None:
-    assert obk("launch", DUMMY, "--record-topic", "*/imu", "--duration", "0.5").returncode == 0
-    run = only_run()
+    with launched(DUMMY, "--record-topic", "*/imu"):
+        run = only_run()
+        eventually(lambda: counts(run / "recording.mcap"), "a message in the file")
     made = json.loads((run / "run.json").read_text())
     with (run / "recording.mcap").open("rb") as file:
         reader = make_reader(file)
@@ -132,7 +141,7 @@ def test_a_recorder_that_ros_does_not_start_for_says_so_in_a_sentence(tmp_path: 
 def test_a_killed_recorder_leaves_what_it_heard_and_the_stack_goes_on() -> None:
     with launched(DUMMY, "--record", "--quiet") as run:
         recording = only_run() / "recording.mcap"
-        eventually(lambda: told(recording)["count"] > 50, "messages in the file")
+        eventually(lambda: sum(counts(recording).values()) > 20, "messages in the file")
         (recorder,) = (p for p in run.descendants if "obk_cli.adapters.record" in p.cmdline())
         assert recorder.environ()["OBK_RUN"] == only_run().name
         states = json.loads(obk("lifecycle", "get", "--format", "json").stdout)
@@ -140,10 +149,10 @@ def test_a_killed_recorder_leaves_what_it_heard_and_the_stack_goes_on() -> None:
         recorder.kill()
         run.wait_for_line("warning: the recorder has ended: the process was ended by SIGKILL")
     assert run.process.returncode == 0, run.text
-    assert run.lines[-1] == "ended in order"
+    assert "ended in order" in run.lines
     assert not run.left_over()
     bag = told(recording)
-    assert bag["count"] > 50
+    assert bag["count"] > 20
     assert not bag["is_complete"]
     assert bag["metadata"]["obelisk"]["name"] == "dummy"
     with recording.open("rb") as file:
@@ -154,7 +163,7 @@ def test_a_killed_recorder_leaves_what_it_heard_and_the_stack_goes_on() -> None:
 def test_a_killed_launcher_leaves_a_whole_recording() -> None:
     with launched(DUMMY, "--record", "--quiet") as run:
         recording = only_run() / "recording.mcap"
-        eventually(lambda: told(recording)["count"] > 50, "messages in the file")
+        eventually(lambda: counts(recording), "messages in the file")
         run.process.kill()
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
     assert told(recording)["is_complete"]
@@ -163,10 +172,11 @@ def test_a_killed_launcher_leaves_a_whole_recording() -> None:
 def test_topics_of_a_running_stack_are_recorded_and_drawn(tmp_path: Path) -> None:
     path = tmp_path / "some.mcap"
     with launched(DUMMY, "--quiet"):
-        words = ("*/imu", ENCODERS, "--exclude", "*obk_*", "--duration", "1", "-o", path)
-        result = obk("record", *words)
-        assert result.returncode == 0, result.stderr
-        assert "recorded " in result.stdout
+        with recorder(path, "*/imu", ENCODERS, "--exclude", "*obk_*"):
+            eventually(lambda: min(counts(path, IMU, ENCODERS).values()) > 3, "messages of both")
+        short = obk("record", "--duration", "0.1", "-o", tmp_path / "short.mcap")
+        assert short.returncode == 0, short.stderr
+        assert "recorded " in short.stdout
         again = obk("record", "--duration", "1", "-o", path)
         assert again.returncode == 1
         assert f"{path} is there already" in again.stderr
@@ -226,11 +236,6 @@ def test_publishers_that_offer_less_or_more_are_heard_all_the_same(tmp_path: Pat
     assert [message.data for message in found["/latched"].messages] == [7]
     assert {message.data for message in found["/weak"].messages} == {8}
     assert yaml.safe_load(found["/latched"].qos)[0]["durability"] == "transient_local"
-
-
-def counts(path: Path) -> dict[str, int]:
-    """Topic -> messages in a file that is being written."""
-    return {topic["topic"]: topic["count"] for topic in told(path)["topics"] if topic["count"]}
 
 
 def test_the_commands_of_the_document_work_in_their_order(

@@ -5,6 +5,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from queue import SimpleQueue
 from typing import Any
 
@@ -48,6 +49,15 @@ def environment(monkeypatch: pytest.MonkeyPatch) -> RosEnvironment:
     return environment
 
 
+SERVICES: dict[str, Any] = {
+    "change_state": ChangeState,
+    "get_state": GetState,
+    "get_available_states": GetAvailableStates,
+    "get_available_transitions": GetAvailableTransitions,
+    "get_transition_graph": GetAvailableTransitions,
+}
+
+
 class World:
     """A state node, what it asked, and a client in another context."""
 
@@ -56,17 +66,26 @@ class World:
         self.refused: list[str] = []
         self.node = StateNode(host, "my stack", self.asked.put, self.refused.append)
         self.client = client
+        self._clients = {
+            service: client._node.create_client(kind, f"/my_stack/{service}")
+            for service, kind in SERVICES.items()
+        }
+        for service, one in self._clients.items():
+            assert one.wait_for_service(DEADLINE_S)
+            # An answer to a client that the node was not told of by then is lost.
+            topic = f"rr/my_stack/{service}Reply"
+            known = partial(host._node.get_subscriptions_info_by_topic, topic, no_mangle=True)
+            eventually(known, f"the client of {service}, known to the node")
 
-    def call(self, service: str, kind: Any, **fields: Any) -> Any:
-        client = self.client._node.create_client(kind, f"/my_stack/{service}")
-        assert client.wait_for_service(DEADLINE_S)
-        return self.client._wait(client.call_async(kind.Request(**fields)), DEADLINE_S)
+    def call(self, service: str, **fields: Any) -> Any:
+        request = SERVICES[service].Request(**fields)
+        return self.client._wait(self._clients[service].call_async(request), DEADLINE_S)
 
     def change(self, **transition: Any) -> bool:
         request = ChangeState.Request()
         for name, value in transition.items():
             setattr(request.transition, name, value)
-        return bool(self.call("change_state", ChangeState, transition=request.transition).success)
+        return bool(self.call("change_state", transition=request.transition).success)
 
     def take(self, state: str, answer: ChangeAnswer, **transition: Any) -> tuple[str, bool]:
         """What was asked for by a request in a state, and what came back."""
@@ -139,18 +158,18 @@ def test_transitions_by_number_and_by_label_and_what_went_wrong(world: World) ->
 
 
 def test_what_is_possible_is_told(world: World) -> None:
-    assert world.call("get_state", GetState).current_state.label == "unknown"
+    assert world.call("get_state").current_state.label == "unknown"
     world.node.show("inactive")
-    assert world.call("get_state", GetState).current_state.id == 2
-    states = world.call("get_available_states", GetAvailableStates).available_states
+    assert world.call("get_state").current_state.id == 2
+    states = world.call("get_available_states").available_states
     assert {"unknown", "active", "errorprocessing"} < {state.label for state in states}
-    here = world.call("get_available_transitions", GetAvailableTransitions).available_transitions
+    here = world.call("get_available_transitions").available_transitions
     assert [(d.transition.id, d.transition.label, d.goal_state.label) for d in here] == [
         (2, "cleanup", "cleaningup"),
         (3, "activate", "activating"),
         (6, "shutdown", "shuttingdown"),
     ]
-    graph = world.call("get_transition_graph", GetAvailableTransitions).available_transitions
+    graph = world.call("get_transition_graph").available_transitions
     assert len(graph) == 16
     assert "/my_stack" in world.client.find(["/my_stack"], DEADLINE_S, 0.1)
 

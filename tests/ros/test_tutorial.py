@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from .user_shell import user_shell
+from .user_shell import DEADLINE_S, user_shell
 from .walkthrough import Commands, apply, missing_lines, steps
 
 pytestmark = pytest.mark.ros
@@ -31,7 +31,7 @@ rclpy.shutdown()
 """
 
 
-@pytest.mark.timeout(280)
+@pytest.mark.timeout(600)
 def test_the_first_stack_goes_as_the_tutorial_has_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -47,7 +47,7 @@ def test_the_first_stack_goes_as_the_tutorial_has_it(
             seen = ""
             for line in step.lines:
                 is_last = line == step.lines[-1]
-                shell.type(f"{line}\n")
+                shell.enter(line)
                 if line.startswith("obk launch"):
                     shell.wait_for(ACTIVE)
                     if (workspace / ".obk" / "overlay").is_dir():
@@ -67,7 +67,7 @@ def hear_one(workspace: Path) -> str:
         env={**os.environ, "OBK_OVERLAY_PATH": str(workspace / ".obk" / "overlay")},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=DEADLINE_S,
         check=False,
     )
     assert listening.returncode == 0, listening.stderr
