@@ -187,13 +187,16 @@ class Launched:
         assert not self._has_ended(), self.text
         self.descendants |= set(psutil.Process(self.process.pid).children(recursive=True))
 
-    def wait_for_line(self, part: str) -> None:
+    def wait_for_line(self, part: str, deadline_s: float = DEADLINE_S) -> None:
         """Wait for a line with these words."""
 
         def is_said() -> bool:
             return any(part in line for line in self.lines)
 
-        eventually(lambda: is_said() or not self.reader.is_alive(), part, seen=lambda: self.text)
+        def is_over() -> bool:
+            return is_said() or not self.reader.is_alive()
+
+        eventually(is_over, part, seen=lambda: self.text, deadline_s=deadline_s)
         assert is_said(), self.text
 
     def node(self, name: str) -> psutil.Process:

@@ -40,12 +40,24 @@ def colcon() -> Path:
 
 @pytest.fixture
 def workspace(tmp_path: Path) -> Path:
+    return make_workspace(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def built(colcon: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A workspace that colcon has built; tests put nothing into its sources."""
+    workspace = make_workspace(tmp_path_factory.mktemp("built"))
+    run_colcon(colcon, workspace, "build")
+    return workspace
+
+
+def make_workspace(folder: Path) -> Path:
     """What `obk init` makes, and a controller of `obk new`."""
-    folder = tmp_path / "my_robot"
-    assert obk("init", folder).returncode == 0
-    made = obk("new", "controller", "my_ctrl", "--dest", folder / "src")
+    workspace = folder / "my_robot"
+    assert obk("init", workspace).returncode == 0
+    made = obk("new", "controller", "my_ctrl", "--dest", workspace / "src")
     assert made.returncode == 0, made.stderr
-    return folder
+    return workspace
 
 
 def run_colcon(colcon: Path, workspace: Path, *arguments: str) -> None:
@@ -68,24 +80,30 @@ def sourced(workspace: Path) -> dict[str, str]:
     return dict(pair.split("=", 1) for pair in shown.split("\0") if pair)
 
 
-@pytest.mark.parametrize("option", [(), ("--symlink-install",), ("--merge-install",)])
-def test_colcon_builds_generated_packages_and_installs_their_nodes(
-    colcon: Path, workspace: Path, option: tuple[str, ...]
+def is_installed(package: str, prefix: Path) -> bool:
+    files = ("package.xml", f"../ament_index/resource_index/packages/{package}")
+    is_there = all((prefix / "share" / package / file).is_file() for file in files)
+    return is_there and os.access(prefix / "lib" / package / package, os.X_OK)
+
+
+def test_colcon_builds_generated_packages_and_installs_their_nodes(built: Path) -> None:
+    assert all(is_installed(package, built / "install" / package) for package in PACKAGES)
+
+
+@pytest.mark.parametrize("option", ["--symlink-install", "--merge-install"])
+def test_colcon_installs_their_nodes_in_its_other_ways_too(
+    colcon: Path, workspace: Path, option: str
 ) -> None:
-    run_colcon(colcon, workspace, "build", *option)
+    run_colcon(colcon, workspace, "build", option)
     for package in PACKAGES:
-        prefix = workspace / "install" / ("" if option == ("--merge-install",) else package)
-        assert os.access(prefix / "lib" / package / package, os.X_OK)
-        assert (prefix / "share" / package / "package.xml").is_file()
-        index = prefix / "share/ament_index/resource_index/packages" / package
-        assert index.is_file()
+        prefix = workspace / "install" / ("" if option == "--merge-install" else package)
+        assert is_installed(package, prefix)
 
 
-def test_colcon_runs_the_tests_of_generated_packages(colcon: Path, workspace: Path) -> None:
-    run_colcon(colcon, workspace, "build")
-    run_colcon(colcon, workspace, "test", "--return-code-on-test-failure")
+def test_colcon_runs_the_tests_of_generated_packages(colcon: Path, built: Path) -> None:
+    run_colcon(colcon, built, "test", "--return-code-on-test-failure")
     for package in PACKAGES:
-        results = ElementTree.parse(workspace / "build" / package / "pytest.xml").getroot()
+        results = ElementTree.parse(built / "build" / package / "pytest.xml").getroot()
         suites = results.iter("testsuite")
         assert sum(int(suite.attrib["tests"]) for suite in suites) >= 2
 
@@ -108,16 +126,15 @@ def test_pip_installs_a_generated_package_so_that_its_source_stays_in_use(
 
 
 def test_a_stack_runs_what_colcon_installed_where_there_are_no_sources(
-    colcon: Path, workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run_colcon(colcon, workspace, "build")
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    shutil.copy(workspace / "my_robot.yaml", elsewhere)
-    shutil.copytree(workspace / "model", elsewhere / "model")
+    shutil.copy(built / "my_robot.yaml", elsewhere)
+    shutil.copytree(built / "model", elsewhere / "model")
     config = elsewhere / "my_robot.yaml"
     assert obk("validate", config).returncode == 1  # nobody has these packages
-    for name, value in sourced(workspace).items():
+    for name, value in sourced(built).items():
         monkeypatch.setenv(name, value)
     assert obk("validate", "--strict", config).returncode == 0
     with launched(config) as run:
