@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -176,6 +177,33 @@ def test_the_other_formats(capsys: pytest.CaptureFixture[str]) -> None:
     assert (sound.code, sound.out) == (0, "")
 
 
+@pytest.mark.parametrize("form", ["text", "json", "sarif", "github"])
+def test_a_file_whose_name_is_no_text_is_checked_like_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], form: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = os.fsdecode(b"b\xff.yaml")
+    Path(name).write_text(FAULTY.read_text(encoding="utf-8"), encoding="utf-8")
+    result = Result(capsys, "validate", name, "--format", form)
+    assert result.code == 1
+    assert ("b%FF.yaml" if form == "sarif" else r"b\udcff.yaml") in result.out
+    if form in ("json", "sarif"):
+        json.loads(result.out)
+
+
+def test_the_diff_of_a_file_whose_name_is_no_text_names_it_by_its_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = os.fsdecode(b"b\xff.yaml")
+    Path(name).write_text(
+        "onboard:\n  control:\n    - pkg: p\n      executable: e\n", encoding="utf-8"
+    )
+    with pytest.raises(SystemExit):
+        main(["migrate", name, "--diff"])
+    assert b"--- a/b\xff.yaml\n" in capfdbinary.readouterr().out
+
+
 def test_standard_input(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -186,25 +214,58 @@ def test_standard_input(
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    ("line", "told"),
     [
-        ("validate",),
-        ("validate", "f", "--format", "xml"),
-        ("validate", "f", "--ignore", "OBK9"),
-        ("validate", "f", "--color", "green"),
-        ("compile", "f", "--to", "sculpture"),
-        ("explain", "OBK999"),
-        ("validate", "--no-such-option", "f"),
+        ("validate f --format xml", "`--format xml`: expected one of `text`, `json`, `sarif`, "
+         "`github`"),
+        ("validate f --ignore OBK9", "`--ignore OBK9` names no rule\n"
+         "  help: did you mean `OBK409` or `OBK319` or `OBK309`?"),
+        ("validate f --color green", "`--color green`: expected `auto`, `always` or `never`"),
+        ("compile f --to bmp", "`--to bmp`: expected one of `plan`, `params`, `launch`, "
+         "`mermaid`, `dot`, `svg`, `json`"),
+        ("migrate f --to new", "`--to new`: expected `key` or `seed`"),
+        ("explain OBK20", "there is no rule `OBK20`\n"
+         "  help: did you mean `OBK320` or `OBK210` or `OBK209`?"),
+        ("new contoller foo", "there is no kind `contoller`\n  help: did you mean `controller`?"),
+        ("new controller foo --device pc", "`--device` says where in a config: give "
+         "`--add-to CONFIG` too"),
+        ("new controller foo --add-to -", "`--add-to -`: a file is changed, so it needs one"),
+        ("build --workspace none", "`--workspace none`: there is no such folder"),
+        ("build --jobs 0", "`--jobs 0`: expected a number of at least 1"),
+        ("stop dummy --all", "`obk stop` takes RUN or `--all`, not both"),
+        ("logs --lines -1", "`--lines` is a number of at least 0"),
+        ("monitor", "`obk monitor` needs a terminal for its input and its outputs\n"
+         "  help: `obk monitor --once` and `obk monitor --format json` do not"),
+        ("topic echo /est --format xml", "`--format xml`: expected `text`, `json` or `csv`"),
+        ("topic echo /est --csv --format json", "`--csv` and `--format json` ask for different "
+         "things"),
+        ("service call /s --type Trigger", "`--type Trigger`: expected such as "
+         "`std_srvs/srv/Trigger`"),
+    ],
+)  # fmt: skip
+def test_misuse_is_told_with_what_would_be_right(
+    capsys: pytest.CaptureFixture[str], line: str, told: str
+) -> None:
+    result = Result(capsys, *line.split())
+    assert (result.code, result.out, result.err) == (2, "", f"error: {told}\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("validate", "Missing argument 'CONFIG...'."),
+        ("validate --no-such-option f", "No such option: --no-such-option"),
+        ("ps extra", "Got unexpected extra argument (extra)"),
     ],
 )
-def test_misuse_is_told_on_stderr(
-    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]
+def test_a_command_line_of_another_form_is_told_with_the_usage(
+    capsys: pytest.CaptureFixture[str], line: str, told: str
 ) -> None:
-    result = Result(capsys, *arguments)
-    assert result.code == 2
-    assert result.out == ""
-    assert "error" in result.err.lower()
-    assert "Traceback" not in result.err
+    result = Result(capsys, *line.split())
+    verb = line.partition(" ")[0]
+    assert (result.code, result.out) == (2, "")
+    assert result.err.startswith(f"Usage: obk {verb} [OPTIONS]")
+    assert result.err.endswith(f"\nTry 'obk {verb} --help' for help.\n\nError: {told}\n")
 
 
 def test_colour_is_for_terminals_or_on_demand(capsys: pytest.CaptureFixture[str]) -> None:
