@@ -61,10 +61,14 @@ def looking_on(
 ) -> AbstractContextManager[None]:
     """While entered, tell of a publisher on the robot's topics that is found only now."""
     begin_s = since_boot_s()
+    # A command that has ended is in the graph for a moment yet.
+    allowed: set[str] = set()
 
     def is_stranger(node: str) -> bool:
+        if is_allowed_publisher(node, begin_s):
+            allowed.add(node)
         # One without a name may be a node of ours that has just come.
-        return node != UNNAMED and not is_allowed_publisher(node, begin_s)
+        return node != UNNAMED and node not in allowed
 
     def look(is_over: threading.Event) -> None:
         end = monotonic_s() + FOREIGN_DISCOVERY_S
