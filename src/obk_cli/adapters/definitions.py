@@ -13,5 +13,5 @@ def installed_definition(package: str, name: str) -> str | None:
     for prefix in underlays_of(os.environ, ()):
         path = Path(prefix, "share", package, "msg", f"{name}.msg")
         if path.is_file():
-            return path.read_text(encoding="utf-8")
+            return path.read_text(encoding="utf-8", errors="replace")
     return None

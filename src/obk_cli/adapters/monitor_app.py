@@ -85,7 +85,7 @@ class Seen(Message):
 class Broken(Message):
     """Watching cannot go on."""
 
-    def __init__(self, error: ObkError) -> None:
+    def __init__(self, error: Exception) -> None:
         self.error = error
         super().__init__()
 
@@ -107,7 +107,7 @@ def run_monitor(watcher: Views, change: Change) -> None:
         change: carries transitions out.
 
     Raises:
-        ObkError: watching cannot go on.
+        Exception: watching cannot go on: what the watcher raised, or a change that is no ObkError.
     """
     app = MonitorApp(watcher, change)
     error = app.run()
@@ -116,7 +116,7 @@ def run_monitor(watcher: Views, change: Change) -> None:
         raise error
 
 
-class MonitorApp(App[ObkError | None]):
+class MonitorApp(App[Exception | None]):
     """The live table."""
 
     AUTO_FOCUS = ""
@@ -287,7 +287,7 @@ class MonitorApp(App[ObkError | None]):
         try:
             for view in self._watcher.views():
                 self.post_message(Seen(view))
-        except ObkError as error:
+        except Exception as error:  # raised again where the screen is not in the way
             self.post_message(Broken(error))
 
     def _carry_out(
@@ -301,6 +301,9 @@ class MonitorApp(App[ObkError | None]):
                 fault = "" if answer.success else answer.why or "no reason was given"
             except ObkError as error:
                 fault = f"{error.message}; {error.help}" if error.help else error.message
+            except Exception as error:  # raised again where the screen is not in the way
+                self.post_message(Broken(error))
+                return
             if fault:
                 self.post_message(Said(f"{transition} {who} failed: {fault}", is_done=True))
                 return

@@ -271,7 +271,10 @@ def _unsearched_folders(folder: Path, depth: int) -> Iterator[Path]:
 
 
 def _package_name(folder: Path) -> str:
-    """The name in a package.xml; a broken file counts under its folder's name."""
-    text = (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
+    """The name in a package.xml; where it cannot be read, or has none, the folder's name."""
+    try:
+        text = (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return folder.name
     name = _NAME.search(text)
     return name[1] if name else folder.name

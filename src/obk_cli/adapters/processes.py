@@ -1,6 +1,6 @@
 """Processes of nodes: started and signalled through the warden, their output read line by line.
 
-What the warden is killed before it could end is ended here: this process adopts it.
+What a warden that was killed has left is ended here: this process adopts it.
 """
 
 import ctypes

@@ -7,6 +7,7 @@ import importlib
 import sys
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -143,6 +144,7 @@ def root_command() -> Any:
 
 def run(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run `obk` and end the process with its exit code."""
+    _write_any_text()
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in given
     try:
@@ -162,6 +164,13 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
         _complain(_bug_report(error), None)
         sys.exit(EXIT_FAILED)
     sys.exit(0)
+
+
+def _write_any_text() -> None:
+    """Have the outputs escape what they cannot encode, such as bytes in a file's name."""
+    for output in (sys.stdout, sys.stderr):
+        if isinstance(output, TextIOWrapper):
+            output.reconfigure(errors="backslashreplace")
 
 
 def _is_interruption(error: BaseException | None) -> bool:

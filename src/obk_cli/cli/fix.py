@@ -1,5 +1,6 @@
 """`obk validate --fix`: the certain cures carried out, shown or written, and told."""
 
+import os
 from dataclasses import dataclass
 
 from obk_cli.cli.edit_files import EditedFile, open_for_edit, print_bytes, write_edited
@@ -32,7 +33,7 @@ def fix_file(config: str, options: Options, *, show_only: bool, colour: bool) ->
     lines = tuple(_lines(fixed, show_only=show_only))
     if show_only:
         for source, text in fixed.files:
-            print_bytes(report_diff(source, text, colour=colour).encode("utf-8"))
+            print_bytes(os.fsencode(report_diff(source, text, colour=colour)))
         return FixReport(outcome=fixed.before, lines=lines)
     opened = [(_opened(source), text) for source, text in fixed.files]
     for file, text in opened:

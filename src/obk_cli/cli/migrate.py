@@ -1,5 +1,6 @@
 """`obk migrate CONFIG`: a config from one spelling into the other, comments and layout kept."""
 
+import os
 from typing import Annotated
 
 import typer
@@ -70,6 +71,6 @@ def command(
 def _show(file: EditedFile, migrated: Migrated, *, diff: bool, quiet: bool, colour: bool) -> None:
     if diff:
         text = report_diff(file.source, migrated.text, colour=colour)
-        print_bytes(text.encode("utf-8"))
+        print_bytes(os.fsencode(text))
     elif not quiet:
         print_bytes(file.bytes_of(migrated.text))

@@ -17,7 +17,7 @@ from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.runs import runs_folder
 from obk_cli.recording.choice import Wish
 from obk_cli.recording.job import Job
-from obk_cli.recording.made_from import Background, background_of, run_topics
+from obk_cli.recording.made_from import Background, background_of, file_name, run_topics
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -66,10 +66,8 @@ def command(
     with_run_types(environment, folder).put_into_effect()
     wish = _wish(topics or [], folder, every=all_)
     background = background_of(folder) if folder else Background()
-    stamp = f"{local_time():%Y%m%d_%H%M%S}"
-    path = output or Path(f"{folder.name.rsplit('_', 2)[0] if folder else 'ros'}_{stamp}.mcap")
     job = Job(
-        path=path,
+        path=output or Path(file_name(folder, local_time())),
         wish=replace(wish, excludes=tuple(exclude or ())),
         metadata=background.metadata,
         attachments=background.attachments,

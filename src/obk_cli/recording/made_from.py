@@ -7,14 +7,15 @@ metadata for the beginning of the file.
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Final
 
 from obk_cli.launch.json_values import value_of
-from obk_cli.launch.runs import read_told
+from obk_cli.launch.runs import config_of, read_told
 from obk_cli.plan import Endpoint, Origin, Plan, Process, SensorGroup
 
-__all__ = ["Background", "background_of", "run_plan", "run_topics"]
+__all__ = ["Background", "background_of", "file_name", "run_plan", "run_topics"]
 
 PLAN_FILE: Final = "plan.json"
 
@@ -57,6 +58,11 @@ class _Process:
 class _Plan:
     name: str
     processes: tuple[_Process, ...]
+
+
+def file_name(folder: Path | None, when: datetime) -> str:
+    """The name of a recording's file where the user gives none."""
+    return f"{config_of(folder) if folder else 'ros'}_{when:%Y%m%d_%H%M%S}.mcap"
 
 
 def background_of(folder: Path) -> Background:

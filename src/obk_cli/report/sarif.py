@@ -91,7 +91,9 @@ def _place(span: Span) -> dict[str, object]:
 
 def _artifact(name: str) -> dict[str, str]:
     path = PurePath(name)
-    return {"uri": path.as_uri() if path.is_absolute() else quote(str(path))}
+    # Its bytes, where they are no text.
+    relative = quote(str(path), errors="surrogateescape")
+    return {"uri": path.as_uri() if path.is_absolute() else relative}
 
 
 def _region(span: Span) -> dict[str, int]:

@@ -185,3 +185,20 @@ def test_a_folder_that_may_not_be_entered_is_passed_by(
     # Whoever runs the tests may be allowed everything.
     monkeypatch.setattr(os, "access", lambda path, _: Path(path).name != "locked")
     assert list(index(tmp_path).source_packages) == ["demo"]
+
+
+def test_a_package_xml_that_may_not_be_read_counts_under_its_folders_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_package(tmp_path / "src/demo", "demo")
+    locked = make_package(tmp_path / "src/locked", "other") / "package.xml"
+    read_text = Path.read_text
+
+    def read(path: Path, encoding: str | None = None, errors: str | None = None) -> str:
+        if path == locked:
+            raise PermissionError(13, "Permission denied", str(path))
+        return read_text(path, encoding, errors)
+
+    # Whoever runs the tests may be allowed everything.
+    monkeypatch.setattr(Path, "read_text", read)
+    assert sorted(index(tmp_path).source_packages) == ["demo", "locked"]

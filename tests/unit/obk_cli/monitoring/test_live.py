@@ -11,7 +11,7 @@ from textual.pilot import Pilot
 from textual.widgets import Input, Static
 
 from obk_cli.adapters.monitor_app import HELP, MonitorApp
-from obk_cli.errors import CommandFailedError, ObkError
+from obk_cli.errors import CommandFailedError
 from obk_cli.launch.asks import ChangeAnswer
 from obk_cli.monitoring.view import StackView
 
@@ -24,15 +24,15 @@ Steps = Callable[["World"], Awaitable[None]]
 class Watch:
     """Gives the views that a test hands it."""
 
-    def __init__(self, *views: StackView | ObkError | None) -> None:
-        self._next: SimpleQueue[StackView | ObkError | str | None] = SimpleQueue()
+    def __init__(self, *views: StackView | Exception | None) -> None:
+        self._next: SimpleQueue[StackView | Exception | str | None] = SimpleQueue()
         for view in views:
             self._next.put(view)
         self.has_stopped = False
 
     def views(self) -> Iterator[StackView | None]:
         while not isinstance(view := self._next.get(), str):
-            if isinstance(view, ObkError):
+            if isinstance(view, Exception):
                 raise view
             yield view
 
@@ -51,14 +51,17 @@ class World:
         self.watch = watch
         self.asked: list[tuple[str, tuple[str, ...]]] = []
         self.answer = ChangeAnswer(success=True)
+        self.error: Exception | None = None
         self.may_answer = threading.Event()
         self.may_answer.set()
         self.app = MonitorApp(watch, self.change)
-        self.pilot: Pilot[ObkError | None]
+        self.pilot: Pilot[Exception | None]
 
     def change(self, view: StackView, verb: str, nodes: tuple[str, ...]) -> ChangeAnswer:
         self.may_answer.wait()
         self.asked.append((verb, nodes))
+        if self.error is not None:
+            raise self.error
         if verb == "cleanup" and not self.answer.success:
             raise CommandFailedError("no answer", help="see `obk ps`")
         return self.answer
@@ -77,7 +80,7 @@ class World:
 
 
 def live(
-    steps: Steps, *views: StackView | ObkError | None, size: tuple[int, int] = (80, 24)
+    steps: Steps, *views: StackView | Exception | None, size: tuple[int, int] = (80, 24)
 ) -> World:
     world = World(Watch(*views))
 
@@ -255,12 +258,25 @@ def test_it_ends_by_its_keys(key: str) -> None:
     assert live(steps, HEALTHY).app.return_code == 0
 
 
-def test_what_watching_fails_of_is_told() -> None:
-    error = CommandFailedError("ROS 2 is not here")
-
+@pytest.mark.parametrize("error", [CommandFailedError("ROS 2 is not here"), KeyError("a fault")])
+def test_what_watching_fails_of_is_told(error: Exception) -> None:
     async def steps(world: World) -> None:
         async with asyncio.timeout(30):
             while world.app.return_value is None:
                 await world.pilot.pause(0.01)
 
     assert live(steps, error).app.return_value is error
+
+
+def test_a_fault_of_the_tool_in_a_change_ends_the_table_with_it() -> None:
+    error = KeyError("a fault")
+
+    async def steps(world: World) -> None:
+        await world.shows("head", "dummy")
+        world.error = error
+        await world.press("c", "y")
+        async with asyncio.timeout(30):
+            while world.app.return_value is None:
+                await world.pilot.pause(0.01)
+
+    assert live(steps, HEALTHY).app.return_value is error

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from datetime import UTC, datetime
 from math import inf
 from pathlib import Path
 
@@ -9,7 +10,13 @@ from obk_cli.emit.plan_json import emit_plan
 from obk_cli.plan import Endpoint, Plan, SensorGroup
 from obk_cli.recording.choice import Wish
 from obk_cli.recording.job import Job, job_from_json, job_to_json
-from obk_cli.recording.made_from import Background, background_of, run_plan, run_topics
+from obk_cli.recording.made_from import (
+    Background,
+    background_of,
+    file_name,
+    run_plan,
+    run_topics,
+)
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 
@@ -95,3 +102,10 @@ def test_a_folder_without_a_run_tells_nothing(tmp_path: Path) -> None:
     assert background_of(tmp_path) == Background(
         metadata={"obelisk": {"run": tmp_path.name}, "obelisk_versions": {}}
     )
+
+
+def test_a_file_is_named_after_the_config_whose_run_it_is_of() -> None:
+    when = datetime(2026, 3, 4, 5, 6, 7, tzinfo=UTC)
+    assert file_name(None, when) == "ros_20260304_050607.mcap"
+    for run in ("leg_arm_20260102_030405", "leg_arm_20260102_030405_2"):
+        assert file_name(Path("/runs", run), when) == "leg_arm_20260304_050607.mcap"
