@@ -3,6 +3,7 @@
 import compileall
 import fcntl
 import gc
+import itertools
 import os
 import tempfile
 import uuid
@@ -16,8 +17,10 @@ import pytest
 from obk_cli.adapters.shared_memory import remove_dead_segments
 
 _SOURCE = Path(__file__).resolve().parents[1] / "src"
-# Above these the ports of DDS run into those the kernel hands out to others.
-_DOMAIN_IDS = range(1, 101)
+# The tool looks for a domain of its own from 100 downwards.
+_DOMAIN_IDS = range(1, 81)
+# One after another, so that what is slow to go is not met by the next test.
+_TURNS = itertools.count(17 * os.getpid())
 _MARK = "OBELISK_TEST_RUN"
 _FOREIGN_ROS_VARIABLES = (
     "ROS_LOCALHOST_ONLY",
@@ -117,7 +120,8 @@ class _locked_domain:  # noqa: N801 - used as a `with` word
     def __enter__(self) -> int:
         folder = Path(tempfile.gettempdir(), f"obelisk-ros-domains-{os.getuid()}")
         folder.mkdir(exist_ok=True)
-        for domain in _DOMAIN_IDS:
+        for _ in _DOMAIN_IDS:
+            domain = _DOMAIN_IDS[next(_TURNS) % len(_DOMAIN_IDS)]
             self._file = (folder / str(domain)).open("w")
             try:
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
