@@ -1,10 +1,12 @@
 """The way to a robot of one's own, as `docs/how-to/own-robot.md` has it, at a real terminal."""
 
 import os
+import random
 import re
 import shutil
 import socket
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -20,6 +22,8 @@ HARDWARE = ROOT / "examples" / "hardware"
 ACTIVE = re.compile(r"s\] active$", re.MULTILINE)
 LISTING = re.compile(r"```python\n(.*?)```", re.DOTALL)
 USUAL_PORT = "47001"
+NOT_HANDED_OUT = range(61_000, 65_536)
+"""Ports that Linux gives to nobody who does not ask for them."""
 
 
 def test_the_listings_are_the_examples() -> None:
@@ -58,7 +62,9 @@ def test_the_document_leads_to_a_stack_that_moves_the_motor(
 
 @pytest.fixture
 def unused_udp_port() -> str:
-    """The usual port may be another test run's."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
-        line.bind(("127.0.0.1", 0))
-        return str(line.getsockname()[1])
+    """The usual port may be another test run's, and what the kernel hands out may come again."""
+    for port in random.sample(NOT_HANDED_OUT, 100):
+        with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+            line.bind(("127.0.0.1", port))
+            return str(port)
+    raise AssertionError(f"no port of {NOT_HANDED_OUT} is free")
