@@ -56,14 +56,24 @@ def test_shared_memory_that_cannot_be_written_is_told() -> None:
     assert found.cure.endswith("sudo chmod 1777 /dev/shm")
 
 
-@pytest.mark.parametrize(("total_bytes", "cure"), [(64 * MIB, "--shm-size"), (8 * GIB, "obk reap")])
+@pytest.mark.parametrize(
+    ("total_bytes", "much", "cure"),
+    [
+        (
+            64 * MIB,
+            "64 MiB",
+            "sudo mount -o remount,size=512M /dev/shm    # a container: docker run --shm-size=512m",
+        ),
+        (8 * GIB, "8.0 GiB", "obk reap"),
+    ],
+)
 def test_little_room_in_shared_memory_is_cured_by_size_or_by_clearing(
-    total_bytes: int, cure: str
+    total_bytes: int, much: str, cure: str
 ) -> None:
     world = replace(MEMORY, total_bytes=total_bytes, free_bytes=20 * MIB)
     found = the_one(judge_shared_memory(world), "warning")
-    assert "has 20 MiB of" in found.message
-    assert cure in found.cure
+    assert found.message == f"/dev/shm has 20 MiB of {much} free; DDS wants 64 MiB or more"
+    assert found.cure == cure
 
 
 def test_many_files_of_dds_are_noted() -> None:
@@ -98,7 +108,9 @@ def test_the_chosen_back_end_that_does_not_draw_is_told_with_one_that_does() -> 
     back_ends = {"egl": DRAWN, "osmesa": replace(DRAWN, has_drawn=False)}
     found = [*judge_mujoco(replace(MUJOCO, chosen="osmesa", back_ends=back_ends))]
     told = the_one(found, "warning")
-    assert "drew a picture of one colour; it is the one that is chosen" in told.message
+    assert told.message == (
+        "MUJOCO_GL=osmesa drew a picture of one colour; it is the one that is chosen"
+    )
     assert told.cure == "export MUJOCO_GL=egl"
 
 
@@ -132,7 +144,10 @@ def test_a_display_that_does_not_answer_is_noted() -> None:
 
 def test_no_realtime_priority_is_noted_with_the_line_for_this_user() -> None:
     world = replace(REALTIME, got_priority=False, highest_priority=0)
-    assert "'ada - rtprio 98'" in the_one(judge_realtime(world), "note").cure
+    assert the_one(judge_realtime(world), "note").cure == (
+        "echo 'ada - rtprio 98' | sudo tee -a /etc/security/limits.d/obelisk.conf"
+        "    # then log in again"
+    )
 
 
 def test_little_locked_memory_is_noted() -> None:
@@ -146,17 +161,29 @@ def test_one_processor_is_told_also_where_a_container_allows_no_more() -> None:
 
 
 def test_more_work_than_processors_is_noted() -> None:
-    assert "5.2 processes want them" in the_one(judge_cpu(replace(CPU, load=5.2)), "note").message
+    assert the_one(judge_cpu(replace(CPU, load=5.2)), "note").message == (
+        "4 processors, and 5.2 processes want them: loops will be late"
+    )
 
 
 def test_a_governor_that_saves_power_is_noted() -> None:
     world = replace(CPU, governors={"powersave": 3, "performance": 1})
-    assert "powersave on 3" in the_one(judge_cpu(world), "note").message
+    assert the_one(judge_cpu(world), "note").message == (
+        "processors slow down between ticks (frequency governor powersave on 3)"
+    )
 
 
-@pytest.mark.parametrize("world", [replace(CPU, clock="hpet"), replace(CPU, clock_read_ns=900.0)])
-def test_a_slow_clock_is_noted(world: CpuFacts) -> None:
-    assert "to read" in the_one(judge_cpu(world), "note").message
+@pytest.mark.parametrize(
+    ("world", "slow"),
+    [
+        (replace(CPU, clock="hpet"), "hpet takes 50 ns"),
+        (replace(CPU, clock_read_ns=900.0), "tsc takes 900 ns"),
+    ],
+)
+def test_a_slow_clock_is_noted(world: CpuFacts, slow: str) -> None:
+    assert the_one(judge_cpu(world), "note").message == (
+        f"the clock {slow} to read; loops read it often"
+    )
 
 
 def test_a_folder_that_cannot_be_written_is_told_with_what_moves_it() -> None:
@@ -175,7 +202,9 @@ def test_a_user_without_a_place_for_a_folder_is_told() -> None:
 )
 def test_a_disk_with_little_room_is_told(free_bytes: int, much: str) -> None:
     found = the_one(judge_folders((replace(FOLDER, free_bytes=free_bytes),)), "warning")
-    assert f"is {much}, {told_bytes(free_bytes)} free" in found.message
+    assert found.message == (
+        f"runs: the disk of /state/runs is {much}, {told_bytes(free_bytes)} free"
+    )
 
 
 def test_sizes_are_told_in_the_nearer_unit() -> None:

@@ -42,7 +42,8 @@ def test_a_package_without_a_name_is_told() -> None:
 
 def test_two_packages_of_one_name_are_told() -> None:
     found = the_one(judge_workspace(replace(WORKSPACE, doubled=("a",))), "warning")
-    assert "<name>a</name>" in found.cure
+    assert found.message == "several folders hold a package named a; one of them is used"
+    assert found.cure == "grep -rl '<name>a</name>' --include package.xml /ws"
 
 
 def test_message_packages_to_be_built_are_noted_with_the_command() -> None:
