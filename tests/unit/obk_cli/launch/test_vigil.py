@@ -215,7 +215,9 @@ def test_what_cannot_begin_is_refused_as_a_whole() -> None:
 
 
 def test_a_node_that_is_not_there_is_named() -> None:
-    assert "/nobody" in ask(World(), "deactivate", "/nobody").why
+    assert ask(World(), "deactivate", "/nobody").why == (
+        "no such node with a life cycle is driven here: /nobody"
+    )
 
 
 def test_a_shutdown_of_all_ends_the_run_in_order() -> None:
