@@ -29,7 +29,10 @@ from ..waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders
 OBK = Path(sys.executable).with_name("obk")
 LIMITS = {
     "launch": {"--timeout": str(DEADLINE_S), "--hang-after": "20"},
-    **{word: {"--timeout": str(DEADLINE_S)} for word in ("node", "param", "service", "topic")},
+    **{
+        word: {"--timeout": str(DEADLINE_S)}
+        for word in ("node", "param", "service", "stop", "topic")
+    },
 }
 """First word of a command -> the options that say how long others may take, with time enough."""
 N = TypeVar("N", bound=Node)
