@@ -23,6 +23,12 @@ def test_the_device_with_the_controller_leads() -> None:
     )
 
 
+def test_without_a_controller_the_first_device_leads() -> None:
+    plan = Plan(name="s", processes=(process("robot"), process("viz", device="pc")))
+    assert share_of(plan, "onboard").leads
+    assert not share_of(plan, "pc").leads
+
+
 def test_another_device_may_be_told_to_lead() -> None:
     assert share_of(PLAN, "onboard", "onboard").leads
     assert not share_of(PLAN, "pc", "onboard").leads

@@ -1,8 +1,17 @@
 """The life cycle in ROS's own numbers."""
 
 import pytest
+from lifecycle_msgs.msg import State, Transition
 
-from obk_cli.launch.state_machine import EDGES, PASSED, STATES, edge_between, edges_from, find_edge
+from obk_cli.launch.state_machine import (
+    EDGES,
+    PASSED,
+    STATES,
+    Edge,
+    edge_between,
+    edges_from,
+    find_edge,
+)
 from obk_cli.launch.transitions import RESTING, TRANSITIONS
 
 
@@ -14,6 +23,23 @@ def test_what_can_be_asked_for_is_what_the_launcher_knows() -> None:
         success = edge_between(passed, transition.goal)
         assert success is not None
         assert success.label == "transition_success"
+
+
+def test_states_have_the_numbers_of_ros() -> None:
+    constants = (name for name in dir(State) if "_STATE_" in name)
+    assert {
+        name.rpartition("STATE_")[2].lower(): getattr(State, name) for name in constants
+    } == STATES
+
+
+@pytest.mark.parametrize("edge", EDGES, ids=lambda edge: f"{edge.start}-{edge.goal}")
+def test_edges_have_the_numbers_of_ros(edge: Edge) -> None:
+    if edge.start in PASSED:
+        outcome = edge.label.removeprefix("transition_")
+        name = f"ON_{PASSED[edge.start]}_{outcome}"
+    else:
+        name = f"{edge.start}_shutdown" if edge.label == "shutdown" else edge.label
+    assert edge.number == getattr(Transition, f"TRANSITION_{name.upper()}")
 
 
 def test_every_edge_joins_known_states_and_has_a_number_of_its_own() -> None:

@@ -41,6 +41,7 @@ def test_an_edit_needs_the_file_that_it_edits() -> None:
         Action.EDIT,
         Action.IDENTICAL,
     ]
+    assert gone.reason == "it is gone"
 
 
 def test_conflicts_are_told_with_their_reason() -> None:
