@@ -43,6 +43,24 @@ def test_bytes_that_are_no_message_are_told_of_and_reach_no_callback(
     assert "dropped a message on `/topic`: 18 bytes are no std_msgs/msg/String" in told
 
 
+def test_drops_are_told_now_and_then_of_each_topic_for_itself(
+    one: World, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("obelisk_py.core.executors.entities._DROPS_TOLD_EVERY_S", 3600.0)
+    node = one.node()
+    received: list[str] = []
+    for topic in ("left", "right"):
+        node.create_subscription(String, topic, lambda m: received.append(m.data), DEPTH)
+        publisher = node.create_publisher(String, topic, DEPTH)
+        for _ in range(3):
+            publisher.publish(HEAD + struct.pack("<I", 100) + b"too short\0")
+        publisher.publish(String(data="good"))
+    one.run_until(lambda: len(received) == 2, "the messages behind the wrong ones")
+    told = capfd.readouterr().err
+    assert told.count("dropped a message on `/left`") == 1
+    assert told.count("dropped a message on `/right`") == 1
+
+
 def test_big_endian_bytes_are_read_as_well(one: World) -> None:
     node = one.node()
     received: list[str] = []

@@ -7,6 +7,7 @@ called upon, because that callback may have destroyed the entity.
 
 import inspect
 import os
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -110,6 +111,7 @@ class SubscriptionRunner(Runner):
         self._codec = codec_for(entity.msg_type)
         self._callback: Callable[..., Any] | None = None
         self._is_plain = False
+        self._next_drop_told_s = -float("inf")
         self._inbox = inbox_of(entity)
         self._local_topic = local_topic(context, self._handle.get_topic_name())
 
@@ -198,10 +200,12 @@ class SubscriptionRunner(Runner):
 
     def _tell_of_drop(self, error: ObeliskMsgError) -> None:
         # Middleware that unpacks drops what it cannot read as well, but says nothing.
-        get_logger(self.entity.logger_name).error(
-            f"dropped a message on `{self.entity.topic_name}`: {error}",
-            throttle_duration_sec=_DROPS_TOLD_EVERY_S,
-        )
+        # rclpy's throttle goes with a logger, and `get_logger` makes a new one each time.
+        now_s = time.monotonic()
+        if now_s >= self._next_drop_told_s:
+            self._next_drop_told_s = now_s + _DROPS_TOLD_EVERY_S
+            text = f"dropped a message on `{self.entity.topic_name}`: {error}"
+            get_logger(self.entity.logger_name).error(text)
 
     def _learn(self, callback: Callable[..., Any]) -> None:
         """What can be told of a callback once instead of at every message."""
