@@ -1,8 +1,10 @@
 """Timers under the event-loop executor: never early, late ones skip, on every clock."""
 
 import itertools
+import select
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from rclpy.clock import Clock
@@ -11,7 +13,11 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
-from .executor_world import World, eventually, world
+from obelisk_py.core.executors.lane import Lane
+from obelisk_py.core.executors.listeners import arm_timer
+from obelisk_py.core.executors.timers import TimerRunner
+
+from .executor_world import DEADLINE_S, World, eventually, world
 
 pytestmark = pytest.mark.ros
 
@@ -85,6 +91,31 @@ def test_a_timer_takes_a_new_period_and_may_cancel_and_reset_itself(one: World) 
         eventually(lambda: len(ticks) == 40, "40 ticks of a timer that became faster")
         time.sleep(0.02)
     assert len(ticks) == 40
+
+
+def test_a_timer_that_another_thread_cancels_when_it_is_due_is_not_called(one: World) -> None:
+    node = one.node()
+    ticks: list[int] = []
+    timer = node.create_timer(0.001, lambda: ticks.append(1))
+    runner = TimerRunner(timer, lambda: one.executor)
+
+    class Cancelling:
+        """The timer's handle; the cancel comes between the question and the call."""
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(timer.handle, name)
+
+        def is_timer_ready(self) -> bool:
+            timer.cancel()
+            return True
+
+    arm_timer(runner._timer_fd, 1, 0)
+    select.select([runner._timer_fd], [], [], DEADLINE_S)
+    handle, runner._handle = runner._handle, Cancelling()
+    assert not runner._run(Lane())
+    runner._handle = handle
+    runner.close()
+    assert not ticks
 
 
 def test_a_timer_that_was_late_skips_periods_instead_of_catching_up(one: World) -> None:

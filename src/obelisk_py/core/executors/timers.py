@@ -15,6 +15,7 @@ from typing import Any
 from rclpy.clock import JumpThreshold
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.timer import Timer
 
 from obelisk_py.core.executors.entities import ExecutorReference, Runner
@@ -23,6 +24,7 @@ from obelisk_py.core.executors.listeners import EntityKind, arm_timer, open_time
 
 __all__ = ["TimerRunner"]
 
+RCLError: Any = rclpy_implementation.RCLError
 _AT_ONCE_NS = 1
 _ANY_JUMP = JumpThreshold(
     min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1), on_clock_change=True
@@ -97,7 +99,10 @@ class TimerRunner(Runner):
         handle = self._handle
         if not handle.is_timer_ready():
             return self._follow()
-        handle.call_timer()
+        try:
+            handle.call_timer()
+        except RCLError:  # cancelled in this moment, by another thread
+            return self._follow()
         callback = self.entity.callback
         if callback is not self._callback:
             self._callback = callback
