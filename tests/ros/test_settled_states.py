@@ -247,12 +247,17 @@ def test_a_simulator_that_does_not_stop_is_never_joined_by_a_second_one(
     with spun(lambda: Deaf("d", **parameters(**CONTROL))) as node:
         node.trigger_configure()
         node.trigger_activate()
+        waits_s: list[float] = []
+        join = node._simulator.join
+        node._simulator.join = lambda wait_s: (waits_s.append(wait_s), join(wait_s))
         node.trigger_deactivate()
         assert node.state_label == "finalized"
         assert "run_simulator went on for" in node.last_fault.text
         assert node.ended.done()
         assert sum(t.name == "simulator" for t in threading.enumerate()) == 1
-        release.set()
+    # Waited for once, whatever else was to stop it; and the node could be destroyed.
+    assert (waits_s[0], set(waits_s[1:])) == (0.05, {0})
+    release.set()
 
 
 @pytest.mark.parametrize("period", [".inf", "1e300", "1e-12"])

@@ -36,10 +36,10 @@ class Lookout:
         self._woken.set()
 
     def stop(self, timeout_s: float) -> bool:
-        """End the thread; whether it ended in time."""
-        self._is_ended = True
+        """End the thread; whether it ended in time, for which it is waited only the first time."""
+        was_ended, self._is_ended = self._is_ended, True
         self._woken.set()
-        self._thread.join(timeout_s)
+        self._thread.join(0 if was_ended else timeout_s)
         return not self._thread.is_alive()
 
     def _run(self) -> None:

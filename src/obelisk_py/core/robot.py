@@ -201,8 +201,11 @@ class ObeliskRobot(ABC, ObeliskNode):
         super()._hold(state)
 
     def destroy_node(self) -> None:
-        """Stop the lookout before what it may act on goes."""
-        self._stop_lookout()
+        """Stop the lookout before what it may act on goes; one that goes on is told of."""
+        try:
+            self._stop_lookout()
+        except ObeliskError as error:
+            self.get_logger().error(str(error))
         super().destroy_node()
 
     def _look_out(self) -> None:
@@ -256,6 +259,8 @@ class ObeliskSimRobot(ObeliskRobot):
         self.simulator_stop = threading.Event()
         """Set when `run_simulator` is to return."""
         self._simulator: threading.Thread | None = None
+        self._is_deaf = False
+        """Whether `run_simulator` went on when it was to return; it is waited for only once."""
         self.register_obk_timer(
             "timer_true_sim_state_setting",
             self.publish_true_sim_state,
@@ -288,8 +293,11 @@ class ObeliskSimRobot(ObeliskRobot):
         )
 
     def destroy_node(self) -> None:
-        """Stop the simulator's thread before the publishers go."""
-        self._stop_simulator()
+        """Stop the simulator's thread before the publishers go; one that goes on is told of."""
+        try:
+            self._stop_simulator()
+        except ObeliskError as error:
+            self.get_logger().error(str(error))
         super().destroy_node()
 
     def _start(self) -> None:
@@ -310,8 +318,9 @@ class ObeliskSimRobot(ObeliskRobot):
         self.simulator_stop.set()
         if self._simulator is None:
             return
-        self._simulator.join(LONGEST_STOP_S)
-        if self._simulator.is_alive():
+        self._simulator.join(0 if self._is_deaf else LONGEST_STOP_S)
+        self._is_deaf = self._simulator.is_alive()
+        if self._is_deaf:
             raise ObeliskError(
                 f"run_simulator went on for {LONGEST_STOP_S:g} s after simulator_stop was set"
             )
