@@ -107,6 +107,14 @@ def simulator(
         yield node, collect
 
 
+def test_a_timer_of_the_true_state_without_its_publisher_is_told_at_configure() -> None:
+    with simulator(pub_true_sim_state_setting="") as (node, _):
+        assert not request(node, "configure")
+        assert node.last_fault.text.startswith(
+            "the config sets `timer_true_sim_state`, but not the publisher `pub_true_sim_state`"
+        )
+
+
 def test_it_publishes_while_it_is_active_and_only_then() -> None:
     with simulator() as (node, collect):
         encoders, imu = collect(JointEncoders, "/joint_encoders"), collect(ObkImu, "/imu")

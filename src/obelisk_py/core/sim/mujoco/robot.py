@@ -22,6 +22,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
 from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameters import Getter
 from obelisk_py.core.rates.counter import TickCounter
@@ -31,10 +32,7 @@ from obelisk_py.core.sim.mujoco.control import ControlInbox, make_inbox
 from obelisk_py.core.sim.mujoco.drive import WhenStale
 from obelisk_py.core.sim.mujoco.loading import check_keyframe, load_model
 from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of, promise_nothing
-from obelisk_py.core.sim.mujoco.realtime_factor import (
-    REALTIME_FACTOR,
-    realtime_factor_of,
-)
+from obelisk_py.core.sim.mujoco.realtime_factor import REALTIME_FACTOR, realtime_factor_of
 from obelisk_py.core.sim.mujoco.requests import Answer, StepRequests
 from obelisk_py.core.sim.mujoco.services import make_services
 from obelisk_py.core.sim.mujoco.simulation import Simulation
@@ -217,10 +215,11 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         Returns:
             Whether it will be applied.
         """
-        if self._inbox is None:
+        inbox = self._inbox
+        if inbox is None:
             return False
-        is_taken = self._inbox.offer(control_msg)
-        for refusal in self._inbox.reports():
+        is_taken = inbox.offer(control_msg)
+        for refusal in inbox.reports():
             self._tell_refusal(refusal)
         return is_taken
 
@@ -329,6 +328,11 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             self._true_state = TrueStateReader(simulation.model)
             times = SampleTimes(period_s=step_s, step_s=step_s)
             outputs.append(Output(times=times, publish=self._copy_state))
+        elif "timer_true_sim_state" in self.obk_timers:
+            raise ObeliskConfigError(
+                "the config sets `timer_true_sim_state`, but not the publisher "
+                "`pub_true_sim_state` that it publishes by"
+            )
         return outputs
 
     def _uses_simulation_time(self) -> bool:
