@@ -1,5 +1,6 @@
 """The guarded life cycle on the real rclpy: faults are told, wrong requests refused, no leaks."""
 
+import gc
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from typing import Any
 import pytest
 from lifecycle_msgs.msg import Transition
 from obelisk_control_msgs.msg import PositionSetpoint
+from rclpy.callback_groups import CallbackGroup
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
@@ -111,7 +113,7 @@ def test_a_forgotten_return_is_named() -> None:
         assert not request(node, "configure")
         assert node.last_fault is not None
         assert node.last_fault.text == (
-            "`Misbehaving.on_configure` returned None, expected a TransitionCallbackReturn "
+            "`Misbehaving.on_configure` returned None, expected a `TransitionCallbackReturn` "
             "(did the callback forget its return statement?)"
         )
         assert node.state_label == "unconfigured"
@@ -123,7 +125,7 @@ def test_an_answer_of_another_type_is_named_with_the_class_and_the_method() -> N
         assert node.last_fault is not None
         assert str(node.last_fault) == (
             "on_configure: `Misbehaving.on_configure` returned False, expected a "
-            "TransitionCallbackReturn"
+            "`TransitionCallbackReturn`"
         )
 
 
@@ -335,6 +337,22 @@ def test_registering_twice_or_late_is_an_error() -> None:
             node.register_obk_publisher(key="late")
 
 
+def test_a_service_that_forgets_its_answer_is_a_fault_and_its_client_gets_one() -> None:
+    def forget(request: Any, response: Any) -> Any:
+        del request, response
+
+    with spinning(Controller) as node:
+        service = node.create_service(Trigger, "~/forget", forget)
+        request(node, "configure")
+        request(node, "activate")
+        response = Trigger.Response()
+        assert service.callback(Trigger.Request(), response) is response
+        eventually(lambda: node.state_label == "unconfigured", "error processing")
+        assert node.last_fault is not None
+        told = "returned None, expected a `Trigger_Response` (did the callback forget its return"
+        assert told in node.last_fault.text
+
+
 def test_a_sensor_without_a_publisher_is_told_what_it_lacks() -> None:
     with spinning(lambda: ObeliskSensor("sensor")) as node:
         assert not request(node, "configure")
@@ -345,13 +363,16 @@ def test_a_sensor_without_a_publisher_is_told_what_it_lacks() -> None:
 def test_a_thousand_rounds_leak_nothing() -> None:
     with spinning(Controller) as node:
         open_files = Path("/proc/self/fd")
-        group = node.default_callback_group
+
+        def entities_of_groups() -> int:
+            groups = (it for it in gc.get_objects() if isinstance(it, CallbackGroup))
+            return sum(len(group.entities) for group in groups)
 
         def go_round(times: int) -> tuple[int, int]:
             for _ in range(times):
                 for label in ("configure", "activate", "deactivate", "cleanup"):
                     assert request(node, label)
-            return len(list(open_files.iterdir())), len(group.entities)
+            return len(list(open_files.iterdir())), entities_of_groups()
 
         files, entities = go_round(5)
         files_later, entities_later = go_round(1000)

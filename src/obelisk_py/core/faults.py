@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from obelisk_py.core.exceptions import ObeliskError
+from obelisk_spec.articles import with_article
 
-__all__ = ["Fault", "fault_of", "guard_callback", "guard_service"]
+__all__ = ["Fault", "fault_of", "guard_callback", "guard_service", "wrong_answer"]
 
 Callback = Callable[..., Any]
 
@@ -43,6 +44,12 @@ def fault_of(cause: BaseException | str, where: str) -> Fault:
     )
 
 
+def wrong_answer(method: str, answer: object, expected: str) -> str:
+    """The sentence about what a callback returned instead of what is expected of it."""
+    hint = " (did the callback forget its return statement?)" if answer is None else ""
+    return f"`{method}` returned {answer!r}, expected {with_article(expected)}{hint}"
+
+
 def guard_callback(
     callback: Callback, is_failing: Callable[[], bool], fail: Callable[[Exception, str], None]
 ) -> Callback:
@@ -70,14 +77,23 @@ def guard_callback(
     return wait if inspect.iscoroutinefunction(callback) else call
 
 
-def guard_service(callback: Callback, fail: Callable[[Exception, str], None]) -> Callback:
-    """The same service callback; when it raises, the client gets the response as it is by then."""
+def guard_service(callback: Callback, fail: Callable[[Exception | str, str], None]) -> Callback:
+    """The same service callback; what it raises, and an answer that is none, goes to `fail`.
+
+    The client gets the response as it is by then.
+    """
     where = getattr(callback, "__qualname__", repr(callback))
+
+    def sound(answer: Any, response: Any) -> Any:
+        if isinstance(answer, type(response)):
+            return answer
+        fail(wrong_answer(where, answer, type(response).__name__), where)
+        return response
 
     @functools.wraps(callback)
     async def wait(request: Any, response: Any) -> Any:
         try:
-            return await callback(request, response)
+            return sound(await callback(request, response), response)
         except Exception as error:
             fail(error, where)
             return response
@@ -85,7 +101,7 @@ def guard_service(callback: Callback, fail: Callable[[Exception, str], None]) ->
     @functools.wraps(callback)
     def call(request: Any, response: Any) -> Any:
         try:
-            return callback(request, response)
+            return sound(callback(request, response), response)
         except Exception as error:
             fail(error, where)
             return response

@@ -24,7 +24,13 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
-from obelisk_py.core.faults import Fault, fault_of, guard_callback, guard_service
+from obelisk_py.core.faults import (
+    Fault,
+    fault_of,
+    guard_callback,
+    guard_service,
+    wrong_answer,
+)
 from obelisk_py.core.local_delivery.publisher import LocalPublisher
 from obelisk_py.core.parameters import GuardedCheck, ParameterRules, guard_setting_service
 
@@ -138,7 +144,10 @@ class GuardedLifecycleNode(LifecycleNode):
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], *args: Any, **kwargs: Any
     ) -> Service:
-        """As rclpy's, but what the callback raises takes the node to error processing."""
+        """As rclpy's, but what the callback raises takes the node to error processing.
+
+        So does an answer that is no response of this type.
+        """
         # rclpy makes the services of its parameters by this too.
         checked = guard_setting_service(self, srv_type, callback)
         return super().create_service(
@@ -245,11 +254,7 @@ class GuardedLifecycleNode(LifecycleNode):
                 self._keep(error, where)
                 return failed
             if not isinstance(result, TransitionCallbackReturn):
-                hint = " (did the callback forget its return statement?)" if result is None else ""
-                self._keep(
-                    f"`{method}` returned {result!r}, expected a TransitionCallbackReturn{hint}",
-                    where,
-                )
+                self._keep(wrong_answer(method, result, "TransitionCallbackReturn"), where)
                 return failed
             # A callback that told what is wrong by `fail` has said more than its answer does.
             if result != SUCCESS and not self.is_failing():

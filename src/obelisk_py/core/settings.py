@@ -5,9 +5,10 @@ gives frozen values with a QoS profile in them; raises `ObeliskConfigError` with
 names the component and what would be right.
 """
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 
@@ -23,6 +24,7 @@ from obelisk_spec.components import (
     DEFAULT_STALE_ACTION,
     STALE_ACTIONS,
 )
+from obelisk_spec.names import topic_name_fault
 from obelisk_spec.settings import parse_component_setting, parse_mapping
 
 __all__ = [
@@ -45,6 +47,8 @@ SHORTEST_PERIOD_S = 1e-9
 LONGEST_PERIOD_S = 9e9
 """What 64 bits of nanoseconds hold."""
 
+_SUBSTITUTION: Final = re.compile(r"\{(node|ns|namespace)\}")
+"""What ROS puts a name in the place of, in a topic."""
 RELIABILITY = {
     "reliable": QoSReliabilityPolicy.RELIABLE,
     "best_effort": QoSReliabilityPolicy.BEST_EFFORT,
@@ -179,11 +183,14 @@ def topic_settings(component: Component, raw: Mapping[str, Any]) -> TopicSetting
     """Typed settings of a publisher or subscription.
 
     Raises:
-        ObeliskConfigError: no topic, or a value out of its range.
+        ObeliskConfigError: no topic, a name that is none, or a value out of its range.
     """
     topic = raw.get("topic")
     if not isinstance(topic, str) or not topic:
         raise ObeliskConfigError(f"the {component} has no `topic` in its settings {dict(raw)}")
+    fault = topic_name_fault(_SUBSTITUTION.sub("name", topic))
+    if fault is not None:
+        raise ObeliskConfigError(f"the {component}: `topic` is `{topic}`, no topic name: {fault}")
     qos = raw.get("qos") or {}
     if not isinstance(qos, Mapping):
         raise ObeliskConfigError(f"the {component}: `qos` is {qos!r}, expected a mapping")

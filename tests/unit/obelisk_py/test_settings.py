@@ -70,6 +70,8 @@ def test_qos_is_taken() -> None:
     ("raw", "sentence"),
     [
         ({}, "has no `topic`"),
+        ({"topic": "/a b"}, "`topic` is `/a b`, no topic name: ' ' is not a letter"),
+        ({"topic": "/x/{nod}"}, "no topic name: '{' is not a letter"),
         ({"topic": "/x", "history_depth": 0}, "`history_depth` is 0, expected an integer of at"),
         ({"topic": "/x", "history_depth": True}, "`history_depth` is True"),
         ({"topic": "/x", "qos": 3}, "`qos` is 3, expected a mapping"),

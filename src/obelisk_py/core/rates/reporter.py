@@ -46,8 +46,6 @@ class RateReporter:
         self._timers: list[TimerTicks] = []
         self._publisher: Publisher | None = None
         self._timer: Timer | None = None
-        # Not held up by a coroutine of the user's, and with several threads by no callback.
-        self._group = MutuallyExclusiveCallbackGroup()
 
     def promise_timer(self, name: str, period_s: float, clock: Clock) -> TimerTicks:
         """Promise the rate of a timer on this clock; what is given has to see its calls."""
@@ -88,7 +86,9 @@ class RateReporter:
             self._timer = self._node.create_timer(
                 REPORT_PERIOD_S,
                 self._report,
-                callback_group=self._group,
+                # Not held up by a coroutine of the user's, and with several threads by no callback.
+                # A new one: a group keeps a dead reference for every entity that it ever held.
+                callback_group=MutuallyExclusiveCallbackGroup(),
                 clock=Clock(clock_type=ClockType.STEADY_TIME),
                 autostart=False,
             )
