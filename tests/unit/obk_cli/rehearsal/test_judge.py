@@ -13,13 +13,15 @@ from obk_cli.launch.events import (
     ProcessEnded,
     Restarted,
     Restarting,
+    Told,
 )
 from obk_cli.launch.journal import event_record
-from obk_cli.rehearsal.judge import judge
+from obk_cli.plan import OnCrash
+from obk_cli.rehearsal.judge import has_concluded, judge
 from obk_cli.rehearsal.scene import Moment, Scene, parse_moment
 from obk_cli.report.rehearsal import HEAD, rehearsal_json, rehearsal_table, rehearsal_text
 
-from .stage import CONTROLLER, ESTIMATOR, ROBOT, case, scene, status
+from .stage import CONTROLLER, ESTIMATOR, ROBOT, case, moments, scene, status
 
 DIED = (0.01, ProcessEnded(process=ROBOT, code=-9))
 HUNG = (1.7, Hung(node=ROBOT, seconds=1.7))
@@ -34,6 +36,25 @@ def ended(
     cause: str = f"{ROBOT}: the process was ended by SIGKILL", origin: str = "c.yaml:1:1"
 ) -> tuple[float, Ended]:
     return 0.5, Ended(exit_code=1, cause=cause, origin=origin)
+
+
+@pytest.mark.parametrize(
+    ("on_crash", "begin", "end", "of_another"),
+    [
+        ("stop", DIED, ended(), BACK),
+        ("restart", RESTARTING, BACK, (1.5, Restarted(nodes=(CONTROLLER,)))),
+        ("ignore", DIED, WITHOUT, (0.1, GoesOnWithout(nodes=(CONTROLLER,)))),
+    ],
+)
+def test_a_reaction_is_over_when_the_launcher_has_told_its_end(
+    on_crash: OnCrash,
+    begin: tuple[float, Told],
+    end: tuple[float, Told],
+    of_another: tuple[float, Told],
+) -> None:
+    struck = case("kill", on_crash)
+    assert not has_concluded(struck, moments(begin, of_another))
+    assert has_concluded(struck, moments(begin, end))
 
 
 def test_a_stack_that_stops_and_names_the_node_is_right() -> None:
