@@ -143,7 +143,7 @@ def test_a_refused_command_counts_for_nothing(refused: PDFeedForward, told: list
     with arm(max_age_sec=100.0) as node:
         publisher = active(node)
         publisher.publish(COMMAND)
-        eventually(lambda: node.applied, "the command")
+        eventually(lambda: node._age.deadline_s, "the command")
         before = node._age.deadline_s
         node._take_control(refused)
         assert node._age.deadline_s == before

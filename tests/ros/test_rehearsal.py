@@ -68,7 +68,11 @@ def are_right(rows: Sequence[Row], count: int) -> bool:
 def test_where_the_rule_is_stop_the_stack_comes_down_and_names_the_node(tmp_path: Path) -> None:
     rows = rehearsed(tmp_path, "stop", ["freeze", "kill"], nodes=["/obelisk_estimation_0"])
     assert are_right(rows, 2)
-    assert len({row.run for row in rows}) == 2
+    frozen, killed = (row.run for row in rows)
+    assert killed is not None
+    assert killed != frozen
+    cause = "/obelisk_estimation_0: the process was ended by SIGKILL"
+    assert cause in (killed / "launch.log").read_text()
     assert not marked()
 
 

@@ -27,6 +27,8 @@ from .stack import (
 
 pytestmark = pytest.mark.ros
 
+NOBODYS_DOMAIN = "101"
+"""No test has it, see `conftest`, and nobody who works with ROS on this machine."""
 NODES = ("/obelisk_robot_0", "/obelisk_estimation_0", "/obelisk_control_0")
 
 
@@ -121,16 +123,6 @@ def test_a_killed_warden_takes_the_nodes_along_and_the_launcher_says_so() -> Non
     assert not run.left_over()
 
 
-def test_a_node_that_is_killed_takes_the_stack_down_and_is_named() -> None:
-    with launched(DUMMY, "--quiet") as run:
-        run.node("obelisk_estimation_0").kill()
-        run.process.wait(DEADLINE_S)
-    assert run.process.returncode == 1
-    cause = "failed: /obelisk_estimation_0: the process was ended by SIGKILL"
-    assert run.cause.startswith(cause)
-    assert not run.left_over()
-
-
 def test_a_node_that_fails_to_configure_is_shown_with_its_own_words(tmp_path: Path) -> None:
     result = obk("launch", broken(tmp_path), "--ignore", "OBK2,OBK407", "--set", _wrong_type())
     assert result.returncode == 1, result.stdout
@@ -181,13 +173,6 @@ def with_controller(config: Path, package: str) -> Path:
     return config
 
 
-def test_an_rmw_that_is_not_installed_is_told_and_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
-    result = obk("launch", DUMMY, "--duration", "0", "--quiet")
-    assert result.returncode == 0, result.stdout
-    assert "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp is not installed here" in result.stderr
-
-
 def test_a_second_launch_in_the_domain_is_refused_and_the_first_runs_on() -> None:
     with launched(DUMMY, "--quiet") as run:
         second = obk("launch", DUMMY, "--quiet")
@@ -199,7 +184,7 @@ def test_a_second_launch_in_the_domain_is_refused_and_the_first_runs_on() -> Non
         )
         assert "help: stop it or use another ROS_DOMAIN_ID" in second.stderr
         assert states("get") == dict.fromkeys(NODES, "active")
-        elsewhere = obk("lifecycle", "get", env={"ROS_DOMAIN_ID": "0"})
+        elsewhere = obk("lifecycle", "get", env={"ROS_DOMAIN_ID": NOBODYS_DOMAIN})
         assert f"a stack runs in the ROS domain {domain}" in elsewhere.stderr
     assert run.process.returncode == 0, run.text
     assert obk("launch", DUMMY, "--duration", "0", "--quiet").returncode == 0
@@ -260,10 +245,14 @@ def chatty(folder: Path) -> Path:
     return with_controller(folder / "ws" / "chatty.yaml", "chatty")
 
 
-def test_without_a_log_folder_the_stack_runs_and_says_so(tmp_path: Path) -> None:
+def test_without_a_log_folder_and_the_rmw_that_is_asked_for_the_stack_runs_and_says_so(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "file").write_text("")
-    result = obk("launch", DUMMY, "--duration", "0", env={"OBK_HOME": str(tmp_path / "file")})
+    asked = {"OBK_HOME": str(tmp_path / "file"), "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
+    result = obk("launch", DUMMY, "--duration", "0", env=asked)
     assert result.returncode == 0, result.stdout + result.stderr
+    assert "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp is not installed here" in result.stderr
     warnings = [line for line in result.stdout.splitlines() if line.startswith("warning: no log")]
     assert len(warnings) == 1
     assert "ended in order" in result.stdout

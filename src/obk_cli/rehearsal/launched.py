@@ -19,8 +19,8 @@ from obk_cli.rehearsal.scene import Moment, parse_moment
 
 __all__ = ["Launched"]
 
-LEFT_S: Final = 2.0
-"""How long nodes may take to follow their launcher [s]."""
+LEFT_S: Final = 7.0
+"""How long nodes may take to follow their launcher: what their warden gives them, and more [s]."""
 OVER_S: Final = 1.0
 """How long the last of its output may take after its end [s]."""
 POLL_S: Final = 0.05
