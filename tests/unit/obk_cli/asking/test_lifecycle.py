@@ -222,3 +222,29 @@ def test_nothing_in_this_domain_is_told_with_where_something_is(
 def test_the_transitions_that_are_possible_depend_on_the_state() -> None:
     assert possible_transitions("inactive") == ("activate", "cleanup", "shutdown")
     assert possible_transitions("finalized") == ()
+
+
+def test_over_ros_a_limit_that_is_given_is_for_finding_and_for_answers_too(
+    environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits: list[float] = []
+
+    class Patient(FakeRos):
+        def find(self, expected: object, timeout_s: float, quiet_s: float) -> tuple[str, ...]:
+            waits.append(timeout_s)
+            return super().find(expected, timeout_s, quiet_s)
+
+        def state(self, node: str, timeout_s: float) -> str | None:
+            waits.append(timeout_s)
+            return super().state(node, timeout_s)
+
+    @contextmanager
+    def open_patient(name: str, environment: RosEnvironment) -> Iterator[Patient]:
+        yield Patient(ACTIVE, {})
+
+    monkeypatch.setattr(graph, "open_ros", open_patient)
+    for limit_s, expected in ((30.0, [30.0, 30.0]), (None, [graph.DISCOVERY_S, graph.ANSWER_S])):
+        waits.clear()
+        asked = Asked(names=(ROBOT,), timeout_s=limit_s)
+        assert node_states(environment, asked) == {ROBOT: "active"}
+        assert waits == expected
