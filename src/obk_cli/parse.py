@@ -55,12 +55,14 @@ def decode_source(path: str, data: bytes) -> SourceFile | Diagnostic:
     try:
         return SourceFile.of(path, data.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
-        before = data[: error.start].decode("utf-8", errors="replace").splitlines() or [""]
-        line = SourceFile.of(path, "\n".join(before))
-        place = Span.at(line, len(before), len(before[-1]) + 1)
+        # The error's own bytes: a mark of the byte order in front is not among them.
+        before = SourceFile.of(path, error.object[: error.start].decode("utf-8"))
+        place = Span.at(before, len(before.lines), len(before.lines[-1]) + 1)
         is_utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         help = "the file looks like UTF-16; save it as UTF-8" if is_utf16 else None
-        return found("OBK002", f"byte 0x{data[error.start]:02x} is not UTF-8", place, help=help)
+        return found(
+            "OBK002", f"byte 0x{error.object[error.start]:02x} is not UTF-8", place, help=help
+        )
 
 
 def too_many_values(place: Span, *, values_before: int = 0) -> Diagnostic:

@@ -153,8 +153,16 @@ def _sensor_end(group: SensorGroup, node: Node) -> TopicEnd:
 
 
 def absolute_topic(topic: str, node: Node) -> str:
-    """The topic's name in the graph: remapped, then put into the node's namespace."""
-    topic = dict(node.remappings).get(topic, topic)
+    """The topic's name in the graph: put into the node's namespace, then remapped.
+
+    Of several remappings the first holds, in whichever spelling it names the topic.
+    """
+    name = _in_namespace(topic, node)
+    targets = (to for old, to in node.remappings if _in_namespace(old, node) == name)
+    return _in_namespace(next(targets, topic), node)
+
+
+def _in_namespace(topic: str, node: Node) -> str:
     if topic.startswith("/"):
         return topic
     if topic.startswith("~"):

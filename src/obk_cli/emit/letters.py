@@ -9,7 +9,7 @@ _ELLIPSIS = "\u2026"
 
 def printable(text: str) -> str:
     """The text with what no picture can show, line ends among it, replaced."""
-    return "".join("\ufffd" if unicodedata.category(c) in ("Cc", "Cs") else c for c in text)
+    return "".join("\ufffd" if _is_unshowable(c) else c for c in text)
 
 
 def columns_of(text: str) -> int:
@@ -23,6 +23,11 @@ def shortened(text: str, most: int) -> str:
         return text
     end = _first_letters(text[::-1], (most - 1) // 2)[::-1]
     return _first_letters(text, most - 1 - columns_of(end)) + _ELLIPSIS + end
+
+
+def _is_unshowable(letter: str) -> bool:
+    # The last two are no characters to XML, not even by number.
+    return unicodedata.category(letter) in ("Cc", "Cs") or letter in "\ufffe\uffff"
 
 
 def _first_letters(text: str, most: int) -> str:

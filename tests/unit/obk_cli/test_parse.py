@@ -89,6 +89,19 @@ def test_crlf_and_a_byte_order_mark_are_taken() -> None:
     assert [(e.key_span.line, e.key_span.column) for e in tree] == [(1, 1), (2, 1)]
 
 
+@pytest.mark.parametrize(
+    ("data", "told"),
+    [
+        (b"a: 1\n\xff", "f:2:1: error[OBK002]: byte 0xff"),
+        (b"a\r\nb\r\xff", "f:3:1: error[OBK002]: byte 0xff"),
+        (b"a: \x0bx\nb\xff", "f:2:2: error[OBK002]: byte 0xff"),
+        (b"\xef\xbb\xbfa: 1\nb: \xff", "f:2:4: error[OBK002]: byte 0xff"),
+    ],
+)
+def test_what_is_no_utf8_is_told_with_its_place(data: bytes, told: str) -> None:
+    assert str(decode_source("f", data)) == f"{told} is not UTF-8"
+
+
 def test_columns_count_characters_not_bytes() -> None:
     tree = parse("'ä€😀': x\n")
     assert tree.entries[0].value.span.column == 8

@@ -26,11 +26,16 @@ def topics(text: str) -> set[str]:
         ("a/b", "/left/a/b"),
         ("~/a", "/left/obelisk_control_0/a"),
         ("/old", "/new"),
-        ("old", "/new"),
+        ("old", "/left/own"),
+        ("/left/old", "/left/own"),
+        ("/left/obelisk_control_0/state", "/state"),
+        ("~/state", "/state"),
+        ("twice", "/first"),
     ],
 )
 def test_topics_are_made_absolute_as_ros_does(written: str, absolute: str) -> None:
-    node = "pkg: demo, executable: run, namespace: left, remappings: {/old: /new, old: /new}"
+    pairs = "[/old:=/new, old:=own, ~/state:=/state, /left/twice:=/first, twice:=/second]"
+    node = f"pkg: demo, executable: run, namespace: left, remappings: {pairs}"
     component = f"publishers: [{{key: p, topic: '{written}'}}]"
     assert topics(f"control: {{{node}, {component}}}") == {f"publishes {absolute}"}
 

@@ -108,7 +108,9 @@ def test_the_json_graph_names_each_edge() -> None:
     }
 
 
-@pytest.mark.parametrize("letter", ["\x00", "\x1b", "\ud800", "\n", "]]>", "--", '"', "漢", "`"])
+@pytest.mark.parametrize(
+    "letter", ["\x00", "\x1b", "\ud800", "\uffff", "\n", "]]>", "--", '"', "漢", "`"]
+)
 def test_any_letter_gives_a_picture(letter: str) -> None:
     end = Endpoint(topic=f"/t{letter}", msg_type=f"a/msg/T{letter}")
     strange = node("robot", publishes=(end,), package=f"p{letter}", device=f"d{letter}")
