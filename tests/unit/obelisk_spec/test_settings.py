@@ -17,7 +17,9 @@ SCALARS = (
     | st.text()
 )
 VALUES = st.recursive(
-    SCALARS, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=20
+    SCALARS,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
+    max_leaves=8,
 )
 
 
@@ -45,7 +47,7 @@ def test_other_text_is_an_error_that_quotes_it(text: str) -> None:
     assert repr(text) in str(caught.value)
 
 
-@given(st.dictionaries(st.text(), VALUES))
+@given(st.dictionaries(st.text(), VALUES, max_size=4))
 def test_what_is_written_is_read_back_equal(value: dict[str, object]) -> None:
     text = format_setting(value)
     assert "\n" not in text
