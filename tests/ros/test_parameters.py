@@ -73,7 +73,7 @@ REFUSED = (
     ),
     (
         message("sub_est_setting", "{topic: /e, msg_type: EstimatedState, history_depth: 0}"),
-        "`history_depth` is 0, expected an integer of at least 1",
+        "`history_depth` is 0, expected a whole number from 1 to 2147483647",
     ),
     (message("obelisk_settings", "callback_groups: 3"), "`callback_groups` is not a mapping"),
     (message("use_sim_time", True), "`use_sim_time` is read at configure"),

@@ -26,6 +26,7 @@ from obelisk_spec.components import (
 )
 from obelisk_spec.names import topic_name_fault
 from obelisk_spec.settings import parse_component_setting, parse_mapping
+from obelisk_spec.values import COUNT_WANTED, is_count
 
 __all__ = [
     "NodeSettings",
@@ -114,6 +115,9 @@ def find_settings(
 
     The order is: its own ROS parameter, its entry in `obelisk_settings`, the default in the code.
     The entry is also where a key comes from that only the config knows.
+
+    Raises:
+        ObeliskConfigError: a text cannot be read, or a name in it is no text.
     """
     entry = next(
         (e for e in node.components[component.kind] if component.names & entry_names(e)), None
@@ -121,6 +125,7 @@ def find_settings(
     if parameter_text.strip():
         where = f"the parameter `{component.ros_parameter}`"
         own = _parsed(parse_component_setting, parameter_text, where)
+        entry_names(own)  # raises where they are no texts
         return {"key": entry["key"], **own} if entry and "key" in entry else own
     if entry is not None:
         return entry
@@ -175,7 +180,16 @@ def message_class_of(component: Component, configured: str | None) -> type[Any]:
 
 
 def entry_names(entry: Mapping[str, Any]) -> frozenset[str]:
-    """Every name under which a settings entry is known."""
+    """Every name under which a settings entry is known.
+
+    Raises:
+        ObeliskConfigError: one of them is no text.
+    """
+    for key in ("ros_parameter", "key"):
+        if not isinstance(entry.get(key, ""), str | None):
+            raise ObeliskConfigError(
+                f"the settings {dict(entry)}: `{key}` is {entry[key]!r}, expected a text"
+            )
     return spellings(entry.get("ros_parameter"), entry.get("key"))
 
 
@@ -195,9 +209,9 @@ def topic_settings(component: Component, raw: Mapping[str, Any]) -> TopicSetting
     if not isinstance(qos, Mapping):
         raise ObeliskConfigError(f"the {component}: `qos` is {qos!r}, expected a mapping")
     depth = qos.get("history_depth", raw.get("history_depth", DEFAULT_HISTORY_DEPTH))
-    if not isinstance(depth, int) or isinstance(depth, bool) or depth < 1:
+    if not is_count(depth):
         raise ObeliskConfigError(
-            f"the {component}: `history_depth` is {depth!r}, expected an integer of at least 1"
+            f"the {component}: `history_depth` is {depth!r}, expected {COUNT_WANTED}"
         )
     return TopicSettings(
         topic=topic,

@@ -10,6 +10,7 @@ from obelisk_py.core.command_age import StalePolicy
 from obelisk_py.core.components import Component, ComponentKind, ComponentTable
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.settings import (
+    check_component,
     find_settings,
     parse_node_settings,
     stale_policy,
@@ -72,8 +73,9 @@ def test_qos_is_taken() -> None:
         ({}, "has no `topic`"),
         ({"topic": "/a b"}, "`topic` is `/a b`, no topic name: ' ' is not a letter"),
         ({"topic": "/x/{nod}"}, "no topic name: '{' is not a letter"),
-        ({"topic": "/x", "history_depth": 0}, "`history_depth` is 0, expected an integer of at"),
+        ({"topic": "/x", "history_depth": 0}, "`history_depth` is 0, expected a whole number"),
         ({"topic": "/x", "history_depth": True}, "`history_depth` is True"),
+        ({"topic": "/x", "history_depth": 2**31}, "from 1 to 2147483647"),
         ({"topic": "/x", "qos": 3}, "`qos` is 3, expected a mapping"),
         ({"topic": "/x", "qos": {"reliability": "maybe"}}, "there are: reliable, best_effort"),
     ],
@@ -137,6 +139,15 @@ def test_an_age_or_an_action_that_is_none_is_named(raw: dict[str, object], fault
 def test_obelisk_settings_of_another_shape_are_refused(text: str) -> None:
     with pytest.raises(ObeliskConfigError):
         parse_node_settings(text)
+
+
+@pytest.mark.parametrize(
+    ("own", "settings"),
+    [("{key: 3, topic: /x}", ""), ("", "publishers: [{key: 3, topic: /x}]")],
+)
+def test_a_key_that_is_no_text_is_named(own: str, settings: str) -> None:
+    with pytest.raises(ObeliskConfigError, match="`key` is 3, expected a text"):
+        check_component(publisher(), own, settings)
 
 
 def test_a_component_needs_a_name_and_a_callback() -> None:
