@@ -71,7 +71,7 @@ def _setup_py_lines(path: Path) -> Iterator[str]:
     """The texts of `console_scripts` in `setup(entry_points={...})`."""
     try:
         tree = ast.parse(path.read_text(encoding="utf-8"))
-    except (OSError, SyntaxError, ValueError):
+    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return
     for node in ast.walk(tree):
         if isinstance(node, ast.Dict):

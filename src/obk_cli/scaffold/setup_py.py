@@ -74,7 +74,7 @@ def _find_scripts(setup_py: str) -> _Scripts | None:
     """The one `"console_scripts": [...]` whose elements are all plain strings."""
     try:
         tree = ast.parse(setup_py)
-    except (SyntaxError, ValueError):
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
         return None
     lists = [
         value

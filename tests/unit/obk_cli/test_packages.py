@@ -167,8 +167,9 @@ def test_scripts_are_read_from_each_kind_of_file(tmp_path: Path, file: str, text
 
 @pytest.mark.parametrize("file", ["setup.py", "setup.cfg", "pyproject.toml"])
 def test_a_broken_file_has_no_scripts(tmp_path: Path, file: str) -> None:
-    (tmp_path / file).write_bytes(b"[[[ \xff (")
-    assert source_console_scripts(tmp_path) == {}
+    for data in (b"[[[ \xff (", b"a" + b".a" * 100_000):
+        (tmp_path / file).write_bytes(data)
+        assert source_console_scripts(tmp_path) == {}
 
 
 def test_a_package_in_a_src_folder_is_imported_from_there(tmp_path: Path) -> None:

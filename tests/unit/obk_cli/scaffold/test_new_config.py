@@ -77,7 +77,7 @@ def test_a_config_without_a_robot_simulates_the_model_that_is_there(workspace: P
     obk_new("estimator", "my_estimate", "--sensor-msg", "ObkImu")
     obk_new("config", "one")
     assert (workspace / "one.xml").is_file()
-    (workspace / "model").mkdir()
+    (workspace / "model/a.xml").mkdir(parents=True)
     (workspace / "one.xml").rename(workspace / "model/arm.xml")
     obk_new("config", "two")
     text = (workspace / "two.yaml").read_text()

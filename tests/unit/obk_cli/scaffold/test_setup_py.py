@@ -83,6 +83,7 @@ def test_an_executable_of_another_module_is_not_replaced() -> None:
         setup_py('["a = b:c", *more]'),
         setup_py('[f"{name} = b:c"]'),
         setup_py('["a = b:c"]') + setup_py('["d = e:f"]'),
+        setup_py('["a = b:c"]') + "a" + ".a" * 100_000,
     ],
 )
 def test_a_setup_that_is_not_plain_is_refused_with_the_line_to_add(text: str) -> None:
