@@ -64,6 +64,26 @@ def test_a_command_that_is_late_but_comes_before_anybody_looks_is_in_time(age):
     assert age.look(11.4) is None
 
 
+def test_a_command_that_comes_while_somebody_looks_is_in_time():
+    class Overtaken(CommandAge):
+        """Another thread's command comes right after the first look at the deadline."""
+
+        is_overtaken = False
+
+        @property
+        def deadline_s(self):
+            deadline_s = super().deadline_s
+            if not self.is_overtaken:
+                self.is_overtaken = True
+                self.accept(11.0)
+            return deadline_s
+
+    age = Overtaken(StalePolicy(max_age_s=0.5, action="zero"))
+    age.accept(10.0)
+    assert age.look(11.0) is None
+    assert not age.is_stale
+
+
 def test_time_that_is_nobodys_fault_does_not_count(age):
     age.postpone(5.0)
     assert age.deadline_s is None

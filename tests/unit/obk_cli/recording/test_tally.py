@@ -21,6 +21,7 @@ def test_what_was_published_before_the_recording_is_not_lost() -> None:
 
 def test_a_publisher_that_begins_anew_has_lost_nothing() -> None:
     assert tally(1, 2, 3, 1, 2) == (5, 0)
+    assert tally(1, 1) == (2, 0)
 
 
 def test_numbers_of_several_publishers_tell_nothing() -> None:

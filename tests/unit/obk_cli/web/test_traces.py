@@ -111,3 +111,13 @@ def test_the_fields_that_can_be_drawn_are_offered() -> None:
         "count",
         "mark",
     )
+
+
+def test_of_messages_within_messages_four_levels_are_offered() -> None:
+    link = {"length": "float64", "next": "pkg/Link"}
+    assert number_fields("pkg/Link", lambda _: link) == (
+        "length",
+        "next.length",
+        "next.next.length",
+        "next.next.next.length",
+    )
