@@ -15,6 +15,8 @@ from obelisk_py.core.sim.mujoco.cameras import choose_back_end, open_context, pi
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, SensorSource, image
 from obelisk_py.core.utils.msg import multiarray_to_numpy
 
+from ..waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
+
 pytestmark = pytest.mark.mujoco
 
 SCENE = """
@@ -83,7 +85,7 @@ class _PaintedView:
         self.grey = int(data.qpos[2])
 
     def draw(self):
-        assert self.may_draw.wait(10)
+        assert self.may_draw.wait(DEADLINE_S)
         return np.full((2, 2, 3), self.grey, np.uint8)
 
     def close(self):
