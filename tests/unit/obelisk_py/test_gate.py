@@ -10,7 +10,7 @@ from obelisk_py.core.gate import wait_at_gate
 from obelisk_spec.gate import GATE_VARIABLE
 from obk_cli.adapters.gate import closed_gate, gate_path
 
-LIMIT_S = 20.0
+from ...waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 
 
 def test_without_a_gate_nobody_waits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -34,7 +34,7 @@ def test_a_closed_gate_holds_until_it_opens(
     with closed_gate(tmp_path):
         waiting.start()
         assert not is_through.wait(0.05)
-    assert is_through.wait(LIMIT_S)
+    assert is_through.wait(DEADLINE_S)
     waiting.join()
     wait_at_gate()
 

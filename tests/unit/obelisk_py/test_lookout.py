@@ -6,7 +6,7 @@ import time
 from obelisk_py.core.command_age import CommandAge, StalePolicy
 from obelisk_py.core.lookout import Lookout
 
-DEADLINE_S = 20.0
+from ...waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 
 
 def _lookout(max_age_s):
