@@ -116,7 +116,7 @@ class LauncherLook:
         Raises:
             CommandFailedError: the launcher does not have the type, or gives no answer.
         """
-        told = _told(self._folder, {"about": "fields", "type": name}, MARGIN_S)
+        told = _told(self._folder, {"about": "fields", "type": name}, MARGIN_S, "fields")
         return {str(field): str(kind) for field, kind in told["fields"].items()}
 
     def has_type(self, name: str) -> bool:
@@ -143,7 +143,9 @@ class LauncherLook:
         question["timeout_s"] = timeout_s
         if not is_askable(question):
             return None
-        response: Plain = _told(self._folder, question, timeout_s + MARGIN_S)["response"]
+        response: Plain = _told(self._folder, question, timeout_s + MARGIN_S, "response")[
+            "response"
+        ]
         return response
 
     def publish(self, topic: str, kind: str, message: object, subscribers: int) -> bool | None:
@@ -166,7 +168,7 @@ class LauncherLook:
         question["subscribers"] = subscribers
         if not is_askable(question):
             return None
-        confirmed = _told(self._folder, question, PUBLISH_S)["confirmed"]
+        confirmed = _told(self._folder, question, PUBLISH_S, "confirmed")["confirmed"]
         return None if confirmed is None else bool(confirmed)
 
     def rates(self, topics: Mapping[str, str], duration_s: float) -> "Mapping[str, Rate]":
@@ -182,7 +184,7 @@ class LauncherLook:
         from obk_cli.looking.rates import Rate
 
         question = {"about": "rates", "topics": dict(topics), "duration_s": duration_s}
-        told = _told(self._folder, question, duration_s + MARGIN_S)["rates"]
+        told = _told(self._folder, question, duration_s + MARGIN_S, "rates")["rates"]
         rates = {name: value_of(Rate, told.get(name)) for name in topics}
         return {name: rate for name, rate in rates.items() if rate is not None}
 
@@ -203,7 +205,8 @@ class LauncherLook:
         from obk_cli.looking.delays import Delay
 
         question = {"about": "delay", "topic": topic, "type": kind, "window": window}
-        told = _told(self._folder, {**question, "duration_s": duration_s}, duration_s + MARGIN_S)
+        question["duration_s"] = duration_s
+        told = _told(self._folder, question, duration_s + MARGIN_S, "delay", "unstamped")
         return value_of(Delay, told["delay"]), int(told["unstamped"])
 
     def next_message(self, topic: str, kind: str, timeout_s: float) -> Plain:
@@ -218,7 +221,7 @@ class LauncherLook:
             CommandFailedError: none came in time.
         """
         question = {"about": "message", "topic": topic, "type": kind, "timeout_s": timeout_s}
-        message: Plain = _told(self._folder, question, timeout_s + MARGIN_S)["message"]
+        message: Plain = _told(self._folder, question, timeout_s + MARGIN_S, "message")["message"]
         return message
 
 
@@ -243,7 +246,7 @@ class LauncherParameters:
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        return tuple(map(str, self._ask(do="names")["names"]))
+        return tuple(map(str, self._ask("names", do="names")))
 
     def values(self, names: Sequence[str]) -> Mapping[str, Parameter]:
         """The values of these; `not set` where the node has none of that name.
@@ -251,7 +254,7 @@ class LauncherParameters:
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        told = self._ask(do="values", names=list(names))["values"]
+        told = self._ask("values", do="values", names=list(names))
         found = {name: parse_parameter_told(one) for name, one in zip(names, told, strict=True)}
         return {name: one for name, one in found.items() if one is not None}
 
@@ -261,7 +264,7 @@ class LauncherParameters:
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        return str(self._ask(do="kind", name=name)["kind"])
+        return str(self._ask("kind", do="kind", name=name))
 
     def set(self, name: str, parameter: Parameter) -> str | None:
         """Set one; gives the node's reason where it refuses.
@@ -269,19 +272,27 @@ class LauncherParameters:
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        reason = self._ask(do="set", name=name, parameter=emit_parameter(parameter))["reason"]
+        reason = self._ask("reason", do="set", name=name, parameter=emit_parameter(parameter))
         return None if reason is None else str(reason)
 
-    def _ask(self, **more: Any) -> Mapping[str, Any]:
-        return _told(self._folder, {**self._question, **more}, self._wait_s)
+    def _ask(self, key: str, **more: Any) -> Any:
+        return _told(self._folder, {**self._question, **more}, self._wait_s, key)[key]
 
 
-def _told(folder: Path, question: Mapping[str, Any], wait_s: float) -> Mapping[str, Any]:
+def _told(
+    folder: Path, question: Mapping[str, Any], wait_s: float, *keys: str
+) -> Mapping[str, Any]:
     told = ask_look(folder, question, wait_s)
     if told is None:
         raise CommandFailedError("the launcher of the stack gave no answer", help="see `obk ps`")
     if "failed" in told:
         raise CommandFailedError(str(told["failed"]), help=told.get("help"))
+    for key in keys:
+        if key not in told:
+            raise CommandFailedError(
+                f"the launcher of the stack answers without `{key}`",
+                help="is it of another version? Stop the stack, and launch it by this one",
+            )
     return told
 
 

@@ -208,3 +208,23 @@ def test_a_launcher_that_does_not_tell_is_passed_over(tmp_path: Path) -> None:
     assert ask_launcher([tmp_path]) is None
     with serve_control(tmp_path, lambda _: None):
         assert ask_launcher([tmp_path]) is None
+
+
+@pytest.mark.parametrize(
+    ("ask", "missing"),
+    [
+        (lambda look: look.fields_of("p/msg/M"), "fields"),
+        (lambda look: look.delay("/q", "p/msg/M", 10, 0.1), "unstamped"),
+        (lambda look: look.parameters("/n0", WAIT_S).declared_kind("gain"), "kind"),
+    ],
+)
+def test_a_launcher_that_speaks_otherwise_is_told(
+    ask: Callable[[LauncherLook], object], missing: str, tmp_path: Path
+) -> None:
+    with (
+        launcher(tmp_path, lambda _: {"delay": None}) as look,
+        pytest.raises(
+            CommandFailedError, match=f"^the launcher of the stack answers without `{missing}`$"
+        ),
+    ):
+        ask(look)
