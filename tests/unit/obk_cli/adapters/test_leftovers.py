@@ -14,7 +14,8 @@ from obk_cli.adapters.leftovers import end_leftovers, find_leftovers, launch_mar
 from obk_cli.adapters.process_start import start_s, this_process
 from obk_cli.launch.runs import Run, write_run
 
-from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
+from ....turns import turn_of_leftovers  # noqa: TID252 - shared by folders of tests
+from ....waiting import DEADLINE_S  # noqa: TID252
 
 PID, STARTED = this_process()
 GONE = f"{PID}:{STARTED - 60}"
@@ -40,6 +41,12 @@ while True:
     signal.pause()
 """
 """What it starts when it is to end is not there when it is looked for."""
+
+
+@pytest.fixture(autouse=True)
+def turn() -> Iterator[None]:
+    with turn_of_leftovers():
+        yield
 
 
 @contextmanager

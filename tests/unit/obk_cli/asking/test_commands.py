@@ -6,16 +6,18 @@ import subprocess
 import sys
 from pathlib import Path
 
+import psutil
 import pytest
 
-from obk_cli.adapters import launchers
+from obk_cli.adapters import launchers, leftovers
 from obk_cli.adapters.process_start import this_process
 from obk_cli.asking import lifecycle
 from obk_cli.cli import stop
 from obk_cli.cli.main import main
 from obk_cli.launch.events import StopAsked
 
-from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
+from ....turns import turn_of_leftovers  # noqa: TID252 - shared by folders of tests
+from ....waiting import DEADLINE_S  # noqa: TID252
 from .fake_stack import CONTROL, JOY, ROBOT, fake_stack
 
 STATES = {ROBOT: "active", CONTROL: "inactive", JOY: ""}
@@ -28,6 +30,8 @@ def parent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     # The launcher is this very process, which stays.
     monkeypatch.setattr(launchers, "EXIT_S", 0.0)
+    # What others leave behind on this host is neither shown nor ended.
+    monkeypatch.setattr(leftovers, "_own_processes", psutil.Process().children)
     return tmp_path / "runs"
 
 
@@ -246,13 +250,16 @@ def test_reap_ends_what_is_left_and_says_so(
 ) -> None:
     marks = {"OBK_RUN": f"reaped_{os.getpid()}", "OBK_LAUNCHER": f"{PID}:{STARTED - 60}"}
     wait = "import sys; print(flush=True); sys.stdin.read()"
-    with subprocess.Popen(
-        [sys.executable, "-I", "-S", "-c", wait],
-        env=marks,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-    ) as left:
+    with (
+        turn_of_leftovers(),
+        subprocess.Popen(
+            [sys.executable, "-I", "-S", "-c", wait],
+            env=marks,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        ) as left,
+    ):
         assert left.stdout is not None
         left.stdout.readline()
         line = f"{left.pid}  {marks['OBK_RUN']}  {sys.executable} -I"
