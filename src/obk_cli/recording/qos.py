@@ -41,8 +41,8 @@ def request_for(offers: Collection[Offer], *, is_light: bool = False) -> Request
 
     Args:
         offers: one for each publisher.
-        is_light: let them send each message once, without waiting for a word that it came: half of
-            their work. What was published before is not had so; where it is wanted, it is reliable.
+        is_light: let them send each message once, without waiting for a word that it came: a third
+            less work. What was published before is not had so; where it is wanted, it is reliable.
     """
     request = Request(
         is_reliable=all(offer.reliability == "reliable" for offer in offers),
