@@ -318,3 +318,26 @@ def test_settings_of_no_component_are_told(capfd: pytest.CaptureFixture[str]) ->
         node.trigger_configure()
     text = "the config has a publisher `pub_crtl` that this node's code does not register"
     assert text in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_brings_the_node_down_in_order(number: int, tmp_path: Path) -> None:
+    module = tmp_path / "told.py"
+    module.write_text(
+        "from obelisk_py.core.node import ObeliskNode\n"
+        "from obelisk_py.core.utils.ros import spin_obelisk\n"
+        "class Told(ObeliskNode):\n"
+        "    def __init__(self): super().__init__('told'); self.trigger_configure()\n"
+        "    def on_activate(self, s): print('up', flush=True); return super().on_activate(s)\n"
+        "    def on_cleanup(self, s): print('clean', flush=True); return super().on_cleanup(s)\n"
+        "    def on_shutdown(self, s): print('down', flush=True); return super().on_shutdown(s)\n"
+        "class Active(Told):\n"
+        "    def __init__(self): super().__init__(); self.trigger_activate()\n"
+        "spin_obelisk(None, Active)\n"
+    )
+    with subprocess.Popen([sys.executable, module], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "up\n"
+        process.send_signal(number)
+        assert process.stdout.read() == "clean\ndown\n"
+    assert process.returncode == 0
