@@ -18,7 +18,7 @@ PEER := build/peer/bin/check-jsonschema
 # Where Python may not keep what it compiled, every start of obk compiles all of it anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo test test-unit check golden docs pictures site bench bench-loop bench-tool bench-launches bench-simulator bench-looking bench-summary lock audit wheel release clean fuzz soak
+.PHONY: setup demo test test-unit check golden docs pictures site bench bench-loop bench-tool bench-launches bench-simulator bench-looking bench-summary lock audit wheel release clean fuzz soak soak-short
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.interfaces
@@ -113,6 +113,11 @@ soak: SECONDS ?= 1800
 soak: setup
 	$(BIN)/python -m benchmarks.soak --seconds $(SECONDS)
 	$(BIN)/python -m benchmarks.soak.rounds
+
+# The same in 3 min, on machines that others keep busy too; the results stay in build/soak.
+soak-short: setup
+	$(BIN)/python -m benchmarks.soak --seconds 180 --hang-after 5 --least-mb 10 --results build/soak
+	$(BIN)/python -m benchmarks.soak.rounds --rounds 100 --results build/soak
 
 # --- the environment, in four steps; each is done again only when what it is made from changes ---
 

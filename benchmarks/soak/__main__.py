@@ -1,6 +1,7 @@
 """Troubles the dummy stack for a long time, and looks whether anything of it grows or is left.
 
-    make soak [SECONDS=1800]      (SECONDS=180: each trouble once or more, and what grows quickly)
+    make soak [SECONDS=1800]
+    make soak-short               (3 min: each trouble once or more, and what grows quickly)
 
 A seeded plan takes turns at random: nodes are taken through transitions, killed and frozen; the
 config is changed and launched anew; monitors, recorders and pages come and go. Each answer is held
@@ -24,7 +25,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
-from benchmarks.soak.counts import mapped_files, of_process, shared_files, verdicts
+from benchmarks.soak.counts import LEAST_MB, mapped_files, of_process, shared_files, verdicts
 from benchmarks.soak.plan import Trouble, first_deck, plan
 from benchmarks.soak.rates import Rates, bare_timer_beside
 from benchmarks.soak.results import keep_result
@@ -112,7 +113,7 @@ def soak(asked: argparse.Namespace, home: Path) -> dict[str, Any]:
     remove_dead_segments()  # of whoever was killed before
     with nullcontext() if asked.without_rates else bare_timer_beside() as timer:
         run.run(asked.seconds, plan(draw, is_frozen=is_frozen), least, timer)
-    left, found = stack.leftovers(), verdicts(run.samples)
+    left, found = stack.leftovers(), verdicts(run.samples, least_mb=asked.least_mb)
     shared = sorted(run.shared_files())
     faults = [*stack.faults, *(f"a traceback: {line}" for line in stack.complaints())]
     grown = [one for one in found if not one["is_flat"]]
@@ -156,6 +157,13 @@ def options() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--calm", type=float, default=6.0, help="seconds between two troubles")
     parser.add_argument("--hang-after", type=float, default=2.0, help="seconds, of `obk launch`")
+    parser.add_argument(
+        "--least-mb",
+        type=float,
+        default=LEAST_MB,
+        help="growth of a process that counts as flat in any case; in a short run, each kind of "
+        "onlooker comes for the first time while it is judged",
+    )
     parser.add_argument("--without-rates", action="store_true", help="on a machine that is busy")
     parser.add_argument("--config", type=Path, default=CONFIG, help="its folder is copied")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder")

@@ -10,7 +10,15 @@ from typing import Any, Final
 
 import psutil
 
-__all__ = ["Growth", "growth", "mapped_files", "of_process", "shared_files", "verdicts"]
+__all__ = [
+    "LEAST_MB",
+    "Growth",
+    "growth",
+    "mapped_files",
+    "of_process",
+    "shared_files",
+    "verdicts",
+]
 
 SHARED_MEMORY: Final = Path("/dev/shm")
 OF_DDS: Final = ("fastrtps", "sem.fastrtps")
@@ -21,9 +29,10 @@ LEAST_JUDGED_S: Final = 60.0
 """A process that lived shorter has grown, and that says nothing."""
 TOLERANCES: Final = {"rss_mb": 0.05, "pss_mb": 0.05}
 """Growth over the judged time that counts as flat, as a part of the mean; none for other counts."""
+LEAST_MB: Final = 3.0
 LEAST: Final = {
-    "rss_mb": 3.0,
-    "pss_mb": 3.0,
+    "rss_mb": LEAST_MB,
+    "pss_mb": LEAST_MB,
     "handles": 2.0,
     "threads": 1.0,
     "sockets": 2.0,
@@ -91,14 +100,18 @@ def growth(times: Sequence[float], values: Sequence[float]) -> Growth:
 
 
 def verdicts(
-    samples: Iterable[Mapping[str, Any]], least_judged_s: float = LEAST_JUDGED_S
+    samples: Iterable[Mapping[str, Any]],
+    least_judged_s: float = LEAST_JUDGED_S,
+    least_mb: float = LEAST_MB,
 ) -> list[dict[str, Any]]:
     """Of each process that lived long enough and each count: whether it is flat.
 
     Args:
         samples: with `time_s` [s], `who`, `pid` and counts.
         least_judged_s: of a process that was looked at for a shorter time nothing is told [s].
+        least_mb: growth of its memory that counts as flat in any case [MB].
     """
+    least = {**LEAST, "rss_mb": least_mb, "pss_mb": least_mb}
     by_process: defaultdict[tuple[str, int], list[Mapping[str, Any]]] = defaultdict(list)
     for one in samples:
         by_process[one["who"], one["pid"]].append(one)
@@ -108,13 +121,13 @@ def verdicts(
         times = [one["time_s"] for one in judged]
         if times[-1] - times[0] < least_judged_s:
             continue
-        for key in LEAST:
+        for key in least:
             if key not in judged[0]:
                 continue
             values = [one[key] for one in judged]
             seen = growth(times, values)
             mean = statistics.fmean(values)
-            allowed = max(LEAST[key], TOLERANCES.get(key, 0.0) * mean)
+            allowed = max(least[key], TOLERANCES.get(key, 0.0) * mean)
             found.append(
                 {
                     "who": who,

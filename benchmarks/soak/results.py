@@ -18,8 +18,9 @@ def keep_result(result: Mapping[str, Any], path: Path) -> None:
 
     Args:
         result: with `samples` and `troubles`.
-        path: of the numbers, `*.json`.
+        path: of the numbers, `*.json`; its folder is made where it is not there.
     """
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     try:
         draw_picture(result, path.with_suffix(".svg"))

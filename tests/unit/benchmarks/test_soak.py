@@ -87,6 +87,12 @@ def test_a_leak_is_not() -> None:
     assert [one["count"] for one in found if not one["is_flat"]] == ["rss_mb"]
 
 
+@pytest.mark.parametrize(("least_mb", "is_flat"), [(3.0, False), (10.0, True)])
+def test_in_a_short_run_more_memory_is_allowed(least_mb: float, is_flat: bool) -> None:
+    found = verdicts(samples(lambda n: 80.0 + 0.15 * n), least_mb=least_mb)
+    assert next(one for one in found if one["count"] == "rss_mb")["is_flat"] is is_flat
+
+
 def test_a_process_that_lived_too_short_is_not_judged() -> None:
     assert not verdicts(samples(lambda n: 80.0 + n, count=40))
 
