@@ -1,6 +1,7 @@
 """A real robot whose commands stop: what it is told to do, and when."""
 
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -127,6 +128,19 @@ def test_a_busy_executor_does_not_keep_the_robot_from_being_made_safe() -> None:
         eventually(lambda: len(node.applied) == 2, "the zeros")
         assert not node.is_free.is_set()
         node.is_free.set()
+
+
+def test_a_call_that_does_not_return_holds_the_action_up_and_is_told() -> None:
+    with arm(max_age_sec=0.01) as node:
+        active(node)
+        with node._applying:  # as apply_control is called under it
+            node._newest_control = COMMAND
+            node._age.accept(time.monotonic())
+            node._lookout.wake()
+            eventually(lambda: node.errors, "what is told of the silence")
+            assert node.errors[0].endswith("; apply_control has not returned, which holds that up")
+            assert node.applied == []
+        eventually(lambda: node.applied, "the zeros")
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.refusals import REFUSED_ON_END, Refusals, Report
 from obelisk_py.core.settings import stale_policy
-from obelisk_py.core.silences import Silences
+from obelisk_py.core.silences import GRACE_S, Silences
 from obelisk_spec.components import CONTROL_SUBSCRIPTION
 
 __all__ = ["ObeliskRobot", "ObeliskSimRobot"]
@@ -155,6 +155,8 @@ class ObeliskRobot(ABC, ObeliskNode):
             f"{self._silences.report(now_s, silent_s)}, more than `max_age_sec` of "
             f"{policy.max_age_s:g} s: {_TOLD[policy.action]} (`stale_action: {policy.action}`)"
         )
+        if self._lookout is not None and self._applying.locked():
+            text += "; apply_control has not returned, which holds that up"
         topic = self.obk_subscriptions[CONTROL_SUBSCRIPTION].topic_name
         if silent_s is not None and self.count_publishers(topic) == 0:
             # A controller that was ended, in order perhaps; of one that crashed its launcher tells.
@@ -167,18 +169,31 @@ class ObeliskRobot(ABC, ObeliskNode):
             self.guarded(self._act_on_old_commands)()
 
     def _act_on_old_commands(self) -> None:
-        assert self._age is not None
-        with self._applying:
-            # A command may have come meanwhile, or the node may be on its way down.
-            if not self._age.is_stale or self.state_label != "active":
+        # A call of apply_control that hangs is told of while it is waited for.
+        while not self._applying.acquire(timeout=GRACE_S):
+            if not self._has_to_act():
                 return
-            if self._age.policy.action == "zero":
-                control = zeroed(self._newest_control)
-                if hasattr(control, "header"):
-                    control.header.stamp = self.get_clock().now().to_msg()
-                self.apply_control(control)
-            elif self._age.policy.action == "damp":
-                self.apply_damping()
+            self._becomes_stale()
+        try:
+            if self._has_to_act():
+                self._make_safe()
+        finally:
+            self._applying.release()
+
+    def _has_to_act(self) -> bool:
+        """False once a command has come meanwhile, or the node is on its way down."""
+        assert self._age is not None
+        return self._age.is_stale and self.state_label == "active"
+
+    def _make_safe(self) -> None:
+        assert self._age is not None
+        if self._age.policy.action == "zero":
+            control = zeroed(self._newest_control)
+            if hasattr(control, "header"):
+                control.header.stamp = self.get_clock().now().to_msg()
+            self.apply_control(control)
+        elif self._age.policy.action == "damp":
+            self.apply_damping()
 
     def _subscription(self, component: Component, raw: Mapping[str, Any]) -> Subscription:
         if component.key == CONTROL_SUBSCRIPTION:
