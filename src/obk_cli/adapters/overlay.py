@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
+from obk_cli.adapters.planted import is_planted
+
 __all__ = [
     "FOLDER",
     "RECORD",
@@ -64,7 +66,9 @@ def build_folder(workspace: Path) -> Path:
 
 
 def read_record(workspace: Path) -> OverlayRecord | None:
-    """What is in the overlay, None if there is none that can be read."""
+    """What is in the overlay, None if there is none that can be read, or another user's."""
+    if is_planted(workspace / FOLDER):
+        return None
     try:
         told = json.loads((overlay_folder(workspace) / RECORD).read_bytes())
         packages = {name: BuiltPackage(**built) for name, built in told["packages"].items()}

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from obk_cli.adapters.overlay import FOLDER, RECORD, OverlayRecord, overlay_folder
+from obk_cli.adapters.planted import is_planted
 from obk_cli.emit.write import write_text
 from obk_cli.errors import CommandFailedError
 
@@ -72,9 +73,14 @@ def build_turn(workspace: Path, on_wait: Callable[[str], None]) -> Iterator[None
     is removed.
 
     Raises:
-        CommandFailedError: the workspace cannot be written, or the other build does not end.
+        CommandFailedError: the workspace cannot be written or has another user's overlay, or the
+            other build does not end.
     """
     folder = workspace / FOLDER
+    if is_planted(folder):
+        raise CommandFailedError(
+            f"{folder} is another user's", help="keep the packages in a folder of your own"
+        )
     try:
         folder.mkdir(exist_ok=True)
         write_text(folder / ".gitignore", "# Made by `obk build`.\n*\n")

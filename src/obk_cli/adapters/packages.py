@@ -17,6 +17,7 @@ from obk_cli.adapters.entry_points import (
     source_console_scripts,
 )
 from obk_cli.adapters.overlay import overlay_prefixes
+from obk_cli.adapters.planted import is_planted
 from obk_cli.adapters.shell_scripts import module_run_by
 from obk_cli.surroundings import UNSEARCHED, Command, ExecutableMissing
 
@@ -58,12 +59,14 @@ def is_workspace(folder: Path) -> bool:
     """Whether a folder is one by itself: with packages in `src`, or a checkout."""
     # The `src` of a package holds its C++.
     has_packages = (folder / "src").is_dir() and not (folder / "package.xml").is_file()
-    return (folder / ".git").exists() or has_packages
+    is_checkout = (folder / ".git").exists() and not is_planted(folder / ".git")
+    return is_checkout or (has_packages and not is_planted(folder / "src"))
 
 
 def _has_package_inside(folder: Path) -> bool:
     try:
-        return any((child / "package.xml").is_file() for child in folder.iterdir())
+        children = (child for child in folder.iterdir() if (child / "package.xml").is_file())
+        return any(not is_planted(child) for child in children)
     except OSError:
         return False
 
@@ -204,7 +207,8 @@ class PackageIndex:
 def _python_command(entry: EntryPoint, root: Path | None, found_in: str) -> Command:
     code = f"import sys; from {entry.module} import {entry.function}; sys.exit({entry.function}())"
     return Command(
-        arguments=(sys.executable, "-c", code),
+        # -P: what lies in the working folder is no library.
+        arguments=(sys.executable, "-P", "-c", code),
         python_path=(root / entry.package_root,) if root else (),
         found_in=found_in,
         module=entry.module,
@@ -246,7 +250,7 @@ def _package_folders(folder: Path, depth: int) -> Iterator[Path]:
     """Folders with a package.xml; a package is not looked into for further ones."""
     if (folder / "COLCON_IGNORE").exists():
         return
-    if (folder / "package.xml").is_file():
+    if (folder / "package.xml").is_file() and not is_planted(folder / "package.xml"):
         yield folder
         return
     for child in _searched_children(folder, depth):
@@ -259,8 +263,13 @@ def _searched_children(folder: Path, depth: int) -> Iterator[Path]:
     for child in _listed(folder):
         is_skipped = child.name.startswith(".") or child.name in _SKIPPED
         is_open = _is_folder(child) and os.access(child, os.X_OK)
-        if not is_skipped and is_open and not (child / "pyvenv.cfg").exists():
+        if not is_skipped and is_open and not _is_foreign(child):
             yield child
+
+
+def _is_foreign(folder: Path) -> bool:
+    """Whether it is an environment of Python, or was put there by another user."""
+    return (folder / "pyvenv.cfg").exists() or is_planted(folder)
 
 
 def _unsearched_folders(folder: Path, depth: int) -> Iterator[Path]:

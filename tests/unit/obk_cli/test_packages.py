@@ -1,4 +1,5 @@
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -68,7 +69,7 @@ def test_a_script_in_source_runs_with_this_python_and_the_packages_own_path(tmp_
     command = index(tmp_path).find_executable("demo", "run")
     assert isinstance(command, Command)
     code = "import sys; from demo.run import main; sys.exit(main())"
-    assert command.arguments == (sys.executable, "-c", code)
+    assert command.arguments == (sys.executable, "-P", "-c", code)
     assert command.python_path == (root,)
 
 
@@ -203,3 +204,25 @@ def test_a_package_xml_that_may_not_be_read_counts_under_its_folders_name(
     # Whoever runs the tests may be allowed everything.
     monkeypatch.setattr(Path, "read_text", read)
     assert sorted(index(tmp_path).source_packages) == ["demo", "locked"]
+
+
+def test_a_library_in_the_working_folder_is_none(tmp_path: Path) -> None:
+    root = make_package(tmp_path / "demo", "demo", setup_py=SETUP_PY)
+    (root / "demo").mkdir()
+    (root / "demo" / "run.py").write_text(
+        "import json\n\n\ndef main():\n    print(json.dumps(1))\n"
+    )
+    here = tmp_path / "here"
+    here.mkdir()
+    (here / "json.py").write_text("raise SystemExit('this file was run')")
+    command = index(tmp_path).find_executable("demo", "run")
+    assert isinstance(command, Command)
+    done = subprocess.run(
+        command.arguments,
+        cwd=here,
+        env={**os.environ, "PYTHONPATH": str(root)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.stdout, done.stderr) == ("1\n", "")

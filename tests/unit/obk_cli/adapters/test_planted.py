@@ -1,0 +1,112 @@
+"""Where everybody may put something, what another user put there is never run."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from obk_cli.adapters.overlay import FOLDER, RECORD, overlay_prefixes
+from obk_cli.adapters.overlay_change import build_turn
+from obk_cli.adapters.packages import PackageIndex, find_workspace, package_names_in
+from obk_cli.adapters.planted import is_planted
+from obk_cli.errors import CommandFailedError
+
+ANOTHER = 54321
+"""The number of a user who is neither this one nor root."""
+BUILT = {"source": "demo_msgs", "digest": "1"}
+TOLD = {"builder": "obk", "python": "3", "ros": "/", "prefixes": ["."], "packages": {"m": BUILT}}
+
+Give = Callable[[Path], None]
+
+
+@pytest.fixture
+def shared(tmp_path: Path) -> Path:
+    """A folder such as /tmp, with one of this user's in it."""
+    folder = tmp_path / "shared"
+    (folder / "mine").mkdir(parents=True)
+    folder.chmod(0o1777)
+    return folder
+
+
+@pytest.fixture
+def give_away(monkeypatch: pytest.MonkeyPatch) -> Give:
+    """Has a file belong to another user than this process."""
+
+    def give(path: Path) -> None:
+        if os.geteuid() == 0:
+            os.lchown(path, ANOTHER, ANOTHER)
+        else:
+            monkeypatch.setattr(os, "geteuid", lambda: ANOTHER)
+
+    return give
+
+
+def package(folder: Path) -> Path:
+    folder.mkdir(exist_ok=True)
+    (folder / "package.xml").write_text("<package><name>demo</name></package>")
+    return folder
+
+
+def overlay(workspace: Path) -> Path:
+    """An overlay with a package in it."""
+    folder = workspace / FOLDER / "overlay"
+    folder.mkdir(parents=True)
+    (folder / RECORD).write_text(json.dumps(TOLD))
+    return folder
+
+
+def test_a_folder_for_everybody_makes_what_others_put_there_theirs(
+    shared: Path, give_away: Give
+) -> None:
+    (shared / "link").symlink_to("mine")
+    assert not is_planted(shared / "mine")
+    assert not is_planted(shared / "nothing")
+    give_away(shared / "link")
+    assert is_planted(shared / "link")
+    shared.chmod(0o755)
+    assert not is_planted(shared / "link")
+
+
+@pytest.mark.parametrize("mark", [".git", "src"])
+def test_it_makes_no_workspace(shared: Path, give_away: Give, mark: str) -> None:
+    (shared / mark).mkdir()
+    assert find_workspace(shared / "mine") == shared
+    give_away(shared / mark)
+    assert find_workspace(shared / "mine") == shared / "mine"
+
+
+def test_it_is_no_package_beside_a_config(shared: Path, give_away: Give) -> None:
+    package(shared / "demo")
+    assert find_workspace(shared / "mine") == shared
+    assert package_names_in(shared) == ("demo",)
+    give_away(shared / "demo")
+    assert find_workspace(shared / "mine") == shared / "mine"
+    assert package_names_in(shared) == ()
+
+
+def test_it_is_no_package_around_a_config(shared: Path, give_away: Give) -> None:
+    package(shared)
+    assert package_names_in(shared) == ("demo",)
+    give_away(shared / "package.xml")
+    assert package_names_in(shared) == ()
+
+
+def test_it_is_no_overlay(shared: Path, give_away: Give) -> None:
+    folder = overlay(shared)
+    assert overlay_prefixes([shared]) == (folder,)
+    give_away(shared / FOLDER)
+    assert overlay_prefixes([shared]) == ()
+    assert folder not in PackageIndex.around(shared, shared, {}).prefixes
+    with (
+        pytest.raises(CommandFailedError, match=r"\.obk is another user's"),
+        build_turn(shared, print),
+    ):
+        pass
+
+
+def test_what_lies_in_a_folder_of_ones_own_may_be_anybodys(shared: Path, give_away: Give) -> None:
+    package(shared / "mine" / "demo")
+    give_away(shared / "mine" / "demo")
+    assert package_names_in(shared / "mine") == ("demo",)
