@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
+from obk_cli.adapters.ros_logs import set_log_folder
 from obk_cli.errors import CommandFailedError
 
 __all__ = [
@@ -21,6 +22,7 @@ Network = Literal["localhost", "lan"]
 
 OUR_RMW: Final = "rmw_fastrtps_cpp"
 HIGHEST_DOMAIN: Final = 232
+DOMAIN: Final = "ROS_DOMAIN_ID"
 RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PEERS: Final = "ROS_STATIC_PEERS"
 OLD_SWITCH: Final = "ROS_LOCALHOST_ONLY"
@@ -48,7 +50,7 @@ class RosEnvironment:
     @property
     def domain(self) -> int:
         """The ROS domain."""
-        return int(self.variables.get("ROS_DOMAIN_ID", "0"))
+        return int(self.variables.get(DOMAIN, "0"))
 
     def put_into_effect(self) -> None:
         """Set the variables for this process."""
@@ -78,18 +80,21 @@ def ros_environment(
     if rmw and not _is_installed(rmw, variables):
         notes.append(f"RMW_IMPLEMENTATION={rmw} is not installed here; {OUR_RMW} is used instead")
         variables["RMW_IMPLEMENTATION"] = OUR_RMW
-    domain = variables.get("ROS_DOMAIN_ID", "0")
+    domain = variables.get(DOMAIN, "0")
     if not domain.isdecimal() or int(domain) > HIGHEST_DOMAIN:
         raise CommandFailedError(
             f"ROS_DOMAIN_ID={domain} is not a number from 0 to {HIGHEST_DOMAIN}"
         )
     _set_profile(variables)
+    notes += set_log_folder(variables)
     return RosEnvironment(variables=variables, range=discovery_range, notes=tuple(notes))
 
 
 def _as_the_user_has_it() -> dict[str, str]:
     """This process's variables without what a `RosEnvironment` put among them before."""
     variables = dict(os.environ)
+    if not variables.get(DOMAIN):
+        variables.pop(DOMAIN, None)  # to ROS an empty one is none
     profile = variables.get(PROFILES_FILES[0])
     if profile in (LOCALHOST_PROFILE, LAN_PROFILE):
         del variables[PROFILES_FILES[0]]

@@ -49,6 +49,27 @@ def test_a_stack_is_seen_by_this_host_only_unless_it_is_asked_for() -> None:
     assert discovery_range(ros_environment("lan")) == "SUBNET"
 
 
+def test_a_domain_that_is_empty_is_none_as_it_is_to_ros(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "")
+    environment = ros_environment()
+    assert environment.domain == 0
+    assert "ROS_DOMAIN_ID" not in environment.variables
+
+
+def test_ros_gets_a_place_for_its_logs_where_the_home_takes_nothing(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    (tmp_path / "home").touch()
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    for name in ("ROS_HOME", "ROS_LOG_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    environment = ros_environment()
+    assert environment.variables["ROS_HOME"].startswith(str(tmp_path / "obk-ros-"))
+    (note,) = environment.notes
+    assert note.startswith("ROS cannot write its log files into")
+
+
 def test_devices_on_several_hosts_find_each_other_unless_the_user_says_otherwise(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
