@@ -49,18 +49,37 @@ NOISY_FIELDS: Mapping[str, Mapping[str, FieldKind]] = MappingProxyType(
 )
 """Bare `msg_type` of a sensor group -> its fields that noise can be added to."""
 
+_MEASURED_BY: Final[Mapping[str, str]] = {
+    "joint_pos": "jointpos",
+    "joint_vel": "jointvel",
+    "linear_acceleration": "accelerometer",
+    "angular_velocity": "gyro",
+    "orientation": "framequat",
+    "position": "framepos",
+    "linear": "velocimeter",
+    "angular": "gyro",
+}
+"""Noisy field -> the sensor type that it takes its numbers from; of others any of the group's."""
+
 _UNDELAYED: Final = frozenset({"ObkImage"})
 """Groups whose messages come when they are ready, whatever the simulation time is by then."""
 
 
-def check_disturbances(group: Mapping[str, Any], path: SimPath) -> Iterator[SimFault]:
-    """Findings about `noise` and `delay` of a group that has the shape of one."""
+def check_disturbances(
+    group: Mapping[str, Any], path: SimPath, *, has_lost: bool
+) -> Iterator[SimFault]:
+    """Findings about `noise` and `delay` of a group that has the shape of one.
+
+    `has_lost`: a sensor that seems to be missing may be one whose type is written wrong.
+    """
     written = str(group["msg_type"])
     fields = NOISY_FIELDS.get(bare_name(written), {})
     for name, noise in (group.get("noise") or {}).items():
         place = (*path, "noise", name)
         if name in fields:
             yield from _check_field(name, noise, fields[name], place)
+            if not has_lost:
+                yield from _check_measured(name, group, place)
             continue
         yield SimFault(
             code="OBK101",
@@ -80,6 +99,22 @@ def check_disturbances(group: Mapping[str, Any], path: SimPath) -> Iterator[SimF
             message=f"`delay` is {delay:g}, and {with_article(written)} cannot be delayed: "
             "it is published when it is drawn",
         )
+
+
+def _check_measured(name: str, group: Mapping[str, Any], path: SimPath) -> Iterator[SimFault]:
+    """Noise would add up, sample by sample, in numbers that no sensor renews."""
+    sensor_type = _MEASURED_BY.get(name)
+    if sensor_type is None or sensor_type in (group.get("sensor_names") or {}).values():
+        return
+    yield SimFault(
+        code="OBK306",
+        severity="error",
+        path=path,
+        points_at="key",
+        message=f"the noise of `{name}` is for {with_article(sensor_type)} sensor, and the group "
+        "has none",
+        help="name the sensor, or leave the noise out",
+    )
 
 
 def _check_field(name: str, noise: object, kind: FieldKind, path: SimPath) -> Iterator[SimFault]:

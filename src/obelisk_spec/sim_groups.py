@@ -42,6 +42,7 @@ def check_group_rule(
             meant=sure_name(written, SENSOR_GROUPS),
         )
         return
+    refused: list[str] = []
     if rule.reads_sensors:
         names = group.get("sensor_names") or {}
         refused = [name for name, sensor_type in names.items() if sensor_type not in rule.takes]
@@ -49,7 +50,7 @@ def check_group_rule(
             yield _not_carried(name, names[name], written, rule, path, facts)
         yield from _check_counts(names, written, rule, path, has_lost=bool(refused))
     yield from _check_scan_given(group, written, rule, path)
-    yield from check_disturbances(group, path)
+    yield from check_disturbances(group, path, has_lost=bool(refused))
 
 
 def _not_carried(

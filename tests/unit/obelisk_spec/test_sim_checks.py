@@ -2,8 +2,10 @@ from typing import Any
 
 import pytest
 
+from obelisk_spec.disturbances import NOISY_FIELDS
 from obelisk_spec.model import ModelFacts, SensorFact
 from obelisk_spec.scans import grid_count, turn_count
+from obelisk_spec.sensors import SENSOR_GROUPS
 from obelisk_spec.sim_checks import check_sim
 
 
@@ -25,6 +27,7 @@ FACTS = ModelFacts(
             sensor("dq", "jointvel", "joint", "hinge"),
             sensor("acc", "accelerometer"),
             sensor("rot", "framequat"),
+            sensor("rate", "gyro"),
             sensor("pos", "framepos", "body", "tip"),
             sensor("tip_rot", "framequat", "body", "tip"),
         )
@@ -276,8 +279,11 @@ def test_a_grid_has_a_ray_at_both_ends(length: float, resolution: float, count: 
     assert grid_count(length, resolution) == count
 
 
+IMU_SENSORS = {"acc": "accelerometer", "rate": "gyro", "rot": "framequat"}
+
+
 def disturbance_faults(msg_type: str = "ObkImu", **given: Any) -> list[str]:
-    names = {"ObkImu": {"acc": "accelerometer"}, "ObkImage": {"front": "camera"}}
+    names = {"ObkImu": IMU_SENSORS, "ObkImage": {"front": "camera"}}
     settings = [group(msg_type, names=names.get(msg_type, {"q": "jointpos"}), **given)]
     return [
         f"{fault.code} {'.'.join(map(str, fault.path[2:]))}: {fault.message}"
@@ -334,6 +340,11 @@ def test_noise_is_a_number_or_one_for_each_axis(noise: dict[str, Any]) -> None:
             "OBK103 delay: `delay` is 0.1, and an `ObkImage` cannot be delayed: it is published "
             "when it is drawn",
         ),
+        (
+            {"msg_type": "ObkJointEncoders", "noise": {"joint_vel": {"sigma": 1}}},
+            "OBK306 noise.joint_vel: the noise of `joint_vel` is for a `jointvel` sensor, and the "
+            "group has none",
+        ),
         ({"dropout": 1.5}, "OBK103 dropout: `dropout` is 1.5, expected a number from 0 to 1"),
         (
             {"delay": "1"},
@@ -347,3 +358,17 @@ def test_noise_is_a_number_or_one_for_each_axis(noise: dict[str, Any]) -> None:
 )
 def test_a_disturbance_that_cannot_be_is_told(given: dict[str, Any], fault: str) -> None:
     assert disturbance_faults(**given) == [fault]
+
+
+@pytest.mark.parametrize("msg_type", NOISY_FIELDS)
+def test_noise_of_a_field_is_for_sensors_that_the_message_takes(msg_type: str) -> None:
+    takes = SENSOR_GROUPS[msg_type].takes
+    for field in NOISY_FIELDS[msg_type]:
+        names = {sensor_type: sensor_type for sensor_type in takes}
+        settings = group(msg_type, names=names, noise={field: {"sigma": 1}})
+        assert "OBK306" not in codes({"sensor_settings": [settings]})
+
+
+def test_noise_is_not_told_where_the_type_of_its_sensor_is_written_wrong() -> None:
+    settings = group("ObkJointEncoders", names={"q": "jointpso"}, noise={"joint_pos": {}})
+    assert codes({"sensor_settings": [settings]}) == ["OBK305"]
