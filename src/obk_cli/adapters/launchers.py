@@ -31,7 +31,7 @@ def end_launcher(
 ) -> LauncherEnd:
     """Ask a launcher to bring its stack down, and wait for its end.
 
-    Asks over the control socket, else by SIGINT.
+    Asks over the control socket, else by SIGINT; one that was stopped goes on for that.
 
     Args:
         folder: the run's.
@@ -44,6 +44,8 @@ def end_launcher(
     def is_there() -> bool:
         return is_alive(read_run(folder) or run)
 
+    # One that was stopped (Ctrl-Z) has to go on to end anything.
+    signal_process(run.pid, run.started, signal.SIGCONT)
     if not ask_stop(folder, reason):
         signal_process(run.pid, run.started, signal.SIGINT)
     if _comes_true(lambda: not is_there(), timeout_s):

@@ -5,7 +5,6 @@ which a launch has it beside its nodes. Ends on SIGINT, SIGTERM, SIGHUP, or when
 """
 
 import os
-import signal
 import sys
 import threading
 import time
@@ -13,9 +12,10 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from obk_cli.adapters.bag_writer import BagWriter
+from obk_cli.adapters.end_signals import end_signals_heard
 from obk_cli.adapters.extras import no_ros
 from obk_cli.adapters.files import explain_os_error
 from obk_cli.adapters.ros_recorder import RosRecorder
@@ -24,8 +24,6 @@ from obk_cli.recording.job import BEGUN, Job, job_from_json
 from obk_cli.recording.tally import DROPS, Tally
 
 __all__ = ["Recorded", "main", "record", "recorded_text"]
-
-END_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +47,8 @@ def record(job: Job, tell: Callable[[str], None]) -> Recorded:
         CommandFailedError: the file is there already or takes no more, or ROS does not start.
     """
     with ExitStack() as stack:
-        is_over = stack.enter_context(_signalled())
+        is_over = threading.Event()
+        stack.enter_context(end_signals_heard(lambda _: is_over.set()))
         node = stack.enter_context(_node())
         writer = BagWriter(job.path)
         try:
@@ -81,18 +80,6 @@ def recorded_text(recorded: Recorded) -> str:
         f"recorded {sum(t.count for t in tallies)} messages of {topics} topics in "
         f"{recorded.seconds:.1f} s, {sum(t.dropped for t in tallies)} lost: {recorded.path}"
     )
-
-
-@contextmanager
-def _signalled() -> Iterator[threading.Event]:
-    """While entered, a signal that asks for the end sets the event."""
-    is_over = threading.Event()
-    before = {n: signal.signal(n, lambda *_: is_over.set()) for n in END_SIGNALS}
-    try:
-        yield is_over
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager

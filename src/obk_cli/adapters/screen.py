@@ -6,6 +6,7 @@ On a terminal a status area may stand below the lines; it is drawn in that threa
 """
 
 import os
+import select
 import threading
 from collections.abc import Callable
 from types import TracebackType
@@ -125,7 +126,10 @@ class Screen:
     def _write(self, text: str) -> None:
         data = memoryview(text.encode(errors="replace"))
         while data:
-            data = data[os.write(self._fd, data) :]
+            try:
+                data = data[os.write(self._fd, data) :]
+            except BlockingIOError:  # a program on the same terminal has made it so
+                select.select([], [self._fd], [])
 
     def _taken(self) -> list[str] | None:
         """All that waits, once there is any or the footer is due; None at the end."""

@@ -10,11 +10,10 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from queue import SimpleQueue
 from tempfile import TemporaryDirectory
-from types import FrameType
-from typing import Final
 
 from obk_cli.adapters.clock import monotonic_s
 from obk_cli.adapters.control_socket import serve_control
+from obk_cli.adapters.end_signals import end_signals_heard
 from obk_cli.adapters.leftovers import launch_marks
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
@@ -41,8 +40,6 @@ from obk_cli.running.surface import Surface
 
 __all__ = ["run_plan"]
 
-END_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
 
 def run_plan(
     plan: Plan,
@@ -67,7 +64,7 @@ def run_plan(
     inbox, share = SimpleQueue[Heard](), options.share
     executables, units = _units(plan, packages, options)
     with ExitStack() as stack:
-        stack.enter_context(_signals_to(inbox))
+        stack.enter_context(end_signals_heard(_asking_for_the_end(inbox)))
         stack.callback(remove_dead_segments)
         surface.screen.when_closed(lambda: inbox.put(StopAsked(reason="the output was closed")))
         claim = stack.enter_context(claimed(plan, environment, options))
@@ -223,18 +220,9 @@ def _commands(
         raise CommandFailedError(f"the parameters cannot be written: {error}") from error
 
 
-@contextmanager
-def _signals_to(inbox: "SimpleQueue[Heard]") -> Iterator[None]:
-    """While entered, SIGINT, SIGTERM and SIGHUP ask for the stack to stop."""
-
-    def ask(number: int, _frame: FrameType | None) -> None:
+def _asking_for_the_end(inbox: "SimpleQueue[Heard]") -> Callable[[signal.Signals], None]:
+    def ask(number: signal.Signals) -> None:
         # A closing terminal sends SIGHUP more than once, and nobody's impatience.
-        is_urgent = number != signal.SIGHUP
-        inbox.put(StopAsked(reason=signal.Signals(number).name, is_urgent=is_urgent))
+        inbox.put(StopAsked(reason=number.name, is_urgent=number != signal.SIGHUP))
 
-    before = {number: signal.signal(number, ask) for number in END_SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    return ask

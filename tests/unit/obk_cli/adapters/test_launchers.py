@@ -46,6 +46,13 @@ def test_a_launcher_without_a_socket_gets_sigint(tmp_path: Path) -> None:
         assert process.wait(DEADLINE_S) == -signal.SIGINT
 
 
+def test_a_launcher_that_was_stopped_goes_on_to_its_end(tmp_path: Path) -> None:
+    with launcher(WAIT, tmp_path) as (process, run):
+        process.send_signal(signal.SIGSTOP)
+        assert end_launcher(tmp_path, run, reason="test", timeout_s=DEADLINE_S) == "ended"
+        assert process.wait(DEADLINE_S) == -signal.SIGINT
+
+
 def test_a_launcher_that_does_not_end_is_left_or_killed_as_asked(tmp_path: Path) -> None:
     with launcher(IGNORE, tmp_path) as (process, run):
         assert end_launcher(tmp_path, run, reason="test", timeout_s=0.01) == "still there"

@@ -78,3 +78,16 @@ def test_a_reader_that_left_before_anybody_asked_is_told_too(pipe: tuple[int, in
     is_told = threading.Event()
     screen.when_closed(is_told.set)
     assert is_told.is_set()
+
+
+def test_a_pipe_that_does_not_wait_is_not_taken_for_closed(pipe: tuple[int, int]) -> None:
+    read_fd, write_fd = pipe
+    os.set_blocking(write_fd, False)
+    is_told = threading.Event()
+    with Screen(write_fd) as screen:
+        screen.when_closed(is_told.set)
+        large = "x" * (1 << 20)
+        screen.put(large)
+        screen.put("the last one")
+        assert read_to_the_end_of(read_fd, "the last one") == [large, "the last one"]
+    assert not is_told.is_set()

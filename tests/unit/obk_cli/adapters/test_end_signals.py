@@ -1,0 +1,36 @@
+"""Signals that ask for the end, those that were ignored before among them."""
+
+import signal
+from collections.abc import Iterator
+
+import pytest
+
+from obk_cli.adapters.end_signals import end_signals_heard
+
+
+@pytest.fixture(autouse=True)
+def _as_before() -> Iterator[None]:
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGHUP)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_each_is_heard_and_afterwards_all_is_as_before() -> None:
+    heard: list[signal.Signals] = []
+    before = signal.getsignal(signal.SIGTERM)
+    with end_signals_heard(heard.append):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.raise_signal(number)
+    assert heard == [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_under_nohup_the_terminal_may_go_and_sigint_still_ends() -> None:
+    heard: list[signal.Signals] = []
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    with end_signals_heard(heard.append):
+        signal.raise_signal(signal.SIGHUP)
+        signal.raise_signal(signal.SIGINT)
+    assert heard == [signal.SIGINT]
