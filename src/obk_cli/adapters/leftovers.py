@@ -15,6 +15,7 @@ from typing import Final
 import psutil
 
 from obk_cli.adapters.process_start import (
+    counts_as_here,
     is_process,
     signal_process,
     start_s,
@@ -96,7 +97,9 @@ def _leftover(process: psutil.Process, parent: Path) -> Leftover | None:
     """What is known of a process, if it has a launcher that is gone."""
     try:
         variables = process.environ()
-        if RUN_MARK not in variables or not _is_launcher_gone(variables, parent):
+        if RUN_MARK not in variables or not counts_as_here(process.pid):
+            return None
+        if not _is_launcher_gone(variables, parent):
             return None
         started = start_s(process.pid)
         command = " ".join(process.cmdline()) or process.name()

@@ -14,6 +14,7 @@ from typing import Final
 
 __all__ = [
     "boot_id",
+    "counts_as_here",
     "is_process",
     "seconds_since",
     "signal_process",
@@ -96,6 +97,18 @@ def working_folder(pid: int) -> Path | None:
         return Path(f"/proc/{pid}/cwd").readlink()
     except OSError:
         return None
+
+
+def counts_as_here(pid: int) -> bool:
+    """Whether a process of this user's knows others by the numbers that they have here.
+
+    One in a container does not: its launcher's number is one of in there.
+    Source: pid_namespaces(7).
+    """
+    try:
+        return Path(f"/proc/{pid}/ns/pid").readlink() == Path("/proc/self/ns/pid").readlink()
+    except OSError:
+        return False
 
 
 def boot_id() -> str:

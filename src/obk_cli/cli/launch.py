@@ -30,6 +30,7 @@ from obk_cli.cli.render_options import (
 )
 from obk_cli.errors import MisuseError
 from obk_cli.launch.devices import Share
+from obk_cli.launch.doors import Limits
 from obk_cli.launch.order import UNTIL, Until
 from obk_cli.pipeline import compile_config
 from obk_cli.plan import OnCrash, ParameterValue, Plan
@@ -58,7 +59,10 @@ def command(
     duration: Annotated[
         float | None, typer.Option(help="Seconds after which the stack is brought down.")
     ] = None,
-    timeout: Annotated[float, typer.Option(help="Seconds that a transition may take.")] = 10.0,
+    timeout: Annotated[
+        float,
+        typer.Option(help="Seconds that a transition may take; a start may take 20 at least."),
+    ] = 10.0,
     on_crash: Annotated[
         str,
         typer.Option(
@@ -148,7 +152,6 @@ def command(
     from obk_cli.adapters.ros_environment import Network, ros_environment
     from obk_cli.cli.build_first import on_overlays
     from obk_cli.launch.devices import share_of
-    from obk_cli.launch.doors import Limits
     from obk_cli.running.options import LaunchOptions
     from obk_cli.running.run import run_plan
     from obk_cli.running.surface import open_surface
@@ -169,7 +172,7 @@ def command(
         share=share,
         until=cast(Until, until),
         duration_s=duration,
-        limits=Limits(transition_s=timeout, hang_s=hang_after or float("inf")),
+        limits=_limits(timeout, hang_after),
         on_crash=cast(OnCrash, on_crash),
         strict_rates=strict_rates,
         is_composed=composed,
@@ -199,6 +202,12 @@ def _check_numbers(timeout: float, hang_after: float, keep: int, duration: float
     ):
         if not is_fit:
             raise MisuseError(f"`{option} {number:g}`: expected {expected}")
+
+
+def _limits(timeout_s: float, hang_s: float) -> Limits:
+    """How long things may take; nodes that are slow in a transition may be slow to start, too."""
+    start_s = max(timeout_s, Limits().start_s)
+    return Limits(transition_s=timeout_s, start_s=start_s, hang_s=hang_s or float("inf"))
 
 
 def _check_devices(plan: Plan, device: str | None, lead: str | None) -> None:

@@ -16,6 +16,7 @@ from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.launch.asks import ChangeAnswer, Member
+from obk_cli.launch.roster import GONE, UNKNOWN
 from obk_cli.launch.transitions import RESTING, TRANSITIONS
 from obk_cli.report.escapes import plain
 
@@ -24,6 +25,8 @@ __all__ = ["EXAMPLE", "WORDS", "command"]
 EXAMPLE = "Example: obk lifecycle deactivate obelisk_control_0"
 WORDS = ("get", "list", *TRANSITIONS)
 """What may stand behind `obk lifecycle`."""
+NOWHERE = frozenset({NO_ANSWER, UNKNOWN, GONE})
+"""In place of a state, of nodes that have told none."""
 
 
 def command(
@@ -63,7 +66,7 @@ def command(
         _report_states(states, is_json=is_json)
     else:
         _report_possible(states, is_json=is_json)
-    raise typer.Exit(EXIT_FAILED if {NO_ANSWER, "unknown"} & set(states.values()) else EXIT_DONE)
+    raise typer.Exit(EXIT_FAILED if NOWHERE & set(states.values()) else EXIT_DONE)
 
 
 def _report_states(states: Mapping[str, str], *, is_json: bool) -> None:

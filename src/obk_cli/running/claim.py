@@ -11,6 +11,7 @@ from obk_cli.adapters.process_start import this_process
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.versions import run_versions
 from obk_cli.emit.plan_json import emit_plan
+from obk_cli.errors import ObkError
 from obk_cli.launch.events import Ended
 from obk_cli.launch.runs import MadeFrom, Run, note_end, runs_folder
 from obk_cli.plan import Plan
@@ -61,6 +62,9 @@ def claimed(plan: Plan, environment: RosEnvironment, options: LaunchOptions) -> 
     claim = Claim(run=run, folder=folder)
     try:
         yield claim
+    except ObkError as error:
+        claim.ended = Ended(exit_code=error.exit_code, cause=error.message)
+        raise
     finally:
         # Where it cannot be noted, the launcher's end will tell.
         with suppress(OSError):

@@ -9,6 +9,7 @@ from typing import Final, Protocol, Self
 from obk_cli.adapters.clock import wall_s
 from obk_cli.adapters.node_lines import NodeLines
 from obk_cli.adapters.screen import Screen
+from obk_cli.errors import ObkError
 from obk_cli.launch.events import Told
 from obk_cli.launch.journal import Journal
 from obk_cli.launch.units import Unit
@@ -58,7 +59,9 @@ class Output:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the run's files."""
+        """Close the run's files; a run that could not begin tells them why."""
+        if isinstance(error, ObkError):
+            self.journal.shown(plain(f"failed: {error.message}"))
         self.journal.close()
 
     def also_to(self, listener: Callable[[Told], None]) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from obk_cli.adapters import leftovers
 from obk_cli.adapters.leftovers import end_leftovers, find_leftovers, launch_marks
 from obk_cli.adapters.process_start import start_s, this_process
 from obk_cli.launch.runs import Run, write_run
@@ -148,3 +149,13 @@ def test_whoever_clears_up_is_spared(tmp_path: Path) -> None:
         check=True,
     )
     assert result.stdout == "0\n"
+
+
+def test_what_runs_in_a_container_is_left_to_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with running(WAIT, {"OBK_RUN": RUN, "OBK_LAUNCHER": GONE}) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        monkeypatch.setattr(leftovers, "counts_as_here", lambda pid: pid != process.pid)
+        assert not find_leftovers(tmp_path, run=RUN)

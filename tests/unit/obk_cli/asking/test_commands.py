@@ -52,6 +52,8 @@ def test_get_shows_nodes_and_states(parent: Path, capsys: pytest.CaptureFixture[
 def test_a_state_that_nobody_knows_fails(parent: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with fake_stack(parent, {ROBOT: "unknown", CONTROL: "active"}) as stack:
         assert obk("lifecycle", "get") == 1
+        stack.states[ROBOT] = "gone"
+        assert obk("lifecycle", "get") == 1
         stack.states[ROBOT] = "active"
         stack.hung.add(CONTROL)
         assert obk("lifecycle", "get") == 1
