@@ -17,6 +17,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Int32
 
 from obk_cli.adapters.unbuilt_types import stand_in
+from obk_cli.errors import CommandFailedError
 
 from .looking import announce_as_a_stack_does, refused
 from .stack import DEADLINE_S, OBK, eventually, obk
@@ -125,3 +126,9 @@ def test_a_type_that_is_not_built_here_is_counted_and_cannot_be_shown() -> None:
     assert rate["mean_bytes"] == len(data)
     assert "the type nowhere_msgs/msg/Odd is not here" in complaint
     assert "`obk build nowhere_msgs`" in complaint
+
+
+def test_types_of_other_dds_programs_and_of_an_older_ros_are_no_fault() -> None:
+    assert stand_in("nowhere_msgs/msg/Older", "INVALID").__name__ == "Older"
+    with pytest.raises(CommandFailedError, match="`Odd` is no type of ROS 2"):
+        stand_in("Odd", "")

@@ -5,7 +5,6 @@ from each subscription. A topic is subscribed once its type is known, a named on
 before it has a publisher. Never holds a publisher up: what comes too fast is lost here, counted.
 """
 
-import importlib
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ from typing import Any, Final
 from obk_cli.adapters.bag_writer import FLUSH_S, BagWriter
 from obk_cli.adapters.definitions import installed_definition
 from obk_cli.adapters.raw_topics import RawTopic
+from obk_cli.adapters.ros_types import find_type
 from obk_cli.recording.choice import Wish, chosen_topics
 from obk_cli.recording.qos import offers_text
 from obk_cli.recording.schema_text import schema_text
@@ -133,12 +133,10 @@ class RosRecorder:
 
     def _begin(self, name: str, msg_type: str) -> None:
         try:
-            package, _, kind = msg_type.split("/")
-            python_type = getattr(importlib.import_module(f"{package}.msg"), kind)
-            raw = RawTopic(self._node.handle, name, msg_type, python_type)
+            raw = RawTopic(self._node.handle, name, msg_type, find_type(msg_type))
         except Exception as error:  # whatever a generated package may raise
             self._refused.add(name)
-            self._tell(f"warning: {name} is not recorded: no type `{msg_type}` here ({error})")
+            self._tell(f"warning: {name} is not recorded: {error}")
             return
         self._topics[name] = _Topic(raw=raw)
 

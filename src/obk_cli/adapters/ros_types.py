@@ -4,10 +4,12 @@ What a generated package raises is mapped here. The packages of overlays are fou
 imports from them (`overlay_environment.import_from`).
 """
 
-import importlib
+import importlib.util
 import time
 from collections.abc import Iterable, Mapping
-from typing import Any
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
 
 from obelisk_spec.near import did_you_mean
 from obk_cli.errors import CommandFailedError
@@ -17,6 +19,7 @@ from obk_cli.looking.fill import Data, Now
 __all__ = ["fields_of", "find_type", "make_message", "raw_type", "short_type"]
 
 NS: int = 1_000_000_000
+SECTIONS: Final = ("msg", "srv", "action")
 
 
 def find_type(name: str) -> Any:
@@ -28,19 +31,36 @@ def find_type(name: str) -> Any:
     package, _, rest = name.partition("/")
     section, _, kind = rest.rpartition("/")
     try:
-        module = importlib.import_module(f"{package}.{section or 'msg'}")
+        module = _import_section(package, section or "msg")
     except Exception as error:  # whatever a generated package may raise
         raise CommandFailedError(
             f"the type {name} is not here ({error})",
             help=f"where `{package}` is a package of a workspace: `obk build {package}` in it; "
             "else install it, or source the workspace that has it",
         ) from error
-    if not hasattr(module, kind):
+    found = getattr(module, kind, None)
+    if not isinstance(found, type):
         known = [one for one in vars(module) if one[:1].isupper() and "_" not in one]
         raise CommandFailedError(
             f"the package {package} has no type {name}", help=did_you_mean(kind, known)
         )
-    return getattr(module, kind)
+    return found
+
+
+def _import_section(package: str, section: str) -> ModuleType:
+    """Import the messages of a package, and nothing else that goes by such a name.
+
+    Names come from whoever is in the ROS graph, and importing a module runs it.
+
+    Raises:
+        ImportError: there is no package with such messages.
+        Exception: whatever a generated package raises.
+    """
+    spec = importlib.util.find_spec(package) if package.isidentifier() else None
+    folders = (spec.submodule_search_locations or ()) if spec else ()
+    if section not in SECTIONS or not any(Path(one, section).is_dir() for one in folders):
+        raise ImportError(f"no package `{package}` with messages")
+    return importlib.import_module(f"{package}.{section}")
 
 
 def raw_type(name: str, hashes: Iterable[str]) -> Any:
@@ -58,7 +78,7 @@ def raw_type(name: str, hashes: Iterable[str]) -> Any:
     except CommandFailedError:
         from obk_cli.adapters.unbuilt_types import stand_in
 
-        return stand_in(name, min(hashes, default=""))
+        return stand_in(name, max(hashes, default=""))
 
 
 def short_type(name: str) -> str:

@@ -70,7 +70,8 @@ def stand_in(name: str, type_hash: str) -> Any:
         type_hash: as publishers tell it.
 
     Raises:
-        CommandFailedError: the middleware is none that does with a type's name.
+        CommandFailedError: the middleware is none that does with a type's name, or it is none of
+            ROS 2.
     """
     if name not in _made:
         _made[name] = _made_up(name, type_hash)
@@ -89,13 +90,12 @@ def _made_up(name: str, type_hash: str) -> Any:
         raise CommandFailedError(
             f"the type {name} is not built here, and only Fast DDS can do without it"
         )
-    package, section, kind = name.split("/")
+    package, section, kind = _parts(name)
     special = _copy(_Support, found)
     callbacks = _copy(_Callbacks, special.data)
     callbacks.namespace = f"{package}::{section}".encode()
     callbacks.name = kind.encode()
-    digest = bytes.fromhex(type_hash.removeprefix(HASH_PREFIX)) or bytes(32)
-    its_hash = _Hash(1, (ctypes.c_uint8 * 32)(*digest))
+    its_hash = _Hash(1, (ctypes.c_uint8 * 32)(*_digest(type_hash)))
     give_hash = _GiveHash(lambda _: ctypes.addressof(its_hash))
     special.data = ctypes.addressof(callbacks)
     special.hash = ctypes.cast(give_hash, ctypes.c_void_p).value
@@ -125,6 +125,20 @@ def _made_up(name: str, type_hash: str) -> Any:
         },
     )
     return meta(kind, (), {})
+
+
+def _parts(name: str) -> list[str]:
+    """Package, section and name, as other DDS programs need not have them."""
+    parts = name.split("/")
+    if len(parts) != 3:
+        raise CommandFailedError(f"`{name}` is no type of ROS 2")
+    return parts
+
+
+def _digest(type_hash: str) -> bytes:
+    """The 32 bytes of a hash; zeros where none is told, as by an older ROS 2."""
+    is_told = type_hash.startswith(HASH_PREFIX)
+    return bytes.fromhex(type_hash.removeprefix(HASH_PREFIX)) if is_told else bytes(32)
 
 
 def _copy(kind: Any, address: int | None) -> Any:
