@@ -40,10 +40,10 @@ def command(
     target = Target(environment=here(domain, TIMEOUT_S).environment, domain=domain, run=run)
     is_there = target.choose(target.place()) is not None
 
-    from obk_cli.adapters.web_app import TOKEN, Site, make_app
+    from obk_cli.adapters.web_app import TICKET, TOKEN, Site, make_app
     from obk_cli.adapters.web_server import HOST, WebServer, take_port
     from obk_cli.web.feed import Feed
-    from obk_cli.web.guard import new_token
+    from obk_cli.web.guard import Ticket, new_token
     from obk_cli.web.plots import Plots
 
     with take_port(port) as taken:
@@ -52,13 +52,14 @@ def command(
         watcher = Watcher(target, with_types, PERIOD_S, beside=plots.turn)
         feed = Feed(watcher, runs_folder(os.environ), server.end)
         site = Site(lambda: feed.moment, plots, target.change, lambda: server.is_ending)
-        url = f"http://{HOST}:{number}/?{TOKEN}={token}"
-        print(f"the stack is shown at {url}\nCtrl-C ends", flush=True)
+        ticket = Ticket(word=new_token(), user=os.geteuid()) if open_ else None
+        url = f"http://{HOST}:{number}/?"
+        print(f"the stack is shown at {url}{TOKEN}={token}\nCtrl-C ends", flush=True)
         if run is not None and not is_there:
             print(f"no stack `{run}` runs on this host yet: the page waits for it", flush=True)
         feed.start()
-        if open_:
-            webbrowser.open(url)
-        server.run(make_app(site, token=token, port=number), taken)
+        if ticket is not None:
+            webbrowser.open(f"{url}{TICKET}={ticket.word}")
+        server.run(make_app(site, token=token, port=number, ticket=ticket), taken)
         feed.stop()
     raise typer.Exit(EXIT_DONE)

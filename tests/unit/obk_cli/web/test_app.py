@@ -14,16 +14,18 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.launch.asks import ChangeAnswer, Member
 from obk_cli.monitoring.view import StackView
 from obk_cli.web.feed import Moment
-from obk_cli.web.guard import HEADERS, new_token
+from obk_cli.web.guard import HEADERS, Ticket, new_token
 from obk_cli.web.traces import Heard, Wish
 
 from ..monitoring.stacks import BROKEN, HEALTHY  # noqa: TID252 - shared by folders of tests
 
 pytest.importorskip("starlette", reason="starlette is in the `web` extra")
 
+from obk_cli.adapters import web_app
 from obk_cli.adapters.web_app import PAGE, Site, make_app
 
 TOKEN = new_token()
+TICKET = Ticket(word=new_token(), user=7)
 PORT = 8420
 HOST = f"127.0.0.1:{PORT}"
 REACHED = ChangeAnswer(
@@ -99,7 +101,10 @@ def asked(
     """A request with the headers of the page itself, but for those given."""
     behind = behind or Behind()
     app = make_app(
-        Site(behind.moment, behind, behind.change, behind.is_ending), token=TOKEN, port=PORT
+        Site(behind.moment, behind, behind.change, behind.is_ending),
+        token=TOKEN,
+        port=PORT,
+        ticket=TICKET,
     )
     page = {"host": HOST, "origin": f"http://{HOST}", "cookie": f"obk_{PORT}={TOKEN}"}
     told = {**page, **(headers or {})}
@@ -171,6 +176,17 @@ def test_the_address_with_its_token_gives_the_page_and_a_cookie() -> None:
         f"obk_{PORT}={TOKEN}; HttpOnly; Path=/; SameSite=strict"
     )
     assert asked("/graph", headers={"cookie": "", "x-obk-token": TOKEN}).status == 200
+
+
+def test_the_address_that_obk_opens_is_taken_from_its_user_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    query = f"ticket={TICKET.word}"
+    for user, status in ((TICKET.user, 200), (8, 401), (None, 401)):
+        monkeypatch.setattr(web_app, "user_of_connection", lambda client, port, user=user: user)
+        answer = asked("/", query=query, headers={"cookie": "", "origin": ""})
+        assert answer.status == status
+    assert asked("/", query="ticket=", headers={"cookie": "", "origin": ""}).status == 401
 
 
 def test_every_file_of_the_page_is_there_and_nothing_else() -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from obk_cli.web.guard import HEADERS, WebRequest, new_token, refusal
+from obk_cli.web.guard import HEADERS, Ticket, WebRequest, new_token, refusal
 
 TOKEN = new_token()
 
@@ -69,3 +69,24 @@ def test_nothing_is_run_that_does_not_come_from_here() -> None:
     assert policy["script-src"] == "'self'"
     assert policy["frame-ancestors"] == "'none'"
     assert "unsafe" not in HEADERS["Content-Security-Policy"]
+
+
+@pytest.mark.parametrize(
+    ("ticket", "user", "expected"),
+    [
+        ("word", 7, None),
+        ("word", 0, None),
+        ("word", 8, 401),
+        ("word", None, 401),
+        ("other", 7, 401),
+    ],
+)
+def test_a_ticket_is_taken_from_its_user_and_root_alone(
+    ticket: str, user: int | None, expected: int | None
+) -> None:
+    request = WebRequest(
+        method="GET", host="localhost:1", origin=None, tokens=(), ticket=ticket, user=user
+    )
+    why = refusal(request, TOKEN, Ticket(word="word", user=7))
+    assert (why.status if why else None) == expected
+    assert refusal(request, TOKEN) is not None
