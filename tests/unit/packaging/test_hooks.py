@@ -83,3 +83,15 @@ def test_the_hook_checks_the_files_that_it_is_given(repository: Path, tmp_path: 
     )
     assert done.returncode == 1
     assert "error[OBK203]" in done.stdout
+
+
+def test_the_action_takes_no_library_out_of_the_checkout(steps: list[dict[str, Any]]) -> None:
+    scripts = [step["run"] for step in steps if "python" in step.get("run", "")]
+    assert scripts
+    assert all(script.startswith("python -P -m pip ") for script in scripts)
+
+
+def test_the_name_of_a_config_is_no_option(steps: list[dict[str, Any]], tmp_path: Path) -> None:
+    done = check(steps, tmp_path, "--help")
+    assert done.returncode == 1
+    assert done.stdout.startswith("::error file=--help,")
