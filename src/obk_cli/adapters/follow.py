@@ -9,8 +9,10 @@ from typing import IO, Final
 __all__ = ["follow_lines", "last_lines", "read_lines"]
 
 POLL_S: Final = 0.1
-_LONGEST_LINE: Final = 512
-"""What a line has on the average at most, where the last ones are wanted [bytes]."""
+_BLOCK: Final = 1 << 15
+"""Read at once from behind, where the last lines are wanted [bytes]."""
+_MOST: Final = 1 << 20
+"""Of the last lines: what the longest may have in all [bytes]."""
 
 
 def read_lines(path: Path) -> Iterator[str]:
@@ -27,19 +29,24 @@ def read_lines(path: Path) -> Iterator[str]:
 
 
 def last_lines(path: Path, count: int) -> tuple[str, ...]:
-    """The last lines of a file, however long it is; fewer where they are very long.
+    """The last lines of a file, however long it is; fewer where they have 1 MiB and more.
 
     Raises:
         OSError: it is there and cannot be read.
     """
     try:
         with path.open("rb") as file:
-            size = file.seek(0, os.SEEK_END)
-            begin = max(0, size - count * _LONGEST_LINE)
-            file.seek(begin)
-            lines = file.read().decode(errors="replace").splitlines()
+            begin = file.seek(0, os.SEEK_END)
+            data = b""
+            # One line end more than lines: what stands before the first is not whole.
+            while begin > 0 and data.count(b"\n") <= count and len(data) < _MOST:
+                size = min(_BLOCK, begin)
+                begin -= size
+                file.seek(begin)
+                data = file.read(size) + data
     except FileNotFoundError:
         return ()
+    lines = data.decode(errors="replace").removesuffix("\n").split("\n") if data else []
     whole = lines[1:] if begin else lines
     return tuple(whole[-count:])
 

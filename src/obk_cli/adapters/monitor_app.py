@@ -159,8 +159,8 @@ class MonitorApp(App[Exception | None]):
         self._has_looked = False
         self._chosen = ""
         """The full name of a node; empty: the stack."""
-        self._asked: tuple[str, tuple[str, ...]] | None = None
-        """A key and nodes that wait for the user's yes."""
+        self._asked: tuple[StackView, str, tuple[str, ...]] | None = None
+        """A stack as it was seen, a key and nodes that wait for the user's yes."""
         self._is_busy = False
         self._part = ""
         self._shows_help = False
@@ -228,19 +228,19 @@ class MonitorApp(App[Exception | None]):
         if self._is_busy or view is None or view.has_ended:
             self._say("wait for the last one to end" if self._is_busy else "nothing runs")
             return
-        self._asked = (key, (self._chosen,) if self._chosen else ())
+        self._asked = (view, key, (self._chosen,) if self._chosen else ())
         who = short_name(self._chosen) if self._chosen else f"all {len(view.nodes)} nodes"
         moves = "; the robot may move" if MOVING in VERBS[key] else ""
         self._say(f"{', '.join(VERBS[key])} {who}{moves}?  y / n")
 
     def action_confirm(self) -> None:
         """Carry out what was asked."""
-        if self._asked is None or self._view is None:
+        if self._asked is None:
             return
-        (key, nodes), self._asked = self._asked, None
+        (view, key, nodes), self._asked = self._asked, None
         self._is_busy = True
         threading.Thread(
-            target=self._carry_out, args=(self._view, VERBS[key], nodes), daemon=True
+            target=self._carry_out, args=(view, VERBS[key], nodes), daemon=True
         ).start()
 
     def action_drop(self) -> None:

@@ -5,7 +5,8 @@ one. Nodes and states come from the launcher, loads from the kernel, rates and a
 subscriptions that deserialize nothing.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -15,9 +16,11 @@ from obk_cli.adapters.launcher_look import LauncherParameters
 from obk_cli.adapters.live_runs import is_alive
 from obk_cli.adapters.process_load import OwnCost, ProcessLoad, ProcessLoads
 from obk_cli.adapters.ros_look import RosLook
+from obk_cli.asking.names import section_of
 from obk_cli.asking.run_logs import LAUNCH_LOG
 from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.runs import Run, read_run
+from obk_cli.launch.state_machine import UNKNOWN
 from obk_cli.launch.transitions import ACTIVE
 from obk_cli.looking.parameters import Parameter
 from obk_cli.monitoring.promised import planned_topics, simulated_robots
@@ -57,6 +60,8 @@ class Observer:
         if simulated:
             self._watch.want_parameter_events(self._speeds.hear)
         self._cost = OwnCost()
+        self._told = tuple(_untold(run))
+        """What the launcher said last of its nodes."""
 
     def turn(self) -> None:
         """Count what has come; returns after 20 ms."""
@@ -72,7 +77,8 @@ class Observer:
         run = self._run if status else read_run(self._folder) or self._run
         if status is not None:
             self._follow_speeds(status)
-        nodes = self._nodes(status)
+        has_ended = status is None and not is_alive(run)
+        nodes = () if has_ended else self._nodes(status)
         active = {node.node for node in nodes if node.state == ACTIVE}
         return StackView(
             run=self._folder.name,
@@ -86,7 +92,7 @@ class Observer:
             topics=self._watch.views(active),
             lines=last_lines(self._folder / LAUNCH_LOG, LINES),
             cost_percent=self._cost.percent(),
-            has_ended=status is None and not is_alive(run),
+            has_ended=has_ended,
             cause=run.cause,
         )
 
@@ -102,9 +108,30 @@ class Observer:
         return parameters.values([REALTIME_FACTOR])[REALTIME_FACTOR]
 
     def _nodes(self, status: StackStatus | None) -> tuple[NodeView, ...]:
-        told = status.nodes if status else ()
+        told = status.nodes if status else tuple(map(_in_doubt, self._told))
+        self._told = told
         loads = self._loads.look({node.pid for node in told if node.pid is not None})
         return tuple(_node(node, told, loads) for node in told)
+
+
+def _untold(run: Run) -> Iterator[NodeStatus]:
+    """The nodes of a run whose launcher has not told of them."""
+    for name in run.all_nodes:
+        yield NodeStatus(
+            node=name,
+            section=section_of(name) or "",
+            device="",
+            state=UNKNOWN if name in run.nodes else "",
+            process=name,
+            pid=None,
+            restarts=0,
+            hangs=False,
+        )
+
+
+def _in_doubt(node: NodeStatus) -> NodeStatus:
+    """A node of which the launcher tells nothing now: its process may go on as it was."""
+    return replace(node, state=UNKNOWN if node.state else "", hangs=False, rates=())
 
 
 def _node(

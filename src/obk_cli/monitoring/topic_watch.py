@@ -149,7 +149,8 @@ class TopicWatch:
         self._expected_since[topic.name] = monotonic_s()
 
     def _take_rtf(self, _received_ns: int, data: bytes) -> None:
-        (self.realtime_factor,) = _RTF.unpack(data)
+        if len(data) >= _RTF.size:  # else it is no such message
+            (self.realtime_factor,) = _RTF.unpack_from(data)
 
 
 def _begins_with_header(msg_type: str) -> bool:

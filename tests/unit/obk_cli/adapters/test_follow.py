@@ -60,8 +60,32 @@ def test_a_file_that_is_cut_short_is_read_anew(tmp_path: Path) -> None:
 def test_the_last_lines_of_a_long_file_are_whole(tmp_path: Path) -> None:
     path = tmp_path / "log"
     path.write_text("".join(f"line {number} {'x' * 600}\n" for number in range(50)))
-    assert [line[:8].rstrip() for line in last_lines(path, 3)] == ["line 48", "line 49"]
+    assert [line[:8].rstrip() for line in last_lines(path, 2)] == ["line 48", "line 49"]
+    assert len(last_lines(path, 49)) == 49
     path.write_text("a\nb\nc\n")
     assert last_lines(path, 2) == ("b", "c")
     assert last_lines(path, 9) == ("a", "b", "c")
     assert last_lines(tmp_path / "none", 2) == ()
+
+
+@pytest.mark.parametrize("block", [1, 2, 3, 4, 5, 100])
+def test_the_last_lines_are_those_of_the_file_however_much_is_read_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
+    monkeypatch.setattr(follow, "_BLOCK", block)
+    path = tmp_path / "log"
+    for text in ("", "\n", "a", "a\n", "\n\na\n", "ä\nb\r\u2028c\n\nd"):
+        path.write_bytes(text.encode())
+        lines = text.removesuffix("\n").split("\n") if text else []
+        for count in (1, 2, 3, 9):
+            assert list(last_lines(path, count)) == lines[-count:]
+
+
+def test_of_lines_without_end_only_so_much_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(follow, "_BLOCK", 10)
+    monkeypatch.setattr(follow, "_MOST", 100)
+    path = tmp_path / "log"
+    path.write_text("first\n" + "x" * 500 + "\nlast\n")
+    assert last_lines(path, 3) == ("last",)

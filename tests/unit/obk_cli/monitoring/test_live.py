@@ -50,6 +50,7 @@ class World:
     def __init__(self, watch: Watch) -> None:
         self.watch = watch
         self.asked: list[tuple[str, tuple[str, ...]]] = []
+        self.runs: list[str] = []
         self.answer = ChangeAnswer(success=True)
         self.error: Exception | None = None
         self.may_answer = threading.Event()
@@ -60,6 +61,7 @@ class World:
     def change(self, view: StackView, verb: str, nodes: tuple[str, ...]) -> ChangeAnswer:
         self.may_answer.wait()
         self.asked.append((verb, nodes))
+        self.runs.append(view.run)
         if self.error is not None:
             raise self.error
         if verb == "cleanup" and not self.answer.success:
@@ -138,6 +140,21 @@ def test_a_transition_of_the_stack_is_asked_for_before_it_is_carried_out() -> No
         await world.shows("said", "deactivate all nodes: done")
 
     assert live(steps, HEALTHY).asked == [("deactivate", ())]
+
+
+def test_a_yes_is_for_the_stack_that_was_asked_about() -> None:
+    other = replace(HEALTHY, run="arm_20310203_040507", name="arm")
+
+    async def steps(world: World) -> None:
+        await world.shows("head", "dummy")
+        await world.press("a")
+        await world.shows("said", "the robot may move?")
+        world.watch.put(other)
+        await world.shows("head", "arm")
+        await world.press("y")
+        await world.shows("said", "activate all nodes: done")
+
+    assert live(steps, HEALTHY).runs == [HEALTHY.run]
 
 
 def test_the_chosen_node_is_restarted_step_by_step() -> None:
