@@ -189,6 +189,20 @@ def test_odometry_with_a_sensor_on_another_body_warns_and_passes_it_on(everythin
     ]
 
 
+def test_odometry_that_cannot_bring_a_velocity_to_its_object_warns(everything, moving):
+    names = {"centre_pos": "framepos", "centre_quat": "framequat", "velocity": "velocimeter"}
+    warnings = []
+    _sample(everything, moving, "Odometry", names, warnings)
+    assert warnings == [
+        "the sensor `velocity` is not where the pose of `centre` is, and without a `gyro` on that "
+        "body the linear velocity is that at the sensor"
+    ]
+    _sample(everything, moving, "Odometry", {**names, "gyro": "gyro"}, warnings)
+    del names["velocity"]
+    _sample(everything, moving, "Odometry", {**names, "centre_velocity": "velocimeter"}, warnings)
+    assert len(warnings) == 1
+
+
 def test_odometry_without_a_pose_leaves_it_empty(everything, moving):
     message = _sample(everything, moving, "Odometry", {"gyro": "gyro"})
     assert message.header.frame_id == "world"

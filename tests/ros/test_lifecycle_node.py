@@ -154,26 +154,34 @@ def test_a_fault_of_the_hardware_is_told_by_its_sentence_alone() -> None:
 
 
 class Opening(ObeliskNode):
-    """Opens something at configure, and keeps a list of what became of it."""
+    """Opens something at configure, before super's or after; a list of what became of it."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, is_early: bool = False) -> None:
         super().__init__("opening")
+        self.is_early = is_early
         self.told: list[str] = []
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        if self.is_early:
+            self.open()
         result = super().on_configure(state)
-        self.told.append("opened")
-        self.opened.callback(lambda: self.told.append("closed"))
+        if not self.is_early:
+            self.open()
         return result
 
+    def open(self) -> None:
+        self.told.append("opened")
+        self.opened.callback(lambda: self.told.append("closed"))
 
+
+@pytest.mark.parametrize("is_early", [True, False])
 @pytest.mark.parametrize(
     "way", [["cleanup"], ["shutdown"], ["activate", "shutdown"], ["activate", "deactivate"]]
 )
 def test_what_configure_opened_is_closed_once_the_node_is_not_configured_any_more(
-    way: list[str],
+    way: list[str], is_early: bool
 ) -> None:
-    with spinning(Opening) as node:
+    with spinning(lambda: Opening(is_early=is_early)) as node:
         assert isinstance(node, Opening)
         for label in ("configure", *way):
             assert request(node, label)
@@ -330,7 +338,7 @@ def test_registering_twice_or_late_is_an_error() -> None:
         with pytest.raises(ObeliskConfigError, match="is registered already"):
             node.register_obk_publisher(key="publisher_ctrl")
         request(node, "configure")
-        with pytest.raises(ObeliskConfigError, match="components are registered in the constr"):
+        with pytest.raises(ObeliskConfigError, match="was registered after configure; comp"):
             node.register_obk_publisher(key="late")
 
 

@@ -115,6 +115,14 @@ def test_a_timer_of_the_true_state_without_its_publisher_is_told_at_configure() 
         )
 
 
+def test_a_publisher_of_the_true_state_without_its_timer_is_told_at_configure() -> None:
+    with simulator(timer_true_sim_state_setting="") as (node, _):
+        told: list[str] = []
+        node.get_logger().warning = told.append
+        assert request(node, "configure")
+        assert told == ["`pub_true_sim_state` stays silent without `timer_true_sim_state`"]
+
+
 def test_it_publishes_while_it_is_active_and_only_then() -> None:
     with simulator() as (node, collect):
         encoders, imu = collect(JointEncoders, "/joint_encoders"), collect(ObkImu, "/imu")
@@ -306,6 +314,7 @@ def test_a_simulation_that_diverges_takes_the_node_to_error_processing(tmp_path:
         assert node.last_fault is not None
         assert "the simulation diverged at" in str(node.last_fault)
         assert "of joint `elbow` of body `arm`" in str(node.last_fault)
+        assert "Traceback" not in str(node.last_fault)
 
 
 @pytest.mark.parametrize("factor", [0, 0.0, 5, 0.5])

@@ -139,6 +139,21 @@ def test_a_check_of_the_users_that_raises_refuses() -> None:
         assert set_each(node, message("gain", 5)) == [""]
 
 
+def test_a_check_of_the_users_that_forgets_its_answer_refuses_and_is_named() -> None:
+    def check(_parameters: list[Parameter]) -> None:
+        """Returns nothing."""
+
+    with spinning(Controller) as node:
+        node.declare_parameter("gain", 1)
+        node.add_on_set_parameters_callback(check)
+        (told,) = set_each(node, message("gain", 5))
+        assert told.startswith("the node's check of `gain`: `test_a_check_of_the_users_that_")
+        assert told.endswith(
+            ".check` returned None, expected a `SetParametersResult` "
+            "(did the callback forget its return statement?)"
+        )
+
+
 @pytest.mark.mujoco
 def test_a_simulator_takes_only_what_it_could_be_configured_with() -> None:
     from .test_mujoco_robot import simulator

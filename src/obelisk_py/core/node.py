@@ -74,8 +74,8 @@ class ObeliskNode(RatedNode):
         self.obk_timers: ComponentTable[Timer] = ComponentTable(ComponentKind.TIMER)
         self.obk_callback_groups: dict[str, CallbackGroup] = {}
         self.opened = ExitStack()
-        """Holds what `on_configure` opens once it has called super's: closed, last opened first,
-        at cleanup, shutdown and error, before the publishers go."""
+        """Holds what `on_configure` opens: closed, last opened first, at cleanup, shutdown and
+        error, before the publishers go."""
         self._components: list[Component] = []
         self._registration_open = True
         self._is_built = False
@@ -196,7 +196,6 @@ class ObeliskNode(RatedNode):
             ObeliskConfigError: settings are missing or wrong; all of them are named at once.
         """
         self._registration_open = False
-        self._release()
         result = super().on_configure(state)
         node = parse_node_settings(str(self.get_parameter(SETTINGS).value))
         self.obk_callback_groups = {

@@ -15,6 +15,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from obelisk_py.core.exceptions import ObeliskError
+from obelisk_py.core.faults import wrong_answer
 from obelisk_spec.near import did_you_mean
 
 __all__ = ["Getter", "GuardedCheck", "ParameterRules", "guard_setting_service"]
@@ -28,7 +29,7 @@ _FREE_STATES: Final = ("unconfigured", "configuring", "finalized")
 
 @dataclass(frozen=True, slots=True)
 class GuardedCheck:
-    """A callback that decides on parameters; what it raises is a refusal.
+    """A callback that decides on parameters; what it raises, and an answer that is none, refuses.
 
     Equal to another one of the same callback, so that rclpy finds it again to remove it.
     """
@@ -37,11 +38,16 @@ class GuardedCheck:
 
     def __call__(self, parameters: list[Parameter]) -> SetParametersResult:
         """Whether the parameters may be set."""
+        names = ", ".join(f"`{parameter.name}`" for parameter in parameters)
         try:
-            return self.callback(parameters)
+            result = self.callback(parameters)
         except Exception as error:
-            names = ", ".join(f"`{parameter.name}`" for parameter in parameters)
             return _refused(f"the node's check of {names} raised {type(error).__name__}: {error}")
+        if isinstance(result, SetParametersResult):
+            return result
+        method = getattr(self.callback, "__qualname__", repr(self.callback))
+        told = wrong_answer(method, result, SetParametersResult.__name__)
+        return _refused(f"the node's check of {names}: {told}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

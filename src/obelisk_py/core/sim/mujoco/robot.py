@@ -328,6 +328,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             self._true_state = TrueStateReader(simulation.model)
             times = SampleTimes(period_s=step_s, step_s=step_s)
             outputs.append(Output(times=times, publish=self._copy_state))
+            if "timer_true_sim_state" not in self.obk_timers:
+                self._warn("`pub_true_sim_state` stays silent without `timer_true_sim_state`")
         elif "timer_true_sim_state" in self.obk_timers:
             raise ObeliskConfigError(
                 "the config sets `timer_true_sim_state`, but not the publisher "

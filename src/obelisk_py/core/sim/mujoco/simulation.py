@@ -8,6 +8,7 @@ from typing import Final
 
 import mujoco
 
+from obelisk_py.core.exceptions import ObeliskError
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.drive import Drive, WhenStale
 from obelisk_py.core.sim.mujoco.faults import StepWarnings
@@ -29,7 +30,7 @@ Source: https://mujoco.readthedocs.io/en/stable/programming/simulation.html (sim
 """
 
 
-class DivergenceError(Exception):
+class DivergenceError(ObeliskError):
     """The state is no longer finite; the message says when and where."""
 
 

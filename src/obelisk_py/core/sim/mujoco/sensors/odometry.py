@@ -116,6 +116,11 @@ def _twist(
     if speed is not None and spin is not None:
         arm = target.rotation.T @ (target.position - speed.position)
         lever = -_cross_matrix(arm) @ angular
+    elif speed is not None and not np.allclose(target.position, speed.position):
+        source.warn(
+            f"the sensor `{velocimeter}` is not where the pose of `{source.frame(pose)}` is, and "
+            "without a `gyro` on that body the linear velocity is that at the sensor"
+        )
     return _Twist(
         linear=_unless(linear, np.eye(3)),
         lever=_unless(lever, np.zeros((3, 3))),
