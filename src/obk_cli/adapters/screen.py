@@ -1,14 +1,16 @@
 """Lines for whoever reads this program's output; a reader that stalls or leaves holds up nobody.
 
 Takes lines from any thread, never waits, and writes them in a thread of its own. While nobody
-reads, a bounded number of lines is kept; what comes beyond that is counted and left out.
+reads, a bounded number of lines is kept; what comes beyond that is counted and left out, and so is
+what a full disk does not take.
 On a terminal a status area may stand below the lines; it is drawn in that thread too.
 """
 
+import errno
 import os
 import select
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Final, Self
 
@@ -24,6 +26,7 @@ REFRESH_S: Final = 0.5
 """How long a footer stays as it is while there are no lines [s]."""
 PAUSE_S: Final = 0.05
 """Between two writes above a footer, which each draw it again [s]."""
+_NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def _told_left_out(count: int) -> str:
@@ -46,7 +49,8 @@ class Screen:
         self._fd = fd
         self._room = room
         self._told_left_out = left_out
-        self._waiting: list[str] = []
+        self._waiting: list[str | int] = []
+        """Lines, and in their place how many were left out."""
         self._left_out = 0
         self._footer: Footer | None = None
         self._ending = threading.Event()
@@ -104,14 +108,13 @@ class Screen:
 
     def _note_left_out(self) -> None:
         if self._left_out:
-            self._waiting.append(self._told_left_out(self._left_out))
+            self._waiting.append(self._left_out)
             self._left_out = 0
 
     def _write_all(self) -> None:
         try:
             while (lines := self._taken()) is not None:
-                log = "".join(f"{line}\n" for line in lines)
-                self._write(self._footer.below(log) if self._footer else log)
+                self._write_lines(lines)
                 if self._footer:
                     self._ending.wait(PAUSE_S)
             if self._footer:
@@ -123,6 +126,17 @@ class Screen:
                 call = self._on_closed
             call()
 
+    def _write_lines(self, lines: Sequence[str | int]) -> None:
+        texts = (self._told_left_out(n) if isinstance(n, int) else n for n in lines)
+        log = "".join(f"{text}\n" for text in texts)
+        try:
+            self._write(self._footer.below(log) if self._footer else log)
+        except OSError as error:
+            if error.errno not in _NO_ROOM:
+                raise
+            with self._changed:
+                self._left_out += sum(n if isinstance(n, int) else 1 for n in lines)
+
     def _write(self, text: str) -> None:
         data = memoryview(text.encode(errors="replace"))
         while data:
@@ -131,7 +145,7 @@ class Screen:
             except BlockingIOError:  # a program on the same terminal has made it so
                 select.select([], [self._fd], [])
 
-    def _taken(self) -> list[str] | None:
+    def _taken(self) -> list[str | int] | None:
         """All that waits, once there is any or the footer is due; None at the end."""
         with self._changed:
             footer = self._footer

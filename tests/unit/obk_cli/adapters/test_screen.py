@@ -1,5 +1,6 @@
 """The screen: whoever does not read holds up nobody."""
 
+import errno
 import os
 import threading
 from collections.abc import Iterator
@@ -8,7 +9,7 @@ import pytest
 
 from obk_cli.adapters.screen import Screen
 
-from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
+from ....waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
 
 
 @pytest.fixture
@@ -91,3 +92,30 @@ def test_a_pipe_that_does_not_wait_is_not_taken_for_closed(pipe: tuple[int, int]
         screen.put("the last one")
         assert read_to_the_end_of(read_fd, "the last one") == [large, "the last one"]
     assert not is_told.is_set()
+
+
+def test_a_full_disk_ends_nothing_and_what_it_does_not_take_is_counted(
+    pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read_fd, write_fd = pipe
+    is_closed = threading.Event()
+    is_full = threading.Event()
+    write = os.write
+
+    def write_if_there_is_room(fd: int, data: bytes) -> int:
+        if is_full.is_set():
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(fd, data)
+
+    monkeypatch.setattr("os.write", write_if_there_is_room)
+    with Screen(write_fd) as screen:
+        screen.when_closed(is_closed.set)
+        is_full.set()
+        for count in range(1, 4):
+            screen.put("no room for this")
+            eventually(lambda: screen._left_out == count, "the line that was left out")  # noqa: B023
+        is_full.clear()
+        screen.put("an event")
+        lines = read_to_the_end_of(read_fd, "an event")
+    assert lines == ["... 3 lines left out", "an event"]
+    assert not is_closed.is_set()
