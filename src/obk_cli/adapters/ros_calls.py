@@ -1,19 +1,29 @@
 """Service calls from a bare participant: asked, then polled for; each has a deadline.
 
-A request to a node that dies is never answered.
+A request to a node that dies is never answered, and the answer of one that was not told of the
+client yet is lost. So questions are asked again, and before anything else one is asked.
 """
 
 import time
+from contextlib import suppress
 from typing import Any, Final
 
 from obk_cli.adapters.ros_look import RosLook
+from obk_cli.adapters.ros_types import find_type
 from obk_cli.errors import CommandFailedError
 
 __all__ = ["ServiceClient"]
 
 POLL_S: Final = 0.001
-ASK_AGAIN_S: Final = 1.0
+ASK_AGAIN_S: Final = 0.5
 """The first answer to a client is lost if the node was not told of the client by then [s]."""
+KNOWN_S: Final = 2.0
+"""For a node to answer that it has been told of a client; it may have no time for that [s]."""
+QUESTIONS: Final = {
+    "get_parameters": "rcl_interfaces/srv/GetParameters",
+    "get_state": "lifecycle_msgs/srv/GetState",
+}
+"""Services that most nodes have, and that change nothing."""
 
 
 class ServiceClient:
@@ -58,6 +68,8 @@ class ServiceClient:
         )
         if is_there is None:
             raise CommandFailedError(f"nobody serves {self._name} within {timeout_s:g} s")
+        if not is_question:
+            self._become_known(end)
         numbers = {self._client.send_request(request)}
         again = time.monotonic() + ASK_AGAIN_S
         while (now := time.monotonic()) < end:
@@ -72,3 +84,21 @@ class ServiceClient:
             f"{self._name} gave no answer within {timeout_s:g} s",
             help="its node may hang; `obk lifecycle get` asks for its state",
         )
+
+    def _become_known(self, end: float) -> None:
+        """Have the server's node told of this client, as far as it can be asked, until a time.
+
+        Nodes are told of clients in order: one that answers a later client knows this one too.
+        """
+        look = self._look
+        node = next((node for node in look.nodes() if self._name in look.services_of(node)), None)
+        there = {} if node is None else look.services_of(node)
+        asked = (s for s, kind in QUESTIONS.items() if kind in there.get(f"{node}/{s}", ()))
+        service = next(asked, None)
+        if service is None or f"{node}/{service}" == self._name:
+            return
+        with suppress(CommandFailedError):
+            kind = find_type(QUESTIONS[service])
+            left_s = min(KNOWN_S, end - time.monotonic())
+            client = ServiceClient(look, f"{node}/{service}", kind)
+            client.call(kind.Request(), left_s, is_question=True)

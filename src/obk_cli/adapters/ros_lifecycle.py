@@ -14,6 +14,7 @@ from typing import Any, Final, Self
 
 from obk_cli.adapters.extras import no_ros
 from obk_cli.adapters.late_generator import leave_generator_for_later
+from obk_cli.adapters.ros_calls import ASK_AGAIN_S
 from obk_cli.adapters.ros_clients import NodeClients
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_graph import RosGraph
@@ -26,8 +27,6 @@ from obk_cli.launch.events import Answered, Heard, StateAnswered
 __all__ = ["RosLifecycle", "open_ros"]
 
 LOOK_S: Final = 0.01
-ASK_AGAIN_S: Final = 0.5
-"""The first answer to a client is lost if the node was not told of the client by then [s]."""
 END_S: Final = 2.0
 """How long a callback may still take at the end [s]."""
 

@@ -23,10 +23,20 @@ def messages(raw: RawTopic, tally: Tally, timeout_s: float, *, each: bool) -> It
 
 
 def deserialized(data: bytes, raw: RawTopic) -> Any:
-    """A message of a topic as an object."""
+    """A message of a topic as an object.
+
+    Raises:
+        CommandFailedError: the bytes are no such message; types are matched by their names alone.
+    """
     from rclpy.serialization import deserialize_message
 
-    return deserialize_message(data, raw.python_type)
+    try:
+        return deserialize_message(data, raw.python_type)
+    except Exception as error:  # of the middleware, without a class of its own
+        raise CommandFailedError(
+            f"a message came on {raw.name} that is no {raw.msg_type} as it is built here",
+            help="its publisher may have another definition of the type: build both from the same",
+        ) from error
 
 
 def serialized(raw: RawTopic, tally: Tally, timeout_s: float, *, each: bool) -> Iterator[bytes]:

@@ -70,8 +70,6 @@ class NodeParameters:
             CommandFailedError: the node gives no answer.
         """
         client = self._client("SetParameters", "set_parameters")
-        # Nodes are told of clients in order: one that answers a later client knows this one too.
-        self._told([name])
         message = find_type(f"{PACKAGE}/msg/Parameter")(name=name)
         message.value.type = KINDS.index(parameter.kind)
         if parameter.kind != NOT_SET:

@@ -2,7 +2,8 @@
 
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
@@ -94,13 +95,14 @@ def _count(
             msg_type = the_type("topic", seen.name, seen.heard_types)
             hashes = (end.type_hash for end in seen.publishers)
             meter.add(seen.name, msg_type, raw_type(msg_type, hashes))
-        begin = told = time.monotonic()
-        while duration_s is None or time.monotonic() < begin + duration_s:
-            meter.turn()
-            if duration_s is None and time.monotonic() > told + TELL_S:
-                told = time.monotonic()
-                _tell_rates(meter.rates(), is_json=is_json)
-                _require_messages(meter.rates(), told - begin, timeout_s)
+        with _told_when_interrupted(lambda: _tell_rates(meter.rates(), is_json=is_json)):
+            begin = told = time.monotonic()
+            while duration_s is None or time.monotonic() < begin + duration_s:
+                meter.turn()
+                if duration_s is None and time.monotonic() > told + TELL_S:
+                    told = time.monotonic()
+                    _tell_rates(meter.rates(), is_json=is_json)
+                    _require_messages(meter.rates(), told - begin, timeout_s)
         return meter.rates()
 
 
@@ -157,15 +159,30 @@ def _heard(
         raw = look.listen(seen.name, msg_type, python_type)
         meter = DelayMeter(window)
         begin = told = time.monotonic()
-        while duration_s is None or time.monotonic() < begin + duration_s:
-            for received_ns, message in arrived(raw):
-                meter.take(received_ns, stamp(message))
-            if duration_s is None and time.monotonic() > told + TELL_S:
-                told = time.monotonic()
-                found = (seen.name, meter.delay(), meter.unstamped)
-                _tell_delay(*found, told - begin, timeout_s, is_json=is_json)
-            time.sleep(POLL_S)
+
+        def tell(passed_s: float) -> None:
+            found = (seen.name, meter.delay(), meter.unstamped)
+            _tell_delay(*found, passed_s, timeout_s, is_json=is_json)
+
+        with _told_when_interrupted(lambda: tell(0.0)):
+            while duration_s is None or time.monotonic() < begin + duration_s:
+                for received_ns, message in arrived(raw):
+                    meter.take(received_ns, stamp(message))
+                if duration_s is None and time.monotonic() > told + TELL_S:
+                    told = time.monotonic()
+                    tell(told - begin)
+                time.sleep(POLL_S)
         return seen.name, meter.delay(), meter.unstamped
+
+
+@contextmanager
+def _told_when_interrupted(tell: Callable[[], None]) -> Iterator[None]:
+    """Ctrl-C is how measuring ends: what came since the last report is told, too."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        tell()
+        raise
 
 
 def _tell_rates(rates: "Mapping[str, Rate]", *, is_json: bool) -> None:
@@ -178,9 +195,9 @@ def _tell_rates(rates: "Mapping[str, Rate]", *, is_json: bool) -> None:
         print(json_line(rate_data(name, rate)) if is_json else text, flush=True)
 
 
-def _require_messages(rates: "Mapping[str, Rate]", passed_s: float | None, limit_s: float) -> None:
+def _require_messages(rates: "Mapping[str, Rate]", passed_s: float, limit_s: float) -> None:
     silent = [name for name, rate in rates.items() if not rate.count]
-    if silent and (passed_s is None or passed_s >= limit_s):
+    if silent and passed_s >= limit_s:
         raise CommandFailedError(f"no message came on {', '.join(silent)} within {limit_s:g} s")
 
 

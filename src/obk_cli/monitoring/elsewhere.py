@@ -115,7 +115,7 @@ class ElsewhereObserver:
             self._clients[node] = ServiceClient(self._look, service, kind)
             wait_s = FIRST_ANSWER_S
         with suppress(CommandFailedError):
-            response = self._clients[node].call(kind.Request(), wait_s)
+            response = self._clients[node].call(kind.Request(), wait_s, is_question=True)
             self._states[node] = str(response.current_state.label)
         return self._states.get(node, "")
 

@@ -3,11 +3,11 @@
 In: what the user wishes and what the graph has. Out: topic and type. Asks ROS nothing.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 
-__all__ = ["Wish", "chosen_topics"]
+__all__ = ["Wish", "chosen_topics", "clashing_topics", "unmet_wishes"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,16 +29,36 @@ def chosen_topics(wish: Wish, graph: Mapping[str, Sequence[str]]) -> Mapping[str
         wish: what is to be recorded.
         graph: absolute names of the topics that are there, with their types.
     """
-    wanted = dict(wish.topics)
-    for topic in sorted(graph):
-        if any(_fits(topic, pattern) for pattern in wish.patterns):
-            wanted.setdefault(topic, None)
-    typed = {topic: kind or _only(graph.get(topic, ())) for topic, kind in wanted.items()}
-    return {
-        topic: kind
-        for topic, kind in typed.items()
-        if kind is not None and not any(fnmatchcase(topic, no) for no in wish.excludes)
-    }
+    typed = {topic: kind or _only(graph.get(topic, ())) for topic, kind in _wanted(wish, graph)}
+    return {topic: kind for topic, kind in typed.items() if kind is not None}
+
+
+def clashing_topics(wish: Wish, graph: Mapping[str, Sequence[str]]) -> Mapping[str, Sequence[str]]:
+    """The topics that cannot be recorded because they have several types, with these."""
+    untyped = (topic for topic, kind in _wanted(wish, graph) if kind is None)
+    return {topic: graph[topic] for topic in untyped if len(graph.get(topic, ())) > 1}
+
+
+def unmet_wishes(wish: Wish, found: Collection[str]) -> Iterator[str]:
+    """Sentences on the names and patterns that none of the topics found has, or fits."""
+    for topic in wish.topics:
+        if topic not in found and not _is_excluded(wish, topic):
+            yield f"{topic} was not there"
+    for pattern in wish.patterns:
+        if not any(_fits(topic, pattern) for topic in found):
+            yield f"no topic fitted `{pattern}`"
+
+
+def _wanted(wish: Wish, graph: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, str | None]]:
+    """Topics and the types that the wish has for them."""
+    fitting = (t for t in sorted(graph) if any(_fits(t, pattern) for pattern in wish.patterns))
+    for topic in dict.fromkeys((*wish.topics, *fitting)):
+        if not _is_excluded(wish, topic):
+            yield topic, wish.topics.get(topic)
+
+
+def _is_excluded(wish: Wish, topic: str) -> bool:
+    return any(fnmatchcase(topic, pattern) for pattern in wish.excludes)
 
 
 def _fits(topic: str, pattern: str) -> bool:

@@ -6,7 +6,7 @@ metadata for the beginning of the file.
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from datetime import datetime
 from pathlib import Path
 from typing import Final
@@ -97,20 +97,8 @@ def run_plan(folder: Path) -> Plan:
 
 
 def _process(told: _Process) -> Process:
-    return Process(
-        node=told.node,
-        namespace=told.namespace,
-        section=told.section,
-        device=told.device,
-        package=told.package,
-        executable=told.executable,
-        origin=told.origin,
-        publishes=told.publishes,
-        subscribes=told.subscribes,
-        parameters=asdict(told.parameters),
-        model=told.model,
-        sensor_groups=told.sensor_groups,
-    )
+    known = {field.name: getattr(told, field.name) for field in fields(told)}
+    return Process(**{**known, "parameters": asdict(told.parameters)})
 
 
 def _parameters(folder: Path) -> Mapping[str, str]:

@@ -1,7 +1,7 @@
 """Rates and delays of topics in a line each, and as objects."""
 
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Final
 
 from obk_cli.looking.delays import Delay
 from obk_cli.looking.rates import Rate
@@ -9,10 +9,16 @@ from obk_cli.looking.rates import Rate
 __all__ = ["delay_data", "delay_text", "rate_data", "rate_text"]
 
 
+SILENT_S: Final = 1.0
+"""Without a message, and for twice as long as ever in the window, a topic counts as silent [s]."""
+
+
 def rate_text(rate: Rate) -> str:
     """What was measured of a topic, for a person."""
+    age_s = rate.age_s or 0.0
     if rate.rate_hz is None:
-        return "no message yet" if not rate.count else "one message"
+        few = ("no message yet", "one message")
+        return few[rate.count] if rate.count < len(few) else f"no message for {age_s:.1f} s"
     parts = [f"{rate.rate_hz:8.2f} Hz"]
     for name, value in (
         ("min", rate.min_s),
@@ -24,6 +30,8 @@ def rate_text(rate: Rate) -> str:
     parts.append("lost unknown" if rate.lost is None else f"lost {rate.lost}")
     parts.append(f"{_amount(rate.bytes_per_s or 0.0)}/s")
     parts.append(f"{rate.seen} messages in {rate.window_s:.2f} s")
+    if age_s > max(SILENT_S, 2 * (rate.max_s or 0.0)):
+        parts.append(f"none for {age_s:.1f} s")
     return "  ".join(parts)
 
 

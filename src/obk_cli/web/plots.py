@@ -80,10 +80,10 @@ class Plots:
         for wish, plot in plots:
             try:
                 self._listen(look, wish, plot)
+                if plot.raw is not None and plot.selection is not None:
+                    self._take(wish, plot, plot.raw, plot.selection)
             except ObkError as error:
                 plot.trace.fault = "; ".join(filter(None, (error.message, error.help)))
-            if plot.raw is not None and plot.selection is not None:
-                self._take(wish, plot, plot.raw, plot.selection)
 
     def _forget(self) -> None:
         gone_s = monotonic_s() - KEPT_S

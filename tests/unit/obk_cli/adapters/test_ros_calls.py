@@ -10,6 +10,8 @@ from obk_cli.adapters.ros_calls import ServiceClient
 from obk_cli.adapters.ros_lifecycle import RosLifecycle
 from obk_cli.errors import CommandFailedError
 
+GET_STATE = ros_calls.QUESTIONS["get_state"]
+
 
 class LossyClient:
     """Answers from the second question on."""
@@ -66,7 +68,7 @@ def client(lossy: LossyClient) -> ServiceClient:
     vars(made).update(
         _name="/n/get_state",
         _type=SimpleNamespace(Response=object),
-        _look=SimpleNamespace(wait_for=lambda probe, timeout_s: probe()),
+        _look=SimpleNamespace(wait_for=lambda probe, timeout_s: probe(), nodes=tuple),
         _client=lossy,
     )
     return made
@@ -88,3 +90,42 @@ def test_a_nodes_state_is_asked_for_again() -> None:
     vars(ros).update(_clients=node, _wait=node.answer)
     assert ros.state("/n", 60.0) == "active"
     assert node.asked == 2
+
+
+SERVICES = {
+    "/n": {"/n/on": ("std_srvs/srv/Trigger",), "/n/get_state": (GET_STATE,)},
+    "/m": {"/m/get_parameters": (ros_calls.QUESTIONS["get_parameters"],)},
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "asked"), [("/n/on", ["/n/get_state", "/n/on"]), ("/n/get_state", ["/n/get_state"])]
+)
+def test_a_node_is_asked_something_before_it_is_asked_to_do_something(
+    monkeypatch: pytest.MonkeyPatch, name: str, asked: list[str]
+) -> None:
+    sent: list[str] = []
+
+    class Told(LossyClient):
+        def __init__(self, of: str) -> None:
+            super().__init__()
+            self._of = of
+
+        def send_request(self, request: object) -> int:
+            sent.append(self._of)
+            self.asked = 2
+            return 2
+
+    def make(self: ServiceClient, look: object, of: str, kind: object) -> None:
+        vars(self).update(_name=of, _type=kind, _look=look, _client=Told(of))
+
+    monkeypatch.setattr(ServiceClient, "__init__", make)
+    kind = SimpleNamespace(Request=object, Response=object)
+    monkeypatch.setattr(ros_calls, "find_type", lambda _: kind)
+    look: Any = SimpleNamespace(
+        wait_for=lambda probe, timeout_s: probe(),
+        nodes=lambda: tuple(SERVICES),
+        services_of=SERVICES.__getitem__,
+    )
+    assert ServiceClient(look, name, kind).call("request", 60.0) == "the answer"
+    assert sent == asked

@@ -1,6 +1,6 @@
 """Which topics are recorded."""
 
-from obk_cli.recording.choice import Wish, chosen_topics
+from obk_cli.recording.choice import Wish, chosen_topics, clashing_topics, unmet_wishes
 
 GRAPH = {
     "/arm/joints": ["sensor_msgs/msg/JointState"],
@@ -32,3 +32,21 @@ def test_hidden_topics_are_recorded_only_where_a_pattern_is_about_them() -> None
 
 def test_a_topic_of_several_types_is_none() -> None:
     assert "/odd" not in chosen_topics(Wish(patterns=("*",)), GRAPH)
+
+
+def test_a_topic_of_several_types_is_told_unless_one_is_wished_for() -> None:
+    wish = Wish(topics={"/arm/imu": None, "/odd": None})
+    assert clashing_topics(wish, GRAPH) == {"/odd": ["std_msgs/msg/Bool", "std_msgs/msg/Int8"]}
+    assert clashing_topics(Wish(patterns=("/o*",)), GRAPH) == clashing_topics(wish, GRAPH)
+    assert not clashing_topics(Wish(topics={"/odd": "std_msgs/msg/Bool"}), GRAPH)
+    assert not clashing_topics(Wish(patterns=("*",), excludes=("/odd",)), GRAPH)
+
+
+def test_what_nothing_was_recorded_of_is_told() -> None:
+    wish = Wish(
+        topics={"/arm/imu": None, "/typo": None, "/out": None},
+        patterns=("/arm/*", "/amr/*"),
+        excludes=("/out",),
+    )
+    told = ["/typo was not there", "no topic fitted `/amr/*`"]
+    assert list(unmet_wishes(wish, {"/arm/imu"})) == told
