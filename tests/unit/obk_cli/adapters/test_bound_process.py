@@ -8,10 +8,12 @@ import threading
 from pathlib import Path
 
 import psutil
+import pytest
 
 from obk_cli.adapters.bound_process import BoundProcess
 from obk_cli.adapters.free_domain import free_domain
 from obk_cli.adapters.strokes import freeze, kill, thaw
+from obk_cli.errors import CommandFailedError
 
 from ....waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
 
@@ -96,3 +98,10 @@ def test_two_that_ask_at_once_get_two_domains() -> None:
         assert {one, other} <= set(range(1, 101))
     with free_domain() as again:
         assert again == one
+
+
+def test_where_every_domain_is_in_use_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("obk_cli.adapters.free_domain._is_bound", lambda *_: False)
+    said = "on this host every ROS domain from 1 to 100 is in use"
+    with pytest.raises(CommandFailedError, match=said), free_domain():
+        pytest.fail("a domain was found")

@@ -1,5 +1,6 @@
 """Claims of runs: one stack, one node, one launcher."""
 
+import fcntl
 import hashlib
 import json
 import signal
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.adapters import claims
 from obk_cli.adapters.claims import KEPT_RUNS, claim_run
 from obk_cli.adapters.live_runs import is_alive, live_runs
 from obk_cli.adapters.process_start import boot_id, start_s, this_process
@@ -191,3 +193,37 @@ def test_whoever_replaces_ends_the_other_launcher_first(tmp_path: Path) -> None:
         folder = claim_run(tmp_path, RUN, NOW, replace_other=True)
         assert other.wait(DEADLINE_S) == -signal.SIGINT
     assert read_run(folder) == RUN
+
+
+@pytest.mark.parametrize(
+    ("end", "sentence"),
+    [
+        (
+            "still there",
+            rf"the stack `s` in the ROS domain 80 does not end \(process {PID}\)",
+        ),
+        ("ended", "the stack `s` is started again and again from elsewhere"),
+    ],
+)
+def test_who_cannot_replace_another_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, sentence: str
+) -> None:
+    claim_run(tmp_path, RUN, NOW)
+    monkeypatch.setattr(claims, "end_launcher", lambda *_, **__: end)
+    with pytest.raises(CommandFailedError, match=sentence):
+        claim_run(tmp_path, RUN, NOW, replace_other=True)
+    assert len(run_folders(tmp_path)) == 1
+
+
+def test_a_claim_that_is_held_is_not_waited_for_without_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(claims, "CLAIM_S", 0.0)
+    path = tmp_path / ".domain_80.lock"
+    with path.open("w") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        with pytest.raises(CommandFailedError) as raised:
+            claim_run(tmp_path, RUN, NOW)
+    assert raised.value.message == f"another process has held {path} for 0 s"
+    assert raised.value.help == "end an `obk launch` that is stopped or hangs"
+    claim_run(tmp_path, RUN, NOW)

@@ -1,3 +1,4 @@
+import os
 import shutil
 import sys
 from pathlib import Path
@@ -14,7 +15,7 @@ from obk_cli.adapters.overlay import (
 from obk_cli.adapters.overlay_change import build_turn, new_overlay, replace_overlay
 from obk_cli.building.choice import choose, colcon_command
 from obk_cli.building.survey import Survey, find_message_packages, survey_workspace
-from obk_cli.errors import MisuseError
+from obk_cli.errors import CommandFailedError, MisuseError
 from obk_interfaces import PackageError
 
 MANIFEST = "<package format='3'><name>{}</name><version>0.1.0</version>{}</package>"
@@ -162,3 +163,18 @@ def test_a_record_that_cannot_be_read_is_none(workspace: Path, text: str) -> Non
     assert read_record(workspace) is None
     assert overlay_prefixes((workspace,)) == ()
     assert len(survey_workspace(workspace, (Path(sys.prefix),)).stale) == 3
+
+
+def test_another_build_is_told_of_and_not_waited_for_without_end(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("obk_cli.adapters.overlay_change.TURN_S", 0.0)
+    told: list[str] = []
+    said = f"process {os.getpid()} has been building for 0 min"
+    with (
+        build_turn(workspace, pytest.fail),
+        pytest.raises(CommandFailedError, match=said),
+        build_turn(workspace, told.append),
+    ):
+        pytest.fail("two build at once")
+    assert told == [f"process {os.getpid()} builds in this workspace; waiting for it"]

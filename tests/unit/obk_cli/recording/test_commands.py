@@ -94,3 +94,15 @@ def test_a_mistake_is_told_without_a_trace(
     error = capsys.readouterr().err
     assert told in error
     assert "Traceback" not in error
+
+
+def test_a_field_without_a_number_in_any_message_is_told(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    empty = bag.with_name("empty.mcap")
+    with BagWriter(empty) as writer:
+        channel = writer.add_topic("/gaps", "std_msgs/msg/Gaps", "float64[] data\n", {})
+        writer.add_message(channel, b"\0\1\0\0" + bytes(4), SECOND, SECOND, 1)
+    assert obk("plot", empty, "gaps.data") == 1
+    assert capsys.readouterr().err == "error: `gaps.data`: no number was recorded\n"
+    assert not list(bag.parent.glob("*.png"))
