@@ -29,6 +29,8 @@ OLD_SWITCH: Final = "ROS_LOCALHOST_ONLY"
 """What came before `RANGE`; ROS warns of it in every process, and when it is 1 heeds only it."""
 PROFILES_FILES: Final = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """Where Fast DDS is told of settings; the second by newer versions."""
+SKIP_FOLDER: Final = "SKIP_DEFAULT_XML_FILE"
+"""Whether Fast DDS leaves alone what lies in the working folder under the name of its settings."""
 LOCALHOST_PROFILE: Final = str(Path(__file__).with_name("dds_localhost.xml"))
 LAN_PROFILE: Final = str(Path(__file__).with_name("dds_lan.xml"))
 AS_THE_PROFILE_SAYS: Final = "SYSTEM_DEFAULT"
@@ -107,6 +109,7 @@ def _set_profile(variables: dict[str, str]) -> None:
     """Have messages go over UDP alone, unless the user has settings of Fast DDS of his own."""
     if any(variables.get(name) for name in PROFILES_FILES):
         return
+    variables[SKIP_FOLDER] = "1"
     is_fast_dds = variables.get("RMW_IMPLEMENTATION", "") in FAST_DDS
     if variables[RANGE] == "LOCALHOST" and not variables.get(PEERS) and is_fast_dds:
         variables[PROFILES_FILES[0]] = LOCALHOST_PROFILE

@@ -26,6 +26,7 @@ def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
         "RMW_IMPLEMENTATION",
         "FASTRTPS_DEFAULT_PROFILES_FILE",
         "FASTDDS_DEFAULT_PROFILES_FILE",
+        "SKIP_DEFAULT_XML_FILE",
     ):
         monkeypatch.delenv(name, raising=False)
 
@@ -116,6 +117,15 @@ def test_peers_elsewhere_stay_unless_the_stack_is_to_be_seen_here_only(
 def test_settings_of_fast_dds_stay_the_users(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", "/mine.xml")
     assert told_to_ros(ros_environment()) == ("LOCALHOST", "")
+
+
+def test_what_lies_in_the_working_folder_is_no_setting_of_the_users(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for network in ("localhost", "lan"):
+        assert ros_environment(network).variables["SKIP_DEFAULT_XML_FILE"] == "1"
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", "/mine.xml")
+    assert "SKIP_DEFAULT_XML_FILE" not in ros_environment().variables
 
 
 def test_messages_go_over_udp_alone_and_here_over_the_loopback_device_alone(
