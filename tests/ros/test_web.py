@@ -5,6 +5,7 @@ import re
 import shlex
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +16,7 @@ from urllib.request import Request, urlopen
 import pytest
 
 from ..browser import chromium, opened, seen  # noqa: TID252 - shared by folders of tests
-from .stack import DUMMY, EXAMPLE, OBK, launched, obk
+from .stack import DUMMY, EXAMPLE, OBK, eventually, launched, obk
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -166,3 +167,30 @@ def test_a_port_that_is_taken_is_told() -> None:
         refused = obk("web", "--port", port)
         assert refused.returncode == 1
         assert f"port {port} of 127.0.0.1 cannot be used: Address already in use" in refused.stderr
+
+
+BROWSER = """\
+#!{python} -I
+import sys
+from pathlib import Path
+from urllib.request import urlopen
+
+with urlopen(sys.argv[1], timeout=60) as answer:
+    Path({told!r}).write_text(f"{{sys.argv[1]}} {{answer.status}}")
+"""
+"""A program that is handed an address, and tells what came of it."""
+
+
+def test_a_browser_is_opened_without_the_token_on_its_command_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told, program = tmp_path / "told", tmp_path / "browser"
+    program.write_text(BROWSER.format(python=sys.executable, told=str(told)))
+    program.chmod(0o755)
+    monkeypatch.setenv("BROWSER", str(program))
+    with served("--open") as url:
+        eventually(lambda: told.exists() and told.read_text(), "the page")
+    address, status = told.read_text().split()
+    token = urlsplit(url).query.removeprefix("token=")
+    assert (urlsplit(address).netloc, status) == (urlsplit(url).netloc, "200")
+    assert token not in address

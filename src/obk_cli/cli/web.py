@@ -1,6 +1,7 @@
 """`obk web`: a running stack as a page in the browsers of this host."""
 
 import os
+import threading
 import webbrowser
 from typing import Annotated, Final
 
@@ -59,7 +60,9 @@ def command(
             print(f"no stack `{run}` runs on this host yet: the page waits for it", flush=True)
         feed.start()
         if ticket is not None:
-            webbrowser.open(f"{url}{TICKET}={ticket.word}")
+            # Some browsers are waited for, and they wait for the page.
+            address = f"{url}{TICKET}={ticket.word}"
+            threading.Thread(target=webbrowser.open, args=[address], daemon=True).start()
         server.run(make_app(site, token=token, port=number, ticket=ticket), taken)
         feed.stop()
     raise typer.Exit(EXIT_DONE)
