@@ -17,7 +17,7 @@ __all__ = ["report_text", "summary"]
 
 _COLOURS: dict[str, str] = {"error": "31", "warning": "33", "info": "36", "help": "32", "dim": "2"}
 _SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
-_CONTROL = re.compile("[\\x00-\\x1f\\x7f-\\x9f\\u2028\\u2029]")
+_CONTROL = re.compile("[\\x00-\\x1f\\x7f-\\x9f\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]")
 _WIDEST = 160
 """Characters of a line that are shown."""
 
