@@ -41,6 +41,7 @@ TICKET: Final = "ticket"
 LOOK_S: Final = 0.1
 """Between two looks at what there is to tell [s]."""
 MOST_CURVES: Final = 12
+CHANGE: Final = 'expected {"transition": "activate", "node": "/name", "run": "name_of_its_folder"}'
 PAGE: Final = Path(obk_cli.web.__file__).with_name("page")
 KINDS: Final = {
     ".html": "text/html; charset=utf-8",
@@ -118,12 +119,14 @@ class Site:
         """A transition of a node or, without one, of the stack."""
         try:
             asked = await request.json()
-            transition, node = str(asked["transition"]), str(asked["node"])
+            transition, node, run = (str(asked[key]) for key in ("transition", "node", "run"))
         except (ValueError, TypeError, KeyError):
-            return _refused(400, 'expected {"transition": "activate", "node": "/name"}')
+            return _refused(400, CHANGE)
         view = self._moment().view
         if transition not in TRANSITIONS:
             return _refused(400, f"there is no transition `{transition}`")
+        if view is not None and view.run != run:
+            return _refused(409, f"the stack of {run or 'another host'} is not what runs now")
         if view is None or (node and node not in {one.node for one in view.nodes}):
             return _refused(404, f"there is no node {node}" if view else "no stack runs")
         try:

@@ -155,6 +155,7 @@ function showButtons(target, transitions, node, what) {
 }
 
 async function change(transition, node, what) {
+  const { run } = view; // Another stack may have begun by the time that the question is answered.
   if (QUESTIONS[transition] && !(await confirmed(QUESTIONS[transition](what), transition))) return;
   isAsking = true;
   for (const button of document.querySelectorAll(".buttons button")) button.disabled = true;
@@ -162,7 +163,7 @@ async function change(transition, node, what) {
     const answer = await fetch("/change", {
       method: "POST",
       headers: { "Content-Type": "application/json" },
-      body: JSON.stringify({ transition, node }),
+      body: JSON.stringify({ transition, node, run }),
     });
     const isTold = answer.headers.get("Content-Type")?.startsWith("application/json");
     showAnswer(isTold ? await answer.json() : { success: false, why: await answer.text(), members: [] }, transition, what);

@@ -28,6 +28,7 @@ TOKEN = new_token()
 TICKET = Ticket(word=new_token(), user=7)
 PORT = 8420
 HOST = f"127.0.0.1:{PORT}"
+RUN = {"run": HEALTHY.run}
 REACHED = ChangeAnswer(
     success=True, members=(Member(node="/obelisk_control_0", result="reached", state="inactive"),)
 )
@@ -250,10 +251,10 @@ def test_too_many_fields_are_refused() -> None:
 
 def test_a_transition_of_a_node_or_of_the_stack_is_carried_out() -> None:
     behind = Behind()
-    answer = change({"transition": "deactivate", "node": "/obelisk_control_0"}, behind)
+    answer = change({"transition": "deactivate", "node": "/obelisk_control_0", **RUN}, behind)
     assert answer.json["success"]
     assert answer.json["members"][0]["state"] == "inactive"
-    change({"transition": "activate", "node": ""}, behind)
+    change({"transition": "activate", "node": "", **RUN}, behind)
     assert behind.changes == [
         ("dummy", "deactivate", ("/obelisk_control_0",)),
         ("dummy", "activate", ()),
@@ -262,7 +263,7 @@ def test_a_transition_of_a_node_or_of_the_stack_is_carried_out() -> None:
 
 def test_why_a_transition_failed_is_told() -> None:
     behind = Behind(answer=CommandFailedError("the launcher gave no answer", help="see `obk ps`"))
-    answer = change({"transition": "configure", "node": ""}, behind)
+    answer = change({"transition": "configure", "node": "", **RUN}, behind)
     assert (answer.status, answer.json["success"]) == (200, False)
     assert answer.json["why"] == "the launcher gave no answer: see `obk ps`"
 
@@ -270,9 +271,10 @@ def test_why_a_transition_failed_is_told() -> None:
 @pytest.mark.parametrize(
     ("body", "status"),
     [
-        ({"transition": "destroy", "node": ""}, 400),
-        ({"transition": "activate", "node": "/another"}, 404),
-        ({"transition": "activate"}, 400),
+        ({"transition": "destroy", "node": "", **RUN}, 400),
+        ({"transition": "activate", "node": "/another", **RUN}, 404),
+        ({"transition": "activate", **RUN}, 400),
+        ({"transition": "activate", "node": ""}, 400),
         (["activate"], 400),
         ("activate", 400),
     ],
@@ -287,7 +289,7 @@ def test_a_change_that_makes_no_sense_is_refused(body: object, status: int) -> N
 
 def test_a_change_that_another_page_asks_for_is_not_carried_out() -> None:
     behind = Behind()
-    body = {"transition": "activate", "node": ""}
+    body = {"transition": "activate", "node": "", **RUN}
     assert change(body, behind, origin="http://robot.example").status == 403
     assert change(body, behind, origin="").status == 403
     assert change(body, behind, cookie="").status == 401
@@ -296,5 +298,13 @@ def test_a_change_that_another_page_asks_for_is_not_carried_out() -> None:
 
 def test_without_a_stack_nothing_can_be_changed() -> None:
     behind = Behind(moments=[Moment()])
-    answer = change({"transition": "activate", "node": ""}, behind)
+    answer = change({"transition": "activate", "node": "", **RUN}, behind)
     assert (answer.status, answer.json["why"]) == (404, "no stack runs")
+
+
+def test_a_yes_for_a_stack_that_has_ended_is_not_one_for_the_next() -> None:
+    behind = Behind()
+    answer = change({"transition": "activate", "node": "", "run": "arm_20310203_040506"}, behind)
+    assert answer.status == 409
+    assert answer.json["why"] == "the stack of arm_20310203_040506 is not what runs now"
+    assert behind.changes == []
