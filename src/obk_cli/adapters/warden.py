@@ -41,6 +41,7 @@ class Warden:
     def __init__(self, link: socket.socket, libc: ctypes.CDLL) -> None:
         self._link = link
         self._libc = libc
+        self._pid = os.getpid()
         self._pids: dict[int, str] = {}
         self.ends_in_order = False
         """Whether the launcher said that it is through."""
@@ -115,6 +116,8 @@ class Warden:
 
     def _in_child(self) -> None:
         self._libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != self._pid:  # it was killed before that
+            os._exit(1)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_DFL)
 

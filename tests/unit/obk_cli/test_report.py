@@ -54,10 +54,10 @@ def test_an_info_is_one_line_unless_all_is_asked_for() -> None:
 
 
 def test_what_a_value_holds_can_neither_break_the_line_nor_reach_the_terminal() -> None:
-    finding = found("OBK101", "no `a\nb`", Span.at(SOURCE, 1, 1), help="not \x1b[2J\u2028")
+    finding = found("OBK101", "no `a\nb`", Span.at(SOURCE, 1, 1), help="not \x1b[2J\u2028\u202e")
     headline, _, _, help = report_text([finding], colour=False).split("\n")
     assert headline == r"f.yaml:1:1: error[OBK101]: no `a\nb`"
-    assert help == r"  help: not \x1b[2J\u2028"
+    assert help == r"  help: not \x1b[2J\u2028\u202e"
 
 
 def test_of_a_long_line_the_part_around_the_place_is_shown() -> None:

@@ -1,6 +1,7 @@
 """The warden and its client, on programs of a line: nothing outlives the client."""
 
 import signal
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -10,6 +11,7 @@ from queue import SimpleQueue
 import psutil
 import pytest
 
+from obk_cli.adapters import warden
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
 from obk_cli.launch.events import Heard, ProcessEnded, ProcessStarted
 from obk_cli.launch.units import Unit
@@ -273,3 +275,23 @@ def test_of_a_process_that_is_started_early_nothing_is_told_before_its_start(
     one.start("a")
     assert one.ended() == ProcessEnded(process="/a", code=3, text="up")
     one.start("a")  # anew, as after a crash
+
+
+def test_a_node_that_was_bound_to_its_warden_too_late_does_not_begin() -> None:
+    """As where the warden is killed between its fork and the bond."""
+    code = f"""
+import ctypes, os, runpy
+Warden = runpy.run_path({warden.__file__!r})["Warden"]
+warden = Warden(None, ctypes.CDLL(None))
+for parent in (os.getpid(), 1):
+    warden._pid = parent
+    child = os.fork()
+    if child == 0:
+        warden._in_child()
+        os._exit(7)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["7", "1"]
