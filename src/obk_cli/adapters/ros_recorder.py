@@ -14,7 +14,7 @@ from obk_cli.adapters.bag_writer import FLUSH_S, BagWriter
 from obk_cli.adapters.definitions import installed_definition
 from obk_cli.adapters.raw_topics import RawTopic
 from obk_cli.adapters.ros_types import find_type
-from obk_cli.recording.choice import Wish, chosen_topics
+from obk_cli.recording.choice import Wish, chosen_topics, clashing_topics, unmet_wishes
 from obk_cli.recording.qos import offers_text
 from obk_cli.recording.schema_text import schema_text
 from obk_cli.recording.tally import Tally
@@ -58,6 +58,7 @@ class RosRecorder:
         self._tell = tell
         self._topics: dict[str, _Topic] = {}
         self._refused: set[str] = set()
+        self._clashing: set[str] = set()
         self._flushed = self._looked = self._told = time.monotonic()
         self._told_drops = 0
         self.look()
@@ -116,6 +117,11 @@ class RosRecorder:
         for name, msg_type in chosen_topics(self._wish, graph).items():
             if name not in self._topics and name not in self._refused:
                 self._begin(name, msg_type)
+        for name, kinds in clashing_topics(self._wish, graph).items():
+            if name not in self._topics and name not in self._clashing:
+                self._clashing.add(name)
+                types = " and ".join(kinds)
+                self._tell(f"warning: {name} is not recorded while it has the types {types}")
         for topic in self._topics.values():
             topic.raw.look()
 
@@ -129,6 +135,8 @@ class RosRecorder:
         for topic in self._topics.values():
             if topic.channel is None:
                 self._channel(topic)
+        for sentence in unmet_wishes(self._wish, {*self._topics, *self._refused, *self._clashing}):
+            self._tell(f"warning: {sentence}: nothing of it is recorded")
         self._tell_drops()
 
     def _begin(self, name: str, msg_type: str) -> None:
