@@ -14,6 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final, NoReturn
 
+from obk_cli.adapters.mjcf_places import mjcf_files
 from obk_cli.adapters.mujoco_model import import_mujoco, read_model
 from obk_cli.launch.json_values import value_of
 from obk_cli.surroundings import ModelFault, ModelRead
@@ -32,6 +33,9 @@ def read_model_bounded(path: Path) -> ModelRead | ModelFault:
     Raises:
         ImportError: MuJoCo is not installed; ask `has_mujoco` first.
     """
+    odd = next(filter(_is_odd, mjcf_files(path)), None)
+    if odd is not None:
+        return ModelFault(message=f"`{odd}` is no ordinary file")
     import_mujoco()
     here, there = os.pipe()
     with warnings.catch_warnings():
@@ -45,6 +49,12 @@ def read_model_bounded(path: Path) -> ModelRead | ModelFault:
         output = pipe.read()
     _, status = os.waitpid(pid, 0)
     return _read_answer(output) or ModelFault(message=_end_of(os.waitstatus_to_exitcode(status)))
+
+
+def _is_odd(path: Path) -> bool:
+    """Whether it is there and no file: for a pipe MuJoCo would wait."""
+    # The methods of `Path` raise for a name that no file can have.
+    return os.path.exists(path) and not os.path.isfile(path)  # noqa: PTH110, PTH113
 
 
 def _read_answer(output: bytes) -> ModelRead | ModelFault | None:

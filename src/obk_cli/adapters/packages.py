@@ -120,8 +120,9 @@ class PackageIndex:
         share = self.find_package_share(package)
         if share is None:
             return None
+        file = share / "msg" / f"{name}.msg"
         try:
-            return (share / "msg" / f"{name}.msg").read_text(encoding="utf-8")
+            return file.read_text(encoding="utf-8") if file.is_file() else None
         except (OSError, UnicodeDecodeError):
             return None
 

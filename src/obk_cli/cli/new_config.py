@@ -76,11 +76,11 @@ def find_model(root: Path) -> Model | None:
     workspace = find_workspace(root)
     folders = dict.fromkeys((root, *(workspace / name for name in _MODEL_FOLDERS)))
     for folder in folders:
-        for path in sorted(folder.glob("*.xml")):
+        for path in filter(Path.is_file, sorted(folder.glob("*.xml"))):
             try:
                 text = path.read_text(encoding="utf-8", errors="replace")
             except OSError:
-                continue  # a folder, or not to be read
+                continue  # not to be read
             model = read_model_text(text, os.path.relpath(path, root))
             if model is not None:
                 return model

@@ -74,10 +74,12 @@ def _configs(folder: Path) -> list[str]:
 def _is_config(path: Path) -> bool:
     """Whether the file holds nodes with components, or includes what may."""
     try:
-        data = path.read_bytes()
+        # A pipe or a device might never end.
+        if not path.is_file() or path.stat().st_size > _LONGEST_CONFIG_BYTES:
+            return False
+        source = decode_source(str(path), path.read_bytes())
     except OSError:
         return False
-    source = decode_source(str(path), data) if len(data) <= _LONGEST_CONFIG_BYTES else None
     tree = parse_source(source).tree if isinstance(source, SourceFile) else None
     if not isinstance(tree, TreeMap):
         return False

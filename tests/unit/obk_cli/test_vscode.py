@@ -1,6 +1,7 @@
 """`obk schema --install-vscode`: the association is there, what was there stays."""
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -110,3 +111,13 @@ def test_every_example_names_its_schema_for_editors(path: Path) -> None:
     start = "# yaml-language-server: $schema="
     assert first.startswith(start)
     assert (path.parent / first.removeprefix(start)).resolve() == SCHEMA
+
+
+def test_a_pipe_and_a_file_without_an_end_are_no_configs(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    os.mkfifo(folder / "pipe.yaml")
+    (folder / "endless.yaml").symlink_to("/dev/zero")
+    code, out, _ = install(capsys, folder)
+    assert code == 0
+    assert out.endswith("config/stack.yaml, config/whole.yml, *.obelisk.yaml\n")

@@ -58,3 +58,14 @@ def test_a_model_without_an_end_is_given_up(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(bounded_model, "read_model", lambda _: time.sleep(1000))
     fault = read_model_bounded(MODEL)
     assert fault == ModelFault(message="MuJoCo has not read it within 1 s")
+
+
+@pytest.mark.parametrize("name", ["pipe", "endless", "folder"])
+def test_what_is_no_file_is_not_waited_for(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "endless").symlink_to("/dev/zero")
+    (tmp_path / "folder").mkdir()
+    model = tmp_path / "m.xml"
+    model.write_text(f'<mujoco><include file="{name}"/></mujoco>')
+    fault = read_model_bounded(model)
+    assert fault == ModelFault(message=f"`{tmp_path}/{name}` is no ordinary file")
