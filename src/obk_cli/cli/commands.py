@@ -4,6 +4,7 @@ A command's module is imported only when that command runs, so that `obk --help`
 """
 
 import importlib
+import os
 import sys
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -144,6 +145,7 @@ def root_command() -> Any:
 
 def run(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run `obk` and end the process with its exit code."""
+    _open_the_closed()
     _write_any_text()
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in given
@@ -161,9 +163,18 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
             sys.exit(EXIT_INTERRUPTED)
         if debug:
             raise
-        _complain(_bug_report(error), None)
+        _complain(_lack_of(error) or _bug_report(error), None)
         sys.exit(EXIT_FAILED)
     sys.exit(0)
+
+
+def _open_the_closed() -> None:
+    """Have the standard streams lead nowhere that whoever started this has closed."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            stream = Path(os.devnull).open(mode, encoding="utf-8")  # noqa: SIM115 - for good
+            os.set_inheritable(stream.fileno(), True)
+            setattr(sys, name, stream)
 
 
 def _write_any_text() -> None:
@@ -187,14 +198,23 @@ def _complain(message: str, help: str | None) -> None:
     print("\n".join(map(visible, told.split("\n"))), file=sys.stderr)
 
 
+def _lack_of(error: Exception) -> str | None:
+    from obk_cli.adapters.lacks import lack_of
+
+    return lack_of(error)
+
+
 def _bug_report(error: Exception) -> str:
     """Keep the trace in a file and say so."""
     import tempfile
     import traceback
 
-    with tempfile.NamedTemporaryFile(
-        "w", prefix="obk-", suffix=".trace", delete=False, encoding="utf-8"
-    ) as file:
-        traceback.print_exception(error, file=file)
-    summary = f"{type(error).__name__}: {error}"
-    return f"this is a fault of obk itself ({summary}); its trace is in {Path(file.name)}"
+    summary = f"this is a fault of obk itself ({type(error).__name__}: {error})"
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="obk-", suffix=".trace", delete=False, encoding="utf-8"
+        ) as file:
+            traceback.print_exception(error, file=file)
+    except OSError:
+        return f"{summary}; `obk --debug` shows its trace"
+    return f"{summary}; its trace is in {Path(file.name)}"

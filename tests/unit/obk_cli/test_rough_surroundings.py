@@ -1,0 +1,118 @@
+"""`obk` where the machine lacks something: a sentence, and nothing that looks like our fault."""
+
+import errno
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from obk_cli.adapters.lacks import lack_of
+from obk_cli.cli.main import main
+
+SOUND = Path(__file__).parents[2] / "cases/accept/OBK004/topic_twice.yaml"
+OBK = Path(sys.executable).with_name("obk")
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+    """Have `obk validate` come to an error that nobody expects."""
+
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("obk_cli.cli.validate.compile_config", fail)
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (OSError(errno.ENOSPC, "no", "/a/b"), "`/a/b`: the disk is full"),
+        (OSError(errno.ENOSPC, "no"), "the disk is full"),
+        (OSError(errno.EMFILE, "no"), "this process may open no more files (see `ulimit -n`)"),
+        (MemoryError(), "there is not enough memory (see `ulimit -v`)"),
+        (OSError(errno.ENOMEM, "no"), "there is not enough memory (see `ulimit -v`)"),
+        (
+            RuntimeError("can't start new thread"),
+            "no more threads or processes can be started (see `ulimit -u`, `ulimit -v`)",
+        ),
+        (
+            OSError(errno.EAGAIN, "no"),
+            "no more threads or processes can be started (see `ulimit -u`, `ulimit -v`)",
+        ),
+    ],
+)
+def test_what_the_machine_lacks_is_told_in_a_sentence(
+    error: Exception,
+    told: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    failing(monkeypatch, error)
+    with pytest.raises(SystemExit) as ended:
+        main(["validate", str(SOUND)])
+    assert ended.value.code == 1
+    assert capsys.readouterr().err == f"error: {told}\n"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        OSError(errno.ENOENT, "no", "/a/b"),
+        OSError("no number"),
+        RuntimeError("boom"),
+        BlockingIOError(errno.EAGAIN, "write could not complete without blocking", 3),
+    ],
+)
+def test_other_errors_are_no_lack(error: Exception) -> None:
+    assert lack_of(error) is None
+
+
+def test_a_trace_that_cannot_be_kept_is_told_of_nevertheless(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "no")
+
+    failing(monkeypatch, ZeroDivisionError("boom"))
+    monkeypatch.setattr("tempfile.NamedTemporaryFile", full)
+    with pytest.raises(SystemExit) as ended:
+        main(["validate", str(SOUND)])
+    assert ended.value.code == 1
+    told = "this is a fault of obk itself (ZeroDivisionError: boom); `obk --debug` shows its trace"
+    assert capsys.readouterr().err == f"error: {told}\n"
+
+
+@pytest.mark.parametrize("closed", ["stdin", "stdout", "stderr"])
+def test_a_standard_stream_that_is_closed_leads_nowhere(
+    closed: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("stdin", "stdout", "stderr"):
+        monkeypatch.setattr(sys, name, None if name == closed else io.StringIO())
+    with pytest.raises(SystemExit) as ended:
+        main(["validate", "-" if closed == "stdin" else str(SOUND)])
+    stream = getattr(sys, closed)
+    assert ended.value.code == (1 if closed == "stdin" else 0)
+    assert stream.name == os.devnull
+    assert os.get_inheritable(stream.fileno())
+    stream.close()
+
+
+def test_a_working_folder_that_was_removed_is_told(tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    command = f"cd '{gone}' && rmdir '{gone}' && exec '{OBK}' validate '{SOUND}'"
+    ended = subprocess.run(
+        ["/bin/sh", "-c", command], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert ended.returncode == 1
+    assert ended.stderr == "error: the folder that this was started in is not there any more\n"
+
+
+def test_an_output_on_a_full_disk_is_told() -> None:
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(
+            [OBK, "explain"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60
+        )
+    assert (ended.returncode, ended.stderr) == (1, "error: the disk is full\n")
