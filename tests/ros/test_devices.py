@@ -1,6 +1,10 @@
-"""One stack on two hosts: network namespaces joined by a cable, with a launcher in each."""
+"""One stack on two hosts, as `docs/how-to/two-machines.md` has it.
+
+A host is a network namespace with a launcher of its own; a cable joins the two.
+"""
 
 import os
+import shutil
 import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -11,9 +15,11 @@ from signal import SIGINT
 import pytest
 
 from .stack import DEADLINE_S, DUMMY, OBK, Launched, eventually, patient
+from .walkthrough import Edit, apply, steps
 
 pytestmark = pytest.mark.ros
 
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "two-machines.md"
 LOST_CONTACT_S = 60.0
 HANG_AFTER = ("--hang-after", "5")
 """Soon enough for the test of a node that is gone, late enough for one that has to wait."""
@@ -116,15 +122,12 @@ def _ip_done(*arguments: str) -> None:
 
 @pytest.fixture
 def config(tmp_path: Path) -> Path:
-    """The dummy stack with its controller on another device than the rest."""
-    text = DUMMY.read_text()
-    head, _, rest = text.partition("onboard:\n")
-    control, _, others = rest.partition("  estimation:\n")
-    path = tmp_path / "dummy.yaml"
-    path.write_text(f"{head}offboard:\n{control}onboard:\n  estimation:\n{others}")
-    for file in ("dummy.xml", "dummy_params.txt"):
-        (tmp_path / file).symlink_to(DUMMY.with_name(file))
-    return path
+    """The dummy as the document splits it: its controller on another device than the rest."""
+    for file in ("dummy_new.yaml", "dummy.xml", "dummy_params.txt"):
+        shutil.copy(DUMMY.with_name(file), tmp_path)
+    (edit,) = (step for step in steps(DOCUMENT) if isinstance(step, Edit))
+    apply(edit, tmp_path)
+    return tmp_path / edit.path
 
 
 @contextmanager
