@@ -55,8 +55,7 @@ class Warden:
             while True:
                 for key, _ in selector.select():
                     if key.fileobj == children_fd:
-                        if signal.SIGTERM in os.read(children_fd, 512):
-                            return
+                        os.read(children_fd, 512)
                         self._reap()
                     elif not self._answer():
                         return
@@ -148,12 +147,15 @@ class Warden:
 
 
 def _wakeups() -> int:
-    """A descriptor that gets a byte, the signal's number, for each SIGCHLD and SIGTERM."""
+    """A descriptor that gets a byte for each SIGCHLD.
+
+    Signals that ask for an end are for the launcher: `systemctl stop` sends SIGTERM to all at once,
+    and the nodes would get another one from here, which cuts them short.
+    """
     read_fd, write_fd = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)
     signal.set_wakeup_fd(write_fd, warn_on_full_buffer=False)
-    for number in (signal.SIGCHLD, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)
-    for number in (signal.SIGINT, signal.SIGHUP):
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     return read_fd
 

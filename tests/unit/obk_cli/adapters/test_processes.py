@@ -142,6 +142,19 @@ def test_nothing_outlives_the_client_not_even_what_hides_in_a_session_of_its_own
     assert not _is_alive(hidden)
 
 
+def test_a_signal_that_asks_for_the_end_is_for_the_launcher_alone(bench: MakeBench) -> None:
+    """As `systemctl stop` sends it to every process of a stack at once."""
+    sleep = "import time; print('up', flush=True); time.sleep(60)"
+    run = bench({"a": sleep, "b": sleep})
+    first = psutil.Process(run.start("a"))
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        run.processes._warden.send_signal(number)
+    run.line()
+    run.start("b")
+    run.line()
+    assert _is_alive(first)
+
+
 def test_the_loss_of_the_warden_is_told_as_the_end_of_its_nodes(bench: MakeBench) -> None:
     run = bench({"a": "import time; time.sleep(60)"})
     node = psutil.Process(run.start("a"))
