@@ -13,7 +13,7 @@ from typing import Final
 
 from obk_cli.adapters.node_lines import CONSOLE_FORMAT
 from obk_cli.adapters.processes import NodeCommand
-from obk_cli.emit.write import write_text
+from obk_cli.emit.write import STATE_MODE, write_text
 from obk_cli.plan import Process
 from obk_cli.surroundings import Command
 
@@ -63,7 +63,8 @@ def composed_command(
     """
     path = folder / FILE
     # Parameters stand in it, for nobody else.
-    write_text(path, json.dumps({"nodes": [_entry(node) for node in nodes]}, indent=2), mode=0o600)
+    told = json.dumps({"nodes": [_entry(node) for node in nodes]}, indent=2)
+    write_text(path, told, mode=STATE_MODE)
     return NodeCommand(
         arguments=(sys.executable, "-P", "-m", HOST, str(path)),
         environment={

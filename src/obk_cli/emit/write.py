@@ -1,35 +1,52 @@
 """Writing a file: whole or not at all, and only if it changes."""
 
 import os
-import tempfile
+import stat
 from pathlib import Path
+from secrets import token_hex
 
-__all__ = ["write_bytes", "write_text"]
+__all__ = ["STATE_MODE", "write_bytes", "write_text"]
+
+STATE_MODE = 0o600
+"""Of files that are nobody's but their owner's: what a run was given and how it is."""
+_NEW_MODE = 0o666
+"""Of any new file, less what the user's mask takes away."""
 
 
-def write_text(path: Path, text: str, *, mode: int = 0o644) -> bool:
-    """Put `text` into the file as UTF-8; see `write_bytes`."""
-    return write_bytes(path, text.encode("utf-8"), mode=mode)
+def write_text(path: Path, text: str, *, mode: int | None = None) -> bool:
+    """Put `text` into the file as UTF-8, bytes of names that are none as they were."""
+    return write_bytes(path, text.encode("utf-8", "surrogateescape"), mode=mode)
 
 
-def write_bytes(path: Path, data: bytes, *, mode: int = 0o644) -> bool:
+def write_bytes(path: Path, data: bytes, *, mode: int | None = None) -> bool:
     """Put `data` into the file, making its folder; tells whether anything changed.
 
-    A file that is replaced gets `mode`.
+    A link is followed. What is there and is no file, a pipe or a device, takes the data and stays.
+
+    Args:
+        path: the file.
+        data: all that it is to hold.
+        mode: its permissions; None: those of the file that is replaced, else those of any new one.
 
     Raises:
         OSError: the folder or the file cannot be written; the old file is as it was.
     """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        path.write_bytes(data)
+        return True
     if path.is_file() and path.read_bytes() == data:
         return False
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    temporary = Path(name)
+    target = Path(os.path.realpath(path))
+    temporary = target.with_name(f".{target.name}.{token_hex(4)}")
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+    handle = os.open(temporary, flags, _NEW_MODE if mode is None else mode)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
-        temporary.chmod(mode)
-        temporary.replace(path)
+        if mode is None and target.is_file():
+            temporary.chmod(stat.S_IMODE(target.stat().st_mode))
+        temporary.replace(target)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise

@@ -132,8 +132,13 @@ def write_run(folder: Path, run: Run, made_from: MadeFrom | None = None) -> None
         told["plan_sha256"] = made_from.plan_sha256
         told["plan"] = json.loads(made_from.plan)
     temporary = folder / f".{RUN_FILE}"
-    temporary.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
-    temporary.replace(folder / RUN_FILE)
+    try:
+        temporary.touch(mode=0o600)
+        temporary.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        temporary.replace(folder / RUN_FILE)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
 
 
 def note_end(folder: Path, run: Run, ended: "Ended | None", now_s: float) -> None:

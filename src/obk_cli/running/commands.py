@@ -9,7 +9,7 @@ from obk_cli.adapters.composed import ComposedNode, composed_command, is_composa
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.processes import NodeCommand
 from obk_cli.emit.params import emit_params, params_file_name
-from obk_cli.emit.write import write_text
+from obk_cli.emit.write import STATE_MODE, write_text
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.units import Unit
 from obk_cli.plan import Process
@@ -96,7 +96,7 @@ def _executable(process: Process, packages: PackageIndex) -> Command:
 
 def _write_params(node: Process, folder: Path) -> Path:
     path = folder / "params" / params_file_name(node)
-    write_text(path, emit_params((node,)))
+    write_text(path, emit_params((node,)), mode=STATE_MODE)
     return path
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
-from obk_cli.emit.write import write_text
+from obk_cli.emit.write import STATE_MODE, write_text
 from obk_cli.launch.events import Ended, Heard, ProcessEnded, ProcessStarted, Told
 from obk_cli.launch.units import Unit
 from obk_cli.recording.choice import Wish
@@ -61,7 +61,8 @@ class Recorder:
             return {}
         path = self._folder / "recording.json"
         try:
-            write_text(path, job_to_json(self._job(self._folder, self._wish)))
+            job = job_to_json(self._job(self._folder, self._wish))
+            write_text(path, job, mode=STATE_MODE)
         except OSError as error:
             self._output.note(f"warning: nothing is recorded: {error}")
             return {}

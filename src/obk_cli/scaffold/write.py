@@ -81,7 +81,9 @@ def _write_files(folder: Path, files: Iterable[RenderedFile]) -> None:
         target = folder / file.path
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(file.content)
-        target.chmod(file.mode)
+        # Whoever may read a new file may run a script.
+        mode = target.stat().st_mode
+        target.chmod(mode | (mode >> 2 & file.mode & 0o111))
 
 
 def _merge(

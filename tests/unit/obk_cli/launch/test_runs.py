@@ -115,3 +115,21 @@ def test_a_run_of_a_later_version_is_read_as_far_as_it_is_known(tmp_path: Path) 
 
 def test_a_name_with_a_slash_makes_one_folder(tmp_path: Path) -> None:
     assert make_run_folder(tmp_path, "a/b", NOW).parent == tmp_path
+
+
+def test_a_run_that_cannot_be_written_leaves_nothing_and_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = make_run_folder(tmp_path, "dummy", NOW)
+    write_run(folder, RUN)
+    assert (folder / "run.json").stat().st_mode & 0o777 == 0o600
+
+    def fill_the_disk(path: Path, text: str, **_: object) -> None:
+        path.write_bytes(text[:10].encode())
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(Path, "write_text", fill_the_disk)
+    with pytest.raises(OSError, match="no space"):
+        write_run(folder, replace(RUN, pid=2))
+    assert [path.name for path in folder.iterdir()] == ["run.json"]
+    assert read_run(folder) == RUN
