@@ -19,11 +19,19 @@ from obk_interfaces.errors import (
 from obk_interfaces.fingerprint import digest_of
 from obk_interfaces.install import remove_package
 from obk_interfaces.order import order_by_dependency
-from obk_interfaces.package import Interface, InterfacePackage, discover, load_package
+from obk_interfaces.package import (
+    KINDS,
+    Interface,
+    InterfacePackage,
+    definition_files,
+    discover,
+    load_package,
+)
 from obk_interfaces.prefix import Prefixes, find_ros_prefix
 from obk_interfaces.progress import Progress, ProgressCallback
 
 __all__ = [
+    "KINDS",
     "BuildReport",
     "BuildToolError",
     "CommandError",
@@ -38,6 +46,7 @@ __all__ = [
     "Progress",
     "ProgressCallback",
     "build",
+    "definition_files",
     "digest_of",
     "discover",
     "find_ros_prefix",

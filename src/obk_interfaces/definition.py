@@ -25,7 +25,7 @@ _PRIMITIVES = frozenset(
 )
 _BOUNDED = frozenset({"string", "wstring"})
 _FIELD_NAME = re.compile(r"(?!.*__)(?!.*_$)[a-z][a-z0-9_]*")
-_CONSTANT_NAME = re.compile(r"[A-Z]([A-Z0-9_]?[A-Z0-9]+)*")
+_CONSTANT_NAME = re.compile(r"[A-Z](_?[A-Z0-9])*")
 _MESSAGE_NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
 _TYPE = re.compile(r"(?P<base>[A-Za-z][\w/]*)(?P<bound><=\d+)?(?P<array>\[(<=)?\d*\])?")
 _LINE = re.compile(r"\s*(?P<type>\S+)(\s+(?P<name>[^\s=]+)\s*(?P<equals>=)?)?")
@@ -38,8 +38,8 @@ class _Line:
     number: int
     text: str
 
-    def problem(self, token: str, sentence: str, help: str = "") -> Problem:
-        column = self.text.find(token) + 1
+    def problem(self, start: int, sentence: str, help: str = "") -> Problem:
+        column = start + 1
         return Problem(
             path=self.path, line=self.number, column=column, sentence=sentence, help=help
         )
@@ -122,69 +122,69 @@ def _check_section(
         match = _LINE.match(line.text)
         if match is None or match["name"] is None:
             token = line.text.strip()
-            yield line.problem(token, f"`{token}` has a type but no name", "write: <type> <name>")
+            start = line.text.find(token)
+            yield line.problem(start, f"`{token}` has a type but no name", "write: <type> <name>")
             continue
-        name = match["name"]
-        yield from _check_type(line, match["type"], package, messages)
-        yield from _check_constant(line, name) if match["equals"] else _check_field(line, name)
+        name, start = match["name"], match.start("name")
+        check = _check_constant if match["equals"] else _check_field
+        yield from _check_type(line, match, package, messages)
+        yield from check(line, name, start)
         if name in first_line_of:
-            yield line.problem(name, f"`{name}` is already defined in line {first_line_of[name]}")
+            yield line.problem(start, f"`{name}` is already defined in line {first_line_of[name]}")
         first_line_of.setdefault(name, line.number)
 
 
-def _check_field(line: _Line, name: str) -> Iterator[Problem]:
+def _check_field(line: _Line, name: str, start: int) -> Iterator[Problem]:
     if languages := languages_reserving(name):
         yield line.problem(
-            name,
+            start,
             f"field `{name}` is a keyword of {' and '.join(languages)}: "
             "the generated code would not compile",
             f"choose another name, such as `{name}_value`",
         )
     elif not _FIELD_NAME.fullmatch(name):
         yield line.problem(
-            name,
+            start,
             f"`{name}` cannot be the name of a field",
             "small letters, digits and single underscores, starting with a letter",
         )
 
 
-def _check_constant(line: _Line, name: str) -> Iterator[Problem]:
+def _check_constant(line: _Line, name: str, start: int) -> Iterator[Problem]:
     if not _CONSTANT_NAME.fullmatch(name):
         yield line.problem(
-            name,
+            start,
             f"`{name}` cannot be the name of a constant",
             "capital letters, digits and single underscores, such as MAX_SPEED",
         )
 
 
 def _check_type(
-    line: _Line, text: str, package: InterfacePackage, messages: frozenset[str]
+    line: _Line, field: re.Match[str], package: InterfacePackage, messages: frozenset[str]
 ) -> Iterator[Problem]:
+    text, start = field["type"], field.start("type")
     match = _TYPE.fullmatch(text)
     if match is None or (match["bound"] and match["base"] not in _BOUNDED):
         help = "examples: float64, float64[], float64[9], string<=10, geometry_msgs/Vector3[<=4]"
-        yield line.problem(text, f"`{text}` is not a type", help)
+        yield line.problem(start, f"`{text}` is not a type", help)
         return
     base = match["base"]
     if base in _PRIMITIVES:
         return
     full = base.replace("/msg/", "/") if "/" in base else f"{package.name}/{base}"
     if full not in messages:
-        yield _unknown_type(line, base, package, messages)
+        sentence = f"the type `{base}` is not known"
+        yield line.problem(start, sentence, _known_instead(base, package, messages))
 
 
-def _unknown_type(
-    line: _Line, base: str, package: InterfacePackage, messages: frozenset[str]
-) -> Problem:
+def _known_instead(base: str, package: InterfacePackage, messages: frozenset[str]) -> str:
     owner, slash, _ = base.partition("/")
     if slash and owner != package.name and owner not in package.depends:
-        help = f"package.xml does not depend on {owner}: add <depend>{owner}</depend>"
-        return line.problem(base, f"the type `{base}` is not known", help)
+        return f"package.xml does not depend on {owner}: add <depend>{owner}</depend>"
     names = [*_PRIMITIVES, *messages, *(m.partition("/")[2] for m in messages)]
     near = difflib.get_close_matches(base.replace("/msg/", "/"), sorted(set(names)), n=3)
     spelled = dict.fromkeys(_spelled_out(name, package, messages) for name in near)
-    help = "did you mean " + ", ".join(spelled) + "?" if spelled else ""
-    return line.problem(base, f"the type `{base}` is not known", help)
+    return "did you mean " + ", ".join(spelled) + "?" if spelled else ""
 
 
 def _spelled_out(name: str, package: InterfacePackage, messages: frozenset[str]) -> str:

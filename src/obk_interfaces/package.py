@@ -6,7 +6,7 @@ Never writes, and never reads the message definitions themselves.
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from xml.parsers.expat import ErrorString
@@ -14,7 +14,15 @@ from xml.parsers.expat import ErrorString
 from obk_interfaces.errors import PackageError
 from obk_interfaces.order import order_by_dependency
 
-__all__ = ["KINDS", "Interface", "InterfacePackage", "discover", "load_package", "read_depends"]
+__all__ = [
+    "KINDS",
+    "Interface",
+    "InterfacePackage",
+    "definition_files",
+    "discover",
+    "load_package",
+    "read_depends",
+]
 
 KINDS = ("msg", "srv", "action")
 _DEPEND_TAGS = ("depend", "build_depend", "build_export_depend", "exec_depend")
@@ -101,9 +109,12 @@ def load_package(root: Path) -> InterfacePackage:
         sorted(
             Interface(kind=kind, name=file.stem)
             for kind in KINDS
-            for file in (root / kind).glob(f"*.{kind}")
+            for file in definition_files(root, kind)
         )
     )
+    for interface in interfaces:
+        if not (root / interface.file).is_file():
+            raise PackageError(f"{root / interface.file}: is no file, as a definition is")
     if not interfaces:
         raise PackageError(f"{root}: has msg/, srv/ or action/, but no definition in it")
     return InterfacePackage(
@@ -113,6 +124,12 @@ def load_package(root: Path) -> InterfacePackage:
         depends=_depends(document),
         interfaces=interfaces,
     )
+
+
+def definition_files(root: Path, kind: str) -> Iterator[Path]:
+    """Find the definitions of a kind in a package; hidden files, as editors leave, are none."""
+    files = (root / kind).glob(f"*.{kind}")
+    return (file for file in files if not file.name.startswith("."))
 
 
 def read_depends(manifest: Path) -> tuple[str, ...]:
@@ -150,6 +167,9 @@ def _read_manifest(path: Path) -> ET.Element:
         line, column = error.position
         fault = ErrorString(error.code)
         raise PackageError(f"{path}:{line}:{column + 1}: not well-formed XML: {fault}") from error
+    except (LookupError, ValueError) as error:
+        fault = f"the encoding that it names cannot be read ({error}), UTF-8 can"
+        raise PackageError(f"{path}:1:1: {fault}") from error
 
 
 def _required_text(document: ET.Element, tag: str, path: Path) -> str:

@@ -11,9 +11,11 @@ from typing import Literal
 from obk_cli.adapters.overlay import OverlayRecord, read_record
 from obk_cli.adapters.packages import package_folders
 from obk_interfaces import (
+    KINDS,
     InterfacePackage,
     PackageError,
     Prefixes,
+    definition_files,
     digest_of,
     find_ros_prefix,
     load_package,
@@ -76,8 +78,7 @@ def find_message_packages(workspace: Path) -> tuple[InterfacePackage, ...]:
     """
     found: dict[str, InterfacePackage] = {}
     for folder in package_folders(workspace):
-        kinds = ("msg", "srv", "action")
-        if not any(next((folder / kind).glob(f"*.{kind}"), None) for kind in kinds):
+        if not any(next(definition_files(folder, kind), None) for kind in KINDS):
             continue
         package = load_package(folder)
         other = found.setdefault(package.name, package)

@@ -118,3 +118,20 @@ def test_text_that_is_not_utf8_is_told_with_its_line(tmp_path: Path) -> None:
     )
     (problem,) = check_package(package, {}, Prefixes(layers=(), ros=tmp_path))
     assert str(problem) == f"{tmp_path}/msg/A.msg:2:1: not UTF-8 text"
+
+
+@pytest.mark.parametrize("name", ["A", "AB", "A_B", "A1_2", "A" * 60 + "_B"])
+def test_a_constants_name_is_as_rosidl_takes_it(name: str) -> None:
+    assert problems_of(f"uint8 {name}=1\n") == []
+
+
+@pytest.mark.parametrize("name", ["A_", "A__B", "_A", "1A", "Ab", "A" * 60 + "_rad", "AB_" * 60])
+def test_another_name_of_a_constant_is_refused_at_once_however_long_it_is(name: str) -> None:
+    (problem,) = problems_of(f"uint8 {name}=1\n")
+    assert problem.startswith(f"msg/Robot.msg:1:7: `{name}` cannot be the name of a constant")
+
+
+@pytest.mark.parametrize("line", ["float64 float", "int32 int", "Wheel wheel_"])
+def test_a_name_that_is_part_of_its_type_is_told_where_it_stands(line: str) -> None:
+    (problem,) = problems_of(f"{line}\n")
+    assert problem.startswith(f"msg/Robot.msg:1:{line.index(' ') + 2}: ")

@@ -124,3 +124,28 @@ def test_a_manifest_without_a_version_is_refused(tmp_path: Path) -> None:
 )
 def test_generated_sources_are_named_as_rosidl_names_them(name: str, stem: str) -> None:
     assert Interface(kind="msg", name=name).stem == stem
+
+
+@pytest.mark.parametrize("encoding", ["gbk", "utf-32", "no-such-thing"])
+def test_a_manifest_in_an_encoding_that_cannot_be_read_is_told(
+    tmp_path: Path, encoding: str
+) -> None:
+    folder = write_package(tmp_path, "a_msgs")
+    manifest = folder / "package.xml"
+    manifest.write_text(f'<?xml version="1.0" encoding="{encoding}"?>\n{manifest.read_text()}')
+    with pytest.raises(PackageError, match=r"package\.xml:1:1: .*UTF-8 can$"):
+        discover([tmp_path])
+
+
+def test_what_an_editor_keeps_beside_a_definition_is_none(tmp_path: Path) -> None:
+    folder = write_package(tmp_path, "a_msgs")
+    (folder / "msg/.#A.msg").symlink_to("me@host.1234")
+    (folder / "msg/.B.msg").write_text("half of it")
+    (package,) = discover([tmp_path])
+    assert [i.file for i in package.interfaces] == ["msg/A.msg"]
+
+
+def test_a_definition_that_is_no_file_is_told(tmp_path: Path) -> None:
+    (write_package(tmp_path, "a_msgs") / "msg/B.msg").mkdir()
+    with pytest.raises(PackageError, match=r"msg/B\.msg: is no file, as a definition is"):
+        discover([tmp_path])
