@@ -4,7 +4,8 @@ A position-aware XML reader over the model and the files that it includes; no Mu
 """
 
 import contextlib
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from xml.parsers import expat
@@ -32,60 +33,54 @@ def mjcf_elements(path: Path) -> Iterator[MjcfElement]:
     A file that is missing or not XML ends the walk through it in silence: whoever loads the
     model says so.
     """
-    yield from _elements(path, path.parent, frozenset())
+    for scan in _scans(path, lambda scan: scan.includes):
+        yield from scan.found
 
 
 def mjcf_files(path: Path) -> Iterator[Path]:
     """The files of a model: its own, those that it includes or attaches; missing ones too."""
-    yield from dict.fromkeys(_files(path, path.parent, frozenset()))
+    for scan in _scans(path, lambda scan: [*scan.includes, *scan.attached]):
+        yield scan.path
 
 
-def _files(path: Path, folder: Path, opened: frozenset[Path]) -> Iterator[Path]:
-    if path in opened:
-        return
-    yield path
-    includes: list[Path] = []
-    scan = _Scan(path, folder, includes)
-    scan.elements()
-    for included in (*includes, *scan.attached):
-        yield from _files(included, folder, opened | {path})
-
-
-def _elements(path: Path, folder: Path, opened: frozenset[Path]) -> Iterator[MjcfElement]:
-    if path in opened:
-        return
-    includes: list[Path] = []
-    yield from _Scan(path, folder, includes).elements()
-    for included in includes:
-        yield from _elements(included, folder, opened | {path})
+def _scans(path: Path, named: Callable[["_Scan"], list[Path]]) -> Iterator["_Scan"]:
+    """A model's files, each once, however often and by whatever way it is named."""
+    waiting = [path]
+    seen: set[str] = set()
+    while waiting:
+        file = waiting.pop()
+        real = os.path.realpath(file)
+        if real not in seen:
+            seen.add(real)
+            scan = _Scan(file, path.parent)
+            yield scan
+            waiting += reversed(named(scan))
 
 
 class _Scan:
-    """One file's walk."""
+    """One file's walk, up to its end or its first fault."""
 
-    def __init__(self, path: Path, folder: Path, includes: list[Path]) -> None:
-        self._path = path
-        self._folder = folder
-        self._includes = includes
+    def __init__(self, path: Path, folder: Path) -> None:
+        self.path = path
+        self.found: list[MjcfElement] = []
+        self.includes: list[Path] = []
         self.attached: list[Path] = []
         """Whole models that this one takes parts of."""
+        self._folder = folder
         self._open: list[str] = []
-        self._found: list[MjcfElement] = []
-        self._parser = expat.ParserCreate()
+        # As MuJoCo reads it, whatever encoding the file says that it has.
+        self._parser = expat.ParserCreate("utf-8")
         self._parser.StartElementHandler = self._start
         self._parser.EndElementHandler = lambda _: self._open.pop()
-
-    def elements(self) -> list[MjcfElement]:
-        """The elements up to the file's end or its first fault."""
         with contextlib.suppress(OSError, expat.ExpatError):
-            self._parser.Parse(self._path.read_bytes(), True)
-        return self._found
+            if path.is_file():  # a pipe or a device might never end
+                self._parser.Parse(path.read_bytes(), True)
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         parent = self._open[-1] if self._open else ""
         self._open.append(tag)
         if tag == "include" and "file" in attributes:
-            self._includes.append(self._folder / attributes["file"])
+            self.includes.append(self._folder / attributes["file"])
         elif tag == "model" and "file" in attributes:
             self.attached.append(self._folder / attributes["file"])
         if "name" not in attributes and tag != "option":
@@ -93,8 +88,8 @@ class _Scan:
         element = MjcfElement(
             kind=_SENSOR_SECTION if parent == _SENSOR_SECTION else tag,
             name=attributes.get("name", ""),
-            path=self._path,
+            path=self.path,
             line=self._parser.CurrentLineNumber,
             column=self._parser.CurrentColumnNumber + 1,
         )
-        self._found.append(element)
+        self.found.append(element)

@@ -64,6 +64,8 @@ def _key(path: Path) -> str | None:
     digests = []
     try:
         for file in mjcf_files(path):
+            if not file.is_file():  # a pipe or a device might never end
+                return None
             data = file.read_bytes()
             if any(mark in data for mark in _OTHER_FILES):
                 return None

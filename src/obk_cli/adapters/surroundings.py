@@ -35,7 +35,7 @@ class MachineSurroundings:
         self._cache = cache_folder(environment)
         self._node_sources: NodeSources | None = None
         self._models: dict[Path, ModelRead | ModelFault | None] = {}
-        self._elements: dict[Path, list[MjcfElement]] = {}
+        self._elements: dict[Path, dict[tuple[str, str], MjcfElement]] = {}
         self._sources: dict[Path, SourceFile] = {}
         self._commands: dict[tuple[str, str], Command | ExecutableMissing] = {}
         self._codes: dict[tuple[str, str], NodeCode | CodeFault | None] = {}
@@ -99,14 +99,16 @@ class MachineSurroundings:
     def model_element(self, path: Path, kind: str, name: str) -> Span | None:
         """Where a model defines an element."""
         if path not in self._elements:
-            self._elements[path] = list(mjcf_elements(path))
-        for element in self._elements[path]:
-            if (element.kind, element.name) == (kind, name):
-                source = self._source(element.path)
-                rest = source.line(element.line)[element.column - 1 :]
-                length = rest.find(">") + 1 or len(rest.rstrip()) or 1
-                return Span.at(source, element.line, element.column, length)
-        return None
+            self._elements[path] = {}
+            for element in mjcf_elements(path):
+                self._elements[path].setdefault((element.kind, element.name), element)
+        found = self._elements[path].get((kind, name))
+        if found is None:
+            return None
+        source = self._source(found.path)
+        line, start = source.line(found.line), found.column - 1
+        end = line.find(">", start) + 1 or len(line.rstrip())
+        return Span.at(source, found.line, found.column, max(end - start, 1))
 
     def _note_all(self, paths: Iterable[Path]) -> None:
         if self._note is not None:

@@ -1,12 +1,13 @@
 """Reading models: where their elements stand, and what MuJoCo says of them."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.mjcf_places import mjcf_elements
-from obk_cli.adapters.mujoco_model import read_model
+from obk_cli.adapters.mjcf_places import mjcf_elements, mjcf_files
+from obk_cli.adapters.mujoco_model import missing_files, read_model
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.surroundings import ModelFault, ModelRead
 
@@ -95,3 +96,52 @@ def test_the_choice_of_a_renderer_is_left_as_it_was(monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("MUJOCO_GL", "egl")
     read_model(MODELS / "arm.xml")
     assert os.environ["MUJOCO_GL"] == "egl"
+
+
+def test_a_file_is_walked_once_however_often_it_is_included(tmp_path: Path) -> None:
+    """Each of a long row of files includes the next one twice, by two paths."""
+    count = 60
+    for number in range(count):
+        both = (f"{number + 1}.xml", f"../{tmp_path.name}/{number + 1}.xml")
+        includes = "".join(f'<include file="{path}"/>' for path in both)
+        (tmp_path / f"{number}.xml").write_text(
+            f'<mujoco>{includes}<geom name="g{number}"/></mujoco>'
+        )
+    names = [element.name for element in mjcf_elements(tmp_path / "0.xml")]
+    assert names == [f"g{number}" for number in range(count)]
+    # The last one is not there.
+    assert len(list(mjcf_files(tmp_path / "0.xml"))) == count + 1
+
+
+def test_a_row_of_includes_may_be_longer_than_python_calls_deep(tmp_path: Path) -> None:
+    count = sys.getrecursionlimit() + 10
+    for number in range(count):
+        text = f'<mujoco><include file="{number + 1}.xml"/></mujoco>'
+        (tmp_path / f"{number}.xml").write_text(text)
+    assert len(list(mjcf_files(tmp_path / "0.xml"))) == count + 1
+    assert list(mjcf_elements(tmp_path / "0.xml")) == []
+
+
+def test_a_pipe_among_the_files_of_a_model_holds_up_nobody(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.xml")
+    model = tmp_path / "m.xml"
+    model.write_text(
+        '<mujoco><include file="pipe.xml"/><include file="/dev/zero"/><geom name="g"/></mujoco>'
+    )
+    assert [element.name for element in mjcf_elements(model)] == ["g"]
+    assert [path.name for path in mjcf_files(model)] == ["m.xml", "pipe.xml", "zero"]
+
+
+@pytest.mark.parametrize("encoding", ["gbk", "utf-32", "no-such-thing"])
+def test_a_model_is_read_as_utf8_whatever_it_says(tmp_path: Path, encoding: str) -> None:
+    (tmp_path / "m.xml").write_text(
+        f'<?xml version="1.0" encoding="{encoding}"?>\n<mujoco><geom name="\u957f"/></mujoco>',
+        encoding="utf-8",
+    )
+    (element,) = mjcf_elements(tmp_path / "m.xml")
+    assert (element.name, element.line, element.column) == ("\u957f", 2, 9)
+
+
+def test_files_that_no_disk_can_have_are_missing(tmp_path: Path) -> None:
+    long = "a" * 300 + ".stl"
+    assert missing_files([(long, long)], tmp_path / "m.xml") == (long,)
