@@ -6,9 +6,8 @@ Messages are decoded by the definitions in the file; neither ROS nor the types n
 import struct
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from io import StringIO
 from pathlib import Path
 from typing import IO, Any, Final
 
@@ -17,9 +16,9 @@ from mcap.reader import SeekingReader
 from mcap.records import Attachment, Channel, Chunk, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
-from mcap_ros2.decoder import DecoderFactory
 
 from obk_cli.adapters.bag_chunks import messages_in_order, records_of
+from obk_cli.adapters.bag_messages import MessageDecoders
 from obk_cli.adapters.files import explain_os_error
 from obk_cli.errors import CommandFailedError
 from obk_cli.recording.bag import Bag, BagTopic
@@ -65,12 +64,10 @@ def messages_of(path: Path, topics: Collection[str]) -> Iterator[BagMessage]:
     Raises:
         CommandFailedError: the file cannot be read, or a message of it.
     """
-    decoders = DecoderFactory()
+    decoders = MessageDecoders()
     with _faults_told(path), path.open("rb") as file:
         for schema, channel, message in _messages(file, topics):
-            # It prints what it does not understand, whatever that does to a terminal.
-            with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-                decode = decoders.decoder_for(channel.message_encoding, schema)
+            decode = decoders.decoder_of(channel, schema)
             if decode is None:
                 raise CommandFailedError(
                     f"{path}: {plain(channel.topic)} cannot be decoded: it is not in the form of "

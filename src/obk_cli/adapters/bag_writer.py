@@ -69,10 +69,12 @@ class BagWriter:
     ) -> None:
         """Write key-value records and texts, each by its name, at the time [ns since 1970]."""
         for name, values in metadata.items():
-            self._writer.add_metadata(name, dict(values))
+            told = {_as_utf8(key): _as_utf8(value) for key, value in values.items()}
+            self._writer.add_metadata(_as_utf8(name), told)
         for name, text in attachments.items():
             media = _MEDIA.get(Path(name).suffix, "text/plain")
-            self._writer.add_attachment(now_ns, now_ns, name, media, text.encode())
+            data = _as_utf8(text).encode()
+            self._writer.add_attachment(now_ns, now_ns, _as_utf8(name), media, data)
         self._file.flush()
 
     def add_topic(
@@ -120,3 +122,8 @@ class BagWriter:
         """
         with self._file:
             self._writer.finish()  # type: ignore[no-untyped-call]
+
+
+def _as_utf8(text: str) -> str:
+    """The text with escapes for what UTF-8 has no place for, such as bytes of a file's name."""
+    return text.encode(errors="backslashreplace").decode()

@@ -1,5 +1,6 @@
 """Which recording a user means: a file, or the one of a run."""
 
+import os
 from pathlib import Path
 from typing import Final
 
@@ -24,8 +25,8 @@ def recording_meant(parent: Path, name: str | None) -> Path:
     Raises:
         CommandFailedError: there is none of that name.
     """
-    if name is not None and (path := Path(name)).is_file():
-        return path
+    if name is not None and os.path.isfile(name):  # noqa: PTH113  (`Path.is_file` raises)
+        return Path(name)
     if name is not None and (inside := _in_folder(Path(name))):
         return inside
     folders = run_folders(parent)
@@ -46,5 +47,6 @@ def recording_meant(parent: Path, name: str | None) -> Path:
 
 def _in_folder(folder: Path) -> Path | None:
     """The recording in a folder, such as rosbag2 makes, where it has exactly one."""
-    files = sorted(folder.glob("*.mcap")) if folder.is_dir() else []
+    is_there = os.path.isdir(folder)  # noqa: PTH112  (`Path.is_dir` raises)
+    files = sorted(folder.glob("*.mcap")) if is_there else []
     return files[0] if len(files) == 1 else None

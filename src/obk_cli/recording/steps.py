@@ -5,7 +5,7 @@ from typing import Final
 
 __all__ = ["field_steps"]
 
-_STEP: Final = re.compile(r"\.(?P<name>[A-Za-z]\w*)|\[(?P<index>\d+)\]")
+_STEP: Final = re.compile(r"\.(?P<name>[A-Za-z]\w*)|\[(?P<index>[0-9]{1,9})\]")
 
 
 def field_steps(text: str) -> tuple[str | int, ...]:

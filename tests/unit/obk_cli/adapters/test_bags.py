@@ -1,6 +1,7 @@
 """Recordings written, cut off anywhere, read back and drawn; no ROS is running."""
 
 import errno
+import os
 import re
 import struct
 import tracemalloc
@@ -295,3 +296,48 @@ def test_times_beyond_any_calendar_are_shown(tmp_path: Path) -> None:
     bag = read_bag(path)
     assert (bag.count, bag.end_ns) == (1, 2**64 - 1)
     assert any("/speed" in line for line in bag_text(bag))
+
+
+def with_definition(path: Path, definition: str, data: bytes) -> Path:
+    with BagWriter(path) as writer:
+        channel = writer.add_topic("/speed", "demo_msgs/msg/Reading", definition, {})
+        writer.add_message(channel, b"\0\1\0\0" + data, BEGIN_NS, BEGIN_NS, 1)
+    return path
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        f"uint8 {'A' * 60}_=1",
+        f"uint8 {'A' * 60}_b = 1  # {'[' * 60_000}",
+        f"#{' ' * 60_000}x",
+        'string TEXT="float64 other"',
+    ],
+)
+def test_comments_and_constants_of_a_definition_do_not_count(tmp_path: Path, line: str) -> None:
+    definition = f"{line}\nfloat64 data 1.5\n{line}\n"
+    path = with_definition(tmp_path / "a.mcap", definition, struct.pack("<d", 2.5))
+    assert [one.value.data for one in messages_of(path, {"/speed"})] == [2.5]
+
+
+@pytest.mark.parametrize(
+    ("definition", "data"),
+    [
+        ("uint8[] data\n", struct.pack("<I", 100) + b"few"),
+        ("string data\n", struct.pack("<I", 100) + b"few"),
+        (f"Id[] data\n{'=' * 80}\nMSG: demo_msgs/Id\nuint8[16] id\n", b"\xff" * 4),
+    ],
+)
+def test_a_message_that_breaks_off_is_told_and_not_cut_short(
+    tmp_path: Path, definition: str, data: bytes
+) -> None:
+    path = with_definition(tmp_path / "a.mcap", definition, data)
+    with pytest.raises(CommandFailedError, match=r"damaged \(EOFError: \d+ bytes were expected"):
+        list(messages_of(path, {"/speed"}))
+
+
+def test_bytes_of_names_that_are_no_utf8_are_escaped(tmp_path: Path) -> None:
+    name = os.fsdecode(b"caf\xe9")
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.describe({"obelisk": {"config": name}}, {"plan.json": name}, BEGIN_NS)
+    assert read_bag(tmp_path / "a.mcap").metadata == {"obelisk": {"config": r"caf\udce9"}}

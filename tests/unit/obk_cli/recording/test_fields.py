@@ -93,3 +93,9 @@ def test_a_topic_may_be_named_by_its_end() -> None:
         topic_meant("imu", topics)
     with pytest.raises(CommandFailedError, match="has no topic `st`"):
         topic_meant("st", topics)
+
+
+@pytest.mark.parametrize("text", [f"/a.b[{'9' * 5000}]", "/a.b[\u0661]", "/a.b[-1]"])
+def test_a_place_that_no_array_has_names_no_field(text: str) -> None:
+    with pytest.raises(MisuseError, match="names no field"):
+        parse_field(text)

@@ -53,3 +53,8 @@ def test_without_any_recording_the_way_to_one_is_told(tmp_path: Path) -> None:
     with pytest.raises(CommandFailedError, match=r"no run in .* was recorded") as error:
         recording_meant(tmp_path, None)
     assert "obk launch --record" in (error.value.help or "")
+
+
+def test_a_name_that_no_file_can_have_is_that_of_none(runs: Path) -> None:
+    with pytest.raises(CommandFailedError, match="there is no file and no run called `aaa"):
+        recording_meant(runs, "a" * 300)
