@@ -81,7 +81,7 @@ def apply_edits(source: SourceFile, edits: Iterable[Edit]) -> str:
         ValueError: two edits want the same stretch and one of them puts text there.
     """
     offsets = Offsets.of(source)
-    placed = sorted((offsets.start(e.span), offsets.end(e.span), e.text) for e in {*edits})
+    placed = sorted({(offsets.start(e.span), offsets.end(e.span), e.text) for e in edits})
     parts: list[str] = []
     done, put = 0, ""
     for start, end, text in placed:

@@ -7,11 +7,10 @@ style, comes to the same plan.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import groupby
 from pathlib import Path
 
 from obk_cli.diagnostics import Diagnostic
-from obk_cli.edits import apply_edits, touched_lines
+from obk_cli.edits import Edit, apply_edits, touched_lines
 from obk_cli.lower import lower_stack
 from obk_cli.pipeline import Options, Outcome, compile_config
 from obk_cli.plan import Origin, Plan
@@ -112,9 +111,9 @@ class _Fixer:
         if not serious and _meaning(outcome) is None:
             return []
         chosen: list[Diagnostic] = []
-        taken: set[tuple[str, int]] = set()
+        taken: set[tuple[Path, int]] = set()
         for finding in serious or able:
-            lines = touched_lines(finding.fix)
+            lines = {(self._real(path), line) for path, line in touched_lines(finding.fix)}
             if taken.isdisjoint(lines):
                 chosen.append(finding)
                 taken |= lines
@@ -131,9 +130,10 @@ class _Fixer:
         """The texts with these cures, None if they are worse than before."""
         edits = dict.fromkeys(edit for finding in chosen for edit in finding.fix)
         texts = dict(state.texts)
-        by_path = sorted(edits, key=lambda edit: edit.span.path)
-        for path, group in groupby(by_path, key=lambda edit: edit.span.path):
-            real, of_file = self._real(path), list(group)
+        by_file: dict[Path, list[Edit]] = {}  # one may be included by several paths
+        for edit in edits:
+            by_file.setdefault(self._real(edit.span.path), []).append(edit)
+        for real, of_file in by_file.items():
             source = of_file[0].span.source
             self.originals.setdefault(real, source)
             texts[real] = apply_edits(source, of_file)

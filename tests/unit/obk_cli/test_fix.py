@@ -217,3 +217,17 @@ def test_other_formats_keep_the_output_to_themselves(
 )
 def test_misuse(capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], error: str) -> None:
     assert run(capsys, *arguments) == (2, "", f"error: {error}\n")
+
+
+def test_a_file_that_is_included_by_two_paths_is_mended_once_and_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    part = Path("part.yaml")
+    part.write_text("estmation:\n  pkg: demo\n  excutable: e\n")
+    Path("link.yaml").symlink_to("part.yaml")
+    Path("c.yaml").write_text(f"include: [part.yaml, link.yaml, {tmp_path}/part.yaml]\n")
+    fixed = fix_config("c.yaml", options(tmp_path), lambda _: True)
+    ((_, text),) = fixed.files
+    assert text == "estimation:\n  pkg: demo\n  executable: e\n"
+    assert "OBK101" not in {f.code for f in fixed.after.diagnostics}
