@@ -106,7 +106,7 @@ def _pyproject_lines(path: Path) -> Iterator[str]:
 
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError):
+    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError):
         return
     project = table.get("project")
     scripts = project.get("scripts") if isinstance(project, dict) else None

@@ -17,9 +17,10 @@ def read_bytes(path: str) -> bytes | str:
 
     Of one that is longer than any config no more than shows that.
     """
-    if path == STANDARD_INPUT:
-        return sys.stdin.buffer.read(_MOST_BYTES)
     try:
+        if path == STANDARD_INPUT:
+            # It is None where whoever started this has closed it.
+            return sys.stdin.buffer.read(_MOST_BYTES) if sys.stdin else "it is closed"
         if _is_named_pipe(Path(path)):
             return "it is a named pipe"
         with Path(path).open("rb") as file:

@@ -21,7 +21,7 @@ __all__ = ["lift_device", "nest_sections"]
 
 _PLAIN_COLON = re.compile(r"[ \t]*:\s*(?:#[^\r\n]*\s*)*")
 _BEHIND_COLON = re.compile(r"[ \t]*:[ \t]*(?=(#)|[\r\n])")
-_LAST_COMMA = re.compile(r"(?:\s|#[^\r\n]*)*,")
+_LAST_COMMA = re.compile(r"(?:\s|#[^\r\n]*+)*+,")
 _COMMENT = re.compile(r"#[^\r\n]*")
 _USUAL_INDENT = 2
 

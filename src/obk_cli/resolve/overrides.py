@@ -12,7 +12,8 @@ __all__ = ["ParseValue", "resolve_overrides"]
 
 ParseValue = Callable[[SourceFile], tuple[Tree | None, tuple[Diagnostic, ...]]]
 
-_STEP = re.compile(r"(?:^|\.)([A-Za-z_][\w-]*)|\[(\d+)\]")
+_STEP = re.compile(r"(?:^|\.)([A-Za-z_][\w-]*)|\[([0-9]{1,9})\]")
+_MOST_STEPS = 100
 
 
 class _UnfitError(Exception):
@@ -56,6 +57,8 @@ def _split(option: str) -> tuple[list[str | int], str]:
         at = step.end()
     if not steps:
         raise _UnfitError("the path is empty", "write it as `robot[0].sim[0].time_step`")
+    if len(steps) > _MOST_STEPS:
+        raise _UnfitError(f"the path has {len(steps)} steps, expected at most {_MOST_STEPS}")
     return steps, text or "~"
 
 

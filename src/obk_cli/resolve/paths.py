@@ -83,8 +83,8 @@ class _Search:
             for name in self._names_in(path.parent):
                 if Path(name).suffix == written.suffix and name != path.name:
                     stems.setdefault(Path(name).stem, str(written.with_name(name)))
-            if ".." in written.parts or written.is_absolute():
-                continue
+            if written.is_absolute() or path.parts[-len(written.parts) :] != written.parts:
+                continue  # a link or `..` leads elsewhere
             base = path.parents[len(written.parts) - 1]
             for name in self._names_in(base):
                 for other in (base / name, base / name / written.name):

@@ -24,6 +24,7 @@ def compiled(folder: Path, model: str, package: str = "demo") -> Outcome:
         ("models/amr.xml", "did you mean `models/arm.xml`?"),
         ("model/arm.xml", "did you mean `arm.xml` or `models/arm.xml`?"),
         ("leg.xml", "tried "),
+        ("~/arm.xml", "`~` is not expanded, write `${HOME}/arm.xml`; tried "),
         ("arm.yaml", "tried "),
     ],
 )
@@ -53,3 +54,11 @@ def test_what_stands_there_but_is_no_file_is_not_meant(tmp_path: Path) -> None:
 def test_names_that_no_file_can_have_are_not_found(tmp_path: Path) -> None:
     outcome = compiled(tmp_path, "a" * 300 + ".xml", package="b" * 300)
     assert {"OBK301", "OBK401"} <= {fault.code for fault in outcome.diagnostics}
+
+
+def test_nothing_is_meant_where_a_link_leads_out_of_the_folder(tmp_path: Path) -> None:
+    # A package has no others below it, so that none is looked for behind the link.
+    (tmp_path / "package.xml").write_text("<package><name>demo</name></package>")
+    (tmp_path / "link").symlink_to("/")
+    (fault,) = (f for f in compiled(tmp_path, "link/x.xml").diagnostics if f.code == "OBK301")
+    assert "did you mean" not in (fault.help or "")

@@ -9,7 +9,7 @@ from obk_cli.resolve.merge import merge_trees
 from obk_cli.resolve.overrides import resolve_overrides
 from obk_cli.resolve.variables import resolve_variables
 from obk_cli.source import SourceFile
-from obk_cli.tree import Tree, TreeMap, plain_value
+from obk_cli.tree import Tree, TreeMap, TreeScalar, plain_value
 
 
 def tree(text: str, path: str = "f.yaml") -> TreeMap:
@@ -151,6 +151,8 @@ def test_set(option: str, value: object) -> None:
         ("m[1]=1", "`[1]` needs a list, there is a mapping"),
         ("x[0]=1", "there is no `x`"),
         ("m.c=[", "never closed"),
+        (f"a[{'9' * 5000}].b=1", "is not a path"),
+        (f"m{'.a' * 2000}=1", "the path has 2001 steps, expected at most 100"),
     ],
 )
 def test_a_set_that_does_not_fit_says_why(option: str, reason: str) -> None:
@@ -181,3 +183,14 @@ def test_many_references_without_an_end_take_no_longer_than_the_text_is_long() -
 def test_an_undefined_variable_is_told_once_for_a_value() -> None:
     _, faults = resolve_variables(tree("a: ${X} ${X} ${Y}\nb: ${X}"), {})
     assert [(fault.span.line, fault.span.column) for fault in faults] == [(1, 4), (1, 14), (2, 4)]
+
+
+def test_what_a_variable_comes_to_keeps_its_text() -> None:
+    resolved, _ = resolve_variables(tree("a: ${N}\nb: ${V:-1.10}\nc: '${N}'\n"), {"N": "012"})
+    assert isinstance(resolved, TreeMap)
+    values = [entry.value for entry in resolved]
+    assert [(v.value, v.text) for v in values if isinstance(v, TreeScalar)] == [
+        (12, "012"),
+        (1.1, "1.10"),
+        ("012", "012"),
+    ]

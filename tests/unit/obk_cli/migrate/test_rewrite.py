@@ -270,3 +270,11 @@ def test_document_marks_stay_outside_the_device() -> None:
     nested = "%YAML 1.2\n---\nonboard:\n  robot:\n    pkg: p\n# tail\n...\n"
     assert migrate(text, "seed").text == nested
     assert migrate(nested).text == text
+
+
+def test_a_banner_behind_the_last_section_in_braces_stays_and_takes_no_time() -> None:
+    banner = f"# {'#' * 60} # a, b"
+    text = f"{{onboard: {{control: [{{pkg: p, executable: e}}] {banner}\n}}}}\n"
+    migrated = migrate(text)
+    assert not migrated.faults
+    assert banner in migrated.text
