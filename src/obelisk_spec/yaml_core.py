@@ -7,7 +7,7 @@ Source: YAML 1.2.2, 10.3 Core Schema.
 
 import re
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final, NoReturn
 
 import yaml
 
@@ -27,6 +27,8 @@ _INT: Final = re.compile(r"[-+]?[0-9]+")
 _BASED: Final = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
 _FLOAT: Final = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _MAY_BE_NUMBER: Final = frozenset("+-.0123456789")
+_MOST_VALUES: Final = 150_000
+"""What a text may come to; an alias counts as all that it stands for."""
 _LONGEST_INT: Final = 4000
 _LONGEST_BASED: Final = 3000
 """Digits; Python refuses to convert longer ones, and no robot needs them."""
@@ -55,10 +57,33 @@ class _CoreLoader(yaml.SafeLoader):
     expand: Callable[[str], str]
     """What becomes of each scalar's text before it is read."""
 
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._values = 0
+        self._weights: dict[int, int] = {}
+
     yaml_implicit_resolvers = {  # noqa: RUF012  (the attribute's name and type are PyYAML's)
         "<": [("tag:yaml.org,2002:merge", re.compile(r"<<$"))],
         None: [("!plain", re.compile(""))],
     }
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]  # none of its are
+        before = self._values
+        node = super().compose_node(parent, index)
+        if not isinstance(event, yaml.AliasEvent):
+            self._values += 1
+            self._weights[id(node)] = self._values - before
+        elif id(node) in self._weights:
+            self._values += self._weights[id(node)]
+        else:
+            self._refuse(f"alias `*{event.anchor}` stands inside its own value", event)
+        if self._values > _MOST_VALUES:
+            self._refuse(f"the values are more than {_MOST_VALUES:,}", event)
+        return node
+
+    def _refuse(self, problem: str, event: Any) -> NoReturn:
+        raise yaml.composer.ComposerError(None, None, problem, event.start_mark)
 
 
 def _plain(loader: _CoreLoader, node: yaml.ScalarNode) -> Scalar:

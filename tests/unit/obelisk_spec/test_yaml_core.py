@@ -72,3 +72,28 @@ def test_an_error_tells_its_place_and_what_is_wrong_there() -> None:
     with pytest.raises(YamlTextError) as caught:
         load_yaml_core("data: 1\n dat: 2")
     assert str(caught.value) == "line 2, column 5: mapping values are not allowed here"
+
+
+@pytest.mark.parametrize(
+    "levels",
+    [
+        [f"a{n}: &a{n} [*a{n - 1}, *a{n - 1}]" for n in range(1, 60)],
+        [f"a{n}: &a{n} {{<<: [*a{n - 1}, *a{n - 1}]}}" for n in range(1, 60)],
+    ],
+)
+def test_aliases_that_double_again_and_again_are_refused_at_once(levels: list[str]) -> None:
+    with pytest.raises(YamlTextError, match=r"line \d+, column \d+: the values are more than"):
+        load_yaml_core("\n".join(["a0: &a0 {x: 1}", *levels]))
+
+
+def test_a_value_that_holds_itself_is_refused() -> None:
+    with pytest.raises(YamlTextError, match=r"column 5: alias `\*a` stands inside its own value"):
+        load_yaml_core("&a [*a]")
+
+
+def test_aliases_stand_for_what_they_name() -> None:
+    assert load_yaml_core("[&a {x: 1}, *a, {<<: *a, y: 2}]") == [
+        {"x": 1},
+        {"x": 1},
+        {"x": 1, "y": 2},
+    ]
