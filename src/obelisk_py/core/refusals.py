@@ -16,6 +16,8 @@ LASTING_S: Final = 1.0
 """Refusals on end for so long are no slip any more [s]."""
 LASTING_PERIOD_S: Final = 10.0
 """From one report to the next, once that has been told [s]."""
+MOST_REASONS: Final = 8
+"""That a report tells; those beyond, as of a number that grows, are counted only."""
 REFUSED_ON_END: Final = (
     "nothing else has come for {lasting_s:.1f} s, so the robot has no commands; "
     "`obk topic echo` shows what the controller sends"
@@ -50,6 +52,7 @@ class Refusals:
         self._on_end = on_end
         self._lock = threading.Lock()
         self._untold: Counter[str] = Counter()
+        self._others = 0
         self._total = 0
         self._next_report_s = -float("inf")
         self._since_s: float | None = None
@@ -57,7 +60,10 @@ class Refusals:
     def add(self, reason: str) -> None:
         """Count one."""
         with self._lock:
-            self._untold[reason] += 1
+            if reason in self._untold or len(self._untold) < MOST_REASONS:
+                self._untold[reason] += 1
+            else:
+                self._others += 1
             self._total += 1
             if self._since_s is None:
                 self._since_s = self._monotonic_s()
@@ -77,7 +83,10 @@ class Refusals:
             is_lasting = self._on_end is not None and lasting_s >= LASTING_S
             self._next_report_s = now_s + (LASTING_PERIOD_S if is_lasting else REPORT_PERIOD_S)
             reasons = "; ".join(f"{reason} ({count}x)" for reason, count in self._untold.items())
+            if self._others:
+                reasons = f"{reasons}; for further reasons ({self._others}x)"
             self._untold.clear()
+            self._others = 0
             text = f"{self._what}: {reasons}; {self._total} since the start"
             if self._on_end is not None and is_lasting:
                 text = f"{text}; {self._on_end.format(lasting_s=lasting_s)}"

@@ -55,3 +55,14 @@ def test_of_what_has_no_cure_nothing_is_an_error():
     late.add("its stamp is old")
     now_s = 100.0
     assert not late.report().is_lasting
+
+
+def test_reasons_that_differ_each_time_make_no_endless_line():
+    refusals = Refusals("control refused", lambda: 0.0)
+    for value in range(1000):
+        refusals.add(f"`u[0]` is {value}")
+    text = refusals.report().text
+    assert text.startswith("control refused: `u[0]` is 0 (1x); `u[0]` is 1 (1x); ")
+    assert text.endswith("`u[0]` is 7 (1x); for further reasons (992x); 1000 since the start")
+    refusals.add("`u[0]` is 9")
+    assert refusals.report() is None
