@@ -17,6 +17,7 @@ _TOKEN = re.compile(
     r"""|(?P<mark>[{}\[\],:])|(?P<word>[^\s{}\[\],:"/]+)""",
     re.DOTALL,
 )
+_NO_LINE_END = re.compile(r"[^\r\n]")
 _FIRST_INDENT = re.compile(r"\{\s*?\n([ \t]+)")
 _USUAL_INDENT = "    "
 
@@ -39,12 +40,9 @@ def read_jsonc(text: str) -> object:
     Raises:
         JsoncError: it is not JSON otherwise.
     """
-    tokens = list(_tokens(text))
-    followed = zip(tokens, [*tokens[1:], None], strict=True)
-    kept = (t.text for t, after in followed if not (t.text == "," and after and after.text in "}]"))
     try:
-        return json.loads(" ".join(kept))
-    except ValueError as error:
+        return json.loads("".join(_plain_parts(text)))
+    except (ValueError, RecursionError) as error:
         raise JsoncError(str(error)) from error
 
 
@@ -80,6 +78,17 @@ def _tokens(text: str) -> Iterator[_Token]:
         at = match.end()
         if match.lastgroup != "skip":
             yield _Token(str(match.lastgroup), match[0], match.start(), at)
+
+
+def _plain_parts(text: str) -> Iterator[str]:
+    """The text with blanks for what JSON does not have, so that every place stays what it is."""
+    tokens = list(_tokens(text))
+    at = 0
+    for token, after in zip(tokens, [*tokens[1:], None], strict=True):
+        is_last_comma = token.text == "," and after is not None and after.text in "}]"
+        yield _NO_LINE_END.sub(" ", text[at : token.start])
+        yield " " if is_last_comma else token.text
+        at = token.end
 
 
 def _find(tokens: list[_Token], at: int, key: str) -> int | None:

@@ -21,6 +21,7 @@ from obk_cli.launch.events import Heard, StopAsked
 from obk_cli.launch.wire import (
     CONTROL_SOCKET,
     LONGEST_REQUEST,
+    LONGEST_WAIT_S,
     ChangeRequest,
     LookRequest,
     StatusRequest,
@@ -41,6 +42,8 @@ SEND_S: Final = 2.0
 """How long whoever asked may take to read the answer [s]."""
 STATUS_S: Final = 5.0
 """How long the supervisor may take to say how the stack is [s]."""
+LOOK_S: Final = 30.0
+"""How long a question about the ROS graph may take, beside what it gives others [s]."""
 END_S: Final = 0.5
 """How long the last answers may take at the end [s]."""
 MOST_CONNECTIONS: Final = 32
@@ -188,7 +191,12 @@ class _Server:
             return emit_fault("the launcher does not tell of the ROS graph")
         answer = self._awaited()
         self._look(question, lambda told: self._settle_from_a_thread(answer, emit_look(told)))
-        return await answer
+        wait_s = LOOK_S + _given_s(question)
+        try:
+            async with asyncio.timeout(wait_s):
+                return await answer
+        except TimeoutError:
+            return emit_fault(f"the launcher has not answered for {wait_s:g} s")
 
     def _awaited(self) -> "asyncio.Future[bytes]":
         answer: asyncio.Future[bytes] = self._loop.create_future()
@@ -212,6 +220,13 @@ class _Server:
 def _settle(answer: "asyncio.Future[bytes]", line: bytes) -> None:
     if not answer.done():
         answer.set_result(line)
+
+
+def _given_s(question: Mapping[str, Any]) -> float:
+    """How long a question has others asked or measured at most [s]."""
+    given = (question.get(key) for key in ("timeout_s", "duration_s"))
+    waits = (min(each, LONGEST_WAIT_S) for each in given if isinstance(each, int | float))
+    return max((each for each in waits if each > 0), default=0.0)
 
 
 def _user(writer: asyncio.StreamWriter) -> int:

@@ -16,6 +16,7 @@ __all__ = [
     "HEARD",
     "LONGEST_ANSWER",
     "LONGEST_REQUEST",
+    "LONGEST_WAIT_S",
     "ChangeRequest",
     "LookRequest",
     "Request",

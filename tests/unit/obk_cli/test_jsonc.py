@@ -77,3 +77,13 @@ def test_any_object_gains_the_member(
 ) -> None:
     text = json.dumps(there, indent=indent or None)
     assert read_jsonc(set_member(text, (key,), value)) == {**there, key: value}
+
+
+def test_a_fault_is_told_at_its_place_in_the_text() -> None:
+    with pytest.raises(JsoncError, match=r"line 3 column 7 "):
+        read_jsonc('{ // mine\n  "a": 1, /* two */\n  "b" 2\n}\n')
+
+
+def test_a_text_nested_too_deep_is_no_json() -> None:
+    with pytest.raises(JsoncError):
+        read_jsonc("[" * 100_000)

@@ -224,3 +224,29 @@ def test_without_an_answer_there_is_none(tmp_path: Path) -> None:
         assert ask_status(tmp_path, 0.01) is None
         assert ask_change(tmp_path, "activate", timeout_s=None, wait_s=0.01) is None
         assert not ask_stop(tmp_path, "reason", 0.01)
+
+
+def test_a_question_about_the_graph_that_nobody_answers_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(control_socket, "LOOK_S", 0.05)
+    question = json.dumps({"ask": "look", "question": {"about": "graph", "timeout_s": 0.05}})
+    with serve_control(tmp_path, leave_open, lambda _question, _reply: None):
+        told = raw(tmp_path, question.encode() + b"\n")
+    assert told == {"error": "the launcher has not answered for 0.1 s"}
+
+
+@pytest.mark.parametrize(
+    ("question", "given_s"),
+    [
+        ({}, 0.0),
+        ({"timeout_s": 5, "duration_s": 7.5}, 7.5),
+        ({"timeout_s": 1e300}, 3600.0),
+        ({"timeout_s": float("nan")}, 0.0),
+        ({"timeout_s": "long", "duration_s": -1}, 0.0),
+    ],
+)
+def test_what_a_question_gives_others_is_bounded(
+    question: dict[str, object], given_s: float
+) -> None:
+    assert control_socket._given_s(question) == given_s
