@@ -6,6 +6,7 @@ import signal
 import subprocess
 from pathlib import Path
 
+import psutil
 import pytest
 
 from obk_cli.adapters.ros_environment import ros_environment
@@ -111,16 +112,29 @@ def test_a_launcher_killed_during_the_bring_up_leaves_no_process(moment: str) ->
         eventually(lambda: not marked(), f"the end of all processes after '{moment}'")
 
 
+def warden_of(run: Launched) -> psutil.Process:
+    return next(p for p in run.descendants if any(a.endswith("warden.py") for a in p.cmdline()))
+
+
 def test_a_killed_warden_takes_the_nodes_along_and_the_launcher_says_so() -> None:
     with launched(DUMMY, "--quiet") as run:
-        warden = next(
-            p for p in run.descendants if any(a.endswith("warden.py") for a in p.cmdline())
-        )
+        warden = warden_of(run)
         warden.kill()
         run.process.wait(DEADLINE_S)
     assert run.process.returncode == 1
     assert "the process that watched over the nodes is gone" in run.cause
     assert not run.left_over()
+
+
+def test_a_launcher_killed_together_with_its_warden_leaves_no_node() -> None:
+    with launched(DUMMY, "--quiet") as run:
+        warden = warden_of(run)
+        # So that neither sees the other one's end.
+        for process in (psutil.Process(run.process.pid), warden):
+            process.suspend()
+        warden.kill()
+        run.process.kill()
+        eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
 
 
 def test_a_node_that_fails_to_configure_is_shown_with_its_own_words(tmp_path: Path) -> None:

@@ -34,3 +34,9 @@ def test_messages_are_compiled_against_what_they_run_with(repository: Path) -> N
     assert own < exact(build["build-system"]["requires"])
     pinned = f"obelisk-interfaces=={build['project']['version']}"
     assert pinned in project["optional-dependencies"]["ros"]
+
+
+def test_the_sandbox_of_templates_is_one_without_known_ways_out(repository: Path) -> None:
+    """CVE-2024-56326 and CVE-2025-27516 are of those before 3.1.6."""
+    project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
+    assert "jinja2>=3.1.6" in project["dependencies"]
