@@ -1,5 +1,6 @@
 """What the two distributions hold, as their builder finds it; `make wheel` tries what is built."""
 
+import re
 import subprocess
 from pathlib import Path
 
@@ -43,3 +44,17 @@ def test_both_carry_the_licence(repository: Path) -> None:
     for root in (repository, repository / "interfaces"):
         assert WheelBuilder(str(root)).metadata.core.license_files == ["LICENSE"]
         assert "LICENSE" in in_sdist(root)
+
+
+def test_the_pages_of_an_index_have_no_link_into_the_checkout(repository: Path) -> None:
+    for root in (repository, repository / "interfaces"):
+        core = WheelBuilder(str(root)).metadata.core
+        assert core.readme_content_type == "text/markdown"
+        targets = re.findall(r"\]\(([^)]*)\)", core.readme)
+        assert [target for target in targets if not target.startswith("https://")] == []
+
+
+def test_the_page_of_an_index_names_extras_that_there_are(repository: Path) -> None:
+    core = WheelBuilder(str(repository)).metadata.core
+    (named,) = re.findall(r"pip install 'obelisk-cli\[(.+)\]'", core.readme)
+    assert set(named.split(",")) <= core.optional_dependencies.keys()
