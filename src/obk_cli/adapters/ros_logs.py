@@ -41,7 +41,7 @@ def _fault(variables: MutableMapping[str, str]) -> str | None:
     home = variables.get("HOME", "")
     if given.startswith("~") and not home:
         return "ROS finds no place for its log files, as HOME is not set"
-    folder = Path(given.replace("~", home, 1) if given.startswith("~") else given).absolute()
+    folder = Path(home, given[1:].lstrip("/")) if given.startswith("~") else Path(given).absolute()
     there = next(place for place in (folder, *folder.parents) if place.exists())
     if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
         return f"ROS cannot write its log files into {folder}"

@@ -13,6 +13,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from obk_cli.errors import CommandFailedError
 from obk_cli.launch.json_values import value_of
 
 if TYPE_CHECKING:
@@ -90,7 +91,11 @@ class MadeFrom:
 
 
 def runs_folder(environment: Mapping[str, str]) -> Path:
-    """The folder of all runs: below OBK_HOME, else ROS_LOG_DIR, else the user's state folder."""
+    """The folder of all runs: below OBK_HOME, else ROS_LOG_DIR, else the user's state folder.
+
+    Raises:
+        CommandFailedError: nothing tells where that is.
+    """
     home = environment.get("OBK_HOME")
     logs = environment.get("ROS_LOG_DIR")
     if home:
@@ -100,7 +105,12 @@ def runs_folder(environment: Mapping[str, str]) -> Path:
 
     from platformdirs import user_state_path  # only where nothing else says
 
-    return user_state_path("obk") / "runs"
+    try:
+        return user_state_path("obk") / "runs"
+    except RuntimeError as error:
+        raise CommandFailedError(
+            "there is no folder for runs: this user has no home", help="set HOME, or OBK_HOME"
+        ) from error
 
 
 def make_run_folder(parent: Path, name: str, now: datetime) -> Path:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.errors import CommandFailedError
 from obk_cli.launch.events import Ended
 from obk_cli.launch.runs import (
     MadeFrom,
@@ -96,6 +97,19 @@ def test_ros_log_dir_takes_the_runs_where_obk_home_does_not(tmp_path: Path) -> N
     logs = {"ROS_LOG_DIR": str(tmp_path)}
     assert runs_folder(logs) == tmp_path / "obk" / "runs"
     assert runs_folder({**logs, "OBK_HOME": "/home"}) == Path("/home/runs")
+
+
+def test_a_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("HOME", "XDG_STATE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+
+    def nobody(_: int) -> None:
+        raise KeyError("no such user")
+
+    monkeypatch.setattr("pwd.getpwuid", nobody)
+    with pytest.raises(CommandFailedError, match="this user has no home") as refused:
+        runs_folder({})
+    assert refused.value.help == "set HOME, or OBK_HOME"
 
 
 def test_the_end_is_noted_beside_what_the_run_was_made_from(tmp_path: Path) -> None:
