@@ -42,8 +42,8 @@ check: setup
 golden: setup
 	$(BIN)/python -m pytest tests/golden tests/cases --update-golden
 
-# Writes the pages of rules, commands, keys and messages, the examples of `obk explain`, and the
-# pictures that need no running stack.
+# Writes the pages of rules, commands, keys, messages and classes, the examples of `obk explain`,
+# and the pictures that need no running stack.
 docs: setup
 	$(BIN)/python tools/rule_pages.py
 	$(BIN)/python tools/reference_pages.py

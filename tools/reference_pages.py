@@ -1,8 +1,8 @@
-"""Writes the pages of reference that are generated: commands, keys of a config, messages.
+"""Writes the pages of reference that are generated: commands, keys of a config, messages, classes.
 
-In: the help of `obk`, `schema/obelisk.schema.json`, the definitions in `interfaces/` and the table
-of sensor groups. Out: `docs/reference/{commands,config,messages}.md`. `--check` writes nothing and
-fails where a page is stale.
+In: the help of `obk`, `schema/obelisk.schema.json`, the definitions in `interfaces/`, the table of
+sensor groups and the source of `obelisk_py`. Out: `docs/reference/{commands,config,messages,
+classes}.md`. `--check` writes nothing and fails where a page is stale.
 """
 
 import json
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from class_page import class_page
 from generated import ROOT, bring_up_to_date
 
 from obelisk_spec.sensors import SENSOR_GROUPS, GroupRule
@@ -33,7 +34,12 @@ Schema = Mapping[str, Any]
 
 def generated_files() -> dict[Path, str]:
     """Path -> content of everything that is generated."""
-    pages = {"commands": _commands(), "config": _config(), "messages": _messages()}
+    pages = {
+        "commands": _commands(),
+        "config": _config(),
+        "messages": _messages(),
+        "classes": class_page(),
+    }
     return {
         PAGES / f"{name}.md": "\n\n".join(parts).rstrip() + "\n" for name, parts in pages.items()
     }

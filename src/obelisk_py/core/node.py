@@ -50,7 +50,10 @@ Default = str | Mapping[str, Any] | None
 
 
 class ObeliskNode(RatedNode):
-    """A life-cycle node wired by an Obelisk config."""
+    """A life-cycle node wired by a config: `obk_publishers`, `obk_subscriptions`, `obk_timers`.
+
+    `opened`, an `ExitStack`, is closed at cleanup, shutdown and error, before the publishers go.
+    """
 
     def __init__(self, node_name: str, **kwargs: Any) -> None:
         """Make the node; register components in the constructor of the inheriting class.
@@ -74,8 +77,6 @@ class ObeliskNode(RatedNode):
         self.obk_timers: ComponentTable[Timer] = ComponentTable(ComponentKind.TIMER)
         self.obk_callback_groups: dict[str, CallbackGroup] = {}
         self.opened = ExitStack()
-        """Holds what `on_configure` opens: closed, last opened first, at cleanup, shutdown and
-        error, before the publishers go."""
         self._components: list[Component] = []
         self._registration_open = True
         self._is_built = False
