@@ -62,11 +62,6 @@ class Graph:
     services: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Full name -> types (`pkg/srv/Name`)."""
 
-    @property
-    def topic_names(self) -> tuple[str, ...]:
-        """Full names."""
-        return tuple(topic.name for topic in self.topics)
-
     def topic(self, name: str) -> TopicSeen:
         """The topic of a name, without ends where nobody has it."""
         empty = TopicSeen(name=name, msg_types=())

@@ -96,7 +96,7 @@ def test_what_is_hidden_and_what_every_node_has_is_left_out() -> None:
     }
     topics = (TopicSeen(name="/t", msg_types=()), TopicSeen(name="/act/_action/x", msg_types=()))
     graph = Graph(topics=topics, services=services)
-    assert visible(graph).topic_names == ("/t",)
+    assert [topic.name for topic in visible(graph).topics] == ["/t"]
     assert set(visible(graph).services) == {"/n/list_parameters", "/n/reset"}
     assert set(special_services(services)) == {"/n/reset", "/act/_action/send_goal"}
     assert parameter_nodes(graph) == ("/n",)
