@@ -37,6 +37,7 @@ def test_no_socket_is_open_to_another_host_whatever_lies_in_the_working_folder(
     with launched(DUMMY, "--quiet", "--record") as run:
         assert addresses(run) == {"127.0.0.1"}
     assert run.process.returncode == 0, run.text
+    assert any(line.startswith("recorded ") for line in run.lines), run.text
 
 
 def test_a_stack_for_the_lan_can_be_reached() -> None:

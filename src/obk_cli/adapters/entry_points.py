@@ -69,6 +69,8 @@ def _root_of(module: str, folder: Path) -> str:
 
 def _setup_py_lines(path: Path) -> Iterator[str]:
     """The texts of `console_scripts` in `setup(entry_points={...})`."""
+    if not path.is_file():  # a pipe or a device might never end
+        return
     try:
         tree = ast.parse(path.read_text(encoding="utf-8"))
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):

@@ -104,8 +104,9 @@ def missing_files(wanted: Iterable[tuple[str, str]], path: Path) -> tuple[str, .
         dict.fromkeys(
             relative
             for relative, written in wanted
-            # `Path.exists` raises at a name that no file can have, and in a closed folder.
-            if not os.path.exists(folder / written)  # noqa: PTH110
-            and not os.path.exists(folder / relative)  # noqa: PTH110
+            # `Path.is_file` raises at a name that no file can have, and in a closed folder. A pipe is
+            # no file: MuJoCo would wait for it.
+            if not os.path.isfile(folder / written)  # noqa: PTH113
+            and not os.path.isfile(folder / relative)  # noqa: PTH113
         )
     )

@@ -67,7 +67,8 @@ class Recorder:
             self._output.note(f"warning: nothing is recorded: {error}")
             return {}
         self._has_command = True
-        arguments = (sys.executable, "-m", PROGRAM, str(path))
+        # -P: what lies in the working folder is no library.
+        arguments = (sys.executable, "-P", "-m", PROGRAM, str(path))
         return {UNIT.name: NodeCommand(arguments=arguments, environment=environment)}
 
     def start(self, processes: WardenProcesses) -> None:

@@ -145,3 +145,12 @@ def test_a_model_is_read_as_utf8_whatever_it_says(tmp_path: Path, encoding: str)
 def test_files_that_no_disk_can_have_are_missing(tmp_path: Path) -> None:
     long = "a" * 300 + ".stl"
     assert missing_files([(long, long)], tmp_path / "m.xml") == (long,)
+
+
+@pytest.mark.mujoco
+def test_a_mesh_that_is_a_pipe_is_missing(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "m.stl")
+    (tmp_path / "m.xml").write_text('<mujoco><asset><mesh name="m" file="m.stl"/></asset></mujoco>')
+    read = read_model(tmp_path / "m.xml")
+    assert isinstance(read, ModelRead)
+    assert read.missing_files == ("m.stl",)

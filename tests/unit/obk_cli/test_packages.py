@@ -226,3 +226,13 @@ def test_a_library_in_the_working_folder_is_none(tmp_path: Path) -> None:
         check=False,
     )
     assert (done.stdout, done.stderr) == ("1\n", "")
+
+
+def test_files_of_a_package_that_never_end_are_not_read(tmp_path: Path) -> None:
+    package = make_package(tmp_path / "demo", "demo")
+    (package / "setup.py").symlink_to("/dev/zero")
+    (package / "msg").mkdir()
+    os.mkfifo(package / "msg" / "Odd.msg")
+    packages = index(tmp_path)
+    assert isinstance(packages.find_executable("demo", "run"), ExecutableMissing)
+    assert packages.message_definition("demo", "Odd") is None
