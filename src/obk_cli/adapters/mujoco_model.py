@@ -104,8 +104,8 @@ def missing_files(wanted: Iterable[tuple[str, str]], path: Path) -> tuple[str, .
         dict.fromkeys(
             relative
             for relative, written in wanted
-            # `Path.is_file` raises at a name that no file can have, and in a closed folder. A pipe is
-            # no file: MuJoCo would wait for it.
+            # `Path.is_file` raises at a name that no file can have, and in a closed folder. A pipe
+            # is no file: MuJoCo would wait for it.
             if not os.path.isfile(folder / written)  # noqa: PTH113
             and not os.path.isfile(folder / relative)  # noqa: PTH113
         )
