@@ -141,6 +141,8 @@ def _set_range(
         what = f"{OLD_SWITCH}=1" if is_switched else f"{RANGE}={variables[RANGE]}"
         what = "`--network localhost`" if network == "localhost" else what
         yield f"{what} keeps devices on other hosts from being found; use `--network lan`"
+    if variables[RANGE] == "OFF":
+        yield f"{RANGE}=OFF keeps the nodes of a stack from finding each other"
 
 
 def _is_installed(rmw: str, variables: Mapping[str, str]) -> bool:

@@ -11,6 +11,12 @@ __all__ = ["RmwFacts", "RosFacts", "judge_rmw", "judge_ros"]
 INSTALL_WHEELS: Final = "pip install 'obelisk-cli[ros]'"
 SOURCE: Final = ". /opt/ros/jazzy/setup.sh"
 OUR_DISTRIBUTION: Final = "jazzy"
+NOTE_CURES: Final = {
+    "RMW_IMPLEMENTATION": "unset RMW_IMPLEMENTATION",
+    "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF": "unset ROS_AUTOMATIC_DISCOVERY_RANGE",
+    "ROS ": "export ROS_LOG_DIR=/tmp/ros-logs",
+}
+"""How a sentence of obk's own about the environment begins -> what mends it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,8 +119,7 @@ def judge_rmw(facts: RmwFacts) -> Iterator[Finding]:
         range=facts.range,
     )
     for sentence in facts.notes:
-        is_rmw = sentence.startswith("RMW_IMPLEMENTATION")
-        cure = "unset RMW_IMPLEMENTATION" if is_rmw else "unset ROS_LOCALHOST_ONLY ROS_STATIC_PEERS"
-        yield warning(sentence, cure)
+        cures = (cure for begin, cure in NOTE_CURES.items() if sentence.startswith(begin))
+        yield warning(sentence, next(cures, "unset ROS_LOCALHOST_ONLY ROS_STATIC_PEERS"))
     if facts.asked_for not in (None, "", "rmw_fastrtps_cpp") and facts.asked_for == facts.used:
         yield note(f"obk is tested with rmw_fastrtps_cpp, not with {facts.used}")

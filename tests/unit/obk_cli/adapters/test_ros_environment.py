@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import pytest
 
 from obk_cli.adapters.ros_environment import (
+    HIGHEST_DOMAIN,
     LAN_PROFILE,
     LOCALHOST_PROFILE,
     RosEnvironment,
@@ -172,13 +173,25 @@ def test_the_settings_for_here_and_for_the_lan_differ_in_addresses_only() -> Non
     assert [line.rpartition(" ")[2] for line in addresses] == ["127.0.0.1", "127.0.0.1"]
 
 
+def test_every_domain_has_ports_for_those_who_are_looked_for() -> None:
+    """DDSI-RTPS 2.5, 9.6.2.3: the last of two ports of each participant."""
+    most = next(
+        int(element.text or 0)
+        for element in ElementTree.parse(LOCALHOST_PROFILE).iter()
+        if element.tag.endswith("maxInitialPeersRange")
+    )
+    assert 7400 + 250 * HIGHEST_DOMAIN + 11 + 2 * (most - 1) < 1 << 16
+
+
 def test_what_the_user_has_set_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     environment = ros_environment()
     assert environment.variables["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "OFF"
     assert environment.domain == 7
-    assert environment.notes == ()
+    assert environment.notes == (
+        "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF keeps the nodes of a stack from finding each other",
+    )
 
 
 def test_a_middleware_that_is_not_there_is_replaced_and_told(

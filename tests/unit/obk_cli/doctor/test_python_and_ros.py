@@ -120,6 +120,7 @@ def test_no_middleware_is_an_error() -> None:
     ("sentence", "cure"),
     [
         ("RMW_IMPLEMENTATION=rmw_x is not installed here", "unset RMW_IMPLEMENTATION"),
+        ("ROS cannot write its log files into /h/.ros/log", "export ROS_LOG_DIR=/tmp/ros-logs"),
         ("ROS_LOCALHOST_ONLY=1 keeps devices apart", "unset ROS_LOCALHOST_ONLY ROS_STATIC_PEERS"),
     ],
 )
