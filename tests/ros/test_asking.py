@@ -93,13 +93,9 @@ def test_stop_brings_the_stack_down_in_order_and_waits_for_it() -> None:
     assert "stopping (asked by `obk stop`)" in run.text
 
 
-def test_a_launcher_that_is_stopped_is_killed_on_demand_with_all_of_its_nodes() -> None:
+def test_a_launcher_that_takes_too_long_is_killed_on_demand_with_all_of_its_nodes() -> None:
     with launched(DUMMY, "--quiet") as run:
-        psutil.Process(run.process.pid).suspend()
-        refused = obk("stop", "--timeout", "0.2")
-        assert refused.returncode == 1
-        assert "has not ended within 0.2 s; `--kill` kills it" in refused.stderr
-        result = obk("stop", "dummy", "--timeout", "0.2", "--kill")
+        result = obk("stop", "dummy", "--timeout", "0.001", "--kill")
         assert (result.returncode, result.stdout) == (0, "dummy: killed\n")
         eventually(lambda: not run.left_over(), f"the end of {run.descendants}")
 

@@ -120,20 +120,16 @@ def test_a_launcher_started_with_sigint_ignored_ends_at_sigint_all_the_same() ->
     assert not marked()
 
 
-def test_a_launch_that_replaces_another_ends_it_in_order_and_takes_its_place() -> None:
+@pytest.mark.parametrize("is_stopped", [False, True])  # as by Ctrl-Z
+def test_a_launch_that_replaces_another_ends_it_in_order_and_takes_its_place(
+    is_stopped: bool,
+) -> None:
     with launched(DUMMY, "--quiet") as first:
+        if is_stopped:
+            os.kill(first.process.pid, signal.SIGSTOP)
         second = obk("launch", DUMMY, "--quiet", "--replace", "--duration", "0")
         assert second.returncode == 0, second.stdout + second.stderr
         assert first.process.wait(DEADLINE_S) == 0
     assert "stopping (replaced)" in first.text
     assert first.lines[-1] == "ended in order"
-    assert not first.left_over()
-
-
-def test_a_launch_replaces_one_that_does_not_answer_any_more() -> None:
-    with launched(DUMMY, "--quiet") as first:
-        os.kill(first.process.pid, signal.SIGSTOP)
-        second = obk("launch", DUMMY, "--quiet", "--replace", "--duration", "0")
-        assert second.returncode == 0, second.stdout + second.stderr
-        assert first.process.wait(DEADLINE_S) == -signal.SIGKILL
     assert not first.left_over()
