@@ -74,6 +74,7 @@ class QuadrupedEstimator(ObeliskEstimator):
         msg.header.stamp = self.encoders.stamp
         msg.header.frame_id = "world"
         msg.q_base = [*self.odometry.position, *quaternion]
+        # In the world, and in the trunk's own frame.
         msg.v_base = [*self.odometry.velocity, *reading.turning]
         msg.q_joints = self.encoders.joint_pos
         msg.v_joints = self.encoders.joint_vel
