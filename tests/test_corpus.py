@@ -16,7 +16,8 @@ from obk_cli.pipeline import Options, compile_config
 CORPUS = Path(__file__).resolve().parents[2] / "shared" / "corpus"
 
 # The C++ packages and `joy` are nowhere, nor is /obelisk_ws; the sensor periods of the dummy are
-# half of its model's step; the estimators say JointEncoders of a topic of ObkJointEncoders.
+# half of its model's step; the estimators say JointEncoders of a topic of ObkJointEncoders; a
+# timer that is not used has a period of 100 s.
 EXPECTED: dict[str, list[str]] = {
     "field/config/depth_config.yaml": [
         "1:1 OBK114",
@@ -106,6 +107,7 @@ EXPECTED: dict[str, list[str]] = {
         "4:10 OBK401",
         "12:9 OBK507",
         "13:9 OBK507",
+        "51:27 OBK216",
         "71:19 OBK115",
         "123:16 OBK204",
         "147:14 OBK503",

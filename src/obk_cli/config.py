@@ -9,17 +9,27 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, Generic, Literal, TypeVar
 
-from obelisk_spec.components import component_identity
+from obelisk_spec.components import (
+    CONTROL_SUBSCRIPTION,
+    SETTING_SUFFIX,
+    component_identity,
+    standard_component,
+)
 from obelisk_spec.parameter_value import ParameterValue
 from obk_cli.source import Span
 from obk_cli.tree import TreeMap, plain_value
 
 __all__ = [
     "COMPONENT_LISTS",
+    "FEEDBACK_TOPIC",
     "JOYSTICK_EXECUTABLE",
+    "JOYSTICK_NODE",
     "JOYSTICK_PACKAGE",
+    "JOYSTICK_TOPIC",
     "NODE_SECTIONS",
     "ONE_DEVICE",
+    "SIMULATOR_EXECUTABLE",
+    "SIM_PARAMETER",
     "CallbackGroup",
     "Component",
     "ComponentKind",
@@ -48,6 +58,12 @@ NODE_SECTIONS = ("control", "estimation", "robot", "sensing")
 
 ONE_DEVICE = "onboard"
 """The device of a config whose sections stand at the top level."""
+
+SIM_PARAMETER = f"mujoco{SETTING_SUFFIX}"
+"""The ROS parameter of a `sim` block that names none."""
+
+SIMULATOR_EXECUTABLE = "obelisk_mujoco_robot"
+"""What simulates robots: it reads the block of `SIM_PARAMETER`, and commands from `u_mujoco`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +133,12 @@ class Component:
         """The component of the code that is meant, `pub_ctrl`."""
         return component_identity(self.name.value) if self.name else None
 
+    @property
+    def takes_commands(self) -> bool:
+        """Whether it is the subscription by which a robot gets its commands."""
+        standard = standard_component(self.identity or "")
+        return self.kind == "subscriber" and standard == CONTROL_SUBSCRIPTION
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CallbackGroup:
@@ -168,6 +190,11 @@ class Sim:
     def span(self) -> Span:
         """Where the block starts."""
         return self.tree.span
+
+    @property
+    def parameter(self) -> str:
+        """The ROS parameter that carries the block."""
+        return self.ros_parameter.value if self.ros_parameter else SIM_PARAMETER
 
     @property
     def block(self) -> dict[str, object]:
@@ -224,6 +251,11 @@ class Node:
         return f"{self.ros_namespace.rstrip('/')}/{self.node_name}"
 
     @property
+    def is_simulator(self) -> bool:
+        """Whether it runs the simulator of this project."""
+        return self.executable is not None and self.executable.value == SIMULATOR_EXECUTABLE
+
+    @property
     def runs_simulation(self) -> bool:
         """Whether a simulator stands in for the robot."""
         return bool(self.sims) and (self.is_simulated is None or self.is_simulated.value)
@@ -231,6 +263,10 @@ class Node:
 
 JOYSTICK_PACKAGE = "joy"
 JOYSTICK_EXECUTABLE = "joy_node"
+JOYSTICK_NODE = "obelisk_joystick"
+JOYSTICK_TOPIC = "joy"
+FEEDBACK_TOPIC = "joy/set_feedback"
+"""What ROS's own node publishes and subscribes to."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -243,6 +279,11 @@ class Joystick:
     pub_topic: Spanned[str] | None = None
     sub_topic: Spanned[str] | None = None
     params: tuple[Parameter, ...] = ()
+
+    @property
+    def full_name(self) -> str:
+        """The node's name in the ROS graph: every joystick's."""
+        return f"/{JOYSTICK_NODE}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,8 +9,11 @@ from obelisk_spec.parameter_value import ParameterValue
 from obelisk_spec.settings import format_setting
 from obk_cli.config import (
     COMPONENT_LISTS,
+    FEEDBACK_TOPIC,
     JOYSTICK_EXECUTABLE,
+    JOYSTICK_NODE,
     JOYSTICK_PACKAGE,
+    JOYSTICK_TOPIC,
     Component,
     FileSearch,
     Joystick,
@@ -21,20 +24,19 @@ from obk_cli.config import (
 from obk_cli.plan import Endpoint, OnCrash, Origin, Plan, Process, Promise, SensorGroup
 from obk_cli.source import Span
 from obk_cli.tree import plain_value
-from obk_cli.wiring import Direction, TopicEnd, absolute_topic, node_ends, stack_ends
+from obk_cli.wiring import Direction, TopicEnd, absolute_topic, joystick_ends, node_ends
 
 __all__ = ["DEFAULT_STACK_NAME", "lower_stack"]
 
 DEFAULT_STACK_NAME = "obelisk"
 _SIM_DEFAULTS = {"num_steps_per_viz": 8}
-_DEFAULT_SIM_PARAMETER = f"mujoco{SETTING_SUFFIX}"
 _LEFT_OUT = ("non_obelisk", "callback_key")
 _SETTING_ORDER = ("key", "ros_parameter", "topic", "msg_type", "history_depth", "timer_period_sec")
 
 
 def lower_stack(stack: Stack) -> Plan:
     """The processes of a stack, in the order of the config."""
-    joysticks = (_lower_joystick(joystick, stack) for joystick in stack.joysticks if joystick.on)
+    joysticks = (_lower_joystick(joystick) for joystick in stack.joysticks if joystick.on)
     return Plan(
         name=stack.name.value if stack.name else DEFAULT_STACK_NAME,
         processes=(*(_lower_node(node) for node in stack.nodes), *joysticks),
@@ -89,12 +91,12 @@ def _sensor_groups(node: Node) -> Iterator[SensorGroup]:
         for group, block in zip(
             sim.sensor_groups, blocks if isinstance(blocks, list) else (), strict=True
         ):
-            scan = block.get("scan_config") or {}
+            pattern = (block.get("scan_config") or {}).get("pattern")
             yield SensorGroup(
                 topic=absolute_topic(group.topic.value, node),
                 kind=group.msg_type.value if group.msg_type else "",
                 sensors=block.get("sensor_names") or {},
-                rays=(scan.get("pattern") or {}).get("type"),
+                rays=pattern.get("type") if isinstance(pattern, dict) else None,
             )
 
 
@@ -119,8 +121,7 @@ def _parameters(node: Node) -> Iterator[tuple[str, ParameterValue]]:
     if node.params_path is not None:
         yield "params_path", _path(node.params_file, node.params_path.value)
     for sim in node.sims:
-        name = sim.ros_parameter.value if sim.ros_parameter else _DEFAULT_SIM_PARAMETER
-        yield name, format_setting(_sim_setting(sim))
+        yield sim.parameter, format_setting(_sim_setting(sim))
     if node.urdf is not None:
         yield "urdf_path", _path(node.urdf_file, node.urdf.value)
     for spanned, name in ((node.robot_topic, "robot_topic"), (node.tf_prefix, "tf_prefix")):
@@ -203,11 +204,11 @@ def _sim_setting(sim: Sim) -> Mapping[str, object]:
     return block
 
 
-def _lower_joystick(joystick: Joystick, stack: Stack) -> Process:
-    ends = tuple(end for end in stack_ends(stack) if end.section == "joystick")
-    topics = (("joy", joystick.pub_topic), ("joy/set_feedback", joystick.sub_topic))
+def _lower_joystick(joystick: Joystick) -> Process:
+    ends = tuple(joystick_ends(joystick))
+    topics = ((JOYSTICK_TOPIC, joystick.pub_topic), (FEEDBACK_TOPIC, joystick.sub_topic))
     return Process(
-        node="obelisk_joystick",
+        node=JOYSTICK_NODE,
         namespace="/",
         section="joystick",
         device=joystick.device,

@@ -120,6 +120,8 @@ class NodeCode:
     """Whether `parameters` is all there can be."""
     missing_methods: tuple[MissingMethod, ...] = ()
     control_lengths: tuple[ControlLength, ...] = ()
+    can_damp: bool | None = None
+    """Whether a robot implements `apply_damping`; None for other nodes, or if unknown."""
 
     def component_of(self, component: Component) -> CodeComponent | None:
         """What the code registers for a component of the config."""

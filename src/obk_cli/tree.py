@@ -22,6 +22,13 @@ class TreeScalar:
 
     value: "Scalar"
     span: Span
+    read_from: str | None = None
+    """The text that it was read from, where variables in it were replaced."""
+
+    @property
+    def text(self) -> str:
+        """What stands there, once its variables are replaced."""
+        return self.span.text if self.read_from is None else self.read_from
 
 
 @dataclass(frozen=True, slots=True)

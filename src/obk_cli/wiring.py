@@ -9,13 +9,24 @@ from typing import Literal
 
 from obelisk_spec.messages import resolve_msg_type
 from obelisk_spec.sensors import sensor_group
-from obk_cli.config import Component, Node, Qos, SensorGroup, Spanned, Stack
+from obk_cli.config import (
+    FEEDBACK_TOPIC,
+    JOYSTICK_TOPIC,
+    Component,
+    Joystick,
+    Node,
+    Qos,
+    SensorGroup,
+    Spanned,
+    Stack,
+)
 from obk_cli.source import Span
 
 __all__ = [
     "Direction",
     "TopicEnd",
     "absolute_topic",
+    "joystick_ends",
     "may_be_one",
     "node_ends",
     "sending_period_s",
@@ -72,23 +83,28 @@ def stack_ends(stack: Stack) -> Iterator[TopicEnd]:
     for node in stack.nodes:
         yield from node_ends(node)
     for joystick in stack.joysticks:
-        if not joystick.on:
-            continue
-        ends: tuple[tuple[Direction, Spanned[str] | None, str], ...] = (
-            ("publishes", joystick.pub_topic, "sensor_msgs/msg/Joy"),
-            ("subscribes", joystick.sub_topic, "sensor_msgs/msg/JoyFeedback"),
+        yield from joystick_ends(joystick)
+
+
+def joystick_ends(joystick: Joystick) -> Iterator[TopicEnd]:
+    """The ends of a joystick's node; where no topic is written, those that ROS's own node has."""
+    if not joystick.on:
+        return
+    ends: tuple[tuple[Direction, Spanned[str] | None, str, str], ...] = (
+        ("publishes", joystick.pub_topic, JOYSTICK_TOPIC, "sensor_msgs/msg/Joy"),
+        ("subscribes", joystick.sub_topic, FEEDBACK_TOPIC, "sensor_msgs/msg/JoyFeedback"),
+    )
+    for direction, written, usual, msg_type in ends:
+        topic = written or Spanned(usual, joystick.span)
+        yield TopicEnd(
+            direction=direction,
+            topic="/" + topic.value.lstrip("/"),
+            msg_type=msg_type,
+            owner=joystick.full_name,
+            section="joystick",
+            span=topic.span,
+            is_optional=True,
         )
-        for direction, topic, msg_type in ends:
-            if topic is not None:
-                yield TopicEnd(
-                    direction=direction,
-                    topic="/" + topic.value.lstrip("/"),
-                    msg_type=msg_type,
-                    owner="/obelisk_joystick",
-                    section="joystick",
-                    span=topic.span,
-                    is_optional=True,
-                )
 
 
 def node_ends(node: Node) -> Iterator[TopicEnd]:

@@ -6,12 +6,18 @@ from obk_cli.check.code import check_code
 from obk_cli.check.components import check_callback_groups, check_components
 from obk_cli.check.control import check_controls
 from obk_cli.check.graph import check_node_names, check_required_sections
-from obk_cli.check.loop import check_control_topics, check_loop, check_timers
+from obk_cli.check.loop import (
+    check_control_topics,
+    check_loop,
+    check_periods,
+    check_timers,
+)
 from obk_cli.check.messages import check_message_types
 from obk_cli.check.model import check_models
 from obk_cli.check.packages import check_executables, check_files
+from obk_cli.check.simulator import check_sim_blocks
 from obk_cli.check.style import check_defaults, check_homes
-from obk_cli.check.topics import check_dangling, check_qos
+from obk_cli.check.topics import check_dangling, check_doubles, check_qos
 from obk_cli.check.types import check_types
 from obk_cli.check.watchdog import check_watchdogs
 from obk_cli.config import Stack
@@ -29,10 +35,13 @@ CHECKS: tuple[Check, ...] = (
     check_message_types,
     check_types,
     check_qos,
+    check_doubles,
     check_control_topics,
     check_timers,
+    check_periods,
     check_watchdogs,
     check_models,
+    check_sim_blocks,
     check_controls,
     check_executables,
     check_files,

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 
 from obelisk_spec.articles import with_article, with_number
-from obelisk_spec.components import CONTROL_SUBSCRIPTION
 from obelisk_spec.messages import resolve_msg_type
 from obk_cli.config import Component, Node, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
@@ -14,8 +13,6 @@ from obk_cli.wiring import absolute_topic
 
 __all__ = ["check_controls"]
 
-_SIMULATOR = "obelisk_mujoco_robot"
-"""The executable that reads a control message's `u_mujoco`; others may read what they like."""
 _WITHOUT_ACTUATORS = (
     "obelisk_control_msgs/msg/VelocityCommand",
     "obelisk_control_msgs/msg/ExecutionFSM",
@@ -26,15 +23,12 @@ def check_controls(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnos
     """The simulator can apply the message that it obeys, and it has a value for each actuator."""
     told: set[tuple[str, Span]] = set()
     for robot in stack.section("robot"):
-        if not robot.runs_simulation or robot.executable is None:
+        if not robot.runs_simulation:
             continue
-        obeyed = [
-            c
-            for c in robot.components
-            if c.kind == "subscriber" and c.identity == CONTROL_SUBSCRIPTION
-        ]
-        for component in obeyed:
-            if robot.executable.value == _SIMULATOR:
+        for component in robot.components:
+            if not component.takes_commands:
+                continue
+            if robot.is_simulator:
                 yield from _check_message(component)
             for place, fault in _check_lengths(stack, robot, component, surroundings):
                 if place not in told:  # by another robot that obeys the same controller

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from obk_cli.config import Node, Stack
+from obk_cli.config import Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.source import Span
 from obk_cli.surroundings import Surroundings
@@ -26,19 +26,26 @@ def check_required_sections(stack: Stack, _: Surroundings) -> Iterator[Diagnosti
 
 def check_node_names(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
     """No two nodes have one full name."""
-    seen: dict[str, Node] = {}
+    seen: dict[str, Span] = {}
+    for name, place, help in _named(stack):
+        if name not in seen:
+            seen[name] = place
+            continue
+        yield found(
+            "OBK202",
+            f"two nodes are named `{name}`",
+            place,
+            help=help,
+            related=(Related(message="the other one", span=seen[name]),),
+        )
+
+
+def _named(stack: Stack) -> Iterator[tuple[str, Span, str]]:
+    """The full name of each node, its place, and what would give it another."""
     for node in stack.nodes:
-        first = seen.setdefault(node.full_name, node)
-        if first is not node:
-            yield found(
-                "OBK202",
-                f"two nodes are named `{node.full_name}`",
-                _place(node),
-                help="give one of them another `name` or `namespace`",
-                related=(Related(message="the other one", span=_place(first)),),
-            )
-
-
-def _place(node: Node) -> Span:
-    named = node.name or node.pkg
-    return named.span if named else node.span
+        named = node.name or node.pkg
+        place = named.span if named else node.span
+        yield node.full_name, place, "give one of them another `name` or `namespace`"
+    for joystick in stack.joysticks:
+        if joystick.on:
+            yield joystick.full_name, joystick.span, "switch one of the two off: `on: false`"

@@ -1,20 +1,23 @@
-"""OBK209 to OBK211: the loop robot -> estimation -> control -> robot, and how fast it turns."""
+"""OBK209 to OBK211, OBK216: the loop robot -> estimation -> control -> robot, and its pace."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 
-from obk_cli.config import Node, Stack
+from obk_cli.config import Node, Spanned, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.surroundings import Surroundings
 from obk_cli.wiring import TopicEnd, node_ends, stack_ends
 
-__all__ = ["check_control_topics", "check_loop", "check_timers"]
+__all__ = ["check_control_topics", "check_loop", "check_periods", "check_timers"]
 
 _HOPS = (
     (("robot", "sensing"), "estimation", "the robot or a sensor"),
     (("estimation",), "control", "an estimator"),
     (("control",), "robot", "a controller"),
 )
+
+_LEAST_RATE, _MOST_RATE = 10.0, 100_000.0
+"""A period [s] between them is more likely to be a rate [Hz]."""
 
 
 def check_loop(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
@@ -98,3 +101,28 @@ def _check_node_timers(node: Node, fastest_hz: float) -> Iterator[Diagnostic]:
                 f"that `{node.node_name}` hears comes at {fastest_hz:g} Hz",
                 period.span,
             )
+
+
+def check_periods(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+    """No period is so long that a rate was probably meant."""
+    for node in stack.nodes:
+        for name, period in _periods(node):
+            if _LEAST_RATE <= period.value <= _MOST_RATE:
+                yield found(
+                    "OBK216",
+                    f"{name} every {period.value:g} s",
+                    period.span,
+                    help=f"periods are in seconds: for {period.value:g} Hz write "
+                    f"{1 / period.value:g}",
+                )
+
+
+def _periods(node: Node) -> Iterator[tuple[str, Spanned[float]]]:
+    """What a node does periodically, as the beginning of a sentence."""
+    for component in node.components:
+        if component.timer_period_s is not None:
+            yield f"timer `{component.identity}` runs", component.timer_period_s
+    for sim in node.sims:
+        for group in sim.sensor_groups:
+            if group.period_s is not None:
+                yield f"`{group.topic.value}` is published", group.period_s

@@ -1,5 +1,6 @@
 """OBK115, OBK410, OBK411: message types that nobody defines, the user's own packages counted."""
 
+import re
 from collections.abc import Collection, Iterator
 from typing import Final
 
@@ -20,6 +21,8 @@ from obk_cli.surroundings import Surroundings
 __all__ = ["check_message_types"]
 
 _NO_PACKAGE_HELP: Final = "`obk new msgs` makes a message package in the workspace"
+_OF_A_CLASS: Final = re.compile(r"::|\.")
+"""What stands between the parts of a type in C++, and in Python."""
 
 
 def check_message_types(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
@@ -115,6 +118,9 @@ def _unknown(written: Spanned[str], surroundings: Surroundings) -> Diagnostic:
     own = _own_types(surroundings) if "/" not in name else {}
     near = tuple(own[bare] for bare in near_names(name, own)) or near_msg_types(name)
     meant = own.get(name) or sure_msg_type(name)
+    as_class = _OF_A_CLASS.sub("/", name)
+    if "/" not in name and resolve_msg_type(as_class) is not None:
+        near, meant = (as_class,), as_class
     return found(
         "OBK115",
         f"message type `{name}` is not known",

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 
-from obelisk_spec.near import ask_for, list_names, near_names
+from obelisk_spec.near import list_names
 from obelisk_spec.sim_checks import SimFault, check_sim
-from obk_cli.check.files import where_it_is_not
+from obk_cli.check.files import no_such_package, where_it_is_not
 from obk_cli.config import FileSearch, Node, Sim, Stack
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
@@ -43,18 +43,11 @@ def check_models(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnosti
 
 
 def _not_found(model: FileSearch, sim: Sim, surroundings: Surroundings) -> Diagnostic:
-    tried = where_it_is_not(model)
     if model.missing_package is not None and sim.robot_pkg is not None:
-        near = near_names(model.missing_package, surroundings.package_names())
-        return found(
-            "OBK403",
-            f"package `{model.missing_package}` of the model `{model.written.value}` is not found",
-            sim.robot_pkg.span,
-            help=ask_for(near) or tried,
-        )
+        return no_such_package(model, sim.robot_pkg, "model", surroundings)
     hint = "" if sim.robot_pkg or model.near else "; name the package that holds it as `robot_pkg`"
     message = f"model `{model.written.value}` is not found"
-    return found("OBK301", message, model.written.span, help=tried + hint)
+    return found("OBK301", message, model.written.span, help=where_it_is_not(model) + hint)
 
 
 def _unreadable(fault: ModelFault, model: FileSearch, surroundings: Surroundings) -> Diagnostic:

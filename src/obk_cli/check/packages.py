@@ -1,11 +1,11 @@
-"""OBK401, OBK402, OBK404: packages, executables and files that the config names."""
+"""OBK401 to OBK404: packages, executables and files that the config names."""
 
 from collections import defaultdict
 from collections.abc import Iterator
 
 from obelisk_spec.names import package_name_fault
 from obelisk_spec.near import ask_for, did_you_mean, near_names
-from obk_cli.check.files import where_it_is_not
+from obk_cli.check.files import no_such_package, where_it_is_not
 from obk_cli.config import (
     JOYSTICK_EXECUTABLE,
     JOYSTICK_PACKAGE,
@@ -76,14 +76,19 @@ def _no_package(
     )
 
 
-def check_files(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_files(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
     """Files that are handed to nodes."""
     for node in stack.nodes:
         in_sims = (("config_path", file) for sim in node.sims for file in sim.files)
-        own = (("params_path", node.params_file), ("urdf", node.urdf_file))
-        for key, search in (*own, *in_sims):
+        for key, search in (("params_path", node.params_file), *in_sims):
             if search is not None and search.found is None:
                 yield _no_file(key, search)
+        urdf = node.urdf_file
+        if urdf is not None and urdf.found is None:
+            if urdf.missing_package is not None and node.robot_pkg is not None:
+                yield no_such_package(urdf, node.robot_pkg, "description", surroundings)
+            else:
+                yield _no_file("urdf", urdf)
 
 
 def _no_file(key: str, search: FileSearch) -> Diagnostic:

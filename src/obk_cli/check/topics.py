@@ -1,4 +1,4 @@
-"""OBK203, OBK204, OBK206: what is published and subscribed to, and whether the two ends fit."""
+"""OBK203, OBK204, OBK206, OBK214: what is published and subscribed to, whether the ends fit."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -11,9 +11,9 @@ from obk_cli.config import Qos, Spanned, Stack
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.surroundings import Surroundings
-from obk_cli.wiring import Direction, TopicEnd, may_be_one, stack_ends
+from obk_cli.wiring import Direction, TopicEnd, may_be_one, node_ends, stack_ends
 
-__all__ = ["check_dangling", "check_qos"]
+__all__ = ["check_dangling", "check_doubles", "check_qos"]
 
 _MOST_SHOWN = 3
 _MOST_COMPARED = 20_000
@@ -56,7 +56,10 @@ def check_dangling(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
 def _types_of_lost_publishers(stack: Stack) -> set[str | None]:
     """Types of publishers whose topic is not known, which was reported: theirs may be it."""
     components = (component for node in stack.nodes for component in node.components)
-    return {
+    without_block: set[str | None] = (
+        {None} if any(node.is_simulator and not node.sims for node in stack.nodes) else set()
+    )
+    return without_block | {
         resolve_msg_type(component.msg_type.value) if component.msg_type else None
         for component in components
         if component.kind == "publisher"
@@ -152,6 +155,26 @@ def _clash(one: TopicEnd, other: TopicEnd) -> bool:
     """Whether the types are known and cannot be one."""
     is_known = one.msg_type is not None and other.msg_type is not None
     return is_known and not may_be_one(one.msg_type, other.msg_type)
+
+
+def check_doubles(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+    """No node publishes a topic twice; of two types, and of one component, that is told already."""
+    for node in stack.nodes:
+        firsts: dict[str, TopicEnd] = {}
+        for end in node_ends(node):
+            if end.direction == "subscribes":
+                continue
+            first = firsts.setdefault(end.topic, end)
+            is_told = len({first.known_type, end.known_type} - {None}) > 1
+            is_told |= end.component is not None and first.component == end.component
+            if first is not end and not is_told:
+                yield found(
+                    "OBK214",
+                    f"`{end.owner}` publishes `{end.topic}` twice",
+                    end.span,
+                    help="give it a topic of its own",
+                    related=(Related(message="the first time", span=first.span),),
+                )
 
 
 def check_qos(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:

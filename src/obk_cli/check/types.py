@@ -1,16 +1,17 @@
 """OBK205: both ends of a topic have one type, told at the end that is to change."""
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from obk_cli.config import Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.surroundings import Surroundings
-from obk_cli.wiring import TopicEnd, may_be_one, stack_ends
+from obk_cli.wiring import Direction, TopicEnd, may_be_one, stack_ends
 
 __all__ = ["check_types"]
 
 _MOST_SHOWN = 3
+_VERBS: Mapping[Direction, str] = {"publishes": "publishes", "subscribes": "subscribes to"}
 
 
 def check_types(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
@@ -29,6 +30,16 @@ def _check_topic(ends: Sequence[TopicEnd]) -> Iterator[Diagnostic]:
     right = _agreed(known) or _most_common(ends)
     publishers = [end for end in ends if end.direction == "publishes"]
     subscribers = [end for end in ends if end.direction == "subscribes"]
+    told = tuple(_against_other_side(publishers, subscribers, right))
+    yield from told
+    if not told:
+        for side in (publishers, subscribers):
+            yield from _against_own_side(side, right)
+
+
+def _against_other_side(
+    publishers: Sequence[TopicEnd], subscribers: Sequence[TopicEnd], right: str | None
+) -> Iterator[Diagnostic]:
     if right is None:
         for end in subscribers:
             other = next((o for o in publishers if o.known_type != end.known_type), None)
@@ -39,6 +50,12 @@ def _check_topic(ends: Sequence[TopicEnd]) -> Iterator[Diagnostic]:
         fitting = [end for end in opposite if end.known_type == right]
         if fitting:
             yield from (_differs(end, fitting) for end in own if end.known_type != right)
+
+
+def _against_own_side(ends: Sequence[TopicEnd], right: str | None) -> Iterator[Diagnostic]:
+    """For a topic whose other side says nothing of its type: those of one side agree, too."""
+    fitting = [end for end in ends if end.known_type == right] or ends[:1]
+    yield from (_differs(end, fitting) for end in ends if end.known_type != fitting[0].known_type)
 
 
 def _agreed(types: Iterable[str]) -> str | None:
@@ -54,26 +71,33 @@ def _most_common(ends: Iterable[TopicEnd]) -> str | None:
 
 
 def _differs(end: TopicEnd, others: Sequence[TopicEnd]) -> Diagnostic:
-    """A finding at `end`, whose type is not that of the others, at the topic's other side."""
+    """A finding at `end`, whose type is not that of the others."""
     own, wanted = end.known_type or "", others[0].known_type or ""
     is_alias = may_be_one(own, wanted)
-    publishes = end.direction == "publishes"
-    first, second = ("publishes", "subscribes to") if publishes else ("subscribes to", "publishes")
+    who = f"`{others[0].owner}` {_VERBS[others[0].direction]} it"
+    if (others[0].owner, others[0].direction) == (end.owner, end.direction):
+        who = "and elsewhere"
     return found(
         "OBK205",
-        f"`{end.owner}` {first} `{end.topic}` as {_short(own)}, `{others[0].owner}` {second} it "
+        f"`{end.owner}` {_VERBS[end.direction]} `{end.topic}` as {_short(own)}, {who} "
         f"as {_short(wanted)}",
         end.type_span or end.span,
         severity="warning" if is_alias else None,
         help=_help(own, wanted, others, is_alias=is_alias),
         related=(
             Related(
-                message="the subscriber" if publishes else "the publisher",
+                message=_said_of(other, end),
                 span=other.type_span or other.span,
             )
             for other in others[:_MOST_SHOWN]
         ),
     )
+
+
+def _said_of(other: TopicEnd, end: TopicEnd) -> str:
+    if other.direction == end.direction:
+        return "the other one"
+    return "the publisher" if other.direction == "publishes" else "the subscriber"
 
 
 def _help(own: str, wanted: str, others: Iterable[TopicEnd], *, is_alias: bool) -> str | None:

@@ -3,9 +3,10 @@
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 
-from obelisk_spec.components import CONTROL_SUBSCRIPTION, standard_component
+from obelisk_spec.components import CONTROL_SUBSCRIPTION
 from obk_cli.config import Component, Node, Spanned, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.node_code import NodeCode
 from obk_cli.surroundings import ModelRead, Surroundings
 from obk_cli.tree import plain_value
 from obk_cli.wiring import absolute_topic, sending_period_s, timers_of
@@ -42,12 +43,7 @@ def check_watchdogs(stack: Stack, surroundings: Surroundings) -> Iterator[Diagno
 
 
 def _obeys(component: Component, node: Node) -> bool:
-    return (
-        node.section == "robot"
-        and component.kind == "subscriber"
-        and component.identity is not None
-        and standard_component(component.identity) == CONTROL_SUBSCRIPTION
-    )
+    return node.section == "robot" and component.takes_commands
 
 
 def _has_age(component: Component) -> bool:
@@ -86,6 +82,8 @@ def _check_action(
     component: Component, node: Node, surroundings: Surroundings
 ) -> Iterator[Diagnostic]:
     action = component.stale_action
+    if action is not None and action.value == "damp":
+        yield from _check_damping(action, node, surroundings)
     written = action or component.max_age_s
     if written is None or (action is not None and action.value != "zero"):
         return
@@ -101,6 +99,22 @@ def _check_action(
                 written.entry_span,
                 help="`stale_action: hold` or `damp` keeps the robot where it is",
             )
+
+
+def _check_damping(
+    action: Spanned[str], node: Node, surroundings: Surroundings
+) -> Iterator[Diagnostic]:
+    if node.pkg is None or node.executable is None:
+        return
+    code = surroundings.read_node_code(node.pkg.value, node.executable.value)
+    if isinstance(code, NodeCode) and code.can_damp is False:
+        yield found(
+            "OBK212",
+            f"class `{code.class_name}` does not implement `apply_damping`, so it cannot `damp`",
+            action.span,
+            help="write the method, or choose `zero` or `hold`",
+            related=(Related(message="the class", span=code.span),),
+        )
 
 
 def _senders(stack: Stack) -> Senders:

@@ -36,6 +36,7 @@ def _in_method(method: Function, source: ClassSource, library: Library) -> Itera
                 targets=[ast.Attribute(value=ast.Name(id=name), attr=field)],
                 value=ast.List(elts=values) | ast.Tuple(elts=values),
             ) if field in _FIELDS and name in messages:
-                if not any(isinstance(value, ast.Starred) for value in values):
+                # An empty list is filled by what follows.
+                if values and not any(isinstance(value, ast.Starred) for value in values):
                     span = span_of(node, source.module.source)
                     yield ControlLength(field=field, length=len(values), span=span)

@@ -120,4 +120,5 @@ def _node_code(source: ClassSource, library: Library, has_arguments: bool) -> No
         knows_parameters=found.knows_parameters,
         missing_methods=tuple(lineage.missing_methods()),
         control_lengths=tuple(control_lengths(lineage, library)),
+        can_damp=lineage.can_damp,
     )

@@ -16,6 +16,7 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 _HARMLESS = ("rclpy", "abc", "typing", "typing_extensions", "object")
 """Where bases come from that register nothing and implement nothing of Obelisk's."""
 _NODE_CLASS = "obelisk_py.core.node.ObeliskNode"
+_ROBOT_CLASS = "obelisk_py.core.robot.ObeliskRobot"
 _LIBRARY = "obelisk_py.core."
 _ABSTRACT = ("abc.abstractmethod", "abstractmethod")
 
@@ -78,6 +79,14 @@ class Lineage:
     def is_node(self) -> bool:
         """Whether the class is an Obelisk node."""
         return any(c.full_name == _NODE_CLASS for c in self.classes)
+
+    @property
+    def can_damp(self) -> bool | None:
+        """Whether the class of a robot says how it brakes; None where that is not known."""
+        own = [c for c in self.classes if c.full_name != _ROBOT_CLASS]
+        if not self.is_whole or len(own) == len(self.classes):
+            return None
+        return any(c.has("apply_damping") or c.has("_can_damp") for c in own)
 
     def method(self, name: str, start: int = 0) -> tuple[int, Function] | None:
         """The method that a call reaches, and the place of its class; looked for from `start`."""

@@ -16,8 +16,9 @@ RULES: tuple[Rule, ...] = (
         code="OBK202",
         severity="error",
         title="two nodes with one name",
-        cause="ROS lets both run, and every request by name reaches either of them.",
-        cure="Give one of them another `name` or `namespace`.",
+        cause="ROS lets both run, and every request by name reaches either of them. The name of a "
+        "joystick's node is always the same.",
+        cure="Give one of them another `name` or `namespace`; switch all joysticks off but one.",
     ),
     Rule(
         code="OBK203",
@@ -37,7 +38,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK205",
         severity="error",
         title="publisher and subscriber of different types",
-        cause="ROS connects the two ends of a topic only where their message types are the same.",
+        cause="ROS connects the ends of a topic only where their message types are the same, and a "
+        "process cannot have two types on one topic.",
         cure="Make the types the same, or use two topics.",
     ),
     Rule(
@@ -88,8 +90,8 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="commands are not watched where the config says so",
         cause="`max_age_sec` and `stale_action` are read for a robot's subscriber `sub_ctrl` only, "
-        "and the second with the first only. Whoever wrote them here counts on a robot that "
-        "stops, and it would not.",
+        "and the second with the first only; `damp` needs a class that implements "
+        "`apply_damping`. Whoever wrote them here counts on a robot that stops, and it would not.",
         cure="Move them to the robot's `sub_ctrl`, both together, or remove them.",
     ),
     Rule(
@@ -102,10 +104,26 @@ RULES: tuple[Rule, ...] = (
         "usual.",
     ),
     Rule(
+        code="OBK214",
+        severity="warning",
+        title="one node publishes a topic twice",
+        cause="Whoever hears the topic cannot tell which of the two a message came from. Most "
+        "often an entry was copied, and its topic is still that of the first.",
+        cure="Give each its own topic.",
+    ),
+    Rule(
         code="OBK215",
         severity="warning",
         title="a sensor faster than the simulation",
         cause="A sensor is sampled after a step, so its period cannot be shorter than one.",
         cure="Make `dt` a multiple of the model's step, or lower `time_step`.",
+    ),
+    Rule(
+        code="OBK216",
+        severity="info",
+        title="a period that may be meant as a rate",
+        cause="Periods are in seconds. Ten and more are unusual for a loop or a sensor; `500` is "
+        "often written where 500 Hz are meant.",
+        cure="Write the period, `0.002` for 500 Hz; silence the rule if it is to be so long.",
     ),
 )

@@ -157,4 +157,12 @@ RULES: tuple[Rule, ...] = (
         "0, and the robot goes there with all its strength.",
         cure="Write `stale_action: hold` or `damp`. Where the position 0 is safe, silence this.",
     ),
+    Rule(
+        code="OBK321",
+        severity="error",
+        title="a simulator without its `sim` block",
+        cause="`obelisk_mujoco_robot` reads its model and its sensors from the block of the "
+        "parameter `mujoco_setting`, and cannot be configured without one.",
+        cure="Add a `sim` block without a `ros_parameter`, or name the executable that was meant.",
+    ),
 )

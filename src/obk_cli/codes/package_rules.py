@@ -23,7 +23,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK403",
         severity="error",
-        title="a model package is not found",
+        title="the package of a model or description is not found",
         cause="`robot_pkg` is searched in the workspace, the Python environment and "
         "AMENT_PREFIX_PATH.",
         cure="Mend the name, or put the package into the workspace.",

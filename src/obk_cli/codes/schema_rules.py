@@ -61,7 +61,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK108",
         severity="error",
         title="one component is configured twice",
-        cause="Two entries of a node name the same component; only one could count.",
+        cause="Two entries of a node name the same component, or two `sim` blocks the same "
+        "parameter; only one could count.",
         cure="Remove one, or give it the name of the component that was meant.",
     ),
     Rule(

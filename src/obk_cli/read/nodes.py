@@ -1,6 +1,6 @@
 """One node: of a section, or of `viz`."""
 
-from obk_cli.config import Node
+from obk_cli.config import Node, Spanned
 from obk_cli.diagnostics import found
 from obk_cli.read.components import read_callback_groups, read_components
 from obk_cli.read.fields import Faults, Fields, read_text
@@ -56,17 +56,27 @@ def _read_remappings(fields: Fields, faults: Faults) -> tuple[tuple[str, str], .
     if entry is None:
         return ()
     if isinstance(entry.value, TreeMap):
-        pairs = ((e.key, read_text(f"remapping `{e.key}`", e.value, faults)) for e in entry.value)
-        return tuple((old, new.value) for old, new in pairs if new is not None)
-    items = entry.value.items if isinstance(entry.value, TreeList) else (entry.value,)
-    return tuple(pair for item in items if (pair := _read_remapping(item, faults)))
+        pairs = [
+            (Spanned(e.key, e.key_span), new)
+            for e in entry.value
+            if (new := read_text(f"remapping `{e.key}`", e.value, faults))
+        ]
+    else:
+        items = entry.value.items if isinstance(entry.value, TreeList) else (entry.value,)
+        pairs = [pair for item in items if (pair := _read_remapping(item, faults))]
+    for old, new in pairs:
+        # Before a colon stands whom it is for; `__ns` and the like are no topics.
+        if ":" not in old.value and not old.value.startswith("__"):
+            check_topic(old, faults)
+        check_topic(new, faults)
+    return tuple((old.value, new.value) for old, new in pairs)
 
 
-def _read_remapping(item: Tree, faults: Faults) -> tuple[str, str] | None:
+def _read_remapping(item: Tree, faults: Faults) -> tuple[Spanned[str], Spanned[str]] | None:
     text = item.value if isinstance(item, TreeScalar) else None
     old, sign, new = str(text).partition(":=")
     if isinstance(text, str) and old and sign and new:
-        return old, new
+        return Spanned(old, item.span), Spanned(new, item.span)
     message = f"a remapping is {kind_of(item)}, expected `from:=to`"
     faults.append(found("OBK103", message, item.span))
     return None
@@ -78,8 +88,8 @@ def _read_env(fields: Fields, faults: Faults) -> tuple[tuple[str, str], ...]:
     for entry in fields.mapping("env") or ():
         value = entry.value
         if isinstance(value, TreeScalar) and value.value is not None:
-            plain = isinstance(value.value, str)
-            pairs.append((entry.key, str(value.value) if plain else value.span.text))
+            text = value.value if isinstance(value.value, str) else value.text
+            pairs.append((entry.key, text))
         else:
             message = f"environment variable `{entry.key}` is {kind_of(value)}, expected text"
             faults.append(found("OBK103", message, value.span))

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from obelisk_spec.parameter_value import ParameterValue
 from obelisk_spec.yaml_core import Scalar
 from obk_cli.config import Parameter
-from obk_cli.diagnostics import found
+from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.read.fields import Faults
 from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar, kind_of
 
@@ -17,7 +17,22 @@ _INT64 = range(-(2**63), 2**63)
 
 def read_params(tree: TreeMap | None, faults: Faults) -> tuple[Parameter, ...]:
     """The parameters of a `params` mapping; those that ROS cannot hold become findings."""
-    return () if tree is None else tuple(_read_map(tree, "", faults))
+    by_name: dict[str, Parameter] = {}
+    for parameter in _read_map(tree, "", faults) if tree else ():
+        first = by_name.setdefault(parameter.name, parameter)
+        if first is not parameter:
+            faults.append(_given_twice(parameter, first))
+    return tuple(by_name.values())
+
+
+def _given_twice(parameter: Parameter, first: Parameter) -> Diagnostic:
+    """`a.b: 1` and `a: {b: 1}` are one name."""
+    return found(
+        "OBK004",
+        f"parameter `{parameter.name}` is given twice",
+        parameter.key_span or parameter.span,
+        related=(Related(message="the first time", span=first.key_span or first.span),),
+    )
 
 
 def _read_map(tree: TreeMap, prefix: str, faults: Faults) -> Iterator[Parameter]:

@@ -62,7 +62,7 @@ def _replaced_text(
 
     new = REFERENCE.sub(value_of, text)
     is_plain = span.text[:1] not in ("'", '"', "|", ">")
-    return TreeScalar(core_scalar(new) if is_plain else new, span)
+    return TreeScalar(core_scalar(new) if is_plain else new, span, new)
 
 
 def _first_places(span: Span) -> dict[str, Span]:

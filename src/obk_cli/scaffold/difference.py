@@ -5,6 +5,7 @@ In: decisions. Out: text that `patch -p1` takes. Never touches the disk.
 
 import difflib
 from collections.abc import Iterable
+from io import StringIO
 
 from obk_cli.scaffold.decide import Action, Decision
 
@@ -32,6 +33,7 @@ def _file_diff(decision: Decision) -> Iterable[str]:
 
 def _lines(content: bytes) -> list[str] | None:
     try:
-        return content.decode().splitlines(keepends=True)
+        text = content.decode()
     except UnicodeDecodeError:
         return None
+    return list(StringIO(text, newline="\n"))  # `splitlines` cuts at form feeds too

@@ -4,6 +4,7 @@ from obelisk_spec.settings import parse_component_setting, parse_mapping
 from obk_cli.config import FileSearch, Spanned
 from obk_cli.lower import lower_stack
 from obk_cli.parse import parse_source
+from obk_cli.pipeline import Options, compile_source
 from obk_cli.plan import Endpoint, Plan, SensorGroup
 from obk_cli.read.stack import read_stack
 from obk_cli.resolve.paths import resolve_paths
@@ -186,3 +187,22 @@ def test_what_was_searched_is_kept(tmp_path: Path) -> None:
     assert isinstance(search, FileSearch)
     assert isinstance(search.written, Spanned)
     assert search.tried[0] == tmp_path / "arm.xml"
+
+
+def test_each_joystick_has_its_own_topics() -> None:
+    plan = lower_text(
+        "a: {joystick: {pub_topic: /a}}\nb: {joystick: {pub_topic: /b, sub_topic: /c}}\n"
+    )
+    assert [[end.topic for end in p.publishes] for p in plan.processes] == [["/a"], ["/b"]]
+    heard = [[end.topic for end in p.subscribes] for p in plan.processes]
+    assert heard == [["/joy/set_feedback"], ["/c"]]
+
+
+def test_environment_variables_get_what_variables_come_to() -> None:
+    options = Options(environment={"DOMAIN": "007"}, working_folder=Path.cwd())
+    env = "env:\n    A: ${DOMAIN}\n    B: ${NONE:-1.10}\n    C: ${NO:-true}\n"
+    text = f"robot:\n  pkg: a\n  executable: b\n  {env}"
+    outcome = compile_source(SourceFile.of("<text>", text), options)
+    assert outcome.config is not None
+    (process,) = lower_stack(outcome.config).processes
+    assert process.env == {"A": "007", "B": "1.10", "C": "true"}

@@ -76,6 +76,13 @@ def test_parameters(params: str, parameters: dict[str, object]) -> None:
     assert {p.name: p.value for p in stack.nodes[0].params} == parameters
 
 
+def test_a_name_with_dots_and_a_nested_one_are_one_parameter() -> None:
+    stack, (fault,) = read(f"control: {{{NODE}, params: {{a.b: 1, a: {{b: 2, c: 3}}}}}}")
+    assert (fault.code, fault.message) == ("OBK004", "parameter `a.b` is given twice")
+    assert (fault.span.column, fault.related[0].span.column) == (60, 48)
+    assert {p.name: p.value for p in stack.nodes[0].params} == {"a.b": 1, "a.c": 3}
+
+
 @pytest.mark.parametrize(
     "value",
     ["~", "[]", "[1, ~]", "[1, x]", "[[1]]", "[{a: 1}]", "[true, 1]", "99999999999999999999"],
@@ -91,6 +98,18 @@ def test_remappings_are_a_mapping_or_a_list() -> None:
         assert stack.nodes[0].remappings == (("/a", "/b"),)
         assert faults == []
     assert node_faults("remappings: [/a]") == ["a remapping is the text `/a`, expected `from:=to`"]
+
+
+def test_names_that_are_remapped_are_those_of_topics() -> None:
+    assert node_faults("remappings: {/a b: /c, /d: 2e}") == [
+        "`/a b` cannot be a topic name: ' ' is not a letter, digit or `_`",
+        "`2e` cannot be a topic name: `2e` starts with a digit",
+    ]
+    assert node_faults("remappings: ['/a := /b']") == [
+        "`/a ` cannot be a topic name: ' ' is not a letter, digit or `_`",
+        "` /b` cannot be a topic name: ' ' is not a letter, digit or `_`",
+    ]
+    assert node_faults("remappings: ['__ns:=/x', 'other:/a:=/b', '~/a:=b']") == []
 
 
 def test_environment_values_are_text_as_written() -> None:

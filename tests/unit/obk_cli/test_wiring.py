@@ -59,3 +59,5 @@ def test_a_joystick_publishes_and_listens() -> None:
         "subscribes /feedback",
     }
     assert topics("joystick: {on: false, pub_topic: /joy}") == set()
+    usual = {"publishes /joy", "subscribes /joy/set_feedback"}
+    assert topics("joystick: {device_id: 1}") == usual

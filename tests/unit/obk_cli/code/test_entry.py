@@ -256,6 +256,7 @@ def test_only_lists_that_are_written_out_into_control_messages_have_a_length() -
         plain.u_mujoco = [1.0, 2.0]
         plain.u_mujoco = [*values]
         plain.u_mujoco = values
+        plain.u_mujoco = []
         other.u = [1.0]
 """
     found = code(node("pass") + method)

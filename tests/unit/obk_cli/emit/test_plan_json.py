@@ -9,7 +9,7 @@ import jsonschema
 import pytest
 
 from obk_cli.emit.plan_json import emit_plan
-from obk_cli.plan import Endpoint, Origin, Plan, Process, SensorGroup
+from obk_cli.plan import Endpoint, Origin, Plan, Process, Promise, SensorGroup
 from obk_cli.resources import resource_folder
 
 from .plans import loop, node
@@ -19,6 +19,7 @@ DEFINITIONS = {
     "process": Process,
     "endpoint": Endpoint,
     "origin": Origin,
+    "promise": Promise,
     "sensor_group": SensorGroup,
 }
 

@@ -1,0 +1,54 @@
+"""OBK108, OBK321: a simulator gets one `sim` block, under the parameter that it reads."""
+
+from collections.abc import Iterator
+
+from obk_cli.config import SIM_PARAMETER, Node, Sim, Stack
+from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.surroundings import Surroundings
+
+__all__ = ["check_sim_blocks"]
+
+
+def check_sim_blocks(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+    """No block takes the place of another, and the simulator has one."""
+    for node in stack.section("robot"):
+        yield from _check_twice(node)
+        if node.is_simulator:
+            yield from _check_given(node)
+
+
+def _check_twice(node: Node) -> Iterator[Diagnostic]:
+    seen: dict[str, Sim] = {}
+    for sim in node.sims:
+        first = seen.setdefault(sim.parameter, sim)
+        if first is not sim:
+            yield found(
+                "OBK108",
+                f"two `sim` blocks of `{node.node_name}` go into the parameter `{sim.parameter}`",
+                sim.span,
+                help="remove one, or give it the `ros_parameter` that the code declares for it",
+                related=(Related(message="the first one", span=first.span),),
+            )
+
+
+def _check_given(node: Node) -> Iterator[Diagnostic]:
+    assert node.executable is not None  # it is the simulator's
+    given = {*(sim.parameter for sim in node.sims), *(p.name for p in node.params)}
+    if SIM_PARAMETER in given:
+        return
+    other = next((sim.ros_parameter for sim in node.sims if sim.ros_parameter), None)
+    if other is None:
+        yield found(
+            "OBK321",
+            f"`{node.node_name}` is a simulator and has no `sim` block",
+            node.executable.span,
+            help="add `sim: {model_xml_path: ...}`",
+        )
+    else:
+        yield found(
+            "OBK321",
+            f"the simulator reads its block from `{SIM_PARAMETER}`, this one goes into "
+            f"`{other.value}`",
+            other.span,
+            help="leave `ros_parameter` out",
+        )
