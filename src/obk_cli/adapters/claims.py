@@ -1,5 +1,6 @@
 """The claim of a new run: no two with the same nodes at once."""
 
+import errno
 import fcntl
 import shutil
 import time
@@ -12,6 +13,7 @@ from typing import Final
 
 from obk_cli.adapters.launchers import STOP_S, end_launcher
 from obk_cli.adapters.live_runs import is_alive, live_folders
+from obk_cli.adapters.planted import is_within_planted
 from obk_cli.adapters.process_start import boot_id
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.runs import MadeFrom, Run, make_run_folder, read_run, run_folders, write_run
@@ -50,8 +52,10 @@ def claim_run(
 
     Raises:
         CommandFailedError: a live run of the same ROS domain has the name or one of the nodes.
-        OSError: the folder cannot be written.
+        OSError: the folder cannot be written, or is another user's.
     """
+    if is_within_planted(parent):
+        raise PermissionError(errno.EPERM, "it is another user's", str(parent))
     parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     claimed = replace(run, boot=boot_id())
     for _ in range(MOST_REPLACED):

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+from obk_cli.adapters.planted import is_planted, is_within_planted
 from obk_cli.adapters.process_start import boot_id, is_process
 from obk_cli.launch.runs import Run, read_run, run_folders
 
@@ -17,8 +18,11 @@ def is_alive(run: Run) -> bool:
 
 
 def live_folders(parent: Path) -> Mapping[Path, Run]:
-    """Folder -> run of this machine's launchers that are alive, newest first, in all domains."""
-    told = ((folder, read_run(folder)) for folder in run_folders(parent))
+    """Folder -> run of this user's launchers that are alive, newest first, in all domains."""
+    if is_within_planted(parent):
+        return {}
+    own = (folder for folder in run_folders(parent) if not is_planted(folder))
+    told = ((folder, read_run(folder)) for folder in own)
     return {folder: run for folder, run in told if run is not None and is_alive(run)}
 
 

@@ -8,7 +8,7 @@ import stat
 from pathlib import Path
 from typing import Final
 
-__all__ = ["is_planted"]
+__all__ = ["is_planted", "is_within_planted"]
 
 FOR_EVERYBODY: Final = stat.S_ISVTX | stat.S_IWOTH
 """Of a folder where each user may put something, and take away nobody else's."""
@@ -24,3 +24,9 @@ def is_planted(path: Path) -> bool:
     except OSError:
         return False
     return owner not in (os.geteuid(), 0) and mode & FOR_EVERYBODY == FOR_EVERYBODY
+
+
+def is_within_planted(path: Path) -> bool:
+    """Whether that holds for it, or for a folder that it lies in."""
+    whole = path.absolute()
+    return any(map(is_planted, (whole, *whole.parents)))

@@ -3,15 +3,20 @@
 import json
 import os
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 
 import pytest
 
+from obk_cli.adapters.claims import claim_run
+from obk_cli.adapters.live_runs import live_folders
 from obk_cli.adapters.overlay import FOLDER, RECORD, overlay_prefixes
 from obk_cli.adapters.overlay_change import build_turn
 from obk_cli.adapters.packages import PackageIndex, find_workspace, package_names_in
 from obk_cli.adapters.planted import is_planted
+from obk_cli.adapters.process_start import this_process
 from obk_cli.errors import CommandFailedError
+from obk_cli.launch.runs import Run
 
 ANOTHER = 54321
 """The number of a user who is neither this one nor root."""
@@ -110,3 +115,15 @@ def test_what_lies_in_a_folder_of_ones_own_may_be_anybodys(shared: Path, give_aw
     package(shared / "mine" / "demo")
     give_away(shared / "mine" / "demo")
     assert package_names_in(shared / "mine") == ("demo",)
+
+
+def test_it_is_no_place_for_runs_and_its_runs_are_nobodys(shared: Path, give_away: Give) -> None:
+    runs = shared / "logs" / "runs"
+    pid, started = this_process()
+    run = Run(name="s", pid=pid, started=started, domain=80, config="c.yaml", nodes=("/a",))
+    folder = claim_run(runs, run, datetime(2031, 2, 3, 4, 5, 6))
+    assert list(live_folders(runs)) == [folder]
+    give_away(shared / "logs")
+    assert live_folders(runs) == {}
+    with pytest.raises(PermissionError, match="it is another user's"):
+        claim_run(runs, run, datetime(2031, 2, 3, 4, 5, 7))
