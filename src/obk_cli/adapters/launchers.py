@@ -37,7 +37,7 @@ def end_launcher(
         folder: the run's.
         run: whose launcher.
         reason: what the launcher tells its user.
-        timeout_s: for the way down [s].
+        timeout_s: for the answer and the way down [s].
         may_kill: after that, kill the launcher, and what it leaves.
     """
 
@@ -46,9 +46,11 @@ def end_launcher(
 
     # One that was stopped (Ctrl-Z) has to go on to end anything.
     signal_process(run.pid, run.started, signal.SIGCONT)
-    if not ask_stop(folder, reason):
+    end = time.monotonic() + timeout_s
+    # Not sooner: one that is slow to answer would take the signal for impatience, and hurry.
+    if not ask_stop(folder, reason, timeout_s / 2):
         signal_process(run.pid, run.started, signal.SIGINT)
-    if _comes_true(lambda: not is_there(), timeout_s):
+    if _comes_true(lambda: not is_there(), end - time.monotonic()):
         # The run is over; a launcher that is a program of its own is about to go, too.
         wait_for_ends([(run.pid, run.started)], EXIT_S)
         return "ended"

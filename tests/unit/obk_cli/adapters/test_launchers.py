@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.adapters import launchers
+from obk_cli.adapters.control_client import ANSWER_S
 from obk_cli.adapters.control_socket import serve_control
 from obk_cli.adapters.launchers import end_launcher
 from obk_cli.adapters.process_start import start_s
@@ -77,6 +78,24 @@ def test_a_launcher_that_answers_is_asked_and_not_signalled(
             assert end_launcher(tmp_path, run, reason="test") == "ended"
         assert heard == [StopAsked(reason="test")]
         assert process.poll() is None
+
+
+def test_a_launcher_that_is_slow_to_answer_is_not_hurried(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(launchers, "EXIT_S", 0.0)
+    sent: list[tuple[float, ...]] = []
+
+    with launcher(WAIT, tmp_path) as (_, run):
+
+        def answer_in_5_s(folder: Path, _reason: str, timeout_s: float = ANSWER_S) -> bool:
+            write_run(folder, replace(run, ended=1.0))
+            return timeout_s >= 5
+
+        monkeypatch.setattr(launchers, "ask_stop", answer_in_5_s)
+        monkeypatch.setattr(launchers, "signal_process", lambda *signalled: sent.append(signalled))
+        assert end_launcher(tmp_path, run, reason="test") == "ended"
+        assert [number for *_, number in sent] == [signal.SIGCONT]
 
 
 def test_another_process_of_the_same_number_is_left_alone(tmp_path: Path) -> None:
