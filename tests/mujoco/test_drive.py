@@ -148,6 +148,7 @@ def brake_control(actuators, qpos, qvel):
         ('<position joint="hip" kp="30" gear="2"/>', 1.4),
         ('<position joint="hip" kp="30" ctrlrange="-0.5 0.5" ctrllimited="true"/>', 0.5),
         ('<position joint="hip" kp="30" timeconst="0.1"/>', 0.7),
+        ('<general joint="hip" gainprm="30" biastype="affine" biasprm="3 -30 -2"/>', 0.6),
         ('<velocity joint="hip" kv="5"/>', 0.0),
         ('<intvelocity joint="hip" kp="5" actrange="-1 1"/>', 0.0),
         ('<damper joint="hip" kv="5" ctrlrange="0 1"/>', 0.0),

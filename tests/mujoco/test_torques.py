@@ -16,6 +16,10 @@ pytestmark = pytest.mark.mujoco
 MOTORS = '<motor joint="knee" gear="4"/><motor joint="hip"/>'
 """In another order than the joints."""
 SERVOS = '<position joint="knee" kp="30" kv="2" gear="2"/><velocity joint="hip" kv="5"/>'
+OFFSET = (
+    '<general joint="knee" gainprm="30" biastype="affine" biasprm="3 -30 -2"/><motor joint="hip"/>'
+)
+"""A servo whose force is not zero at the position that it is told."""
 GAINS = {
     "pos_target": [0.4, -0.2],
     "vel_target": [0.1, 0.3],
@@ -34,7 +38,7 @@ def simulation(model):
     return made, inbox
 
 
-@pytest.mark.parametrize("actuators", [MOTORS, SERVOS], ids=["motors", "servos"])
+@pytest.mark.parametrize("actuators", [MOTORS, SERVOS, OFFSET], ids=["motors", "servos", "offset"])
 @pytest.mark.parametrize("names", [["hip", "knee"], ["knee", "hip"]])
 def test_each_joint_has_the_torque_of_the_law_whatever_drives_it(actuators, names):
     model = arm(actuators)
@@ -85,6 +89,16 @@ def test_without_gains_it_is_u_mujoco_that_counts():
     assert inbox.offer(PDFeedForward(u_mujoco=[1.0, 2.0], pos_target=[9.0]))
     made.advance()
     assert made.data.ctrl.tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("gain", ["kp", "kd"])
+def test_one_gain_is_enough_for_torques(gain):
+    made, inbox = simulation(arm(MOTORS))
+    assert inbox.offer(
+        PDFeedForward(pos_target=[1.0, 2.0], vel_target=[1.0, 2.0], **{gain: [8, 3]})
+    )
+    made.advance()
+    assert made.data.ctrl.tolist() == [2.0, 6.0]
 
 
 def test_after_gains_a_message_without_them_counts_again():

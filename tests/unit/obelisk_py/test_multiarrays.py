@@ -41,8 +41,8 @@ def test_an_offset_and_padded_rows_are_honoured() -> None:
 
 def test_a_layout_longer_than_the_data_is_refused() -> None:
     message = multiarray_from_numpy(np.zeros((2, 2)))
-    message.data = [0.0, 1.0]
-    with pytest.raises(ObeliskMsgError, match=r"asks for 4 elements .* holds 2"):
+    message.data = [0.0, 1.0, 2.0]
+    with pytest.raises(ObeliskMsgError, match=r"asks for 4 elements .* holds 3"):
         multiarray_to_numpy(message)
 
 

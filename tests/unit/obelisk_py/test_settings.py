@@ -44,6 +44,12 @@ def test_key_and_ros_parameter_name_the_same_component(identity: str) -> None:
         assert settings["topic"] == "/x"
 
 
+def test_of_several_entries_the_own_one_is_taken() -> None:
+    node = parse_node_settings("publishers: [{key: pub_a, topic: /a}, {key: pub_b, topic: /b}]")
+    settings = find_settings(publisher(ros_parameter=None, key="pub_b"), "", node)
+    assert settings == {"key": "pub_b", "topic": "/b"}
+
+
 def test_an_entry_of_another_kind_is_not_taken() -> None:
     node = parse_node_settings("subscribers: [{key: pub_ctrl, topic: /x}]")
     assert find_settings(publisher(), "", node) is None
