@@ -1,4 +1,4 @@
-"""Commands that documents show: obk knows their options, and a test runs them."""
+"""Commands that documents and `--help` show: obk knows their options; a test runs documents'."""
 
 import re
 import shlex
@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import pytest
 
-from obk_cli.cli.commands import root_command
+from obk_cli.cli.commands import VERBS, root_command
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
@@ -16,6 +16,8 @@ PAGES = sorted(
     if page.parent.name != "rules" and "```sh" in page.read_text(encoding="utf-8")
 )
 BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+HELP = ROOT / "docs" / "reference" / "commands.md"
+EXAMPLE = re.compile(r"^  (?:Example:|        ) (obk .+)$", re.MULTILINE)
 ENDS = ("&", "||", "|", ">", "&&")
 RUN_IN_PART = {
     "docs/how-to/rehearsing.md": "tests/ros/test_rehearsal.py",
@@ -28,29 +30,43 @@ def commands(page: Path) -> list[list[str]]:
     """The words of every `obk` command, without what the shell does with it."""
     lines = "".join(BLOCK.findall(page.read_text())).replace("\\\n", " ").splitlines()
     split = [shlex.split(line, comments=True) for line in lines]
-    found = [words[1:] for words in split if words[:1] == ["obk"]]
-    return [
-        words[: min((words.index(end) for end in ENDS if end in words), default=len(words))]
-        for words in found
-    ]
+    return [_of_obk(words) for words in split if words[:1] == ["obk"]]
+
+
+def _of_obk(words: list[str]) -> list[str]:
+    end = min((words.index(end) for end in ENDS if end in words), default=len(words))
+    return words[1:end]
 
 
 SHOWING = [page for page in PAGES if commands(page)]
+EXAMPLES = EXAMPLE.findall(HELP.read_text())
 
 
 @pytest.mark.parametrize("page", SHOWING, ids=lambda page: str(page.relative_to(ROOT)))
 def test_the_command_line_takes_what_a_document_shows(page: Path) -> None:
     for words in commands(page):
-        if words[0].startswith("-"):
-            continue
-        command, context = root_command(), None
-        while isinstance(command, click.Group):
-            context = click.Context(command, parent=context, info_name=words[0])
-            inner = command.get_command(context, words[0])
-            assert inner is not None, words
-            command, words = inner, words[1:]
-        # Raises where an option or the number of arguments is wrong; nothing is run.
-        command.make_context(command.name, list(words), parent=context)
+        if not words[0].startswith("-"):
+            take(words)
+
+
+@pytest.mark.parametrize("line", EXAMPLES)
+def test_the_command_line_takes_the_examples_of_its_help(line: str) -> None:
+    take(_of_obk(shlex.split(line)))
+
+
+def test_the_help_has_examples() -> None:
+    assert len(EXAMPLES) >= len(VERBS)
+
+
+def take(words: list[str]) -> None:
+    """Raises where an option or the number of arguments is wrong; nothing is run."""
+    command, context = root_command(), None
+    while isinstance(command, click.Group) and not words[0].startswith("-"):
+        context = click.Context(command, parent=context, info_name=words[0])
+        inner = command.get_command(context, words[0])
+        assert inner is not None, words
+        command, words = inner, words[1:]
+    command.make_context(command.name, list(words), parent=context)
 
 
 @pytest.mark.parametrize("page", SHOWING, ids=lambda page: str(page.relative_to(ROOT)))

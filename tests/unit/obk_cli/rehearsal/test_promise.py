@@ -1,5 +1,8 @@
 """What is promised to whom, and the cases that are made of it."""
 
+import re
+from pathlib import Path
+
 import pytest
 
 from obk_cli.launch.units import Unit
@@ -21,6 +24,14 @@ def test_the_rule_says_what_follows(fault: Fault, rule: OnCrash, reaction: React
 @pytest.mark.parametrize("rule", ["stop", "restart", "ignore"])
 def test_nothing_follows_from_a_delay(rule: OnCrash) -> None:
     assert promise(unit(ROBOT), "delay", rule).reaction == "nothing"
+
+
+def test_the_document_shows_what_the_usual_rule_promises(repository: Path) -> None:
+    page = (repository / "docs/how-to/rehearsing.md").read_text()
+    rows = re.findall(r"^\w+_0 +(delay|freeze|kill) +(.+?)  +(.+?)  ", page, re.MULTILINE)
+    assert rows
+    for fault, promised, seen in rows:
+        assert promised == seen == promise(unit(ROBOT), fault, "stop").words
 
 
 def test_an_end_is_noticed_sooner_than_a_hang() -> None:
