@@ -1,14 +1,16 @@
-"""What a machine may lack in the middle of anything: room, memory, files, threads.
+"""What a machine may lack in the middle of anything: room, memory, files, threads, its libraries.
 
 Takes an error that nobody expected, gives a sentence for the user, or None where it is another one.
 """
 
 import errno
 import os
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-__all__ = ["lack_of"]
+__all__ = ["lack_of", "shadow_of"]
 
 _MEMORY: Final = "there is not enough memory (see `ulimit -v`)"
 _THREADS: Final = "no more threads or processes can be started (see `ulimit -u`, `ulimit -v`)"
@@ -22,6 +24,7 @@ _LACKS: Final = {
     errno.ENOMEM: _MEMORY,
     errno.EAGAIN: _THREADS,
 }
+_SOURCE: Final = Path(__file__).absolute().parents[2]
 _NO_THREAD: Final = "can't start new thread"
 """Python's own words."""
 
@@ -40,6 +43,35 @@ def lack_of(error: BaseException) -> str | None:
         case OSError(errno=int() as number) if number in _LACKS:
             return f"{_place(error)}{_LACKS[number]}"
     return None
+
+
+def shadow_of(error: BaseException) -> str | None:
+    """Which file of PYTHONPATH an error comes from, in the place of a library; None: of none.
+
+    Other environments put theirs there, and what they hold seldom fits this Python.
+    """
+    listed = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    folders = [Path(folder).absolute() for folder in listed if folder]
+    for name in _files_of(error):
+        file = Path(name).absolute()
+        if any(file.is_relative_to(folder) for folder in folders) and _SOURCE not in file.parents:
+            return f"`{file}` is used in the place of a library, as PYTHONPATH has its folder"
+    return None
+
+
+def _files_of(error: BaseException) -> Iterator[str]:
+    """The files that may be at fault: that of a wrong module, that of the line which failed."""
+    top = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
+    modules = (getattr(error, "obj", None), sys.modules.get(top))
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    files = (
+        *(getattr(module, "__file__", None) for module in modules),
+        *(getattr(error, name, None) for name in ("path", "filename")),
+        trace.tb_frame.f_code.co_filename if trace else None,
+    )
+    yield from (file for file in files if isinstance(file, str))
 
 
 def _place(error: OSError) -> str:

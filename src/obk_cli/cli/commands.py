@@ -163,7 +163,7 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
             sys.exit(EXIT_INTERRUPTED)
         if debug:
             raise
-        _complain(_lack_of(error) or _bug_report(error), None)
+        _complain(*_explained(error))
         sys.exit(EXIT_FAILED)
     sys.exit(0)
 
@@ -198,10 +198,13 @@ def _complain(message: str, help: str | None) -> None:
     print("\n".join(map(visible, told.split("\n"))), file=sys.stderr)
 
 
-def _lack_of(error: Exception) -> str | None:
-    from obk_cli.adapters.lacks import lack_of
+def _explained(error: Exception) -> tuple[str, str | None]:
+    """What an error that nobody expected comes from, and what to do."""
+    from obk_cli.adapters.lacks import lack_of, shadow_of
 
-    return lack_of(error)
+    if (shadow := shadow_of(error)) is not None:
+        return f"{type(error).__name__}: {error}: {shadow}", "unset PYTHONPATH"
+    return lack_of(error) or _bug_report(error), None
 
 
 def _bug_report(error: Exception) -> str:

@@ -19,6 +19,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         from obk_cli.errors import EXIT_INTERRUPTED
 
         sys.exit(EXIT_INTERRUPTED)
+    except Exception as error:  # `run` lets none out: a library does not fit
+        from obk_cli.adapters.lacks import shadow_of
+
+        shadow = shadow_of(error)
+        if shadow is None:
+            raise
+        sys.exit(f"error: {type(error).__name__}: {error}: {shadow}\n  help: unset PYTHONPATH")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.lacks import lack_of
+from obk_cli.adapters import lacks
+from obk_cli.adapters.lacks import lack_of, shadow_of
 from obk_cli.cli.main import main
 
 SOUND = Path(__file__).parents[2] / "cases/accept/OBK004/topic_twice.yaml"
@@ -116,3 +117,40 @@ def test_an_output_on_a_full_disk_is_told() -> None:
             [OBK, "explain"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60
         )
     assert (ended.returncode, ended.stderr) == (1, "error: the disk is full\n")
+
+
+@pytest.mark.parametrize(
+    ("module", "text", "told"),
+    [
+        ("typer", "raise RuntimeError('of another Python')", "RuntimeError: of another Python"),
+        ("yaml", "x = 1", "AttributeError: module 'yaml' has no attribute"),
+        ("yaml", "x =", "SyntaxError: invalid syntax"),
+        ("click", "x = 1", "No module named 'click."),
+    ],
+)
+def test_a_module_in_the_place_of_a_library_is_named(
+    tmp_path: Path, module: str, text: str, told: str
+) -> None:
+    (tmp_path / f"{module}.py").write_text(text)
+    ended = subprocess.run(
+        [OBK, "validate", SOUND],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+    )
+    assert ended.returncode == 1
+    assert ended.stderr.startswith("error: ")
+    assert told in ended.stderr
+    assert f"`{tmp_path}/{module}.py` is used in the place of a library" in ended.stderr
+    assert ended.stderr.endswith("\n  help: unset PYTHONPATH\n")
+
+
+def test_what_fails_in_obk_itself_is_its_own_fault_wherever_it_lies(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(Path(lacks.__file__).parents[2]))
+    with pytest.raises(AttributeError) as error:
+        _ = lacks.no_such_thing  # type: ignore[attr-defined]
+    assert shadow_of(error.value) is None
