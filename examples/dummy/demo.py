@@ -81,10 +81,12 @@ def first_values(message: Any) -> Any:
     return message.x_hat if isinstance(message, EstimatedState) else message.y
 
 
-def correlation(command: Watched, joint: Watched) -> float:
+def correlation(command: Watched, joint: Watched) -> float | None:
     """Pearson's correlation of joint position and command, once the joint has settled."""
     times, values = np.array(joint.samples).T
     is_settled = times > times[0] + SETTLING_S
+    if np.count_nonzero(is_settled) < 2:
+        return None
     commands = np.interp(times[is_settled], *np.array(command.samples).T)
     return float(np.corrcoef(commands, values[is_settled])[0, 1])
 
@@ -142,10 +144,11 @@ def main() -> int:
         return code or 1
     print(f"  command  {sparkline(command)}")
     print(f"  joint1   {sparkline(joint)}")
-    print(
-        f"  joint1 followed the command sin(t): correlation {correlation(command, joint):.4f} "
-        f"after the first {SETTLING_S:g} s"
-    )
+    followed, since = correlation(command, joint), f"after the first {SETTLING_S:g} s"
+    if followed is None:
+        print(f"  too short to tell whether joint1 follows: what counts comes {since}")
+    else:
+        print(f"  joint1 followed the command sin(t): correlation {followed:.4f} {since}")
     return 0
 
 
