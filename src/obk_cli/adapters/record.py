@@ -19,6 +19,7 @@ from obk_cli.adapters.end_signals import end_signals_heard
 from obk_cli.adapters.extras import no_ros
 from obk_cli.adapters.files import explain_os_error
 from obk_cli.adapters.ros_recorder import RosRecorder
+from obk_cli.adapters.shared_memory_room import require_shared_memory
 from obk_cli.errors import EXIT_DONE, EXIT_MISUSE, CommandFailedError
 from obk_cli.recording.job import BEGUN, Job, job_from_json
 from obk_cli.recording.tally import DROPS, Tally
@@ -89,6 +90,7 @@ def _node() -> Iterator[Any]:
     Raises:
         CommandFailedError: there is no rclpy, or it does not start.
     """
+    require_shared_memory()
     try:
         import rclpy
         from rclpy.signals import SignalHandlerOptions

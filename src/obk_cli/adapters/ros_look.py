@@ -17,6 +17,7 @@ from obk_cli.adapters.late_generator import leave_generator_for_later
 from obk_cli.adapters.raw_topics import RawTopic, offer_of
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_graph import full_name
+from obk_cli.adapters.shared_memory_room import require_shared_memory
 from obk_cli.errors import CommandFailedError
 from obk_cli.looking.graph import End, Graph, Role, TopicSeen
 
@@ -46,6 +47,7 @@ def open_look(
     Raises:
         CommandFailedError: there is no rclpy, or it does not start.
     """
+    require_shared_memory()
     environment.put_into_effect()
     try:
         from rclpy.context import Context

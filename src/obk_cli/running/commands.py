@@ -1,5 +1,6 @@
 """How the processes of a plan are started: commands, environments, parameter files."""
 
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +35,7 @@ def find_executables(nodes: Iterable[Process], packages: PackageIndex) -> Execut
     """The programs of nodes.
 
     Raises:
-        CommandFailedError: one is missing.
+        CommandFailedError: one is missing, or cannot be started from where it is.
     """
     return {node.full_name: _executable(node, packages) for node in nodes}
 
@@ -91,6 +92,13 @@ def _executable(process: Process, packages: PackageIndex) -> Command:
             f"`{process.executable}`",
             help=did_you_mean(process.executable, found.available) or "it has none at all",
         )
+    for folder in found.python_path:
+        if os.pathsep in str(folder):
+            raise CommandFailedError(
+                f"{process.origin}: package `{process.package}` is in `{folder}`, and no folder "
+                "on PYTHONPATH can have a colon in its name",
+                help="rename the folder",
+            )
     return found
 
 

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.adapters.packages import PackageIndex
+from obk_cli.errors import CommandFailedError
 from obk_cli.launch.units import Unit, units_of
 from obk_cli.plan import Plan
 from obk_cli.report.launch import LaunchReport
-from obk_cli.running.commands import unit_commands
+from obk_cli.running.commands import find_executables, unit_commands
 from obk_cli.running.output import Output
 from obk_cli.running.run import _commands
 from obk_cli.surroundings import Command
@@ -57,3 +59,17 @@ def test_nodes_that_share_a_process_are_one_command(tmp_path: Path) -> None:
     listed = Path(commands["/s/composed"].arguments[-1]).read_text()
     assert "__node:=obelisk_control_0" in listed
     assert "__node:=obelisk_control_1" in listed
+
+
+def test_a_package_below_a_folder_with_a_colon_is_refused_with_the_reason(tmp_path: Path) -> None:
+    package = tmp_path / "a:b" / "src" / "p"
+    package.mkdir(parents=True)
+    (package / "package.xml").write_text("<package><name>p</name></package>")
+    (package / "setup.cfg").write_text("[options.entry_points]\nconsole_scripts = e = p:main\n")
+    packages = PackageIndex(workspaces=(tmp_path / "a:b",), prefixes=())
+    with pytest.raises(CommandFailedError) as refused:
+        find_executables([node("obelisk_control_0")], packages)
+    assert refused.value.message == (
+        f"c.yaml:1:1: package `p` is in `{package}`, and no folder on PYTHONPATH can have a colon "
+        "in its name"
+    )
