@@ -89,6 +89,10 @@ def test_a_constant_stays_as_it_is_smoothed_and_a_step_is_followed():
     assert value == pytest.approx(np.ones(6), abs=1e-6)
 
 
+def test_what_was_smoothed_stays_where_time_goes_back():
+    assert smoothed(np.zeros(6), np.ones(6), -100.0, 0.005) == pytest.approx(np.zeros(6))
+
+
 @pytest.mark.parametrize("late", [0, 5], ids=["at once", "10 ms late"])
 def test_it_reaches_each_pose_and_rests_there(model, folder, params, late):
     data = at_keyframe(model, "ic")

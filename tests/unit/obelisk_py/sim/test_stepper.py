@@ -43,8 +43,9 @@ class _Simulation:
 
 
 class _Run:
-    def __init__(self, *, factor, until, periods_s=(), cost_ns=0, step_cost_ns=0):
+    def __init__(self, *, factor, until, periods_s=(), cost_ns=0, step_cost_ns=0, begin_ns=0):
         self.clock = _Clock()
+        self.clock.ns = begin_ns
         self.simulation = _Simulation(self.clock, cost_ns, step_cost_ns)
         self.published = [[] for _ in periods_s]
         self.warnings = []
@@ -73,6 +74,12 @@ def test_a_second_of_wall_time_is_a_second_of_simulation():
     run = _Run(factor=1.0, until=lambda run: run.simulation.steps >= 1_000)
     assert run.clock.ns == 1_000 * MS
     assert set(run.simulation.counts) == {1}
+
+
+def test_the_schedule_begins_when_the_run_does():
+    run = _Run(factor=1.0, until=lambda run: run.simulation.steps >= 10, begin_ns=5_000 * MS)
+    assert run.clock.ns == 5_010 * MS
+    assert late_ns_of(run.ticks.buckets, (1.0,)) == (0.0,)
 
 
 def test_a_factor_of_a_tenth_takes_ten_times_as_long():

@@ -59,6 +59,9 @@ class Gravity:
 
 
 def smoothed(last: Array, measured: Array, period_s: float, time_constant_s: float) -> Array:
-    """A low-pass filter of the first order, one step further."""
-    share = 1 - math.exp(-period_s / time_constant_s)
+    """A low-pass filter of the first order, one step further.
+
+    Where time went back, as simulated time does at a reset, nothing changes.
+    """
+    share = 1 - math.exp(-max(period_s, 0.0) / time_constant_s)
     return last + share * (measured - last)
