@@ -4,7 +4,7 @@ Pure; the group must have the shape that `sim_shape` asks for.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from obelisk_spec.articles import with_article
@@ -19,6 +19,8 @@ __all__ = ["check_group_against_model", "check_group_rule"]
 
 _CAMERA = "camera"
 """What stands for a sensor type where a camera of the model is named."""
+_MOST_COMPARED = 100
+"""Findings about a group's sensors with a near name; of further ones only the name is told."""
 _ONE_PLACE = 2
 """From this many sensors on they can disagree about where they sit."""
 
@@ -140,8 +142,13 @@ def check_group_against_model(
     """Findings about names, types and places of the model's sensors and sites."""
     names: Mapping[str, str] = group.get("sensor_names") or {}
     rule = sensor_group(str(group["msg_type"]))
+    told = 0
     for name, sensor_type in names.items():
-        yield from _check_sensor(name, sensor_type, (*path, "sensor_names", name), facts, rule)
+        place = (*path, "sensor_names", name)
+        is_compared = told < _MOST_COMPARED
+        for fault in _check_sensor(name, sensor_type, place, facts, rule, is_compared=is_compared):
+            told += 1
+            yield fault
     if rule is not None:
         # Of a type that is given too often, which is reported, only the first counts.
         firsts = {kind: name for name, kind in reversed(list(names.items()))}
@@ -158,7 +165,13 @@ def check_group_against_model(
 
 
 def _check_sensor(
-    name: str, written: str, path: SimPath, facts: ModelFacts, rule: GroupRule | None
+    name: str,
+    written: str,
+    path: SimPath,
+    facts: ModelFacts,
+    rule: GroupRule | None,
+    *,
+    is_compared: bool,
 ) -> Iterator[SimFault]:
     if written == _CAMERA:
         yield from _check_camera(name, path, facts)
@@ -167,14 +180,16 @@ def _check_sensor(
     if sensor is None:
         if rule is not None and _CAMERA in rule.takes and name in facts.cameras:
             return  # told as a type that the message does not carry
+        sensors = facts.sensors.values() if is_compared else ()
+        same_type = [sensor.name for sensor in sensors if sensor.type == written]
         yield SimFault(
             code="OBK303",
             severity="error",
             path=path,
             points_at="key",
             message=f"sensor `{name}` is not in the model",
-            help=_near_sensors(name, written, facts),
-            meant=sure_name(name, (s.name for s in facts.sensors.values() if s.type == written)),
+            help=_near_sensors(name, same_type, facts) if is_compared else None,
+            meant=sure_name(name, same_type),
         )
     elif sensor.type != written:
         if rule is not None and rule.reads_sensors and written not in rule.takes:
@@ -213,9 +228,8 @@ def _check_camera(name: str, path: SimPath, facts: ModelFacts) -> Iterator[SimFa
         )
 
 
-def _near_sensors(name: str, written: str, facts: ModelFacts) -> str | None:
+def _near_sensors(name: str, same_type: Collection[str], facts: ModelFacts) -> str | None:
     """Near names among the sensors of the type that was written, else among all."""
-    same_type = [sensor.name for sensor in facts.sensors.values() if sensor.type == written]
     near = near_names(name, same_type) or near_names(name, facts.sensors)
     return ask_for(near) or there_is(same_type or facts.sensors)
 

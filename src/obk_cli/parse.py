@@ -249,7 +249,8 @@ class _Composer:
         return entries
 
     def _duplicate(self, first: Entry, second: Span, value: Tree) -> None:
-        if not isinstance(value, TreeScalar) or plain_value(value) != plain_value(first.value):
+        is_scalar = isinstance(value, TreeScalar) and isinstance(first.value, TreeScalar)
+        if not is_scalar or plain_value(value) != plain_value(first.value):
             self.is_whole = False
         are_lists = isinstance(first.value, TreeList) and isinstance(value, TreeList)
         help = f"put the items of both under one `{first.key}`" if are_lists else None

@@ -17,7 +17,7 @@ __all__ = ["check_ignores", "may_be_silenced", "near_codes", "said_on_command_li
 
 _MOST_SUGGESTIONS = 50
 """Findings with a near code; whoever has more is told the codes only."""
-_COMMENT = re.compile(r"#\s*obk:\s*ignore\[([^\]]*)\]")
+_COMMENT = re.compile(r"#\s*obk:\s*ignore\[([^\]#]*)\]")
 _DIGITS_FOR_LETTERS = str.maketrans("OIL", "011")
 _NEARLY_ONE = re.compile(r"(?:^|\s)#\s*obk:\s*([\w-]+)")
 _MAY_BE_SILENCED = ("OBK101", "OBK107", "OBK108", "OBK115", "OBK2", "OBK3", "OBK4", "OBK5")

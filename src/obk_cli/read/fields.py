@@ -36,9 +36,10 @@ class Fields:
         self.tree = tree
         self._what = what
         self._faults = faults
-        self._entries = {entry.key: entry for entry in tree if entry.key in keys}
+        known = frozenset(keys)
+        self._entries = {entry.key: entry for entry in tree if entry.key in known}
         for entry in tree:
-            if entry.key not in keys:
+            if entry.key not in known:
                 self._unknown(entry, keys)
             elif entry.key in NO_EFFECT_KEYS:
                 message = f"`{entry.key}` has no effect"

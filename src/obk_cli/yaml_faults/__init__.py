@@ -32,7 +32,8 @@ class YamlText:
         self.text = text
         self._restored: dict[int, str] = {}
         if any(char in text for char in _BREAKS_OF_YAML_1_1):
-            free = (code for code in _PRIVATE_USE if chr(code) not in text)
+            taken = set(text)
+            free = (code for code in _PRIVATE_USE if chr(code) not in taken)
             self._restored = dict(zip(free, _BREAKS_OF_YAML_1_1, strict=False))
             self.text = text.translate({ord(char): code for code, char in self._restored.items()})
 

@@ -144,6 +144,14 @@ def test_near_names_are_sought_among_sensors_of_the_type_first() -> None:
     assert fault.path == ("sensor_settings", 0, "sensor_names", "dqq")
 
 
+def test_of_a_great_many_missing_sensors_only_the_first_are_compared() -> None:
+    names = {f"dq{number}": "jointvel" for number in range(5_000)}
+    faults = check_sim({"model_xml_path": "m", "sensor_settings": [group(names=names)]}, {}, FACTS)
+    assert {fault.code for fault in faults} == {"OBK303"}
+    assert len(faults) == 5_000
+    assert [fault.help for fault in faults[98:102]] == ["did you mean `dq`?"] * 2 + [None] * 2
+
+
 def test_without_a_model_only_what_needs_none_is_checked() -> None:
     block = {"model_xml_path": "m", "sensor_settings": [group(names={"x": "gyro"})]}
     assert [fault.code for fault in check_sim(block, {}, None)] == ["OBK305"]

@@ -76,6 +76,13 @@ def clash() -> str:
             "vars: [&a [x, x], *a" + ", *a" * 60_000 + "]", "OBK006 1", id="many-small-aliases"
         ),
         pytest.param("include: many.part", "OBK007 1", id="includes-that-double"),
+        pytest.param(
+            f"vars: [{'x, ' * 60_000}]\n" + "vars: x\n" * 20_000,
+            "OBK004 1001",
+            id="keys-that-stand-twice",
+        ),
+        pytest.param("# obk: ignore[" * 60_000, "OBK114 1", id="comments-without-an-end"),
+        pytest.param(groups(40_000), "OBK208 1001", id="groups-that-nobody-uses"),
     ],
 )
 def test_many_faults_are_told_in_bounded_time_and_memory(
