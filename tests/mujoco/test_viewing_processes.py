@@ -1,5 +1,6 @@
 """Onlookers as processes: what they say, whom they let in, and that they end with the robot."""
 
+import inspect
 import os
 import signal
 import socket
@@ -230,3 +231,14 @@ def test_an_onlooker_loads_no_ros(kind: str) -> None:
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     assert loaded.stdout == "False\n"
+
+
+def test_nobody_can_have_the_page_tunnelled_to_another_host() -> None:
+    pytest.importorskip("mjviser")
+    import viser._viser
+
+    from obelisk_py.core.sim.mujoco.viewing.web import _Server
+
+    # What a browser's wish for a tunnel comes to, as viser has it.
+    assert "self.request_share_url" in inspect.getsource(viser._viser)
+    assert object.__new__(_Server).request_share_url() is None
