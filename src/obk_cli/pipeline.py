@@ -193,7 +193,7 @@ class _Files:
         self.sources = [source]
         self.are_whole = True
         """Whether nothing was left out of what could be read."""
-        self._bytes = len(source.text)
+        self._bytes = len(source.text.encode("utf-8", "surrogatepass"))
         self._values = 0
         self._read: dict[str, tuple[Loaded, int]] = {}
         self._refused: Diagnostic | None = None
@@ -233,7 +233,8 @@ class _Files:
         return loaded if self._refused is None else Loaded(diagnostics=(self._refused,))
 
     def _load(self, path: str, start: Span) -> Loaded:
-        data = self._options.read(path)
+        # Only the config itself may be the standard input.
+        data = self._options.read(f"./{path}" if path == STANDARD_INPUT else path)
         if isinstance(data, str):
             return Loaded(unreadable=data)
         self._bytes += len(data)

@@ -188,6 +188,19 @@ def test_the_files_of_a_config_are_only_so_long_together() -> None:
     ]
 
 
+@pytest.mark.parametrize(("letter", "is_too_long"), [("e", False), ("\u00e9", True)])
+def test_the_bytes_of_a_config_count_and_not_its_letters(letter: str, is_too_long: bool) -> None:
+    text = f"include: a\nvars: 1\n#{letter * (LONGEST_FILE_BYTES // 2 - 100)}\n"
+    found = compile_files({"main.yaml": text, "a": "#" * (LONGEST_FILE_BYTES // 2)})
+    assert any("OBK007" in fault for fault in found) == is_too_long
+
+
+def test_a_file_whose_name_stands_for_the_standard_input_is_a_file() -> None:
+    assert compile_files({"main.yaml": 'include: "-"\n', "./-": "vars: 1\n"}) == []
+    (fault,) = compile_files({"main.yaml": 'include: "-"\n', "-": "vars: 1\n"})
+    assert "included file `-` cannot be read: there is no such file" in fault
+
+
 def test_only_so_many_files_are_included() -> None:
     listed = ", ".join("a" * 102)
     assert compile_files({"main.yaml": f"include: [{listed}]\n", "a": "vars: 1\n"}) == [

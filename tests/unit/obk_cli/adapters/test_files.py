@@ -1,11 +1,12 @@
 """Files that are read, and those that are none."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.files import read_bytes, unwritable
+from obk_cli.adapters.files import STANDARD_INPUT, read_bytes, unwritable
 from obk_cli.source import LONGEST_FILE_BYTES
 
 
@@ -24,6 +25,11 @@ def test_the_pipe_of_a_shell_is_read() -> None:
         assert read_bytes(f"/dev/fd/{there}") == b"config: x"
     finally:
         os.close(there)
+
+
+def test_a_standard_input_that_was_closed_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", None)
+    assert read_bytes(STANDARD_INPUT) == "it is closed"
 
 
 def test_what_never_ends_is_read_in_part() -> None:
