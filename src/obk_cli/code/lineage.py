@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from obelisk_spec.near import near_names
-from obk_cli.code.modules import Library, Module, dotted_name, span_of
+from obk_cli.code.modules import Library, Module, at_top_level, dotted_name, span_of
 from obk_cli.node_code import MissingMethod
 
 __all__ = ["ClassSource", "Function", "Lineage", "lineage_of"]
@@ -50,7 +50,7 @@ class ClassSource:
     def _by_name(self) -> Mapping[str, Function]:
         """Asked for at every call that a constructor makes."""
         methods: dict[str, Function] = {}
-        for statement in self.node.body:
+        for statement in at_top_level(self.node.body):
             if isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef)):
                 methods.setdefault(statement.name, statement)
         return methods

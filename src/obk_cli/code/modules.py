@@ -19,6 +19,7 @@ __all__ = [
     "LoadModule",
     "Module",
     "UnreadableSourceError",
+    "at_top_level",
     "dotted_name",
     "parse_module",
     "span_of",
@@ -154,7 +155,7 @@ def parse_module(name: str, found: FoundSource) -> Module:
         UnreadableSourceError: the text is not Python.
     """
     tree = _syntax_tree(found.source)
-    statements = list(_at_top_level(tree.body))
+    statements = list(at_top_level(tree.body))
     names: dict[str, Binding] = {}
     for statement in statements:
         for bound, value in _bindings(statement, name, found.is_package):
@@ -186,14 +187,14 @@ def _syntax_tree(source: SourceFile) -> ast.Module:
         raise UnreadableSourceError(str(error), Span.at(source, 1, 1)) from error
 
 
-def _at_top_level(statements: Iterable[ast.stmt]) -> Iterator[ast.stmt]:
-    """The statements that bind a module's names, those in `if` and `try` too."""
+def at_top_level(statements: Iterable[ast.stmt]) -> Iterator[ast.stmt]:
+    """The statements that bind the names of a module or class, those in `if` and `try` too."""
     for statement in statements:
         yield statement
         for part in ("body", "handlers", "orelse", "finalbody"):
             inner = getattr(statement, part, ())
             if isinstance(statement, ast.If | ast.Try | ast.With | ast.ExceptHandler):
-                yield from _at_top_level(inner)
+                yield from at_top_level(inner)
 
 
 def _bindings(statement: ast.stmt, module: str, is_package: bool) -> Iterator[tuple[str, Binding]]:

@@ -206,3 +206,10 @@ def test_environment_variables_get_what_variables_come_to() -> None:
     assert outcome.config is not None
     (process,) = lower_stack(outcome.config).processes
     assert process.env == {"A": "007", "B": "1.10", "C": "true"}
+
+
+def test_a_pattern_that_is_none_is_left_to_the_checks() -> None:
+    group = "{topic: /s, dt: 0.1, msg_type: Unknown, scan_config: {pattern: lidar}}"
+    sim = f"sim: {{model_xml_path: m.xml, sensor_settings: [{group}]}}"
+    (robot,) = lower_text(f"robot: {{pkg: a, executable: b, {sim}}}").processes
+    assert [group.rays for group in robot.sensor_groups] == [None]

@@ -138,6 +138,15 @@ def test_a_base_or_constructor_that_cannot_be_followed_leaves_everything_open(bo
     assert not found.missing_methods
 
 
+def test_a_method_that_a_branch_of_the_class_defines_is_one() -> None:
+    methods = "".join(
+        f"        def {name}(self, *_):\n            pass\n"
+        for name in ("update_x_hat", "compute_control")
+    )
+    branches = f"    if sys.platform == 'linux':\n{methods}    else:\n{methods}"
+    assert not code(f"class Mine(ObeliskController):\n{branches}").missing_methods
+
+
 def test_a_mixin_that_cannot_be_followed_may_implement_the_abstract_methods() -> None:
     assert not code("class Mine(Unknown, ObeliskController):\n    pass\n").missing_methods
     assert code("class Mine(ObeliskController):\n    pass\n").missing_methods
@@ -153,6 +162,26 @@ def test_a_registration_on_a_condition_is_not_required(around: str) -> None:
         text += "\nfinally:\n    pass"
     (component,) = code(node(text)).components
     assert not component.is_required
+
+
+@pytest.mark.parametrize(
+    ("head", "can_damp"),
+    [
+        ("class Mine(ObeliskRobot):\n", False),
+        ("class Mine(ObeliskRobot):\n    def apply_damping(self): ...\n", True),
+        ("class Mine(ObeliskMujocoRobot):\n", True),
+        ("class Mine(Unknown, ObeliskRobot):\n", None),
+        ("class Mine(ObeliskController):\n", None),
+    ],
+)
+def test_whether_a_robot_can_damp_is_known_from_its_methods(
+    head: str, can_damp: bool | None
+) -> None:
+    imports = (
+        "from obelisk_py.core.robot import ObeliskRobot\n"
+        "from obelisk_py.core.sim.mujoco.robot import ObeliskMujocoRobot\n"
+    )
+    assert code(f"{imports}{head}    pass\n").can_damp is can_damp
 
 
 @pytest.mark.parametrize(
