@@ -232,6 +232,26 @@ def test_a_robot_takes_control_only_while_it_is_active() -> None:
         assert node.taken == 1
 
 
+def test_a_simulator_that_returns_by_itself_is_told() -> None:
+    class Short(ObeliskSimRobot):
+        def run_simulator(self) -> None:
+            """Forgets its loop."""
+
+        def apply_control(self, control_msg: Any) -> None:
+            del control_msg
+
+    told: list[str] = []
+    with spun(lambda: Short("s", **parameters(**CONTROL))) as node:
+        node.get_logger().warning = told.append
+        node.trigger_configure()
+        node.trigger_activate()
+        eventually(lambda: told, "the warning")
+        node.trigger_deactivate()
+    assert told == [
+        "run_simulator has returned although simulator_stop is not set: it steps no more"
+    ]
+
+
 def test_a_simulator_that_does_not_stop_is_never_joined_by_a_second_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

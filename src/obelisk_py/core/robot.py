@@ -321,9 +321,16 @@ class ObeliskSimRobot(ObeliskRobot):
             # A stop of its own for each run, so that an old one cannot come back to life.
             self.simulator_stop = threading.Event()
             self._simulator = threading.Thread(
-                target=self.guarded(self.run_simulator), name="simulator", daemon=True
+                target=self._simulate, args=[self.simulator_stop], name="simulator", daemon=True
             )
             self._simulator.start()
+
+    def _simulate(self, stop: threading.Event) -> None:
+        self.guarded(self.run_simulator)()
+        if not (stop.is_set() or self.is_failing()):
+            self.get_logger().warning(
+                "run_simulator has returned although simulator_stop is not set: it steps no more"
+            )
 
     def _hold(self, state: LifecycleState) -> None:
         self._stop_simulator()
