@@ -87,6 +87,7 @@ class WardenProcesses:
         self._untold: dict[str, list[Heard]] = {}
         """Unit that was started early -> what has become of it, for when it is to start."""
         self._telling = threading.Lock()
+        self._has_ended = False
         self._before = {child.pid for child in psutil.Process().children()}
         _adopt_orphans(is_wanted=True)
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -111,7 +112,13 @@ class WardenProcesses:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End whatever still runs, and the warden."""
+        self.end()
+
+    def end(self) -> None:
+        """End whatever still runs, and the warden; once, however often it is asked for."""
+        if self._has_ended:
+            return
+        self._has_ended = True
         self._send({"do": "end"})
         self._link.shutdown(socket.SHUT_RDWR)
         try:

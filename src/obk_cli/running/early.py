@@ -47,7 +47,7 @@ def early_units(
 def held_at_gate(
     folder: Path | None, units: Iterable[Unit], processes: WardenProcesses
 ) -> Iterator[None]:
-    """Start processes; while entered they make no node.
+    """Start processes; while entered they make no node, nor afterwards if the run is refused.
 
     Where the run's folder takes no gate nothing is started: it comes with the others.
     """
@@ -55,7 +55,11 @@ def held_at_gate(
         if folder is not None and _is_closed(folder, gate):
             for unit in units:
                 processes.start_early(unit)
-        yield
+        try:
+            yield
+        except BaseException:
+            processes.end()
+            raise
 
 
 def _is_closed(folder: Path, gate: ExitStack) -> bool:

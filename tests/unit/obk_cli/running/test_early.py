@@ -1,11 +1,13 @@
 """Which processes load their programs early, and what holds them."""
 
+import fcntl
 import sys
 from pathlib import Path
 
 import pytest
 
 from obk_cli.adapters.gate import gate_path
+from obk_cli.errors import CommandFailedError
 from obk_cli.launch.units import Unit, units_of
 from obk_cli.plan import Plan, Process
 from obk_cli.running.early import early_units, gate_variables, held_at_gate
@@ -48,16 +50,31 @@ def test_nodes_in_one_process_are_early_when_all_of_them_wait() -> None:
 class Started:
     """The door to the processes."""
 
-    def __init__(self) -> None:
+    def __init__(self, folder: Path) -> None:
         self.names: list[str] = []
+        self.ended_held: list[bool] = []
+        """Of each end, whether the gate was closed then."""
+        self._folder = folder
 
     def start_early(self, unit: Unit) -> None:
         self.names.append(unit.name)
 
+    def end(self) -> None:
+        self.ended_held.append(is_closed(self._folder))
+
+
+def is_closed(folder: Path) -> bool:
+    with gate_path(folder).open() as gate:
+        try:
+            fcntl.flock(gate, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
+
 
 def test_where_there_can_be_no_gate_nothing_is_early(tmp_path: Path) -> None:
     units = units_of(Plan(name="s", processes=(node("a"),)), devices={"onboard"})
-    started = Started()
+    started = Started(tmp_path)
     gate_path(tmp_path).mkdir()
     for folder in (None, tmp_path):
         with held_at_gate(folder, units, started):  # type: ignore[arg-type]
@@ -65,9 +82,16 @@ def test_where_there_can_be_no_gate_nothing_is_early(tmp_path: Path) -> None:
     gate_path(tmp_path).rmdir()
     with held_at_gate(tmp_path, units, started):  # type: ignore[arg-type]
         assert started.names == ["/a"]
+    assert not started.ended_held
     assert gate_variables(None) == {}
 
 
-def test_what_goes_wrong_while_they_are_held_comes_through(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="no room"), held_at_gate(tmp_path, (), Started()):  # type: ignore[arg-type]
-        raise OSError("no room")
+def test_of_a_run_that_is_refused_no_process_gets_past_the_gate(tmp_path: Path) -> None:
+    started = Started(tmp_path)
+    with (
+        pytest.raises(CommandFailedError, match="somebody else"),
+        held_at_gate(tmp_path, (), started),  # type: ignore[arg-type]
+    ):
+        raise CommandFailedError("somebody else moves the robot")
+    assert started.ended_held == [True]
+    assert not is_closed(tmp_path)
