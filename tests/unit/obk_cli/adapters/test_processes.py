@@ -31,7 +31,6 @@ class Bench:
     def __init__(self, folder: Path, codes: dict[str, str]) -> None:
         self.heard: SimpleQueue[Heard] = SimpleQueue()
         self.lines: SimpleQueue[tuple[str, str]] = SimpleQueue()
-        self.is_open = True
         python = (sys.executable, "-I", "-S", "-c")
         self.processes = WardenProcesses(
             commands={
@@ -45,10 +44,8 @@ class Bench:
         )
 
     def close(self) -> None:
-        """End the client, once."""
-        if self.is_open:
-            self.is_open = False
-            self.processes.__exit__(None, None, None)
+        """End the client."""
+        self.processes.end()
 
     def start(self, name: str) -> int:
         """Start a program; gives its process id."""

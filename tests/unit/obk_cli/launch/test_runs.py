@@ -45,6 +45,14 @@ def test_two_runs_of_one_second_have_two_folders(tmp_path: Path) -> None:
     assert first != second
 
 
+def test_of_a_hundred_runs_in_one_second_the_last_is_told_why_not(tmp_path: Path) -> None:
+    for _ in range(99):
+        make_run_folder(tmp_path, "dummy", NOW)
+    said = r"dummy_20310203_040506: there are 99 runs of this second"
+    with pytest.raises(FileExistsError, match=said):
+        make_run_folder(tmp_path, "dummy", NOW)
+
+
 def test_a_run_is_read_back(tmp_path: Path) -> None:
     folder = make_run_folder(tmp_path, "dummy", NOW)
     write_run(folder, RUN)
