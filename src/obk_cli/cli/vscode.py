@@ -33,13 +33,18 @@ def install_vscode(folder: Path, schema: str) -> Iterator[str]:
     """Write the files into `folder/.vscode`; a line for each thing done.
 
     Raises:
-        CommandFailedError: the folder is not there, or settings that are there cannot be merged;
-            the help says what to add by hand.
+        CommandFailedError: the folder is not there, a link leads out of it, or settings that are
+            there cannot be merged; the help says what to add by hand.
     """
     if not folder.is_dir():
         raise CommandFailedError(f"`{folder}` is no folder")
     configs = _configs(folder)
-    for path, text in vscode_texts(folder, schema, configs).items():
+    texts = vscode_texts(folder, schema, configs)
+    for path in texts:
+        real = Path(os.path.realpath(path))
+        if not real.is_relative_to(os.path.realpath(folder)):
+            raise CommandFailedError(f"a link leads `{path}` out of the folder, to {real}")
+    for path, text in texts.items():
         yield f"{path}: {'written' if _write(path, text) else 'nothing to change'}"
     yield f"checked while you write: {', '.join([*configs, _NEW_CONFIGS])}"
 

@@ -121,3 +121,19 @@ def test_a_pipe_and_a_file_without_an_end_are_no_configs(
     code, out, _ = install(capsys, folder)
     assert code == 0
     assert out.endswith("config/stack.yaml, config/whole.yml, *.obelisk.yaml\n")
+
+
+@pytest.mark.parametrize("link", [".vscode", ".vscode/settings.json"])
+def test_a_link_that_leads_out_of_the_folder_is_not_followed(
+    folder: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+    capsys: pytest.CaptureFixture[str],
+    link: str,
+) -> None:
+    outside = tmp_path_factory.mktemp("outside")
+    (folder / link).parent.mkdir(exist_ok=True)
+    (folder / link).symlink_to(outside / "settings.json" if "/" in link else outside)
+    code, out, err = install(capsys, folder)
+    assert (code, out) == (1, "")
+    assert f"out of the folder, to {outside}" in err
+    assert list(outside.iterdir()) == []
