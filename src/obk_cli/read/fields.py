@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from obelisk_spec.limits import LARGEST_COUNT, LONGEST_PERIOD_S, SHORTEST_PERIOD_S
 from obelisk_spec.near import ask_for, list_names, near_names, sure_name
+from obelisk_spec.yaml_core import core_scalar
 from obk_cli.config import Spanned
 from obk_cli.cures import remove_entry, respell
 from obk_cli.diagnostics import Diagnostic, found
@@ -213,6 +214,8 @@ def _hint(value: Tree, wanted: str) -> str | None:
             return f"put a space after the colon: `{head}: {tail.strip()}`"
         if wanted == "`true` or `false`" and value.value.lower() in ("yes", "no", "on", "off"):
             return f"in YAML 1.2 `{value.value}` is text; write `true` or `false`"
+        if value.span.text[:1] in ("'", '"') and not isinstance(core_scalar(value.value), str):
+            return f"without its quotes it is no text: `{value.span.text[1:-1]}`"
     return None
 
 

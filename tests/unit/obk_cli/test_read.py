@@ -128,6 +128,25 @@ def test_every_fault_of_a_node_is_found_in_one_run() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("field", "help"),
+    [
+        ("respawn: 'true'", "without its quotes it is no text: `true`"),
+        ('publishers: [{key: p, topic: /t, history_depth: "10"}]', "`10`"),
+        ("timers: [{key: t, timer_period_sec: '1e-3'}]", "`1e-3`"),
+        ("timers: [{key: t, timer_period_sec: '1 ms'}]", None),
+        ("respawn: on", "in YAML 1.2 `on` is text; write `true` or `false`"),
+    ],
+)
+def test_what_is_text_only_for_its_quotes_is_told_without_them(
+    field: str, help: str | None
+) -> None:
+    _, (fault,) = read(f"control: {{{NODE}, {field}}}")
+    assert fault.code == "OBK103"
+    assert (fault.help or "").endswith(help or "")
+    assert bool(fault.help) == bool(help)
+
+
 def test_a_misspelt_key_is_read_as_what_it_was_meant_to_be() -> None:
     stack, faults = read("control: {pgk: demo, executable: run}")
     assert [fault.code for fault in faults] == ["OBK101"]
