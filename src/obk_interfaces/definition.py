@@ -180,11 +180,13 @@ def _check_type(
 def _known_instead(base: str, package: InterfacePackage, messages: frozenset[str]) -> str:
     owner, slash, _ = base.partition("/")
     if slash and owner != package.name and owner not in package.depends:
-        return f"package.xml does not depend on {owner}: add <depend>{owner}</depend>"
+        return f"package.xml does not depend on `{owner}`: add `<depend>{owner}</depend>`"
     names = [*_PRIMITIVES, *messages, *(m.partition("/")[2] for m in messages)]
     near = difflib.get_close_matches(base.replace("/msg/", "/"), sorted(set(names)), n=3)
-    spelled = dict.fromkeys(_spelled_out(name, package, messages) for name in near)
-    return "did you mean " + ", ".join(spelled) + "?" if spelled else ""
+    spelled = dict.fromkeys(f"`{_spelled_out(name, package, messages)}`" for name in near)
+    *others, last = spelled or ("",)
+    names = f"{', '.join(others)} or {last}" if others else last
+    return f"did you mean {names}?" if names else ""
 
 
 def _spelled_out(name: str, package: InterfacePackage, messages: frozenset[str]) -> str:

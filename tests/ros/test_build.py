@@ -146,7 +146,7 @@ def test_a_wrong_definition_leaves_the_overlay_as_it_was(workspace: Path) -> Non
     done = obk("build", "--workspace", workspace)
     assert done.returncode == 1
     assert "msg/Task.msg:1:1: error: the type `arm_msgs/Raech` is not known" in done.stderr
-    assert "did you mean arm_msgs/Reach?" in done.stderr
+    assert "did you mean `arm_msgs/Reach`?" in done.stderr
     assert overlay.resolve() == before
     assert [f.name for f in overlay.parent.glob("overlay-*")] == [before.name]
 

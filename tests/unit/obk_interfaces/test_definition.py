@@ -65,13 +65,13 @@ def test_every_problem_of_a_file_is_told_at_once() -> None:
 @pytest.mark.parametrize(
     ("wrong", "help"),
     [
-        ("floa64", "did you mean float64, float32?"),
-        ("Whel", "did you mean Wheel?"),
-        ("Header", "did you mean std_msgs/Header?"),
-        ("geometry_msgs/Vector", "did you mean geometry_msgs/Vector3?"),
+        ("floa64", "did you mean `float64` or `float32`?"),
+        ("Whel", "did you mean `Wheel`?"),
+        ("Header", "did you mean `std_msgs/Header`?"),
+        ("geometry_msgs/Vector", "did you mean `geometry_msgs/Vector3`?"),
         (
             "nav_msgs/Odometry",
-            "package.xml does not depend on nav_msgs: add <depend>nav_msgs</depend>",
+            "package.xml does not depend on `nav_msgs`: add `<depend>nav_msgs</depend>`",
         ),
     ],
 )
