@@ -199,6 +199,16 @@ def test_a_robot_that_gets_nothing_but_refused_commands_says_so_as_an_error(
         assert node._age.deadline_s is None
 
 
+def test_refusals_that_were_a_warning_become_an_error_in_rclpys_own_log(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    with spinning(lambda: Arm(**parameters(sub_ctrl_setting="{topic: /ctrl}"))) as node:
+        for is_lasting in (False, True, False):
+            node._tell_refusal(refusals.Report("control refused", is_lasting))
+    told = [line.split()[0] for line in capfd.readouterr().err.splitlines() if "refused" in line]
+    assert told == ["[WARN]", "[ERROR]", "[WARN]"]
+
+
 def test_to_hold_is_only_to_tell() -> None:
     with arm(stale_action="hold", max_age_sec=0.01) as node:
         active(node).publish(COMMAND)

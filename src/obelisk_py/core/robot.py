@@ -127,8 +127,11 @@ class ObeliskRobot(ABC, ObeliskNode):
         return type(self).apply_damping is not ObeliskRobot.apply_damping
 
     def _tell_refusal(self, report: Report) -> None:
-        logger = self.get_logger()
-        (logger.error if report.is_lasting else logger.warning)(report.text)
+        # Two calls: rclpy lets no call change its severity from one time to the next.
+        if report.is_lasting:
+            self.get_logger().error(report.text)
+        else:
+            self.get_logger().warning(report.text)
 
     def _is_stale(self) -> bool:
         """Whether the newest command is too old by now."""
