@@ -81,3 +81,19 @@ def test_a_command_that_only_reads_runs_nothing_of_a_workspace(
     assert "Traceback" not in done.stderr
     assert not sprung.exists(), words
     assert list(workspace.rglob("__pycache__")) == []
+
+
+@pytest.mark.parametrize("code", ["import conftest", "import demo.run"])
+def test_the_traps_spring_where_something_is_run(
+    workspace: Path, tmp_path: Path, code: str
+) -> None:
+    sprung = tmp_path / "sprung"
+    path = os.pathsep.join((str(workspace), str(workspace / "src" / "demo")))
+    subprocess.run(
+        [sys.executable, "-S", "-c", code],
+        env={**os.environ, "SPRUNG": str(sprung), "PYTHONPATH": path},
+        stderr=subprocess.DEVNULL,
+        timeout=120,
+        check=False,
+    )
+    assert sprung.exists()
