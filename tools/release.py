@@ -38,6 +38,11 @@ def with_version(text: str, pattern: str, version: str) -> str:
     return re.sub(pattern.format(NUMBER), put, text)
 
 
+def unreleased(changelog: str) -> str:
+    """What the next version has to tell."""
+    return FIRST.sub("", changelog.partition(UNRELEASED)[2].partition("\n## ")[0]).strip()
+
+
 def now_released(changelog: str, version: str, date: str) -> str:
     """The changelog with what was unreleased under a heading of its own."""
     begun = FIRST.sub("", changelog)
@@ -45,7 +50,7 @@ def now_released(changelog: str, version: str, date: str) -> str:
 
 
 def main() -> None:
-    """Write the version; ends with 1 where it is none, or not above the one that was released."""
+    """Write the version; ends with 1 where it is none, not above the last, or has nothing to tell."""
     version = sys.argv[1] if len(sys.argv) == 2 else ""
     changelog = ROOT / "CHANGELOG.md"
     told = changelog.read_text(encoding="utf-8")
@@ -54,6 +59,8 @@ def main() -> None:
         sys.exit(f"release: `{version}` is no version such as 0.2.0")
     if released and _order(version) <= max(map(_order, released)):
         sys.exit(f"release: {version} is not above {released[0]}, the last one")
+    if not unreleased(told):
+        sys.exit("release: there is nothing under `Unreleased` in CHANGELOG.md")
     for glob, pattern in PLACES:
         for path in ROOT.glob(glob):
             text = path.read_text(encoding="utf-8")

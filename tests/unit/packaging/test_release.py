@@ -94,13 +94,16 @@ def test_a_release_puts_its_version_everywhere_and_closes_what_was_unreleased(
     assert before.partition("### Added")[2] == after.partition("### Added")[2]
 
 
-def test_a_version_that_is_none_or_not_above_the_last_changes_nothing(checkout: Path) -> None:
+def test_a_version_that_is_none_not_above_the_last_or_the_same_again_changes_nothing(
+    checkout: Path,
+) -> None:
     release(checkout, "7.8.9")
     text = (checkout / "pyproject.toml").read_text()
     for version, complaint in (
         ("8.0", "release: `8.0` is no version such as 0.2.0\n"),
         ("7.8.9", "release: 7.8.9 is not above 7.8.9, the last one\n"),
         ("7.8.8", "release: 7.8.8 is not above 7.8.9, the last one\n"),
+        ("7.9.0", "release: there is nothing under `Unreleased` in CHANGELOG.md\n"),
     ):
         done = release(checkout, version)
         assert (done.returncode, done.stderr) == (1, complaint)
