@@ -48,7 +48,7 @@ def last_lines(path: Path, count: int) -> tuple[str, ...]:
         return ()
     lines = data.decode(errors="replace").removesuffix("\n").split("\n") if data else []
     whole = lines[1:] if begin else lines
-    return tuple(whole[-count:])
+    return tuple(whole[max(0, len(whole) - count) :])
 
 
 def follow_lines(path: Path) -> Iterator[str | None]:

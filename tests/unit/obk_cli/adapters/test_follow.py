@@ -65,6 +65,7 @@ def test_the_last_lines_of_a_long_file_are_whole(tmp_path: Path) -> None:
     path.write_text("a\nb\nc\n")
     assert last_lines(path, 2) == ("b", "c")
     assert last_lines(path, 9) == ("a", "b", "c")
+    assert last_lines(path, 0) == ()
     assert last_lines(tmp_path / "none", 2) == ()
 
 
