@@ -2,11 +2,13 @@
 
 from fractions import Fraction
 from math import ceil
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from obelisk_py.core.sim.mujoco import stepping
 from obelisk_py.core.sim.mujoco.stepping import (
     MonotonicClock,
     Pace,
@@ -153,3 +155,18 @@ def test_the_clock_does_not_wait_once_it_is_stopped():
     clock = MonotonicClock()
     far_ns = clock.now_ns() + 3_600_000 * MS
     assert clock.sleep_until_ns(far_ns, lambda: True) < far_ns
+
+
+def test_the_clock_sleeps_and_does_not_spin_in_parts_after_which_it_can_be_stopped(monkeypatch):
+    now_ns, slept_s = 0, []
+
+    def sleep(seconds):
+        nonlocal now_ns
+        slept_s.append(seconds)
+        now_ns += round(seconds * 1_000 * MS)
+
+    fake = SimpleNamespace(monotonic_ns=lambda: now_ns, sleep=sleep)
+    monkeypatch.setattr(stepping, "time", fake)
+    assert MonotonicClock().sleep_until_ns(120 * MS, lambda: False) == 120 * MS
+    assert slept_s == pytest.approx([0.05, 0.05, 0.02])
+    assert MonotonicClock().sleep_until_ns(500 * MS, lambda: now_ns > 150 * MS) == 170 * MS
