@@ -50,7 +50,7 @@ def now_released(changelog: str, version: str, date: str) -> str:
 
 
 def main() -> None:
-    """Write the version; ends with 1 where it is none, not above the last, or has nothing to tell."""
+    """Write the version; ends with 1 where it is none, not above the last, or tells nothing."""
     version = sys.argv[1] if len(sys.argv) == 2 else ""
     changelog = ROOT / "CHANGELOG.md"
     told = changelog.read_text(encoding="utf-8")
