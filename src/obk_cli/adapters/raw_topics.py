@@ -7,6 +7,7 @@ for the most that all publishers offer, and is made anew when a weaker one comes
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+from obk_cli.adapters.type_support import require_message
 from obk_cli.recording.qos import Offer, Request, request_for
 
 __all__ = ["DEPTH", "RawTopic", "offer_of"]
@@ -31,13 +32,12 @@ class RawTopic:
             is_light: cost the publishers little; see `request_for`.
 
         Raises:
-            Exception: whatever a generated package raises whose libraries cannot be loaded.
+            CommandFailedError: messages of the class cannot be heard here.
         """
         from rclpy.impl.implementation_singleton import rclpy_implementation
         from rclpy.topic_endpoint_info import TopicEndpointInfo
-        from rclpy.type_support import check_is_valid_msg_type
 
-        check_is_valid_msg_type(python_type)  # type: ignore[no-untyped-call]
+        require_message(python_type)
         self.name: Final = name
         self.msg_type: Final = msg_type
         self.python_type: Final = python_type

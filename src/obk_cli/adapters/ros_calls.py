@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from obk_cli.adapters.ros_look import RosLook
 from obk_cli.adapters.ros_types import find_type
+from obk_cli.adapters.type_support import require_service
 from obk_cli.errors import CommandFailedError
 
 __all__ = ["ServiceClient"]
@@ -36,12 +37,14 @@ class ServiceClient:
             look: whose participant asks.
             name: full, of the service.
             python_type: the service's class.
+
+        Raises:
+            CommandFailedError: such services cannot be called here.
         """
         from rclpy.impl.implementation_singleton import rclpy_implementation
         from rclpy.qos import qos_profile_services_default
-        from rclpy.type_support import check_is_valid_srv_type
 
-        check_is_valid_srv_type(python_type)  # type: ignore[no-untyped-call]
+        require_service(python_type)
         self._name = name
         self._type = python_type
         self._look = look

@@ -4,6 +4,7 @@ import time
 from typing import Any, Final
 
 from obk_cli.adapters.ros_look import RosLook
+from obk_cli.adapters.type_support import require_message
 from obk_cli.looking.graph import TopicSeen
 
 __all__ = ["RosPublisher"]
@@ -24,12 +25,14 @@ class RosPublisher:
             look: whose participant publishes.
             topic: with those who hear it; `transient_local` is offered where one asks for it.
             python_type: the message's class.
+
+        Raises:
+            CommandFailedError: messages of the class cannot be sent here.
         """
         from rclpy.impl.implementation_singleton import rclpy_implementation
         from rclpy.qos import DurabilityPolicy, QoSProfile
-        from rclpy.type_support import check_is_valid_msg_type
 
-        check_is_valid_msg_type(python_type)  # type: ignore[no-untyped-call]
+        require_message(python_type)
         is_latched = any(e.qos.durability == "transient_local" for e in topic.subscriptions)
         durability = DurabilityPolicy
         qos: Any = QoSProfile(  # type: ignore[no-untyped-call]

@@ -12,6 +12,7 @@ from types import ModuleType
 from typing import Any, Final
 
 from obelisk_spec.near import did_you_mean
+from obk_cli.adapters.type_support import require_message
 from obk_cli.errors import CommandFailedError
 from obk_cli.looking.field_types import ArrayType, FieldType, Message, Number, parse_type
 from obk_cli.looking.fill import Data, Now
@@ -74,11 +75,13 @@ def raw_type(name: str, hashes: Iterable[str]) -> Any:
         CommandFailedError: it is not built here, and the middleware cannot do without.
     """
     try:
-        return find_type(name)
+        python_type = find_type(name)
+        require_message(python_type)
     except CommandFailedError:
         from obk_cli.adapters.unbuilt_types import stand_in
 
         return stand_in(name, max(hashes, default=""))
+    return python_type
 
 
 def short_type(name: str) -> str:

@@ -1,0 +1,53 @@
+"""Message packages without their compiled part, as one for another Python has them."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from obk_cli.adapters.ros_types import find_type, raw_type
+from obk_cli.adapters.type_support import require_message, require_service
+from obk_cli.adapters.unbuilt_types import stand_in
+from obk_cli.errors import CommandFailedError
+
+pytestmark = pytest.mark.ros
+
+NUMBER = """
+class _Metaclass(type):
+    _TYPE_SUPPORT = None
+
+    @classmethod
+    def __import_type_support__(cls):
+        raise RuntimeError("no library")
+
+
+class Number(metaclass=_Metaclass): ...
+"""
+
+
+@pytest.fixture(autouse=True)
+def _package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    for section in ("msg", "srv"):
+        (tmp_path / "alien_msgs" / section).mkdir(parents=True)
+        (tmp_path / "alien_msgs" / section / "__init__.py").write_text(NUMBER)
+    (tmp_path / "alien_msgs" / "__init__.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    yield
+    for name in [one for one in sys.modules if one.startswith("alien_msgs")]:
+        del sys.modules[name]
+
+
+def test_they_are_told_in_a_sentence() -> None:
+    told = "the type alien_msgs/msg/Number cannot be used here: no library"
+    with pytest.raises(CommandFailedError, match=told):
+        require_message(find_type("alien_msgs/msg/Number"))
+    with pytest.raises(CommandFailedError, match=told.replace("msg/", "srv/")):
+        require_service(find_type("alien_msgs/srv/Number"))
+    require_message(find_type("std_msgs/msg/Int32"))
+    require_service(find_type("std_srvs/srv/Trigger"))
+
+
+def test_their_messages_are_counted_all_the_same() -> None:
+    assert raw_type("alien_msgs/msg/Number", ()) is stand_in("alien_msgs/msg/Number", "")
+    assert raw_type("std_msgs/msg/Int32", ()) is find_type("std_msgs/msg/Int32")
