@@ -185,8 +185,8 @@ def _known_instead(base: str, package: InterfacePackage, messages: frozenset[str
     near = difflib.get_close_matches(base.replace("/msg/", "/"), sorted(set(names)), n=3)
     spelled = dict.fromkeys(f"`{_spelled_out(name, package, messages)}`" for name in near)
     *others, last = spelled or ("",)
-    names = f"{', '.join(others)} or {last}" if others else last
-    return f"did you mean {names}?" if names else ""
+    listed = f"{', '.join(others)} or {last}" if others else last
+    return f"did you mean {listed}?" if listed else ""
 
 
 def _spelled_out(name: str, package: InterfacePackage, messages: frozenset[str]) -> str:
