@@ -9,6 +9,7 @@ from typing import Any
 
 from obelisk_spec.articles import with_article
 from obelisk_spec.disturbances import check_disturbances
+from obelisk_spec.messages import bare_name
 from obelisk_spec.model import ModelFacts, SensorFact
 from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names, sure_name, there_is
 from obelisk_spec.scans import check_scan
@@ -40,7 +41,7 @@ def check_group_rule(
             severity="error",
             path=(*path, "msg_type"),
             message=f"`{written}` is not a message that a sensor group can publish",
-            help=did_you_mean(written, SENSOR_GROUPS),
+            help=did_you_mean(bare_name(written), SENSOR_GROUPS),
             meant=sure_name(written, SENSOR_GROUPS),
         )
         return

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from difflib import SequenceMatcher
 
 from obelisk_spec.messages import bare_name, resolve_msg_type
+from obelisk_spec.names import topic_name_fault
 from obelisk_spec.near import comparable, sure_name
 from obk_cli.config import Qos, Spanned, Stack
 from obk_cli.cures import respell
@@ -34,7 +35,7 @@ def check_dangling(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
     published, subscribed = _by_topic(ends, "publishes"), _by_topic(ends, "subscribes")
     publishers = _publishers_by_type(published)
     compared = 0
-    lost = _types_of_lost_publishers(stack)
+    lost = _types_of_lost_publishers(stack, ends)
     suggested: set[str] = set()
     for end in ends:
         if end.direction == "publishes" or end.is_optional or end.topic in published:
@@ -53,18 +54,25 @@ def check_dangling(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
             yield found("OBK204", f"nothing in the config reads `{topic}`", first.span)
 
 
-def _types_of_lost_publishers(stack: Stack) -> set[str | None]:
-    """Types of publishers whose topic is not known, which was reported: theirs may be it."""
-    components = (component for node in stack.nodes for component in node.components)
-    without_block: set[str | None] = (
-        {None} if any(node.is_simulator and not node.sims for node in stack.nodes) else set()
-    )
-    return without_block | {
-        resolve_msg_type(component.msg_type.value) if component.msg_type else None
-        for component in components
-        if component.kind == "publisher"
-        and (component.topic is None or "${" in component.topic.value)
+def _types_of_lost_publishers(stack: Stack, ends: Iterable[TopicEnd]) -> set[str | None]:
+    """Types of publishers whose topic is none or not known, which was reported: they may be meant.
+
+    What a simulator publishes stands in its block.
+    """
+    lost = {
+        end.msg_type
+        for end in ends
+        if end.direction == "publishes"
+        and ("${" in end.topic or (end.msg_type and topic_name_fault(end.topic)))
     }
+    for node in stack.nodes:
+        if node.is_simulator and not node.sims:
+            lost.add(None)
+        for component in node.components:
+            if component.kind == "publisher" and component.topic is None:
+                written = component.msg_type
+                lost.add(resolve_msg_type(written.value) if written else None)
+    return lost
 
 
 def _dangling(end: TopicEnd, near: list[TopicEnd], meant: str | None) -> Diagnostic:
