@@ -65,6 +65,10 @@ VERBS = {
 """Command -> where it is. A module has `app` (a Typer) or `command` (a function)."""
 
 
+_COMPLETION = frozenset({"--install-completion", "--show-completion"})
+"""Options that typer adds."""
+
+
 class _LazyGroup(TyperGroup):
     """The commands of the table, each imported when it is asked for."""
 
@@ -163,7 +167,7 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
             sys.exit(EXIT_INTERRUPTED)
         if debug:
             raise
-        _complain(*_explained(error))
+        _complain(*_explained(error, given))
         sys.exit(EXIT_FAILED)
     sys.exit(0)
 
@@ -198,13 +202,26 @@ def _complain(message: str, help: str | None) -> None:
     print("\n".join(map(visible, told.split("\n"))), file=sys.stderr)
 
 
-def _explained(error: Exception) -> tuple[str, str | None]:
+def _explained(error: Exception, given: Collection[str]) -> tuple[str, str | None]:
     """What an error that nobody expected comes from, and what to do."""
     from obk_cli.adapters.lacks import lack_of, shadow_of
 
     if (shadow := shadow_of(error)) is not None:
         return f"{type(error).__name__}: {error}: {shadow}", "unset PYTHONPATH"
-    return lack_of(error) or _bug_report(error), None
+    if (lack := lack_of(error)) is not None:
+        return lack, None
+    if isinstance(error, OSError) and not _COMPLETION.isdisjoint(given):
+        return _no_completion(error), "type it in bash, zsh or fish, where your home can be written"
+    return _bug_report(error), None
+
+
+def _no_completion(error: OSError) -> str:
+    """Why a shell's completion was not set up; without a file's name no shell was found."""
+    from obk_cli.adapters.files import unwritable
+
+    if not isinstance(error.filename, str):
+        return "this was not started from a shell that is known"
+    return unwritable(Path(error.filename), error).message
 
 
 def _bug_report(error: Exception) -> str:

@@ -7,9 +7,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import shellingham
 from click.shell_completion import ShellComplete
 
 from obk_cli.cli.commands import VERBS, root_command
+from obk_cli.cli.main import main
 
 
 @pytest.fixture(autouse=True)
@@ -104,3 +106,33 @@ def test_a_shell_is_told(shell: str, tmp_path: Path) -> None:
     )
     assert "deactivate" in done.stdout
     assert " activate" not in done.stdout
+
+
+def refusal(option: str, capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit) as ended:
+        main([option])
+    assert ended.value.code == 1
+    return capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["--install-completion", "--show-completion"])
+def test_without_a_shell_it_is_told_where_to_type_it(
+    option: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def detect() -> tuple[str, str]:
+        raise shellingham.ShellDetectionFailure
+
+    monkeypatch.setattr(shellingham, "detect_shell", detect)
+    assert refusal(option, capsys).startswith(
+        "error: this was not started from a shell that is known\n  help: type it in bash, "
+    )
+
+
+def test_a_home_that_cannot_be_written_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home = tmp_path / "home"
+    home.touch()
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setattr(shellingham, "detect_shell", lambda: ("bash", "/bin/bash"))
+    assert f"error: `{home}` cannot be written: " in refusal("--install-completion", capsys)
