@@ -54,6 +54,10 @@ def test_the_command_line_takes_the_examples_of_its_help(line: str) -> None:
     take(_of_obk(shlex.split(line)))
 
 
+def test_no_list_of_commands_is_cut_off() -> None:
+    assert not re.findall(r"^  \w+ .*\.\.\.$", HELP.read_text(), re.MULTILINE)
+
+
 def test_the_help_has_examples() -> None:
     assert len(EXAMPLES) >= len(VERBS)
 

@@ -38,7 +38,9 @@ def info(
     ] = None,
     format: FormatOption = "text",
 ) -> None:
-    """Show topics, types, counts, rates and losses of a recording, and what it was made from.
+    """Show topics, types, counts, rates and losses of a recording.
+
+    Also what it was made from: the run, the config, the versions.
 
     Without FILE or RUN the newest run that was recorded. Reads recordings of rosbag2 too, and those
     whose recorder was killed, as far as they go.

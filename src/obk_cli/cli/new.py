@@ -278,7 +278,10 @@ def new_config(
     force: Force = False,
     format: Format = "text",
 ) -> None:
-    """Make a config of the workspace's nodes, and of the example's where one is missing."""
+    """Make a config of the workspace's nodes.
+
+    Where it has no node for a section, that of the example is taken.
+    """
     question = Question(kind="config", name=name)
     run_new(
         question,

@@ -40,7 +40,10 @@ def list_(
     timeout: TimeoutOption = TIMEOUT_S,
     format: FormatOption = "text",
 ) -> None:
-    """Show every node; of those that `obk launch` started here the state and the process too."""
+    """Show every node.
+
+    Of those that `obk launch` started here the state and the process too.
+    """
     is_json = wants_json(format)
     require_positive("--wait", wait, "seconds")
     place = here(domain, timeout)
