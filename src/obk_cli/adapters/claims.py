@@ -62,8 +62,7 @@ def claim_run(
         with _turn(parent / f".domain_{run.domain}.lock"):
             in_the_way = _first_in_the_way(parent, run)
             if in_the_way is None:
-                folder = make_run_folder(parent, run.name, now)
-                write_run(folder, claimed, made_from)
+                folder = _told_folder(parent, claimed, now, made_from)
         # The rest may take longer than others wait for the lock.
         if in_the_way is None:
             _remove_old(parent, keep)
@@ -72,6 +71,21 @@ def claim_run(
             raise _refusal(run, in_the_way[1])
         _end(*in_the_way)
     raise CommandFailedError(f"the stack `{run.name}` is started again and again from elsewhere")
+
+
+def _told_folder(parent: Path, run: Run, now: datetime, made_from: MadeFrom | None) -> Path:
+    """The folder of a run that says what runs; none is left where it cannot say so.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    folder = make_run_folder(parent, run.name, now)
+    try:
+        write_run(folder, run, made_from)
+    except OSError:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    return folder
 
 
 def _first_in_the_way(parent: Path, run: Run) -> tuple[Path, Run] | None:

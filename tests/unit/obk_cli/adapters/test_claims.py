@@ -1,5 +1,6 @@
 """Claims of runs: one stack, one node, one launcher."""
 
+import errno
 import fcntl
 import hashlib
 import json
@@ -183,6 +184,19 @@ def test_a_claim_keeps_what_the_run_was_made_from(tmp_path: Path) -> None:
     assert told["plan"] == {"name": "s", "processes": []}
     assert told["plan_sha256"] == hashlib.sha256(made_from.plan.encode()).hexdigest()
     assert told["versions"] == {"obk": "1"}
+
+
+def test_a_disk_that_takes_a_folder_and_no_file_is_left_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(folder: Path, *_: object) -> None:
+        (folder / ".run.json").touch()
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(claims, "write_run", full)
+    with pytest.raises(OSError, match="No space"):
+        claim_run(tmp_path, RUN, NOW)
+    assert run_folders(tmp_path) == ()
 
 
 def test_whoever_replaces_ends_the_other_launcher_first(tmp_path: Path) -> None:
