@@ -54,8 +54,9 @@ RULES: tuple[Rule, ...] = (
         code="OBK007",
         severity="error",
         title="more text than a config has",
-        cause="All files of a config together may be 10 MiB long, and 100 files be included. No "
-        "config is longer; most likely one of the files is not the one that was meant.",
+        cause="All files of a config together may be 10 MiB long, as may what variables make of "
+        "them, and 100 files be included. No config is longer; most likely one of the files is not "
+        "the one that was meant.",
         cure="Name the file that was meant, or make several configs.",
     ),
     Rule(

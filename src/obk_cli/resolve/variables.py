@@ -8,7 +8,7 @@ from obelisk_spec.near import ask_for, near_names
 from obelisk_spec.variables import REFERENCE, value_of_reference
 from obelisk_spec.yaml_core import core_scalar
 from obk_cli.diagnostics import Diagnostic, found
-from obk_cli.source import Span
+from obk_cli.source import LONGEST_FILE_BYTES, Span
 from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar
 
 __all__ = ["resolve_variables"]
@@ -24,45 +24,56 @@ def resolve_variables(
 
     An unquoted value is read anew afterwards, so `${STEP:-0.001}` is a number.
     """
-    faults: list[Diagnostic] = []
-    return _replaced(tree, environment, faults), tuple(faults)
+    replacer = _Replacer(environment)
+    return replacer.tree(tree), tuple(replacer.faults)
 
 
-def _replaced(tree: Tree, environment: Mapping[str, str], faults: list[Diagnostic]) -> Tree:
-    match tree:
-        case TreeMap():
-            entries = (
-                replace(entry, value=_replaced(entry.value, environment, faults)) for entry in tree
-            )
-            return TreeMap(tuple(entries), tree.span)
-        case TreeList():
-            items = (_replaced(item, environment, faults) for item in tree.items)
-            return TreeList(tuple(items), tree.span)
-        case TreeScalar(value=str() as text) if "${" in text:
-            return _replaced_text(text, tree.span, environment, faults)
-    return tree
+class _Replacer:
+    """Replaces references, and takes note of faults and of how long all texts have become."""
 
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        self.faults: list[Diagnostic] = []
+        self._environment = environment
+        self._room = LONGEST_FILE_BYTES
 
-def _replaced_text(
-    text: str, span: Span, environment: Mapping[str, str], faults: list[Diagnostic]
-) -> TreeScalar:
-    told: set[str] = set()
-    places: dict[str, Span] = {}
+    def tree(self, tree: Tree) -> Tree:
+        """The tree with every reference replaced, as long as there is room."""
+        match tree:
+            case TreeMap():
+                entries = (replace(entry, value=self.tree(entry.value)) for entry in tree)
+                return TreeMap(tuple(entries), tree.span)
+            case TreeList():
+                return TreeList(tuple(map(self.tree, tree.items)), tree.span)
+            case TreeScalar(value=str() as text) if "${" in text and self._room >= 0:
+                return self._text(text, tree.span)
+        return tree
 
-    def value_of(reference: re.Match[str]) -> str:
-        value = value_of_reference(reference, environment)
-        if value is not None:
-            return value
-        if reference[0] not in told:
-            told.add(reference[0])
-            known = environment if len(faults) < _MOST_SUGGESTIONS else {}
-            places.update({} if places else _first_places(span))
-            faults.append(_undefined(reference[1], places.get(reference[0], span), known))
-        return reference[0]
+    def _text(self, text: str, span: Span) -> TreeScalar:
+        told: set[str] = set()
+        places: dict[str, Span] = {}
+        # An alias stands for a text as often as it is written, a variable for one of any length.
+        self._room -= len(text)
 
-    new = REFERENCE.sub(value_of, text)
-    is_plain = span.text[:1] not in ("'", '"', "|", ">")
-    return TreeScalar(core_scalar(new) if is_plain else new, span, new)
+        def value_of(reference: re.Match[str]) -> str:
+            value = value_of_reference(reference, self._environment)
+            if value is not None:
+                self._room -= len(value)
+                return value if self._room >= 0 else ""
+            if reference[0] not in told:
+                told.add(reference[0])
+                known = self._environment if len(self.faults) < _MOST_SUGGESTIONS else {}
+                places.update({} if places else _first_places(span))
+                place = places.get(reference[0], span)
+                self.faults.append(_undefined(reference[1], place, known))
+            return reference[0]
+
+        new = REFERENCE.sub(value_of, text)
+        if self._room < 0:
+            message = "the texts that variables make are longer than 10 MiB together"
+            self.faults.append(found("OBK007", message, span))
+            return TreeScalar(text, span)
+        is_plain = span.text[:1] not in ("'", '"', "|", ">")
+        return TreeScalar(core_scalar(new) if is_plain else new, span, new)
 
 
 def _first_places(span: Span) -> dict[str, Span]:

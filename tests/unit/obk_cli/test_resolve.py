@@ -194,3 +194,17 @@ def test_what_a_variable_comes_to_keeps_its_text() -> None:
         (1.1, "1.10"),
         ("012", "012"),
     ]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"a: &a '{'x' * 10_000} ${{X}}'\nb: [{'*a, ' * 20_000}]",
+        f"a: '{'${LONG}' * 20_000}'",
+    ],
+)
+def test_variables_make_no_text_without_bound(text: str) -> None:
+    _, faults = resolve_variables(tree(text), {"X": "x", "LONG": "y" * 100_000})
+    assert [fault.message for fault in faults] == [
+        "the texts that variables make are longer than 10 MiB together"
+    ]
