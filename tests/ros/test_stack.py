@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
@@ -86,6 +87,15 @@ def test_all_nodes_go_round_the_life_cycle_from_another_terminal() -> None:
     assert not run.left_over()
 
 
+@pytest.fixture
+def _not_under_nohup() -> Iterator[None]:
+    """What is started heeds SIGHUP, also where whoever runs the tests ignores it."""
+    before = signal.signal(signal.SIGHUP, lambda *_: None)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("_not_under_nohup")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])  # SIGINT ends the others
 def test_a_signal_to_the_launcher_ends_the_stack_in_order(number: int) -> None:
     with launched(DUMMY, "--quiet") as run:

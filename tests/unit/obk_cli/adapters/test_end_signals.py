@@ -11,6 +11,7 @@ from obk_cli.adapters.end_signals import end_signals_heard
 @pytest.fixture(autouse=True)
 def _as_before() -> Iterator[None]:
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGHUP)}
+    signal.signal(signal.SIGHUP, lambda *_: None)  # the tests may run under nohup
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
