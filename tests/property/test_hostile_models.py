@@ -1,5 +1,6 @@
 """Models that were cut, changed or made up are read or refused, and take nobody along."""
 
+import os
 import tempfile
 from pathlib import Path
 
@@ -18,6 +19,7 @@ pytestmark = pytest.mark.mujoco
 
 ROOT = Path(__file__).parents[2]
 MODELS = (ROOT / "examples/dummy/dummy.xml", ROOT / "examples/quadruped/model/quadruped.xml")
+NAMES = tuple("abcd")
 ODD_VALUES = (
     *("-1", "0", "1e400", "nan", "inf", "99999999999", "1 2", "", " ", "../..", "/dev/zero", "%s"),
     *("a" * 500, "\x7f", "0 0 0 0", "true", "world", "ball", "mesh", "user", "x y z"),
@@ -82,3 +84,27 @@ def test_no_value_and_no_element_of_a_model_is_too_odd(
             places[at] = odd + rest
         text = mark.join(places)
     look_at(text.encode())
+
+
+@FEW
+@given(
+    st.dictionaries(
+        st.sampled_from(NAMES),
+        st.lists(st.sampled_from([*NAMES, "./a", "../b", "sub/../c", "none", "/dev/zero", ""])),
+        min_size=1,
+    ),
+    st.booleans(),
+)
+def test_models_that_include_one_another_are_walked_once(
+    included: dict[str, list[str]], is_attached: bool
+) -> None:
+    tag = "model" if is_attached else "include"
+    with tempfile.TemporaryDirectory() as folder:
+        for name, files in included.items():
+            places = "".join(f'<{tag} file="{file}"/>' for file in files)
+            Path(folder, name).write_text(f'<mujoco>{places}<geom name="{name}"/></mujoco>')
+        first = Path(folder, min(included))
+        files = [os.path.realpath(file) for file in mjcf_files(first)]
+        assert len({*files}) == len(files)
+        elements = [element.name for element in mjcf_elements(first)]
+        assert len({*elements}) == len(elements)
