@@ -19,7 +19,7 @@ POLL_S: Final = 0.001
 ASK_AGAIN_S: Final = 0.5
 """The first answer to a client is lost if the node was not told of the client by then [s]."""
 KNOWN_S: Final = 2.0
-"""For a node to answer that it has been told of a client; it may have no time for that [s]."""
+"""For a node to be found and to answer that it knows a client; it may have no time for that [s]."""
 QUESTIONS: Final = {
     "get_parameters": "rcl_interfaces/srv/GetParameters",
     "get_state": "lifecycle_msgs/srv/GetState",
@@ -93,15 +93,20 @@ class ServiceClient:
 
         Nodes are told of clients in order: one that answers a later client knows this one too.
         """
-        look = self._look
-        node = next((node for node in look.nodes() if self._name in look.services_of(node)), None)
-        there = {} if node is None else look.services_of(node)
+        until = min(end, time.monotonic() + KNOWN_S)
+        # A service may be found before its node's name is.
+        node = self._look.wait_for(self._node, until - time.monotonic())
+        there = {} if node is None else self._look.services_of(node)
         asked = (s for s, kind in QUESTIONS.items() if kind in there.get(f"{node}/{s}", ()))
         service = next(asked, None)
         if service is None or f"{node}/{service}" == self._name:
             return
         with suppress(CommandFailedError):
             kind = find_type(QUESTIONS[service])
-            left_s = min(KNOWN_S, end - time.monotonic())
-            client = ServiceClient(look, f"{node}/{service}", kind)
-            client.call(kind.Request(), left_s, is_question=True)
+            client = ServiceClient(self._look, f"{node}/{service}", kind)
+            client.call(kind.Request(), until - time.monotonic(), is_question=True)
+
+    def _node(self) -> str | None:
+        """The full name of the server's node, once it is told of."""
+        look = self._look
+        return next((node for node in look.nodes() if self._name in look.services_of(node)), None)
