@@ -264,13 +264,20 @@ def _searched_children(folder: Path, depth: int) -> Iterator[Path]:
     for child in _listed(folder):
         is_skipped = child.name.startswith(".") or child.name in _SKIPPED
         is_open = _is_folder(child) and os.access(child, os.X_OK)
-        if not is_skipped and is_open and not _is_foreign(child):
+        if not is_skipped and is_open and not _is_foreign(child) and not _leads_back(child):
             yield child
 
 
 def _is_foreign(folder: Path) -> bool:
     """Whether it is an environment of Python, or was put there by another user."""
     return (folder / "pyvenv.cfg").exists() or is_planted(folder)
+
+
+def _leads_back(folder: Path) -> bool:
+    """Whether it is a link to a folder that it is in itself, whose content would come again."""
+    if not folder.is_symlink():
+        return False
+    return Path(os.path.realpath(folder.parent)).is_relative_to(os.path.realpath(folder))
 
 
 def _unsearched_folders(folder: Path, depth: int) -> Iterator[Path]:

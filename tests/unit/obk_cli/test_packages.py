@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.adapters.entry_points import source_console_scripts
-from obk_cli.adapters.packages import PackageIndex, find_workspace
+from obk_cli.adapters.packages import PackageIndex, find_workspace, package_folders
 from obk_cli.surroundings import Command, ExecutableMissing
 
 PACKAGE_XML = "<package><name>{}</name></package>"
@@ -236,3 +236,14 @@ def test_files_of_a_package_that_never_end_are_not_read(tmp_path: Path) -> None:
     packages = index(tmp_path)
     assert isinstance(packages.find_executable("demo", "run"), ExecutableMissing)
     assert packages.message_definition("demo", "Odd") is None
+
+
+def test_links_that_lead_back_are_not_searched_again(tmp_path: Path) -> None:
+    package = make_package(tmp_path / "ws" / "src" / "demo", "demo")
+    for name, target in (("up", ".."), ("here", "."), ("all", "/")):
+        (package.parent / name).symlink_to(target)
+    elsewhere = make_package(tmp_path / "elsewhere" / "other", "other").parent
+    (package.parent / "linked").symlink_to(elsewhere)
+    found = list(package_folders(tmp_path / "ws"))
+    assert found == [package, package.parent / "linked/other"]
+    assert index(tmp_path / "ws").left_out_packages == {}
