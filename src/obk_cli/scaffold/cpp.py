@@ -13,6 +13,7 @@ __all__ = ["cpp_control", "cpp_estimate", "cpp_header", "cpp_type"]
 
 _WORD_STARTS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Za-z0-9])(?=[A-Z][a-z])")
 _STAMP = "msg.header.stamp = this->get_clock()->now();"
+_STAMP_OF_SENSOR = "msg.header.stamp = sensor_msg_->header.stamp;"
 _UNKNOWN = ("// The other fields of msg are yours to fill.",)
 _TIME = "const double time_s = this->get_clock()->now().seconds();"
 _VELOCITY = (_TIME, "msg.v_x = std::sin(time_s);  // [m/s] your control law goes here")
@@ -53,8 +54,11 @@ def cpp_control(ctrl: MessageType, controls: int = 1) -> tuple[str, ...]:
 
 def cpp_estimate(est: MessageType, sensor: MessageType) -> tuple[str, ...]:
     """How `ComputeStateEstimate` fills its message from the newest sensor message."""
-    return _stamped(est, _ESTIMATE.get((est.full, sensor.full), _UNKNOWN))
+    stamp = _STAMP_OF_SENSOR if has_header(sensor) else _STAMP
+    return _stamped(est, _ESTIMATE.get((est.full, sensor.full), _UNKNOWN), stamp)
 
 
-def _stamped(message: MessageType, statements: tuple[str, ...]) -> tuple[str, ...]:
-    return (_STAMP, *statements) if has_header(message) else statements
+def _stamped(
+    message: MessageType, statements: tuple[str, ...], stamp: str = _STAMP
+) -> tuple[str, ...]:
+    return (stamp, *statements) if has_header(message) else statements

@@ -5,7 +5,7 @@ fields this project defines are filled; of any other only what is sure is writte
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from obk_cli.scaffold.questions import MessageType
 
@@ -19,6 +19,8 @@ __all__ = [
 ]
 
 _STAMP = "msg.header.stamp = self.get_clock().now().to_msg()"
+_STAMP_OF_SENSOR = "msg.header.stamp = self.sensor_msg.header.stamp"
+"""With it a sensor that falls silent is seen by the age of what is made of it."""
 _HEADER = re.compile(r"^\s*std_msgs/(?:msg/)?Header\s+header\b", re.MULTILINE)
 _WITHOUT_HEADER = frozenset({"obelisk_sensor_msgs/msg/ObkImage"})
 _WITH_HEADER_PACKAGES = ("obelisk_control_msgs", "obelisk_estimator_msgs", "obelisk_sensor_msgs")
@@ -106,7 +108,15 @@ def _u_mujoco(controls: int) -> Filling:
 
 def estimate_filling(est: MessageType, sensor: MessageType) -> Filling:
     """How `compute_state_estimate` fills its message from the newest sensor message."""
-    return _stamped(est, _ESTIMATE.get((est.full, sensor.full)))
+    known = _ESTIMATE.get((est.full, sensor.full))
+    if not (has_header(est) and has_header(sensor)):
+        return _stamped(est, known)
+    filling = _stamped(est, known, _STAMP_OF_SENSOR)
+    return replace(
+        filling,
+        sample=("reading.header.stamp.sec = 3", *filling.sample),
+        assertions=("assert msg.header.stamp.sec == 3", *filling.assertions),
+    )
 
 
 def is_position_control(ctrl: MessageType) -> bool:
@@ -140,12 +150,12 @@ def reading_filling(sensor: MessageType, positions: str) -> Filling:
     return _stamped(sensor, fillings.get(sensor.full))
 
 
-def _stamped(message: MessageType, filling: Filling | None) -> Filling:
+def _stamped(message: MessageType, filling: Filling | None, stamp: str = _STAMP) -> Filling:
     known = filling or Filling(statements=("# the other fields of msg are yours to fill",))
     if not has_header(message):
         return known
     return Filling(
-        statements=(_STAMP, *known.statements),
+        statements=(stamp, *known.statements),
         assertions=known.assertions,
         sample=known.sample,
     )

@@ -65,6 +65,20 @@ def test_an_estimator_registers_its_sensor(package: Package) -> None:
 
 
 @pytest.mark.parametrize(
+    ("sensor_msg", "stamp"),
+    [
+        ("ObkJointEncoders", "self.sensor_msg.header.stamp"),
+        ("ObkImage", "self.get_clock().now().to_msg()"),
+    ],
+)
+def test_an_estimate_has_the_stamp_of_its_sensor_where_that_has_one(
+    package: Package, sensor_msg: str, stamp: str
+) -> None:
+    node = text_of(package("estimator", sensor_msg=sensor_msg), "foo/foo.py")
+    assert f"msg.header.stamp = {stamp}\n" in node
+
+
+@pytest.mark.parametrize(
     ("ctrl_msg", "line"),
     [
         ("PDFeedForward", "msg.u_mujoco = [u]"),
