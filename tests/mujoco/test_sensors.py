@@ -203,6 +203,13 @@ def test_odometry_that_cannot_bring_a_velocity_to_its_object_warns(everything, m
     assert len(warnings) == 1
 
 
+def test_odometry_without_a_velocimeter_has_the_rates_alone(everything, moving):
+    names = {"centre_pos": "framepos", "centre_quat": "framequat", "gyro": "gyro"}
+    message = _sample(everything, moving, "Odometry", names)
+    _same(_xyz(message.twist.twist.angular), moving, "centre_gyro")
+    assert _xyz(message.twist.twist.linear) == [0.0, 0.0, 0.0]
+
+
 def test_odometry_without_a_pose_leaves_it_empty(everything, moving):
     message = _sample(everything, moving, "Odometry", {"gyro": "gyro"})
     assert message.header.frame_id == "world"
