@@ -1,7 +1,9 @@
-"""A file of the user's replaced: whole or not at all, its mode kept, a symbolic link followed."""
+"""A file of the user's replaced: whole or not at all, its mode and owner kept, a link followed."""
 
 import os
+import stat
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 __all__ = ["replace_file"]
@@ -21,7 +23,10 @@ def replace_file(path: Path, data: bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        temporary.chmod(target.stat().st_mode & 0o7777)
+        before = target.stat()
+        with suppress(PermissionError):  # only root gives files away, and has to
+            os.chown(temporary, before.st_uid, before.st_gid)
+        temporary.chmod(stat.S_IMODE(before.st_mode))
         temporary.replace(target)
     except BaseException:
         temporary.unlink(missing_ok=True)
