@@ -264,9 +264,10 @@ def test_the_commands_of_its_readme_work_in_their_order(here: Path) -> None:
     root = here / "my_robot"
     blocks = re.findall(r"```sh\n(.*?)```", (root / "README.md").read_text(), re.DOTALL)
     lines = [shlex.split(line, comments=True) for line in "".join(blocks).splitlines()]
-    commands = [words[1:] for words in lines if words[0] == "obk" and words[1] != "launch"]
-    assert [words[0] for words in commands] == ["validate", "new", "new", "new", "new", "graph"]
-    for words in commands:
+    commands = [words[1:] for words in lines if words[:1] == ["obk"] and words[1] != "launch"]
+    usual = ["validate", "new", "new", "new", "graph", "new"]
+    assert [words[0] for words in commands] == usual
+    for words in (*commands, ["validate", "--strict", "my_robot.yaml"]):
         done = subprocess.run(
             [sys.executable, "-c", OBK, *words],
             cwd=root,

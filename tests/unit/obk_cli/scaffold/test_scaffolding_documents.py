@@ -37,7 +37,7 @@ def type_all(document: Path) -> None:
             program, *arguments = line.split()
             if program == "cd":
                 os.chdir(arguments[0])
-            elif program == "obk" and arguments[0] != "launch":
+            elif arguments[0] != "launch":
                 result = CliRunner().invoke(root_command(), arguments, catch_exceptions=False)
                 assert result.exit_code == 0, result.output
                 seen += result.output
@@ -55,20 +55,6 @@ def test_a_workspace_and_a_node_are_made(tmp_path: Path, monkeypatch: pytest.Mon
     listings = re.findall(r"```yaml\n( .*?)```", CI.read_text(), re.DOTALL)
     for file, listing in zip(OF_INIT, listings, strict=True):
         assert listing in (tmp_path / "my_robot" / file).read_text()
-
-
-def test_a_workspaces_own_readme_does_what_it_says(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    run = CliRunner().invoke
-    assert run(root_command(), ["init", "arm"]).exit_code == 0
-    monkeypatch.chdir(tmp_path / "arm")
-    type_all(tmp_path / "arm" / "README.md")
-    made = {folder.name for folder in (tmp_path / "arm" / "src").iterdir()}
-    assert {"my_controller", "my_camera", "my_msgs", "my_hardware"} <= made
-    checked = run(root_command(), ["validate", "--strict", "arm.yaml"])
-    assert checked.exit_code == 0, checked.output
 
 
 def test_nodes_go_into_a_config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
