@@ -24,8 +24,6 @@ class SensorFact:
     object_type: str
     """What it is attached to: `joint`, `site`, `body`."""
     object_name: str
-    reference_type: str | None = None
-    reference_name: str | None = None
     joint_type: str | None = None
     """`hinge`, `slide`, `ball` or `free` for a sensor of a joint, else None."""
 
@@ -75,8 +73,6 @@ def _read_sensor(sensor: Any, joints: Mapping[str, str]) -> SensorFact:
         type=_SENSOR_TAGS.get(word, word),
         object_type=_enum_word(sensor.objtype),
         object_name=sensor.objname,
-        reference_type=_enum_word(sensor.reftype) if sensor.refname else None,
-        reference_name=sensor.refname or None,
         joint_type=joints.get(sensor.objname) if _enum_word(sensor.objtype) == "joint" else None,
     )
 
