@@ -116,7 +116,7 @@ class LauncherLook:
         Raises:
             CommandFailedError: the launcher does not have the type, or gives no answer.
         """
-        told = _told(self._folder, {"about": "fields", "type": name}, MARGIN_S, "fields")
+        told = _told(self._folder, {"about": "fields", "type": name}, MARGIN_S, fields=dict)
         return {str(field): str(kind) for field, kind in told["fields"].items()}
 
     def has_type(self, name: str) -> bool:
@@ -143,9 +143,8 @@ class LauncherLook:
         question["timeout_s"] = timeout_s
         if not is_askable(question):
             return None
-        response: Plain = _told(self._folder, question, timeout_s + MARGIN_S, "response")[
-            "response"
-        ]
+        told = _told(self._folder, question, timeout_s + MARGIN_S, response=object)
+        response: Plain = told["response"]
         return response
 
     def publish(self, topic: str, kind: str, message: object, subscribers: int) -> bool | None:
@@ -168,7 +167,7 @@ class LauncherLook:
         question["subscribers"] = subscribers
         if not is_askable(question):
             return None
-        confirmed = _told(self._folder, question, PUBLISH_S, "confirmed")["confirmed"]
+        confirmed = _told(self._folder, question, PUBLISH_S, confirmed=object)["confirmed"]
         return None if confirmed is None else bool(confirmed)
 
     def rates(self, topics: Mapping[str, str], duration_s: float) -> "Mapping[str, Rate]":
@@ -184,7 +183,7 @@ class LauncherLook:
         from obk_cli.looking.rates import Rate
 
         question = {"about": "rates", "topics": dict(topics), "duration_s": duration_s}
-        told = _told(self._folder, question, duration_s + MARGIN_S, "rates")["rates"]
+        told = _told(self._folder, question, duration_s + MARGIN_S, rates=dict)["rates"]
         rates = {name: value_of(Rate, told.get(name)) for name in topics}
         return {name: rate for name, rate in rates.items() if rate is not None}
 
@@ -206,8 +205,9 @@ class LauncherLook:
 
         question = {"about": "delay", "topic": topic, "type": kind, "window": window}
         question["duration_s"] = duration_s
-        told = _told(self._folder, question, duration_s + MARGIN_S, "delay", "unstamped")
-        return value_of(Delay, told["delay"]), int(told["unstamped"])
+        wait_s = duration_s + MARGIN_S
+        told = _told(self._folder, question, wait_s, delay=object, unstamped=int)
+        return value_of(Delay, told["delay"]), told["unstamped"]
 
     def next_message(self, topic: str, kind: str, timeout_s: float) -> Plain:
         """The next message of a topic, which the launcher's node hears; None: it is too long.
@@ -221,7 +221,8 @@ class LauncherLook:
             CommandFailedError: none came in time.
         """
         question = {"about": "message", "topic": topic, "type": kind, "timeout_s": timeout_s}
-        message: Plain = _told(self._folder, question, timeout_s + MARGIN_S, "message")["message"]
+        told = _told(self._folder, question, timeout_s + MARGIN_S, message=object)
+        message: Plain = told["message"]
         return message
 
 
@@ -246,7 +247,7 @@ class LauncherParameters:
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        return tuple(map(str, self._ask("names", do="names")))
+        return tuple(map(str, self._ask("names", list, do="names")))
 
     def values(self, names: Sequence[str]) -> Mapping[str, Parameter]:
         """The values of these; `not set` where the node has none of that name.
@@ -254,7 +255,9 @@ class LauncherParameters:
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        told = self._ask("values", do="values", names=list(names))
+        told = self._ask("values", list, do="values", names=list(names))
+        if len(told) != len(names):
+            raise _otherwise("values")
         found = {name: parse_parameter_told(one) for name, one in zip(names, told, strict=True)}
         return {name: one for name, one in found.items() if one is not None}
 
@@ -264,7 +267,7 @@ class LauncherParameters:
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        return str(self._ask("kind", do="kind", name=name))
+        return str(self._ask("kind", str, do="kind", name=name))
 
     def set(self, name: str, parameter: Parameter) -> str | None:
         """Set one; gives the node's reason where it refuses.
@@ -272,28 +275,35 @@ class LauncherParameters:
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        reason = self._ask("reason", do="set", name=name, parameter=emit_parameter(parameter))
+        told = emit_parameter(parameter)
+        reason = self._ask("reason", object, do="set", name=name, parameter=told)
         return None if reason is None else str(reason)
 
-    def _ask(self, key: str, **more: Any) -> Any:
-        return _told(self._folder, {**self._question, **more}, self._wait_s, key)[key]
+    def _ask(self, key: str, kind: type, **more: Any) -> Any:
+        question = {**self._question, **more}
+        return _told(self._folder, question, self._wait_s, **{key: kind})[key]
 
 
 def _told(
-    folder: Path, question: Mapping[str, Any], wait_s: float, *keys: str
+    folder: Path, question: Mapping[str, Any], wait_s: float, **kinds: type
 ) -> Mapping[str, Any]:
     told = ask_look(folder, question, wait_s)
     if told is None:
         raise CommandFailedError("the launcher of the stack gave no answer", help="see `obk ps`")
     if "failed" in told:
         raise CommandFailedError(str(told["failed"]), help=told.get("help"))
-    for key in keys:
-        if key not in told:
-            raise CommandFailedError(
-                f"the launcher of the stack answers without `{key}`",
-                help="is it of another version? Stop the stack, and launch it by this one",
-            )
+    for key, kind in kinds.items():
+        if key not in told or not isinstance(told[key], kind):
+            raise _otherwise(key, is_there=key in told)
     return told
+
+
+def _otherwise(key: str, *, is_there: bool = True) -> CommandFailedError:
+    how = f"with `{key}` in another form" if is_there else f"without `{key}`"
+    return CommandFailedError(
+        f"the launcher of the stack answers {how}",
+        help="is it of another version? Stop the stack, and launch it by this one",
+    )
 
 
 def _graph(folder: Path) -> GraphTold | None:

@@ -1,7 +1,7 @@
 """A launcher that tells of the ROS graph, with a function in the place of its node."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -228,3 +228,28 @@ def test_a_launcher_that_speaks_otherwise_is_told(
         ),
     ):
         ask(look)
+
+
+@pytest.mark.parametrize("told", [None, 5, "x", ["x"], {"x": {"y": 1}}])
+def test_whatever_a_launcher_says_it_raises_nothing_else(told: object, tmp_path: Path) -> None:
+    keys = ("fields", "rates", "delay", "unstamped", "names", "values", "kind")
+    asked: tuple[Callable[[LauncherLook], object], ...] = (
+        lambda look: look.fields_of("p/msg/M"),
+        lambda look: look.rates({"/q": "p/msg/M"}, 0.1),
+        lambda look: look.delay("/q", "p/msg/M", 10, 0.1),
+        lambda look: look.parameters("/n0", WAIT_S).names(),
+        lambda look: look.parameters("/n0", WAIT_S).values(("a", "b")),
+        lambda look: look.parameters("/n0", WAIT_S).declared_kind("a"),
+    )
+    with launcher(tmp_path, lambda _: dict.fromkeys(keys, told)) as look:
+        for ask in asked:
+            with suppress(CommandFailedError):  # what fits is taken
+                ask(look)
+
+
+def test_a_list_that_is_no_answer_to_all_that_was_asked_is_told(tmp_path: Path) -> None:
+    with (
+        launcher(tmp_path, lambda _: {"values": []}) as look,
+        pytest.raises(CommandFailedError, match="answers with `values` in another form"),
+    ):
+        look.parameters("/n0", WAIT_S).values(("gain",))
