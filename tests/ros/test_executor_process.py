@@ -129,17 +129,3 @@ def test_spin_obelisk_brings_its_node_down_in_order(executor: str, number: signa
     process.send_signal(number)
     code, output, errors = ended(process)
     assert (code, output) == (0, "deactivated\nshut down\n"), errors
-
-
-def test_no_thread_of_a_process_of_nodes_keeps_the_interpreter_from_the_others() -> None:
-    """A robot's lookout acts in time beside a callback that computes."""
-    program = """
-import sys
-from obelisk_py.core.spinning import ros_process
-with ros_process([]):
-    print(sys.getswitchinterval())
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert float(done.stdout) == pytest.approx(1e-4)

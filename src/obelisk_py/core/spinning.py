@@ -6,7 +6,6 @@ order. Who spins is the process itself, unless a host has taken its place (see `
 
 import faulthandler
 import signal
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -29,13 +28,6 @@ __all__ = ["NodeDied", "Wanted", "ros_process", "spin_nodes", "spin_wanted", "sp
 NEARLY_FOR_EVER_S = 3e8
 """Ten years [s]: without a timeout rclpy's EventsExecutor overflows and runs no callback at all."""
 STDERR_FD = 2
-SWITCH_INTERVAL_S = 1e-4
-"""How long one thread may keep the interpreter while another waits for it [s].
-
-The simulator's thread has to step, and a robot's lookout to act, in time beside callbacks. With
-the usual 5 ms and a controller that computes for 4 ms now and then, one step in a hundred was 4 ms
-late.
-"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,7 +69,6 @@ def ros_process(args: Sequence[str]) -> Iterator[EndSignals]:
 
     SIGUSR1 writes the stack of every thread to the standard error, and so does a crash.
     """
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
     faulthandler.enable(STDERR_FD)
     faulthandler.register(signal.SIGUSR1, STDERR_FD)
     with EndSignals() as signals:
