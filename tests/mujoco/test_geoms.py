@@ -48,7 +48,8 @@ def test_a_capsule_is_a_cylinder_with_a_ball_at_each_end(markers):
     assert body.type == Marker.CYLINDER
     assert (body.scale.x, body.scale.z) == pytest.approx((0.1, 0.8))
     assert [ball.type for ball in balls] == [Marker.SPHERE] * 2
-    assert [ball.scale.x for ball in balls] == pytest.approx([0.1] * 2)
+    for ball in balls:
+        assert (ball.scale.x, ball.scale.y, ball.scale.z) == pytest.approx((0.1, 0.1, 0.1))
     # The rod lies along the world's x axis.
     assert [ball.pose.position.x for ball in balls] == pytest.approx([-0.6, -1.4])
     assert [ball.pose.position.z for ball in balls] == pytest.approx([1.0, 1.0])
