@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from obk_cli.adapters.live_runs import live_folders
-from obk_cli.adapters.overlay import FOLDER, RECORD, read_record
+from obk_cli.adapters.overlay import FOLDER, RECORD, overlay_prefixes, read_record
 from obk_cli.adapters.process_start import boot_id, this_process
 from obk_cli.asking.stacks import Stack
 from obk_cli.cli import lifecycle, logs, ps
@@ -83,6 +83,13 @@ STATUS = {"name": "arm", "state": "active", "phase": "active", "seconds": 1.0, "
 MEMBER = {"node": "/a", "result": "refused", "state": "active", "fault": "no"}
 CHANGE = {"success": False, "why": "no", "members": [MEMBER]}
 ANSWERS = [json.dumps(STATUS).encode(), json.dumps(CHANGE).encode()]
+OVERLAY = {
+    "builder": "obk",
+    "python": "3.11.7",
+    "ros": "/opt/ros/jazzy",
+    "prefixes": ["."],
+    "packages": {"demo_msgs": {"source": "src/demo_msgs", "digest": "0"}},
+}
 FILES = st.binary() | damaged([json.dumps(RUN).encode()]) | st.builds(json.dumps, respelt(RUN))
 
 
@@ -156,10 +163,11 @@ def test_a_change_of_any_shape_is_shown(told: object, spoilt: str) -> None:
 
 
 @FEW
-@given(st.binary() | JSON.map(json.dumps))
+@given(st.binary() | st.just("[" * 100_000) | (JSON | respelt(OVERLAY)).map(json.dumps))
 def test_a_record_of_an_overlay_of_any_content_is_read_or_none(content: bytes | str) -> None:
     with tempfile.TemporaryDirectory() as workspace:
         path = Path(workspace, FOLDER, "overlay", RECORD)
         path.parent.mkdir(parents=True)
         path.write_bytes(content.encode() if isinstance(content, str) else content)
         read_record(Path(workspace))
+        overlay_prefixes([Path(workspace)])

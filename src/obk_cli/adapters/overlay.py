@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from obk_cli.adapters.planted import is_planted
+from obk_cli.launch.json_values import value_of
 
 __all__ = [
     "FOLDER",
@@ -71,16 +72,9 @@ def read_record(workspace: Path) -> OverlayRecord | None:
         return None
     try:
         told = json.loads((overlay_folder(workspace) / RECORD).read_bytes())
-        packages = {name: BuiltPackage(**built) for name, built in told["packages"].items()}
-        return OverlayRecord(
-            builder=told["builder"],
-            python=told["python"],
-            ros=told["ros"],
-            prefixes=tuple(told["prefixes"]),
-            packages=packages,
-        )
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+    except (OSError, ValueError, RecursionError):
         return None
+    return value_of(OverlayRecord, told)
 
 
 def overlay_prefixes(workspaces: Iterable[Path]) -> tuple[Path, ...]:
