@@ -102,6 +102,7 @@ class Promise:
             # Nothing was promised, or simulated time stood still or went back.
             self._since_ns = now_ns
             self._off_s = None
+            self._measured_hz = self._wanted_hz
             return
         if new:
             # From tick to tick: a second holds now one more and now one less.
