@@ -88,7 +88,7 @@ def _read_entry(entry: Path) -> tuple[ModelFacts, tuple[tuple[str, str], ...], b
         wanted = tuple((str(relative), str(written)) for relative, written in held["wanted_files"])
         whole = ModelFacts(**{**facts, **names, "sensors": sensors})
         return whole, wanted, bool(held["was_compiled"])
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
 
 

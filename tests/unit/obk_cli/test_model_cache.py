@@ -78,7 +78,10 @@ def test_a_mesh_that_went_missing_is_told_from_the_cache_too(tmp_path: Path) -> 
     assert (there.missing_files, gone.missing_files) == ((), ("meshes/trunk.stl",))
 
 
-@pytest.mark.parametrize("held", ["", "[]", "{", '{"facts": {"sensors": 1}}', "null"])
+BROKEN = ("", "[]", "{", '{"facts": {"sensors": 1}}', "null", "[" * 100_000)
+
+
+@pytest.mark.parametrize("held", BROKEN, ids=range(len(BROKEN)))
 def test_a_broken_entry_counts_as_none(held: str, tmp_path: Path) -> None:
     first = read_model_once(MODELS / "arm.xml", tmp_path)
     (entry,) = tmp_path.glob("*.json")
