@@ -21,7 +21,6 @@ from obk_cli.adapters.ros_answers import RosAnswers
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
 from obk_cli.adapters.shared_memory import remove_dead_segments
-from obk_cli.adapters.shared_memory_room import require_shared_memory
 from obk_cli.adapters.state_node import StateNode, state_node_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.events import Ended, Heard, StackState, StopAsked, Told
@@ -60,12 +59,10 @@ def run_plan(
 
     Raises:
         CommandFailedError: an executable is missing, the stack or one of its nodes runs already,
-            somebody else moves the robot, ROS does not start, shared memory is full, or no folder
-            takes the parameters.
+            somebody else moves the robot, ROS does not start, or no folder takes the parameters.
     """
     inbox, share = SimpleQueue[Heard](), options.share
     executables, units = _units(plan, packages, options)
-    require_shared_memory()
     with ExitStack() as stack:
         stack.enter_context(end_signals_heard(_asking_for_the_end(inbox)))
         stack.callback(remove_dead_segments)

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Final
 
 from obk_cli.adapters.extras import require_extra, require_ros
+from obk_cli.adapters.shared_memory_room import require_shared_memory
 from obk_cli.errors import MisuseError
 from obk_cli.launch.devices import Share
 from obk_cli.plan import ParameterValue, Plan, Process
@@ -16,12 +17,13 @@ SIMULATOR: Final = "obelisk_sim_py"
 
 
 def require_libraries(plan: Plan, share: Share) -> None:
-    """Make sure that ROS 2 is here, and MuJoCo where our simulator is to run.
+    """Make sure that ROS 2 is here and can be loaded, and MuJoCo where our simulator is to run.
 
     Raises:
         CommandFailedError: one of them is not.
     """
     require_ros()
+    require_shared_memory()
     if any(robot.package == SIMULATOR for robot in simulated_robots(plan, share)):
         require_extra("mujoco", "sim")
 
