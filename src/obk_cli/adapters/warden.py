@@ -32,6 +32,8 @@ GRACE_S = 1.0
 KILL_S = 5.0
 """For the ends after SIGKILL; what the kernel holds on to is left [s]."""
 LARGEST_PACKET = 1 << 16
+START_MARK = "OBK_START"
+"""The variable by which it is known which of the warden's starts a process comes from."""
 SWEEPER = Path(__file__).with_name("shared_memory.py")
 
 
@@ -43,6 +45,13 @@ class Warden:
         self._libc = libc
         self._pid = os.getpid()
         self._pids: dict[int, str] = {}
+        self._starts: dict[int, str] = {}
+        """Process -> what stands in its `START_MARK`, and in those that it starts."""
+        self._over: set[str] = set()
+        """The starts whose process has ended."""
+        self._asked: set[int] = set()
+        """Orphans that were asked to end."""
+        self._count = 0
         self.ends_in_order = False
         """Whether the launcher said that it is through."""
 
@@ -63,13 +72,16 @@ class Warden:
     def end_all(self) -> None:
         """End every process below this one: SIGTERM, a grace time, SIGKILL."""
         deadline = time.monotonic() + GRACE_S
-        self._signal_all(signal.SIGTERM)
+        for pid in _children():
+            _ask_to_end(pid)
         while _children() and time.monotonic() < deadline:
             self._reap()
             time.sleep(0.01)
         deadline = time.monotonic() + KILL_S
         while _children() and time.monotonic() < deadline:
-            self._signal_all(signal.SIGKILL)
+            for pid in _children():
+                _kill_group(pid, signal.SIGKILL)
+                _kill(pid, signal.SIGKILL)
             self._reap()
             time.sleep(0.01)
 
@@ -92,11 +104,13 @@ class Warden:
 
     def _start(self, request: dict[str, Any], output: int) -> None:
         node = request["node"]
+        self._count += 1
+        start = f"{self._pid}:{self._count}"
         try:
             # The Popen object is let go: children are reaped here, all in one place.
             child = subprocess.Popen(
                 request["arguments"],
-                env=request["environment"],
+                env={**request["environment"], START_MARK: start},
                 cwd=request["folder"],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
@@ -108,6 +122,7 @@ class Warden:
             self._send(news="ended", node=node, code=127, text=f"it cannot start: {error}")
         else:
             self._pids[child.pid] = node
+            self._starts[child.pid] = start
             child.returncode = 0
             self._send(news="started", node=node, pid=child.pid)
         finally:
@@ -125,18 +140,24 @@ class Warden:
             if name == node:
                 _kill_group(pid, number)
 
-    def _signal_all(self, number: int) -> None:
-        for pid in _children():
-            _kill_group(pid, number)
-            _kill(pid, number)
-
     def _reap(self) -> None:
         for pid, status in _waited():
             node = self._pids.pop(pid, None)
+            self._asked.discard(pid)
             if node is not None:
                 # What the node left of its own children must not go on without it.
                 _kill_group(pid, signal.SIGKILL)
+                self._over.add(self._starts.pop(pid))
+                self._ask_orphans()
                 self._send(news="ended", node=node, code=os.waitstatus_to_exitcode(status), text="")
+        self._ask_orphans()
+
+    def _ask_orphans(self) -> None:
+        """Ask for the end of what ended nodes have started in sessions of its own, each once."""
+        for pid in _children():
+            if pid not in self._pids and pid not in self._asked and _start_mark(pid) in self._over:
+                self._asked.add(pid)
+                _ask_to_end(pid)
 
     def _send(self, **news: object) -> None:
         try:
@@ -174,6 +195,24 @@ def _waited() -> Iterator[tuple[int, int]]:
 def _children() -> list[int]:
     """The processes whose parent this one is, adopted ones included."""
     return [int(pid) for pid in Path("/proc/thread-self/children").read_text().split()]
+
+
+def _ask_to_end(pid: int) -> None:
+    """Send SIGTERM to a process and its group, once: nodes take a second one for haste."""
+    try:
+        os.killpg(pid, signal.SIGTERM)
+    except (ProcessLookupError, PermissionError):  # it leads no group
+        _kill(pid, signal.SIGTERM)
+
+
+def _start_mark(pid: int) -> str | None:
+    try:
+        variables = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+    except OSError:  # ended meanwhile, or another user's
+        return None
+    begin = f"{START_MARK}=".encode()
+    found = (entry.removeprefix(begin) for entry in variables if entry.startswith(begin))
+    return os.fsdecode(next(found, b""))
 
 
 def _kill_group(pid: int, number: int) -> None:

@@ -1,6 +1,9 @@
 """The warden and its client, on programs of a line: nothing outlives the client."""
 
+import ctypes
+import os
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -119,6 +122,54 @@ def test_children_of_a_node_go_with_it(bench: MakeBench) -> None:
     child = psutil.Process(int(run.line()))
     run.ended()
     child.wait(DEADLINE_S)
+
+
+HIDING = """
+import os, subprocess, sys, time
+sleep = "import time; time.sleep(600)"
+between = f"import subprocess, sys; p = subprocess.Popen([sys.executable, '-c', {sleep!r}], "
+between += "start_new_session=True); print(p.pid, flush=True); p.wait()"
+child = subprocess.Popen([sys.executable, "-c", between], start_new_session=True)
+print(child.pid, flush=True)
+"""
+"""Starts a child in a session of its own, and that one another; tells both of their numbers."""
+
+
+def test_what_hides_in_sessions_of_its_own_goes_with_its_node_and_not_with_another(
+    bench: MakeBench,
+) -> None:
+    run = bench({"a": f"{HIDING}time.sleep(600)", "b": f"{HIDING}time.sleep(600)"})
+    run.start("b")
+    others = [psutil.Process(int(run.line())) for _ in range(2)]
+    first = run.start("a")
+    hidden = [psutil.Process(int(run.line())) for _ in range(2)]
+    os.kill(first, signal.SIGKILL)
+    assert run.ended() == ProcessEnded(process="/a", code=-signal.SIGKILL)
+    _, alive = psutil.wait_procs(hidden, DEADLINE_S)
+    assert not alive
+    assert all(map(_is_alive, others))
+
+
+def test_at_the_end_each_process_is_asked_once_and_may_come_down_in_order(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A node takes a second SIGTERM for haste, and ends where it is."""
+    leader, other = 11, 12
+    sent: list[tuple[str, int, int]] = []
+    looks = iter([[leader, other]])
+
+    def to_group(pid: int, number: int) -> None:
+        if pid != leader:
+            raise ProcessLookupError
+        sent.append(("group", pid, number))
+
+    monkeypatch.setattr("os.killpg", to_group)
+    monkeypatch.setattr("os.kill", lambda pid, number: sent.append(("process", pid, number)))
+    monkeypatch.setattr(warden, "_children", lambda: next(looks, []))
+    here, there = socket.socketpair()
+    with here, there:
+        warden.Warden(here, ctypes.CDLL(None)).end_all()
+    assert sent == [("group", leader, signal.SIGTERM), ("process", other, signal.SIGTERM)]
 
 
 def test_nothing_outlives_the_client_not_even_what_hides_in_a_session_of_its_own(
