@@ -51,7 +51,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK507",
         severity="info",
         title="a default written out",
-        cause="The key says what holds without it; the seeds' example does so, and it is harmless.",
+        cause="The key says what holds without it; many configs do so, and it is harmless.",
         cure="Leave the key out, or leave it there.",
     ),
 )
