@@ -42,7 +42,8 @@ def _fault(variables: MutableMapping[str, str]) -> str | None:
     if given.startswith("~") and not home:
         return "ROS finds no place for its log files, as HOME is not set"
     folder = Path(home, given[1:].lstrip("/")) if given.startswith("~") else Path(given).absolute()
-    there = next(place for place in (folder, *folder.parents) if place.exists())
+    # `Path.exists` raises in a folder that is closed to this user, such as the home of root.
+    there = next(place for place in (folder, *folder.parents) if os.path.exists(place))  # noqa: PTH110
     if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
         return f"ROS cannot write its log files into {folder}"
     if there != folder and not shutil.disk_usage(there).free:

@@ -174,8 +174,15 @@ def read_runs(parent: Path) -> tuple[Run, ...]:
 
 
 def run_folders(parent: Path) -> tuple[Path, ...]:
-    """The folders of all runs, newest first; what is not named like one is left out."""
-    named = ((path, _FOLDER_NAME.fullmatch(path.name)) for path in parent.glob("*/"))
+    """The folders of all runs, newest first; what is not named like one is left out.
+
+    In a folder that is closed to this user there are none.
+    """
+    try:
+        found = list(parent.glob("*/"))
+    except PermissionError:
+        return ()
+    named = ((path, _FOLDER_NAME.fullmatch(path.name)) for path in found)
     dated = [(m["stamp"], int(m["suffix"] or 0), path) for path, m in named if m]
     return tuple(path for _, _, path in sorted(dated, reverse=True))
 

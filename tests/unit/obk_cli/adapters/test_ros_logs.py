@@ -1,5 +1,7 @@
 """Where ROS writes its log files, and where it does so instead."""
 
+import errno
+import os
 import shutil
 from pathlib import Path
 
@@ -42,6 +44,23 @@ def test_a_home_that_takes_nothing_is_told_with_the_place_that_does(
         f"ROS cannot write its log files into {blocked}/.ros/log; they go to {folder}/log"
     )
     assert folder.stat().st_mode & 0o777 == 0o700
+
+
+def test_a_home_that_is_closed_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `sudo -u robot` leaves it: root's."""
+    closed = tmp_path / "closed"
+    closed.mkdir()
+    look, may = os.stat, os.access
+
+    def look_if_open(path: "os.PathLike[str] | str", **options: bool) -> os.stat_result:
+        if str(path).startswith(f"{closed}/"):
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return look(path, **options)
+
+    monkeypatch.setattr("os.stat", look_if_open)
+    monkeypatch.setattr("os.access", lambda path, mode: path != closed and may(path, mode))
+    (sentence,) = set_log_folder({"HOME": str(closed)})
+    assert sentence.startswith(f"ROS cannot write its log files into {closed}/.ros/log; they go")
 
 
 @pytest.mark.parametrize("variables", [{}, {"HOME": ""}, {"ROS_LOG_DIR": "~/logs"}])

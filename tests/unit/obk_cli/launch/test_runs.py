@@ -107,6 +107,18 @@ def test_ros_log_dir_takes_the_runs_where_obk_home_does_not(tmp_path: Path) -> N
     assert runs_folder({**logs, "OBK_HOME": "/home"}) == Path("/home/runs")
 
 
+def test_in_a_folder_that_is_closed_there_are_no_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_run_folder(tmp_path, "dummy", NOW)
+
+    def refused(*_: object) -> None:
+        raise PermissionError("Permission denied")
+
+    monkeypatch.setattr(Path, "glob", refused)
+    assert run_folders(tmp_path) == ()
+
+
 def test_a_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("HOME", "XDG_STATE_HOME"):
         monkeypatch.delenv(name, raising=False)
