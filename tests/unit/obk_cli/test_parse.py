@@ -143,7 +143,10 @@ def test_numbers_and_truths_are_keys_as_written() -> None:
 
 
 def test_the_corpus_is_read_without_a_finding(repository: Path) -> None:
-    files = sorted((repository.parent / "shared" / "corpus").rglob("*.yaml"))
+    corpus = repository.parent / "shared" / "corpus"
+    if not corpus.is_dir():
+        pytest.skip(f"there is no folder {corpus}")
+    files = sorted(corpus.rglob("*.yaml"))
     assert files
     for path in files:
         source = decode_source(str(path), path.read_bytes())
