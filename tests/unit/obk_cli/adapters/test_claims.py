@@ -218,6 +218,7 @@ def test_whoever_replaces_ends_the_other_launcher_first(tmp_path: Path) -> None:
         ),
         ("ended", "the stack `s` is started again and again from elsewhere"),
     ],
+    ids=("still there", "another one by then"),  # the process's number is another in each worker
 )
 def test_who_cannot_replace_another_says_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, sentence: str
