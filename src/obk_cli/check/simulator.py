@@ -13,7 +13,17 @@ def check_sim_blocks(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
     """No block takes the place of another, and the simulator has one."""
     for node in stack.section("robot"):
         yield from _check_twice(node)
-        if node.is_simulator:
+        if not node.is_simulator:
+            continue
+        if node.is_simulated is not None and not node.is_simulated.value:
+            yield found(
+                "OBK321",
+                f"`{node.node_name}` is a simulator, and `is_simulated: false` leaves out its "
+                "`sim` block",
+                node.is_simulated.span,
+                help="remove this line, or name the executable of the hardware",
+            )
+        else:
             yield from _check_given(node)
 
 
