@@ -21,12 +21,10 @@ import math
 import os
 import platform
 import statistics
-import subprocess
 import sys
 import time
 from array import array
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +34,7 @@ from obelisk_sensor_msgs.msg import ObkImu, ObkJointEncoders
 from rclpy.lifecycle import LifecycleNode
 from rclpy.serialization import deserialize_message
 
+from benchmarks.listener import listener
 from benchmarks.stolen import StolenTime, warn_of_stolen_time
 from obelisk_py.core.cdr import PackedMessage
 from obelisk_py.core.sim.mujoco.control import ControlInbox
@@ -52,8 +51,6 @@ RESULT = ROOT / "benchmarks" / "results" / "simulator.json"
 DUMMY = ROOT / "examples" / "dummy" / "dummy_new.yaml"
 JOINTS = 30
 STEP_NS = 1_000_000
-HEARD_S = 3.0
-"""For a listener to find the publishers [s]."""
 SCHEDULE_FACTOR = 10
 
 
@@ -274,7 +271,7 @@ def cost(node: LifecycleNode, rounds: int, steps: int) -> dict[str, Any]:
         },
     }
     times: dict[str, list[float]] = {name: [] for name in parts}
-    with _heard("/heard"):
+    with listener("/heard"):
         for _ in range(rounds):
             for name, part in parts.items():
                 before_ns = time.thread_time_ns()
@@ -319,38 +316,6 @@ def _figures(values: list[float]) -> dict[str, float]:
     return {"median": statistics.median(values), "min": min(values), "max": max(values)}
 
 
-@contextmanager
-def _heard(prefix: str) -> Iterator[None]:
-    """While entered, a process subscribes to what is published below a prefix."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.simulator", "--listen", prefix],
-        stdin=subprocess.PIPE,
-        cwd=ROOT,
-    )
-    try:
-        time.sleep(HEARD_S)
-        yield
-    finally:
-        process.communicate()
-
-
-def listen(prefix: str) -> None:
-    """Subscribe to the three groups and the encoders, until standard input ends."""
-    from obelisk_sensor_msgs.msg import ObkFramePose
-
-    rclpy.init()
-    node = rclpy.create_node("listener")
-    for message, topic in (
-        (ObkJointEncoders, "/encoders"),
-        (ObkJointEncoders, "/obelisk/dummy/obk_joint_encoders"),
-        (ObkImu, "/obelisk/dummy/imu"),
-        (ObkFramePose, "/obelisk/dummy/framepose"),
-    ):
-        # Nobody takes what comes: the writer's side is what is measured.
-        node.create_subscription(message, prefix + topic, print, 10)
-    sys.stdin.read()
-
-
 def rounded(value: Any) -> Any:
     """The same with numbers of six digits."""
     if isinstance(value, dict):
@@ -369,11 +334,7 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--steps", type=int, default=5_000, help="of a round")
     parser.add_argument("--only", nargs="+", choices=["hour", "schedule", "realtime", "cost"])
-    parser.add_argument("--listen", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.listen:
-        listen(options.listen)
-        return 0
     rclpy.init()
     node = LifecycleNode("simulator_benchmark")
     parts: dict[str, Callable[[], dict[str, Any]]] = {
