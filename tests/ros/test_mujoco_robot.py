@@ -3,12 +3,13 @@
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, ClassVar
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import GetState
 from obelisk_control_msgs.msg import PositionSetpoint
 from obelisk_sensor_msgs.msg import JointEncoders, ObkImage, ObkImu, ObkScan, TrueSimState
@@ -354,6 +355,18 @@ def test_a_realtime_factor_is_taken_between_runs_and_not_within_one() -> None:
         assert request(node, "activate")
         eventually(lambda: rtf, "the factor that is reached")
         assert rtf[0].data < 0.3
+        told = collect(DiagnosticArray, "/diagnostics")
+        eventually(lambda: realtime_factors(told), "the factor among the diagnostics")
+        assert 0 < realtime_factors(told)[0] < 0.3
+
+
+def realtime_factors(told: Iterable[DiagnosticArray]) -> list[float]:
+    return [
+        float(status.values[0].value)
+        for array in told
+        for status in array.status
+        if status.name == "sim: realtime_factor"
+    ]
 
 
 def test_a_control_message_without_a_control_is_refused() -> None:

@@ -1,7 +1,7 @@
 """A node's promises, told once a second on `/diagnostics` while the node is active.
 
-Promises are made at configure, hold from activate to deactivate, and are forgotten at cleanup. A
-node without any has no publisher for them.
+Other measured numbers stand beside them. Promises are made at configure, hold from activate to
+deactivate, and are forgotten at cleanup. A node without any has no publisher for them.
 """
 
 import time
@@ -44,6 +44,7 @@ class RateReporter:
         self._node = node
         self._promises: list[Promise] = []
         self._timers: list[TimerTicks] = []
+        self._told: dict[str, float] = {}
         self._publisher: Publisher | None = None
         self._timer: Timer | None = None
 
@@ -74,6 +75,10 @@ class RateReporter:
     ) -> None:
         """Promise a rate; the arguments are those of `Promise`."""
         self._promises.append(Promise(name=name, wanted_hz=wanted_hz, counter=counter, clock=clock))
+
+    def tell(self, name: str, value: float) -> None:
+        """Have the next report tell a measured number beside the promises; from any thread."""
+        self._told[name] = value
 
     def start(self) -> None:
         """The promises hold from now on."""
@@ -114,13 +119,15 @@ class RateReporter:
         self._timer = self._publisher = None
         self._promises.clear()
         self._timers.clear()
+        self._told.clear()
 
     def _report(self) -> None:
         assert self._publisher is not None
         node = self._node.get_fully_qualified_name()
-        message = DiagnosticArray(
-            status=[_status(node, promise.read()) for promise in self._promises]
-        )
+        told, self._told = self._told, {}
+        promised = [_status(node, promise.read()) for promise in self._promises]
+        measured = [_number_status(node, name, value) for name, value in told.items()]
+        message = DiagnosticArray(status=[*promised, *measured])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
 
@@ -132,4 +139,15 @@ def _status(node: str, rate: Rate) -> Any:
         message=f"{rate.standing}: {rate.measured_hz:.4g} of {rate.wanted_hz:.4g} Hz",
         hardware_id=node,
         values=[KeyValue(key=key, value=value) for key, value in rate_values(rate)],
+    )
+
+
+def _number_status(node: str, name: str, value: float) -> Any:
+    text = f"{value:.6g}"
+    return DiagnosticStatus(
+        level=DiagnosticStatus.OK,
+        name=rate_name(node, name),
+        message=text,
+        hardware_id=node,
+        values=[KeyValue(key=name, value=text)],
     )

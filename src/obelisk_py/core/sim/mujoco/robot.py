@@ -2,8 +2,7 @@
 
 In: the `sim` block as text in the ROS parameter `mujoco_setting`, control messages. Out: the sensor
 groups of that block, `TrueSimState`, markers of geoms, `~/rtf`, and `/clock` with `use_sim_time`.
-Services: `~/reset`, `~/pause`, `~/step`. Whatever is published in simulation time is published by
-the stepping thread.
+Services: `~/reset`, `~/pause`, `~/step`. What is in simulation time the stepping thread publishes.
 """
 
 import time
@@ -283,6 +282,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         def report(measured: StepReport) -> None:
             ticks.overruns += measured.overruns
             rtf.publish(Float64(data=measured.realtime_factor))
+            self.rates.tell(REALTIME_FACTOR, measured.realtime_factor)
             self._report(measured)
 
         return Stepper(
