@@ -4,6 +4,8 @@ import re
 import tomllib
 from pathlib import Path
 
+import pytest
+
 
 def locked(repository: Path) -> list[str]:
     return (repository / "requirements.lock").read_text().splitlines()
@@ -36,7 +38,17 @@ def test_messages_are_compiled_against_what_they_run_with(repository: Path) -> N
     assert pinned in project["optional-dependencies"]["ros"]
 
 
-def test_the_sandbox_of_templates_is_one_without_known_ways_out(repository: Path) -> None:
-    """CVE-2024-56326 and CVE-2025-27516 are of those before 3.1.6."""
+@pytest.mark.parametrize(
+    ("extra", "least"),
+    [
+        # CVE-2024-56326 and CVE-2025-27516: ways out of the sandbox of templates.
+        ("", "jinja2>=3.1.6"),
+        # PYSEC-2026-248 and PYSEC-2026-249.
+        ("web", "starlette>=1.3.1"),
+        ("render", "pillow>=12.3"),
+    ],
+)
+def test_no_version_with_known_faults_is_taken(repository: Path, extra: str, least: str) -> None:
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
-    assert "jinja2>=3.1.6" in project["dependencies"]
+    wanted = project["optional-dependencies"][extra] if extra else project["dependencies"]
+    assert least in wanted
