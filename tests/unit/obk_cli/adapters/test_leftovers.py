@@ -31,13 +31,13 @@ WITH_CHILD = (
 )
 
 BREEDING = f"""
-import signal, subprocess, sys
+import os, signal, subprocess, sys
 def breed(*_):
     child = subprocess.Popen([sys.executable, '-I', '-S', '-c', {WAIT!r}], env={{}},
         start_new_session=True, stdout=subprocess.DEVNULL)
-    print(child.pid, flush=True)
+    os.write(1, b'%d\\n' % child.pid)  # it may be within another write
 signal.signal(signal.SIGTERM, breed)
-print(flush=True)
+os.write(1, b'\\n')
 while True:
     signal.pause()
 """
