@@ -7,8 +7,8 @@ from pathlib import Path
 
 from obk_cli.adapters.files import STANDARD_INPUT, read_bytes, unwritable
 from obk_cli.adapters.near_configs import did_you_mean_config
-from obk_cli.adapters.replace_file import replace_file
 from obk_cli.diagnostics import Diagnostic
+from obk_cli.emit.write import write_bytes
 from obk_cli.errors import CommandFailedError
 from obk_cli.parse import decode_source
 from obk_cli.source import SourceFile
@@ -54,7 +54,7 @@ def write_edited(file: EditedFile, text: str) -> None:
     try:
         if path.read_bytes() != file.data:
             raise CommandFailedError(f"`{path}` has changed meanwhile, nothing is written")
-        replace_file(path, file.bytes_of(text))
+        write_bytes(path, file.bytes_of(text))
     except OSError as error:
         raise unwritable(path, error) from error
 

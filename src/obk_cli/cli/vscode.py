@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from obk_cli.adapters.files import explain_os_error, unwritable
-from obk_cli.adapters.replace_file import replace_file
 from obk_cli.emit.write import write_text
 from obk_cli.errors import CommandFailedError
 from obk_cli.jsonc import JsoncError, read_jsonc, set_member
@@ -143,12 +142,6 @@ def _read(path: Path) -> str:
 def _write(path: Path, text: str) -> bool:
     """Put the text there; tells whether anything changed."""
     try:
-        if not path.exists():
-            return write_text(path, text)
-        data = text.encode("utf-8")
-        if path.read_bytes() == data:
-            return False
-        replace_file(path, data)
+        return write_text(path, text)
     except OSError as error:
         raise unwritable(path, error) from error
-    return True

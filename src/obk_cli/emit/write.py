@@ -2,6 +2,7 @@
 
 import os
 import stat
+from contextlib import suppress
 from pathlib import Path
 from secrets import token_hex
 
@@ -26,7 +27,8 @@ def write_bytes(path: Path, data: bytes, *, mode: int | None = None) -> bool:
     Args:
         path: the file.
         data: all that it is to hold.
-        mode: its permissions; None: those of the file that is replaced, else those of any new one.
+        mode: its permissions; None: those of the file that is replaced, and its owner, else those
+            of any new one.
 
     Raises:
         OSError: the folder or the file cannot be written; the old file is as it was.
@@ -44,10 +46,20 @@ def write_bytes(path: Path, data: bytes, *, mode: int | None = None) -> bool:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
-        if mode is None and target.is_file():
-            temporary.chmod(stat.S_IMODE(target.stat().st_mode))
+            if mode is None and target.is_file():
+                file.flush()
+                os.fsync(file.fileno())
+                _take_after(target, temporary)
         temporary.replace(target)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
     return True
+
+
+def _take_after(old: Path, new: Path) -> None:
+    """Give a file the owner and the permissions of the one that it replaces."""
+    before = old.stat()
+    with suppress(PermissionError):  # only root gives files away, and has to
+        os.chown(new, before.st_uid, before.st_gid)
+    new.chmod(stat.S_IMODE(before.st_mode))
