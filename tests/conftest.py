@@ -14,7 +14,7 @@ import hypothesis
 import psutil
 import pytest
 
-from obk_cli.adapters.shared_memory import remove_dead_segments
+from obk_cli.process.shared_memory import remove_dead_segments
 
 _SOURCE = Path(__file__).resolve().parents[1] / "src"
 # The tool looks for a domain of its own from 100 downwards.

@@ -14,7 +14,7 @@ from benchmarks.loop.figures import Figures, Spread, ratios, spread, spreads
 from benchmarks.loop.suite import Suite
 from benchmarks.loop.turns import Failed, Run
 from benchmarks.stolen import DISTURBED_PERCENT
-from obk_cli.adapters.versions import run_versions
+from obk_cli.optional_deps import run_versions
 
 __all__ = ["Row", "machine", "rows_of", "table", "write_json", "write_table"]
 

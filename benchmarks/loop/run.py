@@ -15,7 +15,7 @@ from benchmarks.loop.cases import FLOOR, Case
 from benchmarks.loop.figures import Figures, Usage, figures_of
 from benchmarks.loop.record import read_records
 from benchmarks.loop.turns import Failed
-from obk_cli.adapters.shared_memory import remove_dead_segments
+from obk_cli.process.shared_memory import remove_dead_segments
 
 __all__ = ["measure"]
 

@@ -13,7 +13,7 @@ HERE = Path(__file__).parent
 
 def bound(*command: str | Path) -> list[str | Path]:
     """A command whose program gets SIGTERM when this one ends, by SIGKILL even."""
-    return [sys.executable, "-m", "obk_cli.adapters.bound_program", str(os.getpid()), *command]
+    return [sys.executable, "-m", "obk_cli.process.child_process", str(os.getpid()), *command]
 
 
 def launch(seconds: float) -> int:

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from obk_cli.adapters.files import STANDARD_INPUT, read_bytes
 from obk_cli.adapters.near_configs import did_you_mean_config
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.check import check_stack
 from obk_cli.config import Stack
 from obk_cli.diagnostics import Diagnostic, counted, found, in_order, worst
+from obk_cli.files import STANDARD_INPUT, read_bytes
 from obk_cli.lower import lower_stack
 from obk_cli.node_code import NodeCode
 from obk_cli.parse import (

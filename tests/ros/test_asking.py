@@ -11,7 +11,7 @@ from typing import Any
 import psutil
 import pytest
 
-from obk_cli.adapters.process_start import start_s
+from obk_cli.process.identity import start_s
 
 from ..turns import turn_of_leftovers  # noqa: TID252 - shared by folders of tests
 from .stack import DEADLINE_S, DUMMY, Launched, eventually, launched, obk

@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 from typing import Final
 
-from obk_cli.adapters.process_start import start_s
+from obk_cli.process.identity import start_s
 
 __all__ = ["ALLOWED_PUBLISHER", "is_allowed_publisher"]
 

@@ -19,8 +19,8 @@ from mcap.summary import Summary
 
 from obk_cli.adapters.bag_chunks import messages_in_order, records_of
 from obk_cli.adapters.bag_messages import MessageDecoders
-from obk_cli.adapters.files import explain_os_error
 from obk_cli.errors import CommandFailedError
+from obk_cli.files import explain_os_error
 from obk_cli.recording.bag import Bag, BagTopic
 from obk_cli.recording.tally import DROPS
 from obk_cli.report.escapes import plain

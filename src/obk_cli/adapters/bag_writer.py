@@ -12,9 +12,9 @@ from typing import Final, Self
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import Writer
 
-from obk_cli.adapters.files import unwritable
-from obk_cli.adapters.versions import run_versions
 from obk_cli.errors import CommandFailedError
+from obk_cli.files import unwritable
+from obk_cli.optional_deps import run_versions
 
 __all__ = ["FLUSH_S", "BagWriter"]
 

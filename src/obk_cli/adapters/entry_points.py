@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from obk_cli.adapters.distributions import distribution_version
+from obk_cli.optional_deps import distribution_version
 
 __all__ = ["EntryPoint", "installed_console_scripts", "source_console_scripts"]
 

@@ -9,8 +9,8 @@ from typing import Final, Literal
 from obk_cli.adapters.control_client import ask_stop
 from obk_cli.adapters.leftovers import end_leftovers, find_leftovers
 from obk_cli.adapters.live_runs import is_alive
-from obk_cli.adapters.process_start import signal_process, wait_for_ends
 from obk_cli.launch.runs import Run, read_run
+from obk_cli.process.identity import signal_process, wait_for_ends
 
 __all__ = ["STOP_S", "LauncherEnd", "end_launcher"]
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from obk_cli.adapters.planted import is_planted, is_within_planted
-from obk_cli.adapters.process_start import boot_id, is_process
+from obk_cli.files import is_planted, is_within_planted
 from obk_cli.launch.runs import Run, read_run, run_folders
+from obk_cli.process.identity import boot_id, is_process
 
 __all__ = ["is_alive", "live_folders", "live_runs"]
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Final
 
 from obelisk_spec.near import list_names, near_names
-from obk_cli.adapters.files import STANDARD_INPUT
 from obk_cli.adapters.packages import find_workspace
+from obk_cli.files import STANDARD_INPUT
 from obk_cli.surroundings import UNSEARCHED
 
 __all__ = ["did_you_mean_config"]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
-from obk_cli.adapters.planted import is_planted
+from obk_cli.files import is_planted
 from obk_cli.launch.json_values import value_of
 
 __all__ = [

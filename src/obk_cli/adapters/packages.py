@@ -17,8 +17,8 @@ from obk_cli.adapters.entry_points import (
     source_console_scripts,
 )
 from obk_cli.adapters.overlay import overlay_prefixes
-from obk_cli.adapters.planted import is_planted
 from obk_cli.adapters.shell_scripts import module_run_by
+from obk_cli.files import is_planted
 from obk_cli.surroundings import UNSEARCHED, Command, ExecutableMissing
 
 __all__ = [

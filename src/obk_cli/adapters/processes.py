@@ -23,9 +23,9 @@ from typing import Self
 
 import psutil
 
-from obk_cli.adapters import warden
 from obk_cli.launch.events import Heard, ProcessEnded, ProcessStarted
 from obk_cli.launch.units import Unit
+from obk_cli.process import warden
 
 __all__ = ["NodeCommand", "WardenProcesses"]
 

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from obk_cli.adapters.bag_writer import BagWriter
-from obk_cli.adapters.end_signals import end_signals_heard
-from obk_cli.adapters.extras import no_ros
-from obk_cli.adapters.files import explain_os_error
 from obk_cli.adapters.ros_recorder import RosRecorder
-from obk_cli.adapters.shared_memory_room import require_shared_memory
 from obk_cli.errors import EXIT_DONE, EXIT_MISUSE, CommandFailedError
+from obk_cli.files import explain_os_error
+from obk_cli.optional_deps import no_ros
+from obk_cli.process.shared_memory_check import require_shared_memory
+from obk_cli.process.signals import end_signals_heard
 from obk_cli.recording.job import BEGUN, Job, job_from_json
 from obk_cli.recording.tally import DROPS, Tally
 

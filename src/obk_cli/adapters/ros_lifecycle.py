@@ -12,7 +12,6 @@ from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Any, Final, Self
 
-from obk_cli.adapters.extras import no_ros
 from obk_cli.adapters.late_generator import leave_generator_for_later
 from obk_cli.adapters.ros_calls import ASK_AGAIN_S
 from obk_cli.adapters.ros_clients import NodeClients
@@ -23,6 +22,7 @@ from obk_cli.adapters.ros_rates import listen_to_rates
 from obk_cli.adapters.ros_watch import NodeWatch
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.events import Answered, Heard, StateAnswered
+from obk_cli.optional_deps import no_ros
 
 __all__ = ["RosLifecycle", "open_ros"]
 

@@ -12,14 +12,14 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Final, TypeVar
 
-from obk_cli.adapters.extras import no_ros
 from obk_cli.adapters.late_generator import leave_generator_for_later
 from obk_cli.adapters.raw_topics import RawTopic, offer_of
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_graph import full_name
-from obk_cli.adapters.shared_memory_room import require_shared_memory
 from obk_cli.errors import CommandFailedError
 from obk_cli.looking.graph import End, Graph, Role, TopicSeen
+from obk_cli.optional_deps import no_ros
+from obk_cli.process.shared_memory_check import require_shared_memory
 
 __all__ = ["LOOKER", "RosLook", "open_look"]
 

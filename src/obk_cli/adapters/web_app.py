@@ -20,9 +20,9 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 import obk_cli.web
-from obk_cli.adapters.clock import wall_s
 from obk_cli.adapters.connections import user_of_connection
 from obk_cli.adapters.ros_types import fields_of, short_type
+from obk_cli.clock import wall_s
 from obk_cli.errors import ObkError
 from obk_cli.launch.asks import ChangeAnswer
 from obk_cli.launch.transitions import TRANSITIONS

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from shutil import rmtree
 
-from obk_cli.adapters.clock import monotonic_s
 from obk_cli.adapters.colcon import find_colcon, run_colcon
 from obk_cli.adapters.overlay import (
     Builder,
@@ -26,6 +25,7 @@ from obk_cli.adapters.overlay_environment import underlays_of
 from obk_cli.adapters.packages import package_names_in
 from obk_cli.building.choice import choose, colcon_command
 from obk_cli.building.survey import Survey, Surveyed, survey_workspace
+from obk_cli.clock import monotonic_s
 from obk_interfaces import Progress, build, remove_package
 
 __all__ = ["BuildOptions", "Built", "Listener", "build_workspace", "survey_of"]

@@ -47,7 +47,7 @@ def info(
     """
     is_json = wants_json(format)
 
-    from obk_cli.adapters.extras import require_extra
+    from obk_cli.optional_deps import require_extra
 
     require_extra("mcap_ros2", "record")
 

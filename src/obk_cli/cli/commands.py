@@ -204,7 +204,7 @@ def _complain(message: str, help: str | None) -> None:
 
 def _explained(error: Exception, given: Collection[str]) -> tuple[str, str | None]:
     """What an error that nobody expected comes from, and what to do."""
-    from obk_cli.adapters.lacks import lack_of, shadow_of
+    from obk_cli.resource_errors import lack_of, shadow_of
 
     if (shadow := shadow_of(error)) is not None:
         return f"{type(error).__name__}: {error}: {shadow}", "unset PYTHONPATH"
@@ -217,7 +217,7 @@ def _explained(error: Exception, given: Collection[str]) -> tuple[str, str | Non
 
 def _no_completion(error: OSError) -> str:
     """Why a shell's completion was not set up; without a file's name no shell was found."""
-    from obk_cli.adapters.files import unwritable
+    from obk_cli.files import unwritable
 
     if not isinstance(error.filename, str):
         return "this was not started from a shell that is known"

@@ -5,8 +5,8 @@ In: the options as typed. Out: the wish. Reads no file.
 
 from dataclasses import dataclass
 
-from obk_cli.adapters.files import STANDARD_INPUT
 from obk_cli.errors import MisuseError
+from obk_cli.files import STANDARD_INPUT
 
 __all__ = ["JoinWish", "join_wish"]
 

@@ -9,7 +9,6 @@ from typing import Annotated, cast, get_args
 
 import typer
 
-from obk_cli.adapters.extras import require_extra
 from obk_cli.cli.config_options import (
     ColourOption,
     ConfigArgument,
@@ -32,6 +31,7 @@ from obk_cli.errors import MisuseError
 from obk_cli.launch.devices import Share
 from obk_cli.launch.doors import Limits
 from obk_cli.launch.order import UNTIL, Until
+from obk_cli.optional_deps import require_extra
 from obk_cli.pipeline import compile_config
 from obk_cli.plan import OnCrash, ParameterValue, Plan
 from obk_cli.read.nodes import LOG_LEVELS

@@ -7,13 +7,13 @@ from typing import Annotated, Final
 
 import typer
 
-from obk_cli.adapters.extras import require_extra
 from obk_cli.cli.looking_options import TIMEOUT_S, DomainOption, here, with_types
 from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import EXIT_DONE, MisuseError
 from obk_cli.monitoring.view import StackView
 from obk_cli.monitoring.watcher import Target, Watcher
+from obk_cli.optional_deps import require_extra
 from obk_cli.report.messages import json_line
 from obk_cli.report.monitor import monitor_data, monitor_text
 

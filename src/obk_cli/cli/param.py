@@ -176,8 +176,8 @@ def dump(
         print(text, end="")
         return
 
-    from obk_cli.adapters.files import unwritable
     from obk_cli.emit.write import write_text
+    from obk_cli.files import unwritable
 
     try:
         write_text(output, text)

@@ -47,7 +47,7 @@ def command(
     which the recorder got them. No ROS is needed: the recording itself tells how its messages are
     read.
     """
-    from obk_cli.adapters.extras import require_extra
+    from obk_cli.optional_deps import require_extra
 
     require_extra("mcap_ros2", "plot")
     require_extra("matplotlib", "plot")

@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
-from obk_cli.adapters.clock import local_time
 from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.asking.stacks import runs_meant
 from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.type_paths import with_run_types
+from obk_cli.clock import local_time
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.runs import runs_folder
 from obk_cli.recording.choice import Wish
@@ -53,7 +53,7 @@ def command(
     """
     require_positive("--duration", duration, "seconds")
 
-    from obk_cli.adapters.extras import require_extra
+    from obk_cli.optional_deps import require_extra
 
     require_extra("mcap", "record")
 

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from obk_cli.adapters.files import STANDARD_INPUT
 from obk_cli.cli.config_options import (
     ColourOption,
     IgnoreOption,
@@ -18,6 +17,7 @@ from obk_cli.cli.config_options import (
 from obk_cli.cli.option_values import require_word
 from obk_cli.diagnostics import Diagnostic, in_order
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
+from obk_cli.files import STANDARD_INPUT
 from obk_cli.pipeline import Options, Outcome, compile_config
 from obk_cli.report.github import report_github
 from obk_cli.report.json import report_json

@@ -7,11 +7,11 @@ from typing import Annotated, Final
 
 import typer
 
-from obk_cli.adapters.extras import require_extra
 from obk_cli.cli.looking_options import TIMEOUT_S, DomainOption, here, with_types
 from obk_cli.errors import EXIT_DONE
 from obk_cli.launch.runs import runs_folder
 from obk_cli.monitoring.watcher import Target, Watcher
+from obk_cli.optional_deps import require_extra
 
 __all__ = ["EXAMPLE", "command"]
 

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from obk_cli.adapters.clock import monotonic_s
+from obk_cli.clock import monotonic_s
 from obk_cli.doctor.finding import Finding, error, warning
 from obk_cli.errors import ObkError
 

@@ -7,7 +7,6 @@ these only its launcher's host knows.
 from contextlib import suppress
 from typing import Final
 
-from obk_cli.adapters.process_load import OwnCost
 from obk_cli.adapters.ros_calls import ServiceClient
 from obk_cli.adapters.ros_look import LOOKER, RosLook
 from obk_cli.adapters.ros_types import find_type
@@ -17,6 +16,7 @@ from obk_cli.launch.transitions import ACTIVE
 from obk_cli.monitoring.promised import PlannedTopic
 from obk_cli.monitoring.topic_watch import RTF_TYPE, TopicWatch
 from obk_cli.monitoring.view import NodeView, StackView
+from obk_cli.process.load import OwnCost
 
 __all__ = ["ElsewhereObserver"]
 

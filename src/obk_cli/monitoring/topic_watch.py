@@ -8,10 +8,10 @@ import struct
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any, Final
 
-from obk_cli.adapters.clock import monotonic_s, wall_s
 from obk_cli.adapters.ros_look import RosLook
 from obk_cli.adapters.ros_meter import RosMeter, Watch
 from obk_cli.adapters.ros_types import fields_of, find_type, raw_type, short_type
+from obk_cli.clock import monotonic_s, wall_s
 from obk_cli.errors import CommandFailedError
 from obk_cli.looking.graph import TopicSeen
 from obk_cli.looking.rates import Rate

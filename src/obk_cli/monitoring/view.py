@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from obelisk_spec.rates import TOLERANCE
 from obelisk_spec.rates import Rate as Promised
-from obk_cli.adapters.process_load import ProcessLoad
 from obk_cli.looking.rates import Rate
+from obk_cli.process.load import ProcessLoad
 
 __all__ = ["NodeView", "Passage", "StackView", "TopicView"]
 

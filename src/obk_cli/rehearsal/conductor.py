@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from obk_cli.adapters.clock import wall_s
-from obk_cli.adapters.strokes import freeze, kill, thaw
+from obk_cli.clock import wall_s
 from obk_cli.launch.events import AnswersAgain, Ended, Phase
 from obk_cli.launch.transitions import ACTIVE
+from obk_cli.process.signals import freeze, kill, thaw
 from obk_cli.rehearsal.cases import Case
 from obk_cli.rehearsal.judge import Row, has_concluded, judge, not_whole
 from obk_cli.rehearsal.launched import Launched

@@ -4,8 +4,8 @@ import shutil
 from pathlib import Path
 from typing import Final
 
-from obk_cli.adapters.clock import local_time
 from obk_cli.adapters.live_runs import live_folders
+from obk_cli.clock import local_time
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.runs import make_run_folder, run_folders
 

@@ -6,9 +6,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Protocol, Self
 
-from obk_cli.adapters.clock import wall_s
 from obk_cli.adapters.node_lines import NodeLines
 from obk_cli.adapters.screen import Screen
+from obk_cli.clock import wall_s
 from obk_cli.errors import ObkError
 from obk_cli.launch.events import Told
 from obk_cli.launch.journal import Journal

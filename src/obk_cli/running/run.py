@@ -11,22 +11,22 @@ from pathlib import Path
 from queue import SimpleQueue
 from tempfile import TemporaryDirectory
 
-from obk_cli.adapters.clock import monotonic_s
 from obk_cli.adapters.control_socket import serve_control
-from obk_cli.adapters.end_signals import end_signals_heard
 from obk_cli.adapters.leftovers import launch_marks
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
 from obk_cli.adapters.ros_answers import RosAnswers
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
-from obk_cli.adapters.shared_memory import remove_dead_segments
 from obk_cli.adapters.state_node import StateNode, state_node_name
+from obk_cli.clock import monotonic_s
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.events import Ended, Heard, StackState, StopAsked, Told
 from obk_cli.launch.supervisor import Supervisor
 from obk_cli.launch.units import Unit, units_of
 from obk_cli.plan import Plan
+from obk_cli.process.shared_memory import remove_dead_segments
+from obk_cli.process.signals import end_signals_heard
 from obk_cli.running.claim import claimed
 from obk_cli.running.commands import Executables, composable, find_executables, unit_commands
 from obk_cli.running.early import early_units, gate_variables, held_at_gate

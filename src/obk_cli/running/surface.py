@@ -3,9 +3,9 @@
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-from obk_cli.adapters.clock import monotonic_s, wall_s
 from obk_cli.adapters.footer import takes_footer
 from obk_cli.adapters.screen import Screen
+from obk_cli.clock import monotonic_s, wall_s
 from obk_cli.launch.units import Unit
 from obk_cli.plan import Plan
 from obk_cli.report.launch import LaunchReport

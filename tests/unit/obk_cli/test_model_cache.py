@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 from obk_cli.adapters import model_cache
-from obk_cli.adapters.distributions import distribution_version
 from obk_cli.adapters.model_cache import cache_folder, read_model_once
+from obk_cli.optional_deps import distribution_version
 from obk_cli.surroundings import ModelFault, ModelRead
 
 pytestmark = pytest.mark.mujoco

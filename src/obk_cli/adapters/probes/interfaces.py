@@ -7,9 +7,9 @@ from typing import Final
 
 import obk_cli
 from obelisk_spec.messages import OBELISK_MESSAGES
-from obk_cli.adapters.distributions import distribution_version
 from obk_cli.adapters.probes.child import python_command, told_in_json, try_program
 from obk_cli.doctor.interfaces import InterfaceFacts
+from obk_cli.optional_deps import distribution_version
 
 __all__ = ["probe_interfaces"]
 

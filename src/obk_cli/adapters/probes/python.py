@@ -4,8 +4,8 @@ import sys
 from pathlib import Path
 
 import obk_cli
-from obk_cli.adapters.distributions import distribution_version
 from obk_cli.doctor.python import PythonFacts
+from obk_cli.optional_deps import distribution_version
 
 __all__ = ["probe_python"]
 

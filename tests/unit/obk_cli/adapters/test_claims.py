@@ -16,7 +16,6 @@ import pytest
 from obk_cli.adapters import claims
 from obk_cli.adapters.claims import KEPT_RUNS, claim_run
 from obk_cli.adapters.live_runs import is_alive, live_runs
-from obk_cli.adapters.process_start import boot_id, start_s, this_process
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.runs import (
     MadeFrom,
@@ -26,6 +25,7 @@ from obk_cli.launch.runs import (
     run_folders,
     write_run,
 )
+from obk_cli.process.identity import boot_id, start_s, this_process
 
 from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 
@@ -120,7 +120,7 @@ def test_two_claims_at_the_same_moment_do_not_both_pass(tmp_path: Path) -> None:
         "from datetime import datetime\n"
         "from pathlib import Path\n"
         "from obk_cli.adapters.claims import claim_run\n"
-        "from obk_cli.adapters.process_start import this_process\n"
+        "from obk_cli.process.identity import this_process\n"
         "from obk_cli.launch.runs import Run\n"
         "pid, started = this_process()\n"
         "run = Run(name='s', pid=pid, started=started, domain=1, config='c', nodes=('/a',))\n"

@@ -14,10 +14,10 @@ from queue import SimpleQueue
 import psutil
 import pytest
 
-from obk_cli.adapters import warden
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
 from obk_cli.launch.events import Heard, ProcessEnded, ProcessStarted
 from obk_cli.launch.units import Unit
+from obk_cli.process import warden
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 

@@ -9,7 +9,6 @@ from queue import SimpleQueue
 
 from obk_cli.adapters.claims import claim_run
 from obk_cli.adapters.control_socket import serve_control
-from obk_cli.adapters.process_start import this_process
 from obk_cli.asking.names import section_of
 from obk_cli.launch.asks import (
     ChangeAnswer,
@@ -22,6 +21,7 @@ from obk_cli.launch.asks import (
 from obk_cli.launch.events import Ended, Heard, StopAsked
 from obk_cli.launch.runs import Run, note_end
 from obk_cli.launch.transitions import TRANSITIONS
+from obk_cli.process.identity import this_process
 
 NOW = datetime(2031, 2, 3, 4, 5, 6)
 ROBOT, CONTROL, JOY = "/obelisk_robot_0", "/obelisk_control_0", "/joy"

@@ -10,11 +10,11 @@ import psutil
 import pytest
 
 from obk_cli.adapters import launchers, leftovers
-from obk_cli.adapters.process_start import this_process
 from obk_cli.asking import lifecycle
 from obk_cli.cli import stop
 from obk_cli.cli.main import main
 from obk_cli.launch.events import StopAsked
+from obk_cli.process.identity import this_process
 
 from ....turns import turn_of_leftovers  # noqa: TID252 - shared by folders of tests
 from ....waiting import DEADLINE_S  # noqa: TID252

@@ -24,7 +24,7 @@ _LACKS: Final = {
     errno.ENOMEM: _MEMORY,
     errno.EAGAIN: _THREADS,
 }
-_SOURCE: Final = Path(__file__).absolute().parents[2]
+_SOURCE: Final = Path(__file__).absolute().parents[1]
 _NO_THREAD: Final = "can't start new thread"
 """Python's own words."""
 

@@ -2,7 +2,7 @@
 
 import os
 
-from obk_cli.adapters.process_load import OwnCost, ProcessLoads
+from obk_cli.process.load import OwnCost, ProcessLoads
 
 
 def test_a_process_is_looked_at_and_one_that_is_gone_is_left_out() -> None:

@@ -1,12 +1,14 @@
-"""The signals that ask a program for its end in order."""
+"""Handle the signals that end a program, and signal processes for fault injection."""
 
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Final
 
-__all__ = ["end_signals_heard"]
+import psutil
+
+__all__ = ["end_signals_heard", "freeze", "kill", "thaw"]
 
 _END_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -33,3 +35,30 @@ def end_signals_heard(hear: Callable[[signal.Signals], None]) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def kill(pid: int) -> None:
+    """End a process as the kernel does when memory runs out; not those that it started."""
+    with suppress(psutil.Error):
+        psutil.Process(pid).kill()
+
+
+def freeze(pid: int) -> None:
+    """Stop a process and all that it started: a program behind a script freezes with it."""
+    for process in _family(pid):
+        with suppress(psutil.Error):
+            process.suspend()
+
+
+def thaw(pid: int) -> None:
+    """Have a frozen process go on, and all that it started."""
+    for process in _family(pid):
+        with suppress(psutil.Error):
+            process.resume()
+
+
+def _family(pid: int) -> Iterator[psutil.Process]:
+    with suppress(psutil.Error):
+        process = psutil.Process(pid)
+        yield process
+        yield from process.children(recursive=True)

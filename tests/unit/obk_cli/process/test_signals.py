@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from obk_cli.adapters.end_signals import end_signals_heard
+from obk_cli.process.signals import end_signals_heard
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.shared_memory import remove_dead_segments
+from obk_cli.process.shared_memory import remove_dead_segments
 
 DEAD, ALIVE = "fastrtps_0123456789abcdef", "fastrtps_fedcba9876543210"
 PORT = ("fastrtps_port7411", "fastrtps_port7411_el", "sem.fastrtps_port7411_mutex")

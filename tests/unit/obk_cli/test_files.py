@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.files import STANDARD_INPUT, read_bytes, unwritable
+from obk_cli.files import STANDARD_INPUT, read_bytes, unwritable
 from obk_cli.source import LONGEST_FILE_BYTES
 
 

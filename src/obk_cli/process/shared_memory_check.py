@@ -1,8 +1,8 @@
-"""Room in shared memory, without which ROS brings down whoever loads it.
+"""Require room in shared memory before ROS is loaded.
 
-Its tracing library maps a page of a file there and writes to it; where there is no room for the
-page, the kernel ends the process with SIGBUS. Segments of Fast DDS that dead processes have left
-are what fills it.
+The tracing library of ROS maps a page of a file there and writes to it. If no room is left for that
+page, the kernel ends the process with SIGBUS. Segments that dead Fast DDS processes left behind are
+what fills shared memory.
 """
 
 import os
@@ -10,8 +10,8 @@ import shutil
 from pathlib import Path
 from typing import Final
 
-from obk_cli.adapters.shared_memory import SHARED_MEMORY, remove_dead_segments
 from obk_cli.errors import CommandFailedError
+from obk_cli.process.shared_memory import SHARED_MEMORY, remove_dead_segments
 
 __all__ = ["require_shared_memory"]
 

@@ -1,12 +1,22 @@
-"""Reading files of the user's; the system's errors, of writing too, told in one sentence."""
+"""Read user files, explain file-system errors, and recognize files that other users own."""
 
+import os
+import stat
 import sys
 from pathlib import Path
+from typing import Final
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.source import LONGEST_FILE_BYTES
 
-__all__ = ["STANDARD_INPUT", "explain_os_error", "read_bytes", "unwritable"]
+__all__ = [
+    "STANDARD_INPUT",
+    "explain_os_error",
+    "is_planted",
+    "is_within_planted",
+    "read_bytes",
+    "unwritable",
+]
 
 STANDARD_INPUT = "-"
 _MOST_BYTES = LONGEST_FILE_BYTES + 1
@@ -56,3 +66,25 @@ def unwritable(path: Path, error: OSError) -> CommandFailedError:
     elif isinstance(error, PermissionError):
         reason = "it may not be written"
     return CommandFailedError(f"`{path}` cannot be written: {reason}")
+
+
+FOR_EVERYBODY: Final = stat.S_ISVTX | stat.S_IWOTH
+"""Of a folder where each user may put something, and take away nobody else's."""
+
+
+def is_planted(path: Path) -> bool:
+    """Whether it lies in such a folder and is neither this user's nor root's.
+
+    What a user keeps beside it would otherwise be run with it.
+    """
+    try:
+        owner, mode = path.lstat().st_uid, path.parent.stat().st_mode
+    except OSError:
+        return False
+    return owner not in (os.geteuid(), 0) and mode & FOR_EVERYBODY == FOR_EVERYBODY
+
+
+def is_within_planted(path: Path) -> bool:
+    """Whether that holds for it, or for a folder that it lies in."""
+    whole = path.absolute()
+    return any(map(is_planted, (whole, *whole.parents)))

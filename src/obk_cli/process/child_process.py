@@ -1,18 +1,23 @@
-"""A program run as a child that does not outlive this process, heard line by line.
+"""Run a program as a child that does not outlive this process, and read its output by line.
 
-Takes a command, gives its lines and its exit code. It has a session of its own: Ctrl-C in this
-terminal is for this process. When this process ends, whatever ends it, the child gets SIGTERM.
+The child has its own session, so Ctrl-C in this terminal reaches only this process. When this
+process ends, for any reason, the child gets SIGTERM.
+
+As a program (`python -I -S child_process.py PARENT PROGRAM ARGUMENTS...`) this module binds itself
+to PARENT and becomes PROGRAM, because a process with threads cannot do so between fork and exec. It
+imports the standard library only, so that it starts at once.
+Source: prctl(2), PR_SET_PDEATHSIG.
 """
 
+import ctypes
 import os
+import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
-
-from obk_cli.adapters import bound_program
 
 __all__ = ["BoundProcess"]
 
@@ -39,7 +44,7 @@ class BoundProcess:
             on_line: takes each line of its output and errors, from a thread.
             on_over: is told that there will be no more, from that thread.
         """
-        binding = [sys.executable, "-I", "-S", str(Path(bound_program.__file__))]
+        binding = [sys.executable, "-I", "-S", str(Path(__file__))]
         self._child = subprocess.Popen(
             [*binding, str(os.getpid()), *command],
             env=dict(environment),
@@ -89,3 +94,18 @@ class BoundProcess:
             for line in output:
                 self._on_line(line.rstrip("\n"))
         self._on_over()
+
+
+PR_SET_PDEATHSIG = 1
+
+
+def main(parent: int, *command: str) -> None:
+    """Become the program of a command; end at once where the parent is gone already."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:
+        sys.exit(1)
+    os.execvp(command[0], command)  # noqa: S606 - without a shell, as asked
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), *sys.argv[2:])

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.shared_memory_room import NEEDED, require_shared_memory
 from obk_cli.errors import CommandFailedError
+from obk_cli.process.shared_memory_check import NEEDED, require_shared_memory
 
 SEGMENT = "fastrtps_0123456789abcdef"
 

@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 
-from obk_cli.adapters.process_start import is_process, start_s, this_process
+from obk_cli.process.identity import is_process, start_s, this_process
 
 
 def test_a_process_is_known_by_its_number_and_its_start() -> None:

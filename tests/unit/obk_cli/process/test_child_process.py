@@ -10,10 +10,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-from obk_cli.adapters.bound_process import BoundProcess
 from obk_cli.adapters.free_domain import free_domain
-from obk_cli.adapters.strokes import freeze, kill, thaw
 from obk_cli.errors import CommandFailedError
+from obk_cli.process.child_process import BoundProcess
+from obk_cli.process.signals import freeze, kill, thaw
 
 from ....waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
 
@@ -48,7 +48,7 @@ def test_a_child_has_a_session_of_its_own_and_is_killed_at_the_close() -> None:
 
 STARTER = """
 import os, sys, time
-from obk_cli.adapters.bound_process import BoundProcess
+from obk_cli.process.child_process import BoundProcess
 child = BoundProcess(["sleep", "60"], os.environ, on_line=print, on_over=lambda: None)
 while "sleep" not in open(f"/proc/{child.pid}/cmdline").read().split("\\0")[0]:
     time.sleep(0.01)

@@ -1,0 +1,115 @@
+"""Check which distributions are installed, and require the extras that a command needs.
+
+Reads folder names only: that is much faster than metadata, and imports nothing.
+"""
+
+import importlib.util
+import os
+import platform
+import re
+import sys
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+
+from obk_cli.errors import CommandFailedError
+
+__all__ = [
+    "distribution_version",
+    "distributions_like",
+    "no_ros",
+    "require_extra",
+    "require_ros",
+    "run_versions",
+]
+
+
+def require_extra(module: str, extra: str) -> None:
+    """Make sure that a library is here.
+
+    Args:
+        module: that the library is imported by.
+        extra: of the distribution `obelisk-cli`, that brings it.
+
+    Raises:
+        CommandFailedError: it is not.
+    """
+    if importlib.util.find_spec(module) is None:
+        raise CommandFailedError(
+            f"the library `{module}` is not installed", help=f"{_install(extra)} brings it"
+        )
+
+
+def require_ros() -> None:
+    """Make sure that rclpy is here.
+
+    Raises:
+        CommandFailedError: it is not.
+    """
+    if importlib.util.find_spec("rclpy") is None:
+        raise no_ros("the library `rclpy` is not installed")
+
+
+def no_ros(why: object) -> CommandFailedError:
+    """What a command ends with that needs ROS 2.
+
+    Args:
+        why: it cannot be used.
+    """
+    return CommandFailedError(
+        f"ROS 2 is not here: {why}",
+        help=f"{_install('ros')} brings it (x86-64); or source a ROS 2 setup file",
+    )
+
+
+def _install(extra: str) -> str:
+    return f"`pip install 'obelisk-cli[{extra}]'`"
+
+
+_INFO = re.compile(r"([^-]+)-(.+?)(?:-py[\d.]+)?\.(?:dist|egg)-info")
+
+
+def distribution_version(name: str) -> str | None:
+    """The version of an installed distribution, None where there is none of that name."""
+    return _versions(tuple(sys.path)).get(_normal(name))
+
+
+def distributions_like(pattern: str) -> Mapping[str, str]:
+    """Name -> version of the installed distributions whose whole name, with `_`, has a pattern."""
+    every = _versions(tuple(sys.path))
+    return {name: version for name, version in every.items() if re.fullmatch(pattern, name)}
+
+
+def _normal(name: str) -> str:
+    return re.sub(r"[-_.]+", "_", name).lower()
+
+
+@lru_cache(maxsize=4)
+def _versions(folders: tuple[str, ...]) -> Mapping[str, str]:
+    versions: dict[str, str] = {}
+    for folder in folders:
+        try:
+            names = [path.name for path in Path(folder).iterdir()]
+        except OSError:
+            continue
+        for name in names:
+            info = _INFO.fullmatch(name)
+            if info:
+                versions.setdefault(_normal(info[1]), info[2])
+    return versions
+
+
+def run_versions() -> Mapping[str, str]:
+    """Versions of obk, Python, rclpy and MuJoCo, and the ROS distribution, as far as they are here.
+
+    Nothing is imported for it.
+    """
+    wheels = distributions_like(r"ros_[a-z]+_rclpy")
+    found = {
+        "obk": distribution_version("obelisk-cli"),
+        "python": platform.python_version(),
+        "mujoco": distribution_version("mujoco"),
+        "rclpy": next(iter(wheels.values()), None) or distribution_version("rclpy"),
+        "ros": next((name.split("_")[1] for name in wheels), None) or os.environ.get("ROS_DISTRO"),
+    }
+    return {name: version for name, version in found.items() if version}

@@ -1,0 +1,1 @@
+"""Child processes: the warden, identity across reused numbers, signals, load, shared memory."""
