@@ -25,7 +25,7 @@ from pathlib import Path
 import psutil
 
 from benchmarks.stolen import StolenTime, warn_of_stolen_time
-from obk_cli.adapters.ros_environment import AS_THE_PROFILE_SAYS, LOCALHOST_PROFILE
+from obk_cli.ros.environment import AS_THE_PROFILE_SAYS, LOCALHOST_PROFILE
 
 ROOT = Path(__file__).resolve().parents[1]
 OBK = Path(sys.executable).with_name("obk")

@@ -29,8 +29,8 @@ from lifecycle_msgs.srv import GetState
 from rclpy.executors import SingleThreadedExecutor
 
 from benchmarks.stolen import StolenTime, warn_of_stolen_time
-from obk_cli.adapters.free_domain import free_domain
 from obk_cli.adapters.ros_rates import rates_told
+from obk_cli.ros.environment import free_domain
 
 ROOT = Path(__file__).resolve().parents[1]
 OBK = Path(sys.executable).with_name("obk")

@@ -32,8 +32,8 @@ from benchmarks.soak.results import keep_result
 from benchmarks.soak.stack import Stack
 from benchmarks.soak.troubles import trouble
 from benchmarks.stolen import StolenTime
-from obk_cli.adapters.free_domain import free_domain
 from obk_cli.process.shared_memory import remove_dead_segments
+from obk_cli.ros.environment import free_domain
 
 __all__ = ["main"]
 

@@ -24,9 +24,8 @@ from benchmarks.soak.counts import of_process, verdicts
 from benchmarks.soak.results import keep_result
 from benchmarks.soak.stack import Stack
 from benchmarks.stolen import StolenTime
-from obk_cli.adapters.free_domain import free_domain
-from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.asking.lifecycle import Asked, change_states
+from obk_cli.ros.environment import free_domain, ros_environment
 
 __all__ = ["main"]
 

@@ -9,8 +9,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from obk_cli.adapters.near_configs import did_you_mean_config
-from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.check import check_stack
 from obk_cli.config import Stack
 from obk_cli.diagnostics import Diagnostic, counted, found, in_order, worst
@@ -35,6 +33,8 @@ from obk_cli.silence import check_ignores, said_on_command_line, silence
 from obk_cli.source import LONGEST_FILE_BYTES, SourceFile, Span
 from obk_cli.surroundings import Surroundings
 from obk_cli.tree import Tree, TreeMap
+from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.path_suggestions import did_you_mean_config
 
 __all__ = ["Options", "Outcome", "compile_config", "compile_source"]
 

@@ -11,12 +11,12 @@ from typing import Any
 import jsonschema
 import pytest
 
-from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.codes import RULES
 from obk_cli.pipeline import Options, Outcome, compile_config
 from obk_cli.report.sarif import report_sarif
 from obk_cli.report.text import report_text
+from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.package_index import PackageIndex
 
 HERE = Path(__file__).parent
 WORKSPACE = HERE / "workspace"

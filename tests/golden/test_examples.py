@@ -9,13 +9,13 @@ import jsonschema
 import pytest
 import yaml
 
-from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.emit.forms import FORMS as PRINTED_FORMS
 from obk_cli.emit.forms import Form
 from obk_cli.emit.graph import graph_of
 from obk_cli.emit.terminal import emit_terminal
 from obk_cli.pipeline import Options, compile_config
 from obk_cli.plan import Plan
+from obk_cli.workspace.environment import MachineSurroundings
 
 HERE = Path(__file__).parent
 DRAWING = Form(lambda plan: emit_terminal(graph_of(plan)), ".txt")

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.diagnostics import Diagnostic
 from obk_cli.pipeline import Options, Outcome, compile_config
 from obk_cli.report.text import report_text
+from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.package_index import PackageIndex
 
 HERE = Path(__file__).parent
 WORKSPACE = HERE.parent / "cases" / "workspace"

@@ -13,8 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from obelisk_spec.yaml_core import YamlTextError, core_scalar, load_yaml_core
-from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.diagnostics import Diagnostic, worst
 from obk_cli.parse import decode_source, parse_source
 from obk_cli.pipeline import Options, compile_config, compile_source
@@ -24,6 +22,8 @@ from obk_cli.report.sarif import report_sarif
 from obk_cli.report.text import report_text
 from obk_cli.source import SourceFile, Span
 from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
+from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.package_index import PackageIndex
 
 CORPUS = Path(__file__).resolve().parents[3] / "shared/corpus"
 SEEDS = [path.read_text() for path in sorted(CORPUS.rglob("*.yaml"))]

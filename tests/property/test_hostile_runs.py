@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from obk_cli.adapters.live_runs import live_folders
-from obk_cli.adapters.overlay import FOLDER, RECORD, overlay_prefixes, read_record
 from obk_cli.asking.stacks import Stack
 from obk_cli.cli import lifecycle, logs, ps
 from obk_cli.errors import ObkError
@@ -23,6 +22,7 @@ from obk_cli.monitoring.promised import planned_topics
 from obk_cli.process.identity import boot_id, this_process
 from obk_cli.recording.made_from import background_of, run_plan, run_topics
 from obk_cli.web.picture import live_picture
+from obk_cli.workspace.overlay import FOLDER, RECORD, overlay_prefixes, read_record
 
 from .hostile import FEW, JSON, SPOILT, assert_shows_only_text, damaged, respelt
 

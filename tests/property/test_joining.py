@@ -9,8 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from obelisk_spec.messages import resolve_msg_type
-from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.config import Node
 from obk_cli.joining.join import Joined, join_node
 from obk_cli.joining.newcomer import Newcomer, read_newcomer
@@ -20,6 +18,8 @@ from obk_cli.scaffold.questions import Answers, MessageType
 from obk_cli.scaffold.snippet import config_snippet
 from obk_cli.source import SourceFile
 from obk_cli.wiring import node_ends
+from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.package_index import PackageIndex
 
 ROOT = Path(__file__).resolve().parents[2]
 CORPUS = ROOT.parent / "shared" / "corpus"

@@ -9,11 +9,11 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.migrate.rewrite import migrate_source
 from obk_cli.pipeline import Options, compile_source
 from obk_cli.source import SourceFile
+from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.package_index import PackageIndex
 
 ROOT = Path(__file__).resolve().parents[2]
 CORPUS = ROOT.parent / "shared" / "corpus"

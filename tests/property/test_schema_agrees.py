@@ -14,10 +14,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from obelisk_spec.yaml_core import load_yaml_core
-from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.pipeline import Options, compile_source
 from obk_cli.source import SourceFile
+from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.package_index import PackageIndex
 
 ROOT = Path(__file__).parents[2]
 CORPUS = ROOT.parent / "shared/corpus"

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from obk_cli.adapters.ros_environment import ros_environment
+from obk_cli.ros.environment import ros_environment
 
 from .stack import obk
 

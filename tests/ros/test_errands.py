@@ -14,9 +14,9 @@ from std_msgs.msg import Header, String
 
 from obk_cli.adapters.launcher_look import ask_launcher
 from obk_cli.adapters.live_runs import live_folders
-from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.adapters.ros_errands import LONGEST_MESSAGE
 from obk_cli.launch.runs import runs_folder
+from obk_cli.ros.environment import ros_environment
 
 from .stack import DEADLINE_S, DUMMY, eventually, launched, obk
 

@@ -320,8 +320,8 @@ def test_nodes_of_a_stack_are_asked_by_its_launcher_and_others_by_ros(talker: Ta
 def test_a_look_imports_no_generators_with_the_types() -> None:
     code = """
 import sys
-from obk_cli.adapters.ros_environment import ros_environment
-from obk_cli.adapters.ros_look import open_look
+from obk_cli.ros.environment import ros_environment
+from obk_cli.ros.participant import open_look
 with open_look(ros_environment(), ("rosidl_generator_py", "std_msgs.msg")):
     assert "std_msgs.msg" in sys.modules
     assert "lark" not in sys.modules

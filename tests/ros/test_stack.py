@@ -10,8 +10,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
+from obk_cli.ros.environment import ros_environment
 
 from .stack import (
     DEADLINE_S,

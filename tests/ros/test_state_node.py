@@ -18,12 +18,12 @@ from lifecycle_msgs.srv import (
     GetState,
 )
 
-from obk_cli.adapters.ros_environment import RosEnvironment, ros_environment
-from obk_cli.adapters.ros_graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S
 from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
 from obk_cli.adapters.state_node import StateNode
 from obk_cli.launch.asks import ChangeAnswer, ChangeAsked
 from obk_cli.launch.events import Answered, Heard, Ready, StateAnswered, StateSeen, TransitionBegun
+from obk_cli.ros.environment import RosEnvironment, ros_environment
+from obk_cli.ros.graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S
 
 from .stack import DEADLINE_S, eventually
 

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.ros_types import find_type, raw_type
-from obk_cli.adapters.type_support import require_message, require_service
-from obk_cli.adapters.unbuilt_types import stand_in
 from obk_cli.errors import CommandFailedError
+from obk_cli.ros.opaque_types import stand_in
+from obk_cli.ros.types import find_type, raw_type, require_message, require_service
 
 pytestmark = pytest.mark.ros
 

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from obk_cli.adapters.overlay_environment import underlays_of
+from obk_cli.workspace.overlay import underlays_of
 
 __all__ = ["installed_definition"]
 

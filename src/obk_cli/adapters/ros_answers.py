@@ -16,8 +16,6 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from obk_cli.adapters.ros_errands import run_errand
-from obk_cli.adapters.ros_look import RosLook
-from obk_cli.adapters.ros_parameters import NodeParameters
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.looking.told import (
     GraphTold,
@@ -26,6 +24,8 @@ from obk_cli.looking.told import (
     emit_parameter,
     parse_parameter_told,
 )
+from obk_cli.ros.parameters import NodeParameters
+from obk_cli.ros.participant import RosLook
 
 __all__ = ["RosAnswers"]
 

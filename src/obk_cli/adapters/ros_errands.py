@@ -20,13 +20,6 @@ from dataclasses import asdict
 from itertools import islice
 from typing import Any, Final
 
-from obk_cli.adapters.ros_calls import ServiceClient
-from obk_cli.adapters.ros_environment import ros_environment
-from obk_cli.adapters.ros_listen import arrived, deserialized, serialized
-from obk_cli.adapters.ros_look import RosLook
-from obk_cli.adapters.ros_meter import RosMeter
-from obk_cli.adapters.ros_publisher import RosPublisher
-from obk_cli.adapters.ros_types import fields_of, find_type, make_message, raw_type, short_type
 from obk_cli.looking.delays import DelayMeter
 from obk_cli.looking.fill import require_fit
 from obk_cli.looking.guard import moved_by
@@ -35,6 +28,13 @@ from obk_cli.looking.plain_data import Plain, plain_data
 from obk_cli.looking.rates import LAUNCHER_COUNTS_S
 from obk_cli.looking.stamps import stamp_of
 from obk_cli.recording.tally import Tally
+from obk_cli.ros.environment import ros_environment
+from obk_cli.ros.participant import RosLook
+from obk_cli.ros.publisher import RosPublisher
+from obk_cli.ros.rate_meter import RosMeter
+from obk_cli.ros.raw_subscription import arrived, deserialized, serialized
+from obk_cli.ros.services import ServiceClient
+from obk_cli.ros.types import fields_of, find_type, make_message, raw_type, short_type
 
 __all__ = ["run_errand"]
 

@@ -12,17 +12,17 @@ from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Any, Final, Self
 
-from obk_cli.adapters.late_generator import leave_generator_for_later
-from obk_cli.adapters.ros_calls import ASK_AGAIN_S
 from obk_cli.adapters.ros_clients import NodeClients
-from obk_cli.adapters.ros_environment import RosEnvironment
-from obk_cli.adapters.ros_graph import RosGraph
-from obk_cli.adapters.ros_look import RosLook
 from obk_cli.adapters.ros_rates import listen_to_rates
 from obk_cli.adapters.ros_watch import NodeWatch
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.events import Answered, Heard, StateAnswered
 from obk_cli.optional_deps import no_ros
+from obk_cli.ros.environment import RosEnvironment
+from obk_cli.ros.graph import RosGraph
+from obk_cli.ros.lazy_rosidl import leave_generator_for_later
+from obk_cli.ros.participant import RosLook
+from obk_cli.ros.services import ASK_AGAIN_S
 
 __all__ = ["RosLifecycle", "open_ros"]
 

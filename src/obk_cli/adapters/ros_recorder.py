@@ -12,12 +12,12 @@ from typing import Any, Final
 
 from obk_cli.adapters.bag_writer import FLUSH_S, BagWriter
 from obk_cli.adapters.definitions import installed_definition
-from obk_cli.adapters.raw_topics import RawTopic
-from obk_cli.adapters.ros_types import find_type
 from obk_cli.recording.choice import Wish, chosen_topics, clashing_topics, unmet_wishes
 from obk_cli.recording.qos import offers_text
 from obk_cli.recording.schema_text import schema_text
 from obk_cli.recording.tally import Tally
+from obk_cli.ros.raw_subscription import RawTopic
+from obk_cli.ros.types import find_type
 
 __all__ = ["RosRecorder"]
 

@@ -21,12 +21,12 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 import obk_cli.web
 from obk_cli.adapters.connections import user_of_connection
-from obk_cli.adapters.ros_types import fields_of, short_type
 from obk_cli.clock import wall_s
 from obk_cli.errors import ObkError
 from obk_cli.launch.asks import ChangeAnswer
 from obk_cli.launch.transitions import TRANSITIONS
 from obk_cli.monitoring.view import StackView
+from obk_cli.ros.types import fields_of, short_type
 from obk_cli.web.data import event, lines_data, samples_data, view_data
 from obk_cli.web.feed import Moment
 from obk_cli.web.guard import HEADERS, Ticket, WebRequest, refusal

@@ -10,13 +10,13 @@ from typing import Final
 
 from obk_cli.adapters.control_client import ask_change
 from obk_cli.adapters.live_runs import live_runs
-from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.asking.names import NO_ANSWER, in_tier_order
 from obk_cli.asking.stacks import Choice, choose_stack, live_stacks, node_statuses, runs_meant
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.asks import ChangeAnswer, NodeStatus
 from obk_cli.launch.runs import Run, runs_folder
 from obk_cli.launch.transitions import TRANSITIONS
+from obk_cli.ros.environment import RosEnvironment
 
 __all__ = ["Asked", "change_states", "node_states", "possible_transitions"]
 

@@ -11,12 +11,12 @@ from typing import Annotated
 import typer
 
 from obelisk_spec.near import list_names
-from obk_cli.adapters.packages import find_workspace
-from obk_cli.building.build import BuildOptions, Built, Listener, build_workspace
 from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.report.building import report_problems, showing_progress
+from obk_cli.workspace.message_build import BuildOptions, Built, Listener, build_workspace
+from obk_cli.workspace.package_index import find_workspace
 from obk_interfaces import CommandError, DefinitionError, InterfaceError, Problem
 
 __all__ = ["EXAMPLE", "build_shown", "command"]

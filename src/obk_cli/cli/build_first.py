@@ -7,14 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from obelisk_spec.near import list_names
-from obk_cli.adapters.overlay import overlay_prefixes
-from obk_cli.adapters.overlay_environment import import_from, with_overlays
-from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.ros_environment import RosEnvironment
-from obk_cli.building.build import BuildOptions, survey_of
 from obk_cli.cli.build import build_shown
 from obk_cli.cli.config_options import wants_colour
 from obk_cli.errors import CommandFailedError
+from obk_cli.ros.environment import RosEnvironment
+from obk_cli.workspace.message_build import BuildOptions, survey_of
+from obk_cli.workspace.overlay import import_from, overlay_prefixes, with_overlays
+from obk_cli.workspace.package_index import PackageIndex
 from obk_interfaces import InterfaceError
 
 __all__ = ["on_overlays"]

@@ -10,8 +10,6 @@ from typing import Annotated, Literal
 
 import typer
 
-from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.taken_names import owner_of_package
 from obk_cli.cli.new_run import carry_out, programs, renderer_of, short
 from obk_cli.cli.template_folder import find_library
 from obk_cli.cli.vscode import vscode_texts
@@ -26,6 +24,7 @@ from obk_cli.scaffold.names import Problem, check_name
 from obk_cli.scaffold.questions import Answers
 from obk_cli.scaffold.render import RenderedFile
 from obk_cli.scaffold.workspace import check_stack, compose_workspace
+from obk_cli.workspace.package_index import PackageIndex, owner_of_package
 
 __all__ = ["EXAMPLE", "command"]
 

@@ -149,9 +149,9 @@ def command(
     plan = _with_log_level(sound_plan(outcome, color), log_level)
     _check_devices(plan, device, lead)
 
-    from obk_cli.adapters.ros_environment import Network, ros_environment
     from obk_cli.cli.build_first import on_overlays
     from obk_cli.launch.devices import share_of
+    from obk_cli.ros.environment import Network, ros_environment
     from obk_cli.running.options import LaunchOptions
     from obk_cli.running.run import run_plan
     from obk_cli.running.surface import open_surface

@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from obelisk_spec.near import did_you_mean
-from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.asking.lifecycle import Asked, change_states, node_states, possible_transitions
 from obk_cli.asking.names import NO_ANSWER
 from obk_cli.cli.option_values import require_positive
@@ -19,6 +18,7 @@ from obk_cli.launch.asks import ChangeAnswer, Member
 from obk_cli.launch.roster import GONE, UNKNOWN
 from obk_cli.launch.transitions import RESTING, TRANSITIONS
 from obk_cli.report.escapes import plain
+from obk_cli.ros.environment import ros_environment
 
 __all__ = ["EXAMPLE", "WORDS", "command"]
 

@@ -53,8 +53,8 @@ def here(domain: int | None, timeout_s: float) -> "Place":
         CommandFailedError: ROS_DOMAIN_ID is no domain.
         MisuseError: the time is none.
     """
-    from obk_cli.adapters.ros_environment import ros_environment
     from obk_cli.looking.place import NOBODY_S, place_of
+    from obk_cli.ros.environment import ros_environment
 
     require_positive("--timeout", timeout_s, "seconds")
     environment = ros_environment()

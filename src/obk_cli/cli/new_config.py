@@ -7,15 +7,15 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from obk_cli.adapters.entry_points import source_console_scripts
-from obk_cli.adapters.packages import find_workspace
-from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.node_code import NodeCode
 from obk_cli.scaffold.compose import Composition
 from obk_cli.scaffold.model import Model, read_model_text
 from obk_cli.scaffold.questions import Answers
 from obk_cli.scaffold.render import Renderer, Template
 from obk_cli.scaffold.stack import Stack, StackNode, choose_nodes, stack_text
+from obk_cli.workspace.entry_points import source_console_scripts
+from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.package_index import find_workspace
 
 __all__ = ["compose_config", "find_model"]
 

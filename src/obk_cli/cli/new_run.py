@@ -17,8 +17,6 @@ import typer
 from obelisk_spec.messages import OBELISK_MESSAGES, ROS_MESSAGES
 from obelisk_spec.near import ask_for, near_names
 from obk_cli.adapters.bounded_render import render_bounded
-from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.taken_names import owner_of_module, owner_of_package
 from obk_cli.cli.ask_conflicts import settle_conflicts
 from obk_cli.cli.join_wish import JoinWish
 from obk_cli.cli.new_config import compose_config, find_model
@@ -39,6 +37,7 @@ from obk_cli.scaffold.names import Problem
 from obk_cli.scaffold.questions import Answers, Question, check_answers
 from obk_cli.scaffold.render import Renderer, render_templates
 from obk_cli.scaffold.write import read_existing, write_decisions
+from obk_cli.workspace.package_index import PackageIndex, owner_of_module, owner_of_package
 
 if TYPE_CHECKING:
     from obk_cli.cli.add_to import ConfigEdit

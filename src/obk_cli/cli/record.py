@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.asking.stacks import runs_meant
 from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.type_paths import with_run_types
@@ -18,6 +17,7 @@ from obk_cli.launch.runs import runs_folder
 from obk_cli.recording.choice import Wish
 from obk_cli.recording.job import Job
 from obk_cli.recording.made_from import Background, background_of, file_name, run_topics
+from obk_cli.ros.environment import ros_environment
 
 __all__ = ["EXAMPLE", "command"]
 

@@ -134,8 +134,8 @@ def _units(plan: Plan, config: str, *, is_composed: bool) -> tuple[Unit, ...]:
     if not is_composed:
         return units_of(plan, devices=devices)
 
-    from obk_cli.adapters.packages import PackageIndex
     from obk_cli.running.commands import composable, find_executables
+    from obk_cli.workspace.package_index import PackageIndex
 
     folder = Path(config).resolve().parent
     packages = PackageIndex.around(folder, Path.cwd(), dict(os.environ))
@@ -146,11 +146,11 @@ def _units(plan: Plan, config: str, *, is_composed: bool) -> tuple[Unit, ...]:
 def _rehearse(
     plan: Plan, cases: Sequence[Case], arguments: Sequence[str], domain: int | None
 ) -> tuple[Row, ...]:
-    from obk_cli.adapters.free_domain import free_domain
     from obk_cli.launch.runs import runs_folder
     from obk_cli.rehearsal.conductor import Setting, rehearse
     from obk_cli.rehearsal.guard import refuse_running
     from obk_cli.rehearsal.home import make_home
+    from obk_cli.ros.environment import free_domain
 
     runs = runs_folder(os.environ)
     refuse_running(runs, plan.name)

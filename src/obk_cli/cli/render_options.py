@@ -112,8 +112,8 @@ def _settings(path: Path, words: FilmWords) -> FilmSettings:
 
 
 def _check_camera(model: str, camera: str) -> None:
-    from obk_cli.adapters.model_cache import cache_folder, read_model_once
-    from obk_cli.adapters.mujoco_model import has_mujoco
+    from obk_cli.workspace.model_cache import cache_folder, read_model_once
+    from obk_cli.workspace.model_reader import has_mujoco
 
     if not has_mujoco():
         return

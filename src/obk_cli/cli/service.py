@@ -112,12 +112,12 @@ def _call(
     place: "Place", service: str, service_type: str | None, request: object, timeout_s: float
 ) -> "Plain":
     """The response of a service, called by a participant of our own."""
-    from obk_cli.adapters.ros_calls import ServiceClient
-    from obk_cli.adapters.ros_look import open_look
-    from obk_cli.adapters.ros_types import fields_of, find_type, make_message
     from obk_cli.looking.fill import require_fit
     from obk_cli.looking.finding import find_service, the_type
     from obk_cli.looking.plain_data import plain_data
+    from obk_cli.ros.participant import open_look
+    from obk_cli.ros.services import ServiceClient
+    from obk_cli.ros.types import fields_of, find_type, make_message
 
     with open_look(place.environment, ("rosidl_generator_py",)) as look:
         name = find_service(look, place, service, timeout_s)

@@ -86,12 +86,12 @@ def _listen(
     timeout_s: float,
 ) -> None:
     """Show messages that a participant of our own hears."""
-    from obk_cli.adapters.ros_listen import messages
-    from obk_cli.adapters.ros_look import open_look
-    from obk_cli.adapters.ros_types import fields_of, find_type, short_type
     from obk_cli.looking.finding import find_topic, the_type
     from obk_cli.looking.selection import check_selection
     from obk_cli.recording.tally import Tally
+    from obk_cli.ros.participant import open_look
+    from obk_cli.ros.raw_subscription import messages
+    from obk_cli.ros.types import fields_of, find_type, short_type
 
     needs = ("rclpy.serialization", *place.modules([topic]))
     with open_look(place.environment, needs) as look:

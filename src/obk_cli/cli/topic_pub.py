@@ -98,9 +98,6 @@ def _publish(
         rate_hz: messages per second.
     """
     from obk_cli.adapters.allowed_publisher import ALLOWED_PUBLISHER
-    from obk_cli.adapters.ros_look import LOOKER, open_look
-    from obk_cli.adapters.ros_publisher import RosPublisher
-    from obk_cli.adapters.ros_types import fields_of, find_type, make_message
     from obk_cli.looking.fill import require_fit
     from obk_cli.looking.publishing import (
         Published,
@@ -108,6 +105,9 @@ def _publish(
         topic_to_publish,
         wait_for_subscribers,
     )
+    from obk_cli.ros.participant import LOOKER, open_look
+    from obk_cli.ros.publisher import RosPublisher
+    from obk_cli.ros.types import fields_of, find_type, make_message
 
     node = ALLOWED_PUBLISHER if publication.may_move else LOOKER
     with open_look(place.environment, place.modules([publication.topic]), node) as look:

@@ -83,10 +83,10 @@ def _count(
     is_json: bool,
 ) -> "Mapping[str, Rate]":
     """What a participant of our own measures; without a duration it tells, without end."""
-    from obk_cli.adapters.ros_look import open_look
-    from obk_cli.adapters.ros_meter import RosMeter
-    from obk_cli.adapters.ros_types import raw_type
     from obk_cli.looking.finding import find_topic, the_type
+    from obk_cli.ros.participant import open_look
+    from obk_cli.ros.rate_meter import RosMeter
+    from obk_cli.ros.types import raw_type
 
     with open_look(place.environment, place.modules(topics)) as look:
         meter = RosMeter(look, duration_s or window_s)
@@ -143,12 +143,12 @@ def _heard(
     is_json: bool,
 ) -> "tuple[str, Delay | None, int]":
     """What a participant of our own hears; without a duration it tells, without end."""
-    from obk_cli.adapters.ros_listen import arrived
-    from obk_cli.adapters.ros_look import open_look
-    from obk_cli.adapters.ros_types import fields_of, find_type, short_type
     from obk_cli.looking.delays import DelayMeter
     from obk_cli.looking.finding import find_topic, the_type
     from obk_cli.looking.stamps import stamp_of
+    from obk_cli.ros.participant import open_look
+    from obk_cli.ros.raw_subscription import arrived
+    from obk_cli.ros.types import fields_of, find_type, short_type
 
     needs = ("rclpy.serialization", *place.modules([topic]))
     with open_look(place.environment, needs) as look:

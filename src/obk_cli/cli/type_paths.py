@@ -3,12 +3,11 @@
 from dataclasses import replace
 from pathlib import Path
 
-from obk_cli.adapters.overlay import overlay_prefixes
-from obk_cli.adapters.overlay_environment import import_from, with_overlays
-from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.launch.runs import read_run
 from obk_cli.process.identity import working_folder
+from obk_cli.ros.environment import RosEnvironment
+from obk_cli.workspace.overlay import import_from, overlay_prefixes, with_overlays
+from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = ["with_run_types"]
 

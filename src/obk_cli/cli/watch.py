@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.config import Stack
 from obk_cli.files import read_bytes
 from obk_cli.pipeline import Options, Outcome, compile_config
+from obk_cli.workspace.environment import MachineSurroundings
 
 __all__ = ["WatchedRun", "pause", "watch"]
 

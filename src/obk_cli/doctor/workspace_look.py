@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from obk_cli.adapters.packages import find_workspace, package_folders
-from obk_cli.building.build import survey_of
 from obk_cli.doctor.workspace import WorkspaceFacts
+from obk_cli.workspace.message_build import survey_of
+from obk_cli.workspace.package_index import find_workspace, package_folders
 from obk_interfaces import InterfaceError
 
 __all__ = ["look_at_workspace"]

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.config import Node, Stack
 from obk_cli.diagnostics import Diagnostic
 from obk_cli.edits import Edit, apply_edits
@@ -28,6 +27,7 @@ from obk_cli.parse import parse_source
 from obk_cli.pipeline import Options, Outcome, compile_source
 from obk_cli.source import SourceFile
 from obk_cli.tree import TreeMap
+from obk_cli.workspace.environment import MachineSurroundings
 
 __all__ = ["Joined", "join_node"]
 

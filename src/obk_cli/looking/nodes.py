@@ -70,9 +70,9 @@ def look_at_node(look: Sight, place: Place, node: str, timeout_s: float) -> Node
 
 
 def _state(look: Sight, node: str, timeout_s: float) -> str | None:
-    from obk_cli.adapters.ros_calls import ServiceClient
-    from obk_cli.adapters.ros_look import RosLook
-    from obk_cli.adapters.ros_types import find_type
+    from obk_cli.ros.participant import RosLook
+    from obk_cli.ros.services import ServiceClient
+    from obk_cli.ros.types import find_type
 
     if not isinstance(look, RosLook):  # a launcher has told all that it knows
         return None

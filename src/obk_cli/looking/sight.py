@@ -13,8 +13,8 @@ from obk_cli.looking.names import meant
 from obk_cli.looking.place import Place
 
 if TYPE_CHECKING:
-    from obk_cli.adapters.ros_look import RosLook
-    from obk_cli.adapters.ros_parameters import NodeParameters
+    from obk_cli.ros.parameters import NodeParameters
+    from obk_cli.ros.participant import RosLook
 
 __all__ = ["Parameters", "Sight", "open_sight", "parameters_of"]
 
@@ -44,8 +44,8 @@ def open_sight(
         yield told
         return
 
-    from obk_cli.adapters.ros_look import open_look
-    from obk_cli.adapters.ros_parameters import MODULES
+    from obk_cli.ros.parameters import MODULES
+    from obk_cli.ros.participant import open_look
 
     with open_look(place.environment, MODULES if asks_nodes else ()) as look:
         yield look
@@ -62,6 +62,6 @@ def parameters_of(sight: Sight, node: str, timeout_s: float) -> Parameters:
     if isinstance(sight, LauncherLook):
         return sight.parameters(node, timeout_s)
 
-    from obk_cli.adapters.ros_parameters import NodeParameters
+    from obk_cli.ros.parameters import NodeParameters
 
     return NodeParameters(sight, node, timeout_s)

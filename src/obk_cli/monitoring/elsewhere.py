@@ -7,9 +7,6 @@ these only its launcher's host knows.
 from contextlib import suppress
 from typing import Final
 
-from obk_cli.adapters.ros_calls import ServiceClient
-from obk_cli.adapters.ros_look import LOOKER, RosLook
-from obk_cli.adapters.ros_types import find_type
 from obk_cli.asking.names import in_tier_order, section_of
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.transitions import ACTIVE
@@ -17,6 +14,9 @@ from obk_cli.monitoring.promised import PlannedTopic
 from obk_cli.monitoring.topic_watch import RTF_TYPE, TopicWatch
 from obk_cli.monitoring.view import NodeView, StackView
 from obk_cli.process.load import OwnCost
+from obk_cli.ros.participant import LOOKER, RosLook
+from obk_cli.ros.services import ServiceClient
+from obk_cli.ros.types import find_type
 
 __all__ = ["ElsewhereObserver"]
 

@@ -14,7 +14,6 @@ from obk_cli.adapters.control_client import ask_status
 from obk_cli.adapters.follow import last_lines
 from obk_cli.adapters.launcher_look import LauncherParameters
 from obk_cli.adapters.live_runs import is_alive
-from obk_cli.adapters.ros_look import RosLook
 from obk_cli.asking.names import section_of
 from obk_cli.asking.run_logs import LAUNCH_LOG
 from obk_cli.launch.asks import NodeStatus, StackStatus
@@ -28,6 +27,7 @@ from obk_cli.monitoring.topic_watch import WINDOW_S, TopicWatch
 from obk_cli.monitoring.view import NodeView, StackView
 from obk_cli.process.load import OwnCost, ProcessLoad, ProcessLoads
 from obk_cli.recording.made_from import run_plan
+from obk_cli.ros.participant import RosLook
 
 __all__ = ["WINDOW_S", "Observer"]
 

@@ -8,9 +8,6 @@ import struct
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any, Final
 
-from obk_cli.adapters.ros_look import RosLook
-from obk_cli.adapters.ros_meter import RosMeter, Watch
-from obk_cli.adapters.ros_types import fields_of, find_type, raw_type, short_type
 from obk_cli.clock import monotonic_s, wall_s
 from obk_cli.errors import CommandFailedError
 from obk_cli.looking.graph import TopicSeen
@@ -19,6 +16,9 @@ from obk_cli.looking.stamps import HEADER
 from obk_cli.monitoring.passages import PassageMeter
 from obk_cli.monitoring.promised import PlannedTopic
 from obk_cli.monitoring.view import TopicView
+from obk_cli.ros.participant import RosLook
+from obk_cli.ros.rate_meter import RosMeter, Watch
+from obk_cli.ros.types import fields_of, find_type, raw_type, short_type
 
 __all__ = ["RTF_TYPE", "WINDOW_S", "TopicWatch"]
 

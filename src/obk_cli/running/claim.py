@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from obk_cli.adapters.claims import claim_run
-from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.clock import local_time, wall_s
 from obk_cli.emit.plan_json import emit_plan
 from obk_cli.errors import ObkError
@@ -15,6 +14,7 @@ from obk_cli.launch.runs import MadeFrom, Run, note_end, runs_folder
 from obk_cli.optional_deps import run_versions
 from obk_cli.plan import Plan
 from obk_cli.process.identity import this_process
+from obk_cli.ros.environment import RosEnvironment
 from obk_cli.running.options import LaunchOptions
 from obk_cli.running.output import Output
 

@@ -11,13 +11,13 @@ from contextlib import AbstractContextManager
 from typing import Final
 
 from obk_cli.adapters.allowed_publisher import is_allowed_publisher
-from obk_cli.adapters.ros_graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S, UNNAMED
 from obk_cli.adapters.ros_lifecycle import RosLifecycle
 from obk_cli.clock import monotonic_s
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.events import Heard, StrangerSeen
 from obk_cli.plan import Plan
 from obk_cli.process.identity import since_boot_s
+from obk_cli.ros.graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S, UNNAMED
 from obk_cli.running.beside import beside
 
 __all__ = ["control_topics", "has_hardware", "looking_on", "refuse_strangers", "refuse_taken_names"]

@@ -13,10 +13,8 @@ from tempfile import TemporaryDirectory
 
 from obk_cli.adapters.control_socket import serve_control
 from obk_cli.adapters.leftovers import launch_marks
-from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
 from obk_cli.adapters.ros_answers import RosAnswers
-from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
 from obk_cli.adapters.state_node import StateNode, state_node_name
 from obk_cli.clock import monotonic_s
@@ -27,6 +25,7 @@ from obk_cli.launch.units import Unit, units_of
 from obk_cli.plan import Plan
 from obk_cli.process.shared_memory import remove_dead_segments
 from obk_cli.process.signals import end_signals_heard
+from obk_cli.ros.environment import RosEnvironment
 from obk_cli.running.claim import claimed
 from obk_cli.running.commands import Executables, composable, find_executables, unit_commands
 from obk_cli.running.early import early_units, gate_variables, held_at_gate
@@ -37,6 +36,7 @@ from obk_cli.running.other_types import other_types_told
 from obk_cli.running.output import Output
 from obk_cli.running.recorder import Recorder
 from obk_cli.running.surface import Surface
+from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = ["run_plan"]
 

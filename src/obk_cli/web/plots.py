@@ -9,14 +9,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
-from obk_cli.adapters.raw_topics import RawTopic
-from obk_cli.adapters.ros_listen import arrived
-from obk_cli.adapters.ros_look import RosLook
-from obk_cli.adapters.ros_types import fields_of, find_type, short_type
 from obk_cli.clock import monotonic_s
 from obk_cli.errors import ObkError
 from obk_cli.looking.field_types import ArrayType, Text
 from obk_cli.looking.selection import Selection, check_selection, parse_selection, selected
+from obk_cli.ros.participant import RosLook
+from obk_cli.ros.raw_subscription import RawTopic, arrived
+from obk_cli.ros.types import fields_of, find_type, short_type
 from obk_cli.web.traces import Heard, Trace, Wish, numbers_in
 
 __all__ = ["Plots"]

@@ -10,13 +10,12 @@ import pytest
 
 from obk_cli.adapters.claims import claim_run
 from obk_cli.adapters.live_runs import live_folders
-from obk_cli.adapters.overlay import FOLDER, RECORD, overlay_prefixes
-from obk_cli.adapters.overlay_change import build_turn
-from obk_cli.adapters.packages import PackageIndex, find_workspace, package_names_in
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import is_planted
 from obk_cli.launch.runs import Run
 from obk_cli.process.identity import this_process
+from obk_cli.workspace.overlay import FOLDER, RECORD, build_turn, overlay_prefixes
+from obk_cli.workspace.package_index import PackageIndex, find_workspace, package_names_in
 
 ANOTHER = 54321
 """The number of a user who is neither this one nor root."""

@@ -10,10 +10,10 @@ import yaml
 
 from obelisk_spec.sensors import SENSOR_GROUPS
 from obelisk_spec.sim_checks import check_sim
-from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.pipeline import Options, compile_source
 from obk_cli.report.text import report_text
 from obk_cli.source import SourceFile
+from obk_cli.workspace.environment import MachineSurroundings
 
 ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "docs/reference/sensors.md").read_text()

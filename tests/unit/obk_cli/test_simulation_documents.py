@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 import yaml
 
-from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.pipeline import Options, compile_source
 from obk_cli.report.text import report_text
 from obk_cli.source import SourceFile
+from obk_cli.workspace.environment import MachineSurroundings
 
 ROOT = Path(__file__).parents[3]
 DUMMY = ROOT / "examples/dummy"

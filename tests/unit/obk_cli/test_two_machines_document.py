@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.pipeline import Options, compile_config
+from obk_cli.workspace.environment import MachineSurroundings
 
 from ...ros.walkthrough import (  # noqa: TID252 - shared by folders of tests
     Commands,

@@ -6,12 +6,11 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Final
 
-from obk_cli.adapters.free_domain import free_domain
 from obk_cli.adapters.probes.child import python_command, told_in_json, try_program
 from obk_cli.adapters.probes.ros import find_rclpy
-from obk_cli.adapters.ros_environment import RosEnvironment, ros_environment
 from obk_cli.doctor.network import DiscoveryFacts
 from obk_cli.errors import CommandFailedError
+from obk_cli.ros.environment import RosEnvironment, free_domain, ros_environment
 
 __all__ = ["probe_discovery"]
 

@@ -4,10 +4,10 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
-from obk_cli.adapters.mujoco_model import has_mujoco
 from obk_cli.adapters.probes.child import python_command, told_in_json, try_program
 from obk_cli.doctor.mujoco import BACK_ENDS, DrawingTrial, MujocoFacts
 from obk_cli.optional_deps import distribution_version
+from obk_cli.workspace.model_reader import has_mujoco
 
 __all__ = ["probe_mujoco"]
 

@@ -10,10 +10,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
-from obk_cli.adapters.ros_environment import OUR_RMW, ros_environment
 from obk_cli.doctor.ros import RmwFacts, RosFacts
 from obk_cli.errors import CommandFailedError
 from obk_cli.optional_deps import distribution_version, distributions_like
+from obk_cli.ros.environment import OUR_RMW, ros_environment
 
 __all__ = ["find_rclpy", "probe_rmw", "probe_ros", "wheels_distribution"]
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.asking import graph, stacks
 from obk_cli.asking.lifecycle import Asked, change_states, node_states, possible_transitions
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.asks import ChangeAsked, Member
 from obk_cli.launch.events import Answered, Heard
+from obk_cli.ros.environment import RosEnvironment
 
 from .fake_stack import CONTROL, JOY, ROBOT, FakeStack, fake_stack
 

@@ -7,11 +7,14 @@ from typing import Any, Final
 
 import pytest
 
-from obk_cli.adapters import ros_listen, ros_look, ros_meter, ros_types
 from obk_cli.cli.topic_rates import _count, _heard
 from obk_cli.looking import finding, stamps
 from obk_cli.looking.graph import TopicSeen
 from obk_cli.looking.rates import Rate
+from obk_cli.ros import participant as ros_look
+from obk_cli.ros import rate_meter as ros_meter
+from obk_cli.ros import raw_subscription as ros_listen
+from obk_cli.ros import types as ros_types
 
 PLACE: Final[Any] = SimpleNamespace(environment=None, modules=lambda _: ())
 MS: Final = 1_000_000

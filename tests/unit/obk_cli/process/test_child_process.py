@@ -10,10 +10,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-from obk_cli.adapters.free_domain import free_domain
 from obk_cli.errors import CommandFailedError
 from obk_cli.process.child_process import BoundProcess
 from obk_cli.process.signals import freeze, kill, thaw
+from obk_cli.ros.environment import free_domain
 
 from ....waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
 
@@ -101,7 +101,7 @@ def test_two_that_ask_at_once_get_two_domains() -> None:
 
 
 def test_where_every_domain_is_in_use_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("obk_cli.adapters.free_domain._is_bound", lambda *_: False)
+    monkeypatch.setattr("obk_cli.ros.environment._is_bound", lambda *_: False)
     said = "on this host every ROS domain from 1 to 100 is in use"
     with pytest.raises(CommandFailedError, match=said), free_domain():
         pytest.fail("a domain was found")

@@ -6,11 +6,11 @@ from typing import Any, Final, cast
 
 import pytest
 
-from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.devices import Share
 from obk_cli.plan import Plan
 from obk_cli.report.launch import LaunchReport
+from obk_cli.ros.environment import RosEnvironment
 from obk_cli.running.claim import claimed
 from obk_cli.running.options import LaunchOptions
 from obk_cli.running.output import Output

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.packages import PackageIndex
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.units import Unit, units_of
 from obk_cli.plan import Plan
@@ -14,6 +13,7 @@ from obk_cli.running.commands import find_executables, unit_commands
 from obk_cli.running.output import Output
 from obk_cli.running.run import _commands
 from obk_cli.surroundings import Command
+from obk_cli.workspace.package_index import PackageIndex
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 from .shown import Shown

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.packages import PackageIndex
 from obk_cli.surroundings import Command
+from obk_cli.workspace.package_index import PackageIndex
 
 from .new_command import empty_workspace, obk_new, refused
 

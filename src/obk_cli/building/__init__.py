@@ -1,1 +1,0 @@
-"""Compiling the message packages of a workspace into its overlay."""

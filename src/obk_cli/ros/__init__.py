@@ -1,0 +1,1 @@
+"""ROS 2 for the tool: environment, participant, graph, topics, parameters, services."""

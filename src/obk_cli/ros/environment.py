@@ -1,0 +1,244 @@
+"""The environment of ROS processes: domain, localhost only, log folder, sourced setup files."""
+
+import os
+import shutil
+import socket
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, MutableMapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+import psutil
+
+from obk_cli.errors import CommandFailedError
+
+__all__ = [
+    "AS_THE_PROFILE_SAYS",
+    "LOCALHOST_PROFILE",
+    "Network",
+    "RosEnvironment",
+    "free_domain",
+    "ros_environment",
+    "set_log_folder",
+]
+
+LOGS: Final = "ROS_LOG_DIR"
+ROS_HOME: Final = "ROS_HOME"
+
+
+def set_log_folder(variables: MutableMapping[str, str]) -> Iterator[str]:
+    """Have ROS write its log files where it can; gives a sentence where that is another place."""
+    fault = _fault(variables)
+    if fault is None:
+        return
+    try:
+        instead = _folder_of_this_user()
+    except OSError as error:
+        yield f"ROS will not start: {fault}, nor elsewhere ({error})"
+        return
+    if logs := variables.pop(LOGS, ""):
+        # The runs are where they are without this.
+        variables.setdefault("OBK_HOME", f"{logs}/obk")
+    variables[ROS_HOME] = str(instead)
+    yield f"{fault}; they go to {instead}/log"
+
+
+def _fault(variables: MutableMapping[str, str]) -> str | None:
+    """Why ROS can write no log files; None: it can."""
+    given = variables.get(LOGS) or f"{variables.get(ROS_HOME) or '~/.ros'}/log"
+    home = variables.get("HOME", "")
+    if given.startswith("~") and not home:
+        return "ROS finds no place for its log files, as HOME is not set"
+    folder = Path(home, given[1:].lstrip("/")) if given.startswith("~") else Path(given).absolute()
+    # `Path.exists` raises in a folder that is closed to this user, such as the home of root.
+    there = next(place for place in (folder, *folder.parents) if os.path.exists(place))  # noqa: PTH110
+    if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
+        return f"ROS cannot write its log files into {folder}"
+    if there != folder and not shutil.disk_usage(there).free:
+        return f"ROS cannot make {folder} for its log files, as the disk is full"
+    return None
+
+
+def _folder_of_this_user() -> Path:
+    """A folder for temporary files that is nobody else's.
+
+    Raises:
+        OSError: there is none.
+    """
+    folder = Path(tempfile.gettempdir()) / f"obk-ros-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    if folder.lstat().st_uid != os.getuid():
+        raise PermissionError(f"{folder} is another user's")
+    return folder
+
+
+Network = Literal["localhost", "lan"]
+
+OUR_RMW: Final = "rmw_fastrtps_cpp"
+HIGHEST_DOMAIN: Final = 232
+DOMAIN: Final = "ROS_DOMAIN_ID"
+RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PEERS: Final = "ROS_STATIC_PEERS"
+OLD_SWITCH: Final = "ROS_LOCALHOST_ONLY"
+"""What came before `RANGE`; ROS warns of it in every process, and when it is 1 heeds only it."""
+PROFILES_FILES: Final = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+"""Where Fast DDS is told of settings; the second by newer versions."""
+SKIP_FOLDER: Final = "SKIP_DEFAULT_XML_FILE"
+"""Whether Fast DDS leaves alone what lies in the working folder under the name of its settings."""
+LOCALHOST_PROFILE: Final = str(Path(__file__).with_name("dds_localhost.xml"))
+LAN_PROFILE: Final = str(Path(__file__).with_name("dds_lan.xml"))
+AS_THE_PROFILE_SAYS: Final = "SYSTEM_DEFAULT"
+"""The range with which ROS adds nothing to what Fast DDS is told by its settings."""
+FAST_DDS: Final = ("", OUR_RMW, "rmw_fastrtps_dynamic_cpp")
+"""Middlewares that heed them; the first is that of a ROS 2 which is not told of any."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosEnvironment:
+    """Variables for ROS processes, and sentences about what was changed for the user."""
+
+    variables: Mapping[str, str]
+    """All of a process's; what is not among them is not to be set."""
+    range: str
+    """Who can be discovered, in the words of ROS_AUTOMATIC_DISCOVERY_RANGE."""
+    notes: tuple[str, ...]
+
+    @property
+    def domain(self) -> int:
+        """The ROS domain."""
+        return int(self.variables.get(DOMAIN, "0"))
+
+    def put_into_effect(self) -> None:
+        """Set the variables for this process."""
+        os.environ.update(self.variables)
+        if OLD_SWITCH not in self.variables:
+            os.environ.pop(OLD_SWITCH, None)
+
+
+def ros_environment(
+    network: Network | None = None, *, devices_are_split: bool = False
+) -> RosEnvironment:
+    """What this process's environment becomes for ROS.
+
+    Args:
+        network: who can discover the stack; None keeps what the user has set, else this host only.
+        devices_are_split: whether other hosts run other devices of the stack; then, where neither
+            `network` nor the user says anything, they can be discovered.
+
+    Raises:
+        CommandFailedError: ROS_DOMAIN_ID is no domain; to guess another could move a real robot.
+    """
+    variables = _as_the_user_has_it()
+    notes = [*_set_range(variables, network, devices_are_split)]
+    discovery_range = variables[RANGE]
+    variables["PYTHONUNBUFFERED"] = "1"
+    rmw = variables.get("RMW_IMPLEMENTATION")
+    if rmw and not _is_installed(rmw, variables):
+        notes.append(f"RMW_IMPLEMENTATION={rmw} is not installed here; {OUR_RMW} is used instead")
+        variables["RMW_IMPLEMENTATION"] = OUR_RMW
+    domain = variables.get(DOMAIN, "0")
+    if not domain.isdecimal() or int(domain) > HIGHEST_DOMAIN:
+        raise CommandFailedError(
+            f"ROS_DOMAIN_ID={domain} is not a number from 0 to {HIGHEST_DOMAIN}"
+        )
+    _set_profile(variables)
+    notes += set_log_folder(variables)
+    return RosEnvironment(variables=variables, range=discovery_range, notes=tuple(notes))
+
+
+def _as_the_user_has_it() -> dict[str, str]:
+    """This process's variables without what a `RosEnvironment` put among them before."""
+    variables = dict(os.environ)
+    if not variables.get(DOMAIN):
+        variables.pop(DOMAIN, None)  # to ROS an empty one is none
+    profile = variables.get(PROFILES_FILES[0])
+    if profile in (LOCALHOST_PROFILE, LAN_PROFILE):
+        del variables[PROFILES_FILES[0]]
+    if profile == LOCALHOST_PROFILE and variables.get(RANGE) == AS_THE_PROFILE_SAYS:
+        variables[RANGE] = "LOCALHOST"
+    return variables
+
+
+def _set_profile(variables: dict[str, str]) -> None:
+    """Have messages go over UDP alone, unless the user has settings of Fast DDS of his own."""
+    if any(variables.get(name) for name in PROFILES_FILES):
+        return
+    variables[SKIP_FOLDER] = "1"
+    is_fast_dds = variables.get("RMW_IMPLEMENTATION", "") in FAST_DDS
+    if variables[RANGE] == "LOCALHOST" and not variables.get(PEERS) and is_fast_dds:
+        variables[PROFILES_FILES[0]] = LOCALHOST_PROFILE
+        variables[RANGE] = AS_THE_PROFILE_SAYS
+    else:
+        variables[PROFILES_FILES[0]] = LAN_PROFILE
+
+
+def _set_range(
+    variables: dict[str, str], network: Network | None, devices_are_split: bool
+) -> Iterator[str]:
+    """Set who can discover the stack; gives sentences about what does not go together."""
+    # With the old switch on, ROS looks at nothing else.
+    is_switched = variables.pop(OLD_SWITCH, "") == "1"
+    peers = variables.get(PEERS)
+    if network is None and is_switched:
+        variables[RANGE] = "LOCALHOST"
+    if network is not None:
+        variables[RANGE] = {"localhost": "LOCALHOST", "lan": "SUBNET"}[network]
+    if network == "lan" and is_switched:
+        yield f"{OLD_SWITCH}=1 is left out for `--network lan`"
+    if network == "localhost" and peers:
+        del variables[PEERS]
+        yield f"{PEERS}={peers} is left out for `--network localhost`"
+    is_set = bool(variables.get(RANGE))
+    if not is_set:
+        variables[RANGE] = "SUBNET" if devices_are_split else "LOCALHOST"
+    elif devices_are_split and variables[RANGE] in ("LOCALHOST", "OFF") and not peers:
+        what = f"{OLD_SWITCH}=1" if is_switched else f"{RANGE}={variables[RANGE]}"
+        what = "`--network localhost`" if network == "localhost" else what
+        yield f"{what} keeps devices on other hosts from being found; use `--network lan`"
+    if variables[RANGE] == "OFF":
+        yield f"{RANGE}=OFF keeps the nodes of a stack from finding each other"
+
+
+def _is_installed(rmw: str, variables: Mapping[str, str]) -> bool:
+    prefixes = [p for p in variables.get("AMENT_PREFIX_PATH", "").split(":") if p]
+    return any(
+        (Path(prefix) / "lib" / f"lib{rmw}.so").is_file() for prefix in (*prefixes, sys.prefix)
+    )
+
+
+FIRST_PORT: Final = 7400
+PORTS: Final = 250
+"""Of one domain."""
+MARK: Final = 9
+"""An offset that DDS does not use: bound by whoever has taken the domain here."""
+DOMAINS: Final = range(100, 0, -1)
+"""From above, as people take small ones; higher up the ports are handed out to others."""
+
+
+@contextmanager
+def free_domain() -> Iterator[int]:
+    """While entered, a domain that is taken by nobody else who asks here.
+
+    Raises:
+        CommandFailedError: there is none.
+    """
+    bound = [place.laddr for place in psutil.net_connections(kind="udp") if place.laddr]
+    used = {(address.port - FIRST_PORT) // PORTS for address in bound}
+    for domain in DOMAINS:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mark:
+            if domain in used or not _is_bound(mark, FIRST_PORT + PORTS * domain + MARK):
+                continue
+            yield domain
+            return
+    raise CommandFailedError("on this host every ROS domain from 1 to 100 is in use")
+
+
+def _is_bound(mark: socket.socket, port: int) -> bool:
+    try:
+        mark.bind(("127.0.0.1", port))
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,228 @@
+"""A bare participant that looks into a ROS graph: no executor, no services, nothing published.
+
+rclpy's own node brings a publisher, a service and the packages of their types with it, which takes
+longer than all that is asked here. What comes is polled; every wait has a deadline; what rclpy
+raises is mapped here.
+"""
+
+import importlib
+import os
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, Final, TypeVar
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.looking.graph import End, Graph, Role, TopicSeen
+from obk_cli.optional_deps import no_ros
+from obk_cli.process.shared_memory_check import require_shared_memory
+from obk_cli.ros.environment import RosEnvironment
+from obk_cli.ros.graph import full_name
+from obk_cli.ros.lazy_rosidl import leave_generator_for_later
+from obk_cli.ros.raw_subscription import RawTopic, offer_of
+
+__all__ = ["LOOKER", "RosLook", "open_look"]
+
+T = TypeVar("T")
+
+LOOKER: Final = "obk_look"
+"""The name of the node of whoever only looks; the process id follows."""
+LOOK_S: Final = 0.005
+"""Between two looks at what has come [s]."""
+QUIET_S: Final = 0.03
+"""In which nothing more is told of nodes that are all there [s]."""
+
+
+@contextmanager
+def open_look(
+    environment: RosEnvironment, needs: Iterable[str] = (), name: str = LOOKER
+) -> "Iterator[RosLook]":
+    """A participant in the ROS domain of the environment.
+
+    Args:
+        environment: put into effect for this process first.
+        needs: modules that will be wanted; they are imported while others tell of themselves.
+        name: of the node; the process id is added.
+
+    Raises:
+        CommandFailedError: there is no rclpy, or it does not start.
+    """
+    require_shared_memory()
+    environment.put_into_effect()
+    try:
+        from rclpy.context import Context
+        from rclpy.impl.implementation_singleton import rclpy_implementation
+    except ImportError as error:
+        raise no_ros(error) from error
+    context: Any = Context()
+    try:
+        context.init(domain_id=environment.domain)
+        with context.handle:
+            node = rclpy_implementation.Node(
+                f"{name}_{os.getpid()}", "", context.handle, [], False, False
+            )
+    except Exception as error:
+        context.try_shutdown()
+        raise CommandFailedError(f"ROS 2 does not start: {error}") from error
+    leave_generator_for_later()
+    for module in ("rclpy.topic_endpoint_info", *needs):
+        # Whoever wants it will say what is wrong with it.
+        with suppress(Exception):
+            importlib.import_module(module)
+    try:
+        yield RosLook(node, rclpy_implementation, environment.domain)
+    finally:
+        node.destroy_when_not_in_use()
+        context.try_shutdown()
+
+
+class RosLook:
+    """The graph as a bare participant sees it, and ends of its own."""
+
+    def __init__(self, node: Any, functions: Any, domain: int) -> None:
+        """Begin to be told of others.
+
+        Args:
+            node: rclpy's handle of a node.
+            functions: rclpy's compiled part.
+            domain: the ROS domain.
+        """
+        self.node: Final = node
+        with node:
+            self.name: Final = f"/{node.get_node_name()}"
+            """Full name of the participant's own node."""
+        self.domain: Final = domain
+        self._functions = functions
+        self._begin = time.monotonic()
+
+    def topic_types(self) -> dict[str, tuple[str, ...]]:
+        """Full name -> types of the topics that are told of by now."""
+        with self.node:
+            told = self._functions.rclpy_get_topic_names_and_types(self.node, False)
+        return {name: tuple(types) for name, types in sorted(told)}
+
+    def service_types(self) -> dict[str, tuple[str, ...]]:
+        """Full name -> types of the services that are told of by now."""
+        with self.node:
+            told = self._functions.rclpy_get_service_names_and_types(self.node)
+        return {name: tuple(types) for name, types in sorted(told)}
+
+    def nodes(self) -> tuple[str, ...]:
+        """Full names of the other nodes that are told of by now."""
+        with self.node:
+            told = self.node.get_node_names_and_namespaces()
+            own = self.node.get_node_name()
+        names = (full_name(name, space) for name, space in told if name != own)
+        return tuple(sorted(name for name in names if name))
+
+    def topics_of(self, node: str) -> tuple[dict[str, tuple[str, ...]], ...]:
+        """Topic -> types of a node's publishers, and of its subscriptions."""
+        return (
+            self._of(self._functions.rclpy_get_publisher_names_and_types_by_node, node, False),
+            self._of(self._functions.rclpy_get_subscriber_names_and_types_by_node, node, False),
+        )
+
+    def services_of(self, node: str) -> dict[str, tuple[str, ...]]:
+        """Full name -> types of a node's services."""
+        return self._of(self._functions.rclpy_get_service_names_and_types_by_node, node)
+
+    def topic(self, name: str) -> TopicSeen:
+        """A topic with the ends that are told of by now."""
+        publishers = self._ends(name, "publisher")
+        subscriptions = self._ends(name, "subscription")
+        types = dict.fromkeys(end.msg_type for end in (*publishers, *subscriptions))
+        return TopicSeen(
+            name=name,
+            msg_types=tuple(types),
+            publishers=publishers,
+            subscriptions=subscriptions,
+        )
+
+    def graph(self) -> Graph:
+        """All that is told of by now."""
+        return Graph(
+            nodes=self.nodes(),
+            topics=tuple(self.topic(name) for name in self.topic_types()),
+            services=self.service_types(),
+        )
+
+    def settle(self, expected: Collection[str], quiet_s: float, timeout_s: float) -> bool:
+        """Wait until the expected nodes are there, and no more is told.
+
+        Args:
+            expected: full names; none: for whatever node there is.
+            quiet_s: in which nothing may change where none is expected [s].
+            timeout_s: since the beginning [s].
+
+        Returns:
+            Whether they came; without any expected, whether there is any node.
+        """
+        wanted = frozenset(expected)
+        seen: object = None
+        changed = time.monotonic()
+        while True:
+            nodes, now = self.nodes(), time.monotonic()
+            told = (nodes, self.topic_types(), self.service_types())
+            if told != seen:
+                seen, changed = told, now
+            is_all = wanted <= set(nodes) and bool(nodes)
+            is_quiet = now - changed > (QUIET_S if wanted else quiet_s)
+            if (is_all and is_quiet) or now > self._begin + timeout_s:
+                return is_all
+            time.sleep(LOOK_S)
+
+    def rest(self, seconds: float) -> None:
+        """Let others tell of themselves, until so long after the beginning [s]."""
+        time.sleep(max(0.0, self._begin + seconds - time.monotonic()))
+
+    def wait_for(self, probe: Callable[[], T | None], timeout_s: float) -> T | None:
+        """What a probe finds, asked again and again; None: nothing in time."""
+        end = time.monotonic() + timeout_s
+        while (found := probe()) is None and time.monotonic() < end:
+            time.sleep(LOOK_S)
+        return found
+
+    def listen(
+        self, name: str, msg_type: str, python_type: Any, *, is_light: bool = False
+    ) -> RawTopic:
+        """Subscribe to a topic, as its publishers offer it.
+
+        Args:
+            name: full.
+            msg_type: full, `pkg/msg/Name`.
+            python_type: the message's class.
+            is_light: cost the publishers little, and miss a message rather.
+        """
+        return RawTopic(self.node, name, msg_type, python_type, is_light=is_light)
+
+    def _of(self, ask: Any, node: str, *hidden: bool) -> dict[str, tuple[str, ...]]:
+        namespace, _, name = node.rpartition("/")
+        with self.node:
+            try:
+                told = ask(self.node, *hidden, name, namespace or "/")
+            except self._functions.NodeNameNonExistentError:  # it has gone meanwhile
+                told = []
+        return {name: tuple(types) for name, types in sorted(told)}
+
+    def _ends(self, name: str, role: Role) -> tuple[End, ...]:
+        ask = (
+            self._functions.rclpy_get_publishers_info_by_topic
+            if role == "publisher"
+            else self._functions.rclpy_get_subscriptions_info_by_topic
+        )
+        with self.node:
+            told = ask(self.node, name, False)
+        return tuple(_end(info, role) for info in told)
+
+
+def _end(info: dict[str, Any], role: Role) -> End:
+    from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+    end = TopicEndpointInfo(**info)  # type: ignore[no-untyped-call]
+    return End(
+        node=full_name(end.node_name, end.node_namespace),
+        role=role,
+        msg_type=end.topic_type,
+        qos=offer_of(end.qos_profile),
+        type_hash=str(end.topic_type_hash),
+    )

@@ -1,0 +1,76 @@
+"""Publishing from a node that has nothing else of rclpy: one topic, once or at a rate."""
+
+import time
+from typing import Any, Final
+
+from obk_cli.looking.graph import TopicSeen
+from obk_cli.ros.participant import RosLook
+from obk_cli.ros.types import require_message
+
+__all__ = ["RosPublisher"]
+
+ACK_S: Final = 5.0
+"""How long a subscriber that is there may take to have the last message [s]."""
+KNOWN_S: Final = 0.1
+"""How long those who hear with best effort may take to know of a publisher [s]."""
+
+
+class RosPublisher:
+    """One topic's publisher; reliable, which everybody hears."""
+
+    def __init__(self, look: RosLook, topic: TopicSeen, python_type: Any) -> None:
+        """Make the publisher.
+
+        Args:
+            look: whose participant publishes.
+            topic: with those who hear it; `transient_local` is offered where one asks for it.
+            python_type: the message's class.
+
+        Raises:
+            CommandFailedError: messages of the class cannot be sent here.
+        """
+        from rclpy.impl.implementation_singleton import rclpy_implementation
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        require_message(python_type)
+        is_latched = any(e.qos.durability == "transient_local" for e in topic.subscriptions)
+        durability = DurabilityPolicy
+        qos: Any = QoSProfile(  # type: ignore[no-untyped-call]
+            depth=10,
+            durability=durability.TRANSIENT_LOCAL if is_latched else durability.VOLATILE,
+        )
+        with look.node:
+            self._publisher: Any = rclpy_implementation.Publisher(
+                look.node, python_type, topic.name, qos.get_c_qos_profile()
+            )
+
+    @property
+    def subscribers(self) -> int:
+        """How many hear it by now."""
+        return int(self._publisher.get_subscription_count())
+
+    @staticmethod
+    def become_known(topic: TopicSeen) -> None:
+        """Wait for those who hear with best effort: what they miss is not sent to them again."""
+        if any(end.qos.reliability != "reliable" for end in topic.subscriptions):
+            time.sleep(KNOWN_S)
+
+    def publish(self, message: Any) -> None:
+        """Send a message."""
+        self._publisher.publish(message)
+
+    def rest(self) -> bool:
+        """Wait until those who hear it reliably have the last message; whether they have."""
+        from rclpy.duration import Duration
+
+        duration: Any = Duration(seconds=ACK_S)
+        return bool(self._publisher.wait_for_all_acked(duration._duration_handle))
+
+    def close(self) -> None:
+        """Take the publisher away."""
+        self._publisher.destroy_when_not_in_use()
+
+    @staticmethod
+    def until(time_s: float) -> None:
+        """Wait until a time of the monotonic clock [s]."""
+        time.sleep(max(0.0, time_s - time.monotonic()))

@@ -1,0 +1,204 @@
+"""Subscribe to topics and take their messages as serialized bytes."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final
+
+from obelisk_spec.articles import with_number
+from obk_cli.errors import CommandFailedError
+from obk_cli.recording.qos import Offer, Request, request_for
+from obk_cli.recording.tally import Tally
+from obk_cli.ros.types import require_message
+
+__all__ = ["RawTopic", "arrived", "deserialized", "messages", "offer_of", "serialized"]
+
+DEPTH: Final = 1000
+"""Messages of a topic that may wait: a second of one at 1 kHz."""
+
+
+class RawTopic:
+    """One topic that is listened to."""
+
+    def __init__(
+        self, node: Any, name: str, msg_type: str, python_type: Any, *, is_light: bool = False
+    ) -> None:
+        """Subscribe.
+
+        Args:
+            node: rclpy's handle of a node.
+            name: full.
+            msg_type: full, `pkg/msg/Name`.
+            python_type: the message's class.
+            is_light: cost the publishers little; see `request_for`.
+
+        Raises:
+            CommandFailedError: messages of the class cannot be heard here.
+        """
+        from rclpy.impl.implementation_singleton import rclpy_implementation
+        from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+        require_message(python_type)
+        self.name: Final = name
+        self.msg_type: Final = msg_type
+        self.python_type: Final = python_type
+        self.publishers = 0
+        """How many there were at the last look."""
+        self.hashes: tuple[str, ...] = ()
+        """Of the publishers' types."""
+        self.offers: tuple[Offer, ...] = ()
+        self._node = node
+        self._is_light = is_light
+        self._functions = rclpy_implementation
+        self._end: Any = TopicEndpointInfo
+        self._has_taken = False
+        self.learn()
+        self._request = request_for(self.offers, is_light=is_light)
+        self._subscription = self._subscribe()
+
+    def learn(self) -> None:
+        """Learn of publishers."""
+        with self._node:
+            told = self._functions.rclpy_get_publishers_info_by_topic(self._node, self.name, False)
+        ends = [self._end(**info) for info in told]
+        self.publishers = len(ends)
+        self.offers = tuple(offer_of(end.qos_profile) for end in ends)
+        self.hashes = tuple(str(end.topic_type_hash) for end in ends)
+
+    def look(self) -> None:
+        """Learn of publishers, and subscribe anew where what they offer asks for it.
+
+        Not while what has come is being taken.
+        """
+        self.learn()
+        request = request_for(self.offers, is_light=self._is_light)
+        # What was published before is asked for only while nothing has come: no doubles.
+        is_weaker = self._request.is_reliable and not request.is_reliable
+        is_latched = request.is_transient_local and not self._request.is_transient_local
+        if self.offers and (is_weaker or (is_latched and not self._has_taken)):
+            self._subscription.destroy_when_not_in_use()
+            self._request = request
+            self._subscription = self._subscribe()
+
+    def take(self) -> Iterator[tuple[bytes, Mapping[str, int]]]:
+        """What has come: serialized messages, each with its times and number.
+
+        No more than may wait, so that one topic does not keep others waiting.
+        """
+        take, kind = self._subscription.take_message, self.python_type
+        for _ in range(DEPTH):
+            taken = take(kind, True)
+            if taken is None:
+                return
+            self._has_taken = True
+            yield taken
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._subscription.destroy_when_not_in_use()
+
+    def _subscribe(self) -> Any:
+        qos = _profile(self._request).get_c_qos_profile()
+        with self._node:
+            return self._functions.Subscription(self._node, self.python_type, self.name, qos)
+
+
+def _profile(request: Request) -> Any:
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+    reliability, durability = ReliabilityPolicy, DurabilityPolicy
+    return QoSProfile(  # type: ignore[no-untyped-call]
+        depth=DEPTH,
+        reliability=reliability.RELIABLE if request.is_reliable else reliability.BEST_EFFORT,
+        durability=(
+            durability.TRANSIENT_LOCAL if request.is_transient_local else durability.VOLATILE
+        ),
+    )
+
+
+def offer_of(qos: Any) -> Offer:
+    """A profile of rclpy as a value."""
+    return Offer(
+        history=qos.history.name.lower(),
+        depth=qos.depth,
+        reliability=qos.reliability.name.lower(),
+        durability=qos.durability.name.lower(),
+        liveliness=qos.liveliness.name.lower(),
+        deadline_ns=qos.deadline.nanoseconds,
+        lifespan_ns=qos.lifespan.nanoseconds,
+        lease_ns=qos.liveliness_lease_duration.nanoseconds,
+    )
+
+
+POLL_S: Final = 0.002
+LOOK_S: Final = 0.1
+"""Between two looks at the publishers [s]."""
+
+
+def messages(raw: RawTopic, tally: Tally, timeout_s: float, *, each: bool) -> Iterator[Any]:
+    """The messages that come, without end; see `serialized`."""
+    for data in serialized(raw, tally, timeout_s, each=each):
+        yield deserialized(data, raw)
+
+
+def deserialized(data: bytes, raw: RawTopic) -> Any:
+    """A message of a topic as an object.
+
+    Raises:
+        CommandFailedError: the bytes are no such message; types are matched by their names alone.
+    """
+    from rclpy.serialization import deserialize_message
+
+    try:
+        return deserialize_message(data, raw.python_type)
+    except Exception as error:  # of the middleware, without a class of its own
+        raise CommandFailedError(
+            f"a message came on {raw.name} that is no {raw.msg_type} as it is built here",
+            help="its publisher may have another definition of the type: build both from the same",
+        ) from error
+
+
+def serialized(raw: RawTopic, tally: Tally, timeout_s: float, *, each: bool) -> Iterator[bytes]:
+    """The messages that come as they were sent, without end.
+
+    Args:
+        raw: the topic.
+        tally: counts them, and those that were lost.
+        timeout_s: for the first message [s].
+        each: whether the deadline is for every later one too.
+
+    Raises:
+        CommandFailedError: none came in time.
+    """
+    heard = looked = time.monotonic()
+    while True:
+        for data, info in raw.take():
+            tally.take(info["publication_sequence_number"], raw.publishers)
+            heard = time.monotonic()
+            yield data
+        now = time.monotonic()
+        if now > heard + timeout_s and (each or not tally.count):
+            raise CommandFailedError(
+                f"no message came on {raw.name} within {timeout_s:g} s",
+                help=f"it has {with_number(raw.publishers, 'publisher')}: "
+                f"`obk topic info {raw.name}` shows them, `obk lifecycle get` whether their nodes "
+                "are active",
+            )
+        if now > looked + LOOK_S:
+            looked = now
+            raw.look()
+        time.sleep(POLL_S)
+
+
+def arrived(
+    raw: RawTopic, is_wanted: Callable[[int], bool] = lambda _: True
+) -> Iterator[tuple[int, Any]]:
+    """When each message that waits was received [ns since 1970], and the message.
+
+    Args:
+        raw: the topic.
+        is_wanted: is asked by the time of receipt; other messages are passed over unread.
+    """
+    for data, info in raw.take():
+        received_ns = info["received_timestamp"]
+        if is_wanted(received_ns):
+            yield received_ns, deserialized(data, raw)

@@ -1,0 +1,111 @@
+"""Service calls from a bare participant: asked, then polled for; each has a deadline.
+
+A request to a node that dies is never answered, and the answer of one that was not told of the
+client yet is lost. So questions are asked again, and before anything else one is asked.
+"""
+
+import time
+from contextlib import suppress
+from typing import Any, Final
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.ros.participant import RosLook
+from obk_cli.ros.types import find_type, require_service
+
+__all__ = ["ServiceClient"]
+
+POLL_S: Final = 0.001
+ASK_AGAIN_S: Final = 0.5
+"""The first answer to a client is lost if the node was not told of the client by then [s]."""
+KNOWN_S: Final = 2.0
+"""For a node to be found and to answer that it knows a client; it may have no time for that [s]."""
+QUESTIONS: Final = {
+    "get_parameters": "rcl_interfaces/srv/GetParameters",
+    "get_state": "lifecycle_msgs/srv/GetState",
+}
+"""Services that most nodes have, and that change nothing."""
+
+
+class ServiceClient:
+    """One service's client."""
+
+    def __init__(self, look: RosLook, name: str, python_type: Any) -> None:
+        """Make the client.
+
+        Args:
+            look: whose participant asks.
+            name: full, of the service.
+            python_type: the service's class.
+
+        Raises:
+            CommandFailedError: such services cannot be called here.
+        """
+        from rclpy.impl.implementation_singleton import rclpy_implementation
+        from rclpy.qos import qos_profile_services_default
+
+        require_service(python_type)
+        self._name = name
+        self._type = python_type
+        self._look = look
+        profile: Any = qos_profile_services_default
+        with look.node:
+            self._client: Any = rclpy_implementation.Client(
+                look.node, python_type, name, profile.get_c_qos_profile()
+            )
+
+    def call(self, request: Any, timeout_s: float, *, is_question: bool = False) -> Any:
+        """The response to a request.
+
+        Args:
+            request: of the service's class.
+            timeout_s: for the server and its response [s].
+            is_question: whether it changes nothing, so that it may be asked again and again.
+
+        Raises:
+            CommandFailedError: none came in time, or there is no server.
+        """
+        end = time.monotonic() + timeout_s
+        is_there = self._look.wait_for(
+            lambda: self._client.service_server_is_available() or None, timeout_s
+        )
+        if is_there is None:
+            raise CommandFailedError(f"nobody serves {self._name} within {timeout_s:g} s")
+        if not is_question:
+            self._become_known(end)
+        numbers = {self._client.send_request(request)}
+        again = time.monotonic() + ASK_AGAIN_S
+        while (now := time.monotonic()) < end:
+            header, response = self._client.take_response(self._type.Response)
+            if header is not None and header.request_id.sequence_number in numbers:
+                return response
+            if is_question and now > again:
+                numbers.add(self._client.send_request(request))
+                again = now + ASK_AGAIN_S
+            time.sleep(POLL_S)
+        raise CommandFailedError(
+            f"{self._name} gave no answer within {timeout_s:g} s",
+            help="its node may hang; `obk lifecycle get` asks for its state",
+        )
+
+    def _become_known(self, end: float) -> None:
+        """Have the server's node told of this client, as far as it can be asked, until a time.
+
+        Nodes are told of clients in order: one that answers a later client knows this one too.
+        """
+        until = min(end, time.monotonic() + KNOWN_S)
+        # A service may be found before its node's name is.
+        node = self._look.wait_for(self._node, until - time.monotonic())
+        there = {} if node is None else self._look.services_of(node)
+        asked = (s for s, kind in QUESTIONS.items() if kind in there.get(f"{node}/{s}", ()))
+        service = next(asked, None)
+        if service is None or f"{node}/{service}" == self._name:
+            return
+        with suppress(CommandFailedError):
+            kind = find_type(QUESTIONS[service])
+            client = ServiceClient(self._look, f"{node}/{service}", kind)
+            client.call(kind.Request(), until - time.monotonic(), is_question=True)
+
+    def _node(self) -> str | None:
+        """The full name of the server's node, once it is told of."""
+        look = self._look
+        return next((node for node in look.nodes() if self._name in look.services_of(node)), None)

@@ -1,0 +1,1 @@
+"""What a workspace holds: packages, programs, compiled messages, robot models."""

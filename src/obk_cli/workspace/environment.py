@@ -1,0 +1,131 @@
+"""The answers to what the stages ask: this machine's packages and models."""
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+from obk_cli.node_code import CodeFault, NodeCode
+from obk_cli.source import SourceFile, Span
+from obk_cli.surroundings import Command, ExecutableMissing, ModelFault, ModelRead
+from obk_cli.workspace.mjcf_locations import MjcfElement, mjcf_elements, mjcf_files
+from obk_cli.workspace.model_cache import cache_folder, read_model_once
+from obk_cli.workspace.model_reader import has_mujoco
+from obk_cli.workspace.node_sources import NodeSources
+from obk_cli.workspace.package_index import PackageIndex
+
+__all__ = ["MachineSurroundings"]
+
+
+class MachineSurroundings:
+    """One run's view of the machine; every file is read at most once.
+
+    `note` hears of the files that the answers depend on, each before it is read.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        working_folder: Path,
+        environment: Mapping[str, str],
+        note: Callable[[Path], object] | None = None,
+    ) -> None:
+        self._note = note
+        self.packages = PackageIndex.around(folder, working_folder, environment)
+        self._working_folder = working_folder
+        self._cache = cache_folder(environment)
+        self._node_sources: NodeSources | None = None
+        self._models: dict[Path, ModelRead | ModelFault | None] = {}
+        self._elements: dict[Path, dict[tuple[str, str], MjcfElement]] = {}
+        self._sources: dict[Path, SourceFile] = {}
+        self._commands: dict[tuple[str, str], Command | ExecutableMissing] = {}
+        self._codes: dict[tuple[str, str], NodeCode | CodeFault | None] = {}
+
+    def find_package_share(self, name: str) -> Path | None:
+        """The folder that holds a package's data."""
+        return self.packages.find_package_share(name)
+
+    def package_names(self) -> tuple[str, ...]:
+        """Every package that is there."""
+        return self.packages.package_names()
+
+    def message_packages(self) -> tuple[str, ...]:
+        """The packages of the workspace that define messages."""
+        return self.packages.message_packages()
+
+    def message_names(self, package: str) -> tuple[str, ...] | None:
+        """The messages that a package defines."""
+        share = self.packages.find_package_share(package)
+        self._note_all([share / "msg"] if share else ())
+        return self.packages.message_names(package)
+
+    def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
+        """How an executable is started."""
+        key = (package, executable)
+        if key not in self._commands:
+            self._note_all(self.packages.files_of(package) if self._note else ())
+            self._commands[key] = self.packages.find_executable(package, executable)
+        return self._commands[key]
+
+    def read_node_code(self, package: str, executable: str) -> NodeCode | CodeFault | None:
+        """What the Python source of an executable says."""
+        key = (package, executable)
+        if key not in self._codes:
+            command = self.find_executable(package, executable)
+            if self._node_sources is None:
+                note = self._note or (lambda _: None)
+                self._node_sources = NodeSources(self.packages, self._shown, note)
+            self._codes[key] = (
+                self._node_sources.read(command) if isinstance(command, Command) else None
+            )
+        return self._codes[key]
+
+    def read_model(self, path: Path) -> ModelRead | ModelFault | None:
+        """The facts of a model, None without MuJoCo."""
+        if path not in self._models:
+            self._note_all(mjcf_files(path) if self._note else ())
+            read = read_model_once(path, self._cache) if has_mujoco() else None
+            wanted = read.wanted_files if isinstance(read, ModelRead) else ()
+            self._note_all(path.parent / file for pair in wanted for file in pair)
+            self._models[path] = read
+        return self._models[path]
+
+    def model_line(self, path: Path, line: int) -> Span:
+        """A whole line of a model file, without its indentation."""
+        source = self._source(path)
+        text = source.line(line)
+        start = len(text) - len(text.lstrip())
+        return Span.at(source, line, start + 1, max(len(text.strip()), 1))
+
+    def model_element(self, path: Path, kind: str, name: str) -> Span | None:
+        """Where a model defines an element."""
+        if path not in self._elements:
+            self._elements[path] = {}
+            for element in mjcf_elements(path):
+                self._elements[path].setdefault((element.kind, element.name), element)
+        found = self._elements[path].get((kind, name))
+        if found is None:
+            return None
+        source = self._source(found.path)
+        line, start = source.line(found.line), found.column - 1
+        end = line.find(">", start) + 1 or len(line.rstrip())
+        return Span.at(source, found.line, found.column, max(end - start, 1))
+
+    def _note_all(self, paths: Iterable[Path]) -> None:
+        if self._note is not None:
+            for path in paths:
+                self._note(path)
+
+    def _source(self, path: Path) -> SourceFile:
+        if path not in self._sources:
+            try:
+                text = path.read_text(encoding="utf-8", errors="replace")
+            except OSError:
+                text = ""
+            self._sources[path] = SourceFile.of(self._shown(path), text)
+        return self._sources[path]
+
+    def _shown(self, path: Path) -> str:
+        """The path as a person in the working folder would write it."""
+        if path.is_relative_to(self._working_folder):
+            return os.path.relpath(path, self._working_folder)
+        return str(path)

@@ -1,0 +1,282 @@
+"""Compile the message packages of a workspace into its overlay."""
+
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from shutil import rmtree
+
+from obk_cli.clock import monotonic_s
+from obk_cli.errors import CommandFailedError
+from obk_cli.workspace.message_survey import (
+    Survey,
+    Surveyed,
+    choose,
+    colcon_command,
+    survey_workspace,
+)
+from obk_cli.workspace.overlay import (
+    Builder,
+    BuiltPackage,
+    OverlayRecord,
+    build_folder,
+    build_turn,
+    new_overlay,
+    overlay_folder,
+    overlay_prefixes,
+    read_record,
+    replace_overlay,
+    underlays_of,
+)
+from obk_cli.workspace.package_index import package_names_in
+from obk_interfaces import Progress, build, remove_package
+
+__all__ = ["BuildOptions", "Built", "Listener", "build_workspace", "find_colcon", "survey_of"]
+
+
+def find_colcon(environment: Mapping[str, str]) -> Path | None:
+    """The program, None where it is not installed or no ROS 2 is sourced that nodes would use.
+
+    In an environment with the ROS wheels a sourced ROS 2 is kept out, and not on
+    AMENT_PREFIX_PATH.
+    """
+    program = shutil.which("colcon", path=environment.get("PATH"))
+    own = Path(sys.prefix)
+    listed = (
+        Path(prefix) for prefix in environment.get("AMENT_PREFIX_PATH", "").split(":") if prefix
+    )
+    is_sourced = any(p != own and (p / "lib" / "librcl.so").exists() for p in listed)
+    return Path(program) if program and is_sourced else None
+
+
+def run_colcon(arguments: Sequence[str], workspace: Path, environment: Mapping[str, str]) -> None:
+    """Run colcon in a workspace to its end; its words go to stderr.
+
+    Raises:
+        CommandFailedError: it failed.
+    """
+    try:
+        done = subprocess.run(
+            arguments, cwd=workspace, env=environment, stdout=sys.stderr, check=False
+        )
+    except OSError as error:
+        raise CommandFailedError(f"{arguments[0]} cannot be run: {error.strerror}") from error
+    if done.returncode:
+        raise CommandFailedError(
+            f"`{' '.join(arguments)}` failed with exit code {done.returncode}",
+            help="colcon's own words are above, and in the folder log/ of the workspace",
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BuildOptions:
+    """How a workspace is built."""
+
+    environment: Mapping[str, str]
+    """Its AMENT_PREFIX_PATH says what is below the overlay, its PATH where colcon is."""
+    names: tuple[str, ...] = ()
+    """Packages to build; none: all."""
+    is_clean: bool = False
+    """Whether what was compiled before is thrown away."""
+    jobs: int | None = None
+    """Compilers at once; None: as many as there are processors."""
+    only_messages: bool = False
+    """Whether colcon is to leave out packages without messages."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Listener:
+    """Who hears how a build goes on."""
+
+    on_progress: Callable[[Progress], None] = lambda _: None
+    on_note: Callable[[str], None] = lambda _: None
+    """Sentences: who is waited for, what colcon is asked."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Built:
+    """What a build has done; names in build order."""
+
+    workspace: Path
+    overlay: Path
+    builder: Builder
+    prefixes: tuple[Path, ...]
+    """Where the packages are now, to be put before every other prefix."""
+    built: tuple[str, ...]
+    unchanged: tuple[str, ...]
+    installed: tuple[str, ...]
+    """Packages that a prefix below has with the same definitions."""
+    removed: tuple[str, ...]
+    duration_s: float = field(compare=False)
+
+
+def survey_of(workspace: Path, environment: Mapping[str, str]) -> Survey:
+    """What a build in this environment would find to do.
+
+    Raises:
+        obk_interfaces.InterfaceError: a package cannot be read, or there is no ROS 2.
+    """
+    own = (overlay_folder(workspace), *overlay_prefixes((workspace,)))
+    return survey_workspace(workspace, underlays_of(environment, own))
+
+
+def build_workspace(
+    workspace: Path, options: BuildOptions, listener: Listener | None = None
+) -> Built:
+    """Build the message packages of a workspace, those only that have changed.
+
+    Of two builds at once the second one waits.
+
+    Raises:
+        MisuseError: a name is no message package of the workspace.
+        CommandFailedError: colcon failed, the workspace cannot be written, or another build of it
+            does not end.
+        obk_interfaces.InterfaceError: a definition is wrong, or the compiler failed.
+    """
+    started = monotonic_s()
+    heard = listener or Listener()
+    colcon = find_colcon(options.environment)
+    survey = survey_of(workspace, options.environment)
+    _check(survey, options)
+    if _has_nothing_to_do(survey, options, colcon):
+        return _outcome(survey, (), started)
+    with build_turn(workspace, heard.on_note):
+        # Another build may have done it meanwhile.
+        survey = survey_of(workspace, options.environment)
+        chosen = _check(survey, options)
+        if colcon is not None:
+            built = _by_colcon(survey, chosen, colcon, options, heard)
+        else:
+            built = _by_engine(survey, chosen, options, heard)
+        return _outcome(survey, built, started)
+
+
+def _check(survey: Survey, options: BuildOptions) -> list[Surveyed]:
+    record = read_record(survey.workspace)
+    return choose(survey, options.names, present=record.packages if record else ())
+
+
+def _has_nothing_to_do(survey: Survey, options: BuildOptions, colcon: Path | None) -> bool:
+    if colcon is not None and not options.only_messages:
+        return False  # what it builds besides only colcon knows
+    return survey.is_current and not options.is_clean
+
+
+def _by_engine(
+    survey: Survey, chosen: Sequence[Surveyed], options: BuildOptions, listener: Listener
+) -> tuple[str, ...]:
+    workspace = survey.workspace
+    if options.is_clean:
+        for one in chosen:
+            rmtree(build_folder(workspace) / one.name, ignore_errors=True)
+    stays = bool(options.names) or not options.is_clean
+    record = read_record(workspace)
+    is_own = record is not None and record.builder == "obk"
+    stage = new_overlay(workspace, as_now=stays and is_own)
+    try:
+        built = _build_into(stage, survey, chosen, options, listener)
+    except BaseException:
+        rmtree(stage, ignore_errors=True)
+        raise
+    replace_overlay(workspace, stage, _record(survey, chosen, "obk", (".",)))
+    return built
+
+
+def _build_into(
+    stage: Path,
+    survey: Survey,
+    chosen: Sequence[Surveyed],
+    options: BuildOptions,
+    listener: Listener,
+) -> tuple[str, ...]:
+    for name in survey.gone:
+        remove_package(name, stage)
+        rmtree(build_folder(survey.workspace) / name, ignore_errors=True)
+    if not chosen:
+        return ()
+    report = build(
+        [one.package for one in chosen],
+        build_dir=build_folder(survey.workspace),
+        prefix=stage,
+        underlays=underlays_of(options.environment, [overlay_folder(survey.workspace)]),
+        jobs=options.jobs,
+        on_progress=listener.on_progress,
+    )
+    return report.built
+
+
+def _by_colcon(
+    survey: Survey,
+    chosen: Sequence[Surveyed],
+    colcon: Path,
+    options: BuildOptions,
+    listener: Listener,
+) -> tuple[str, ...]:
+    workspace = survey.workspace
+    names = [one.name for one in chosen]
+    if not options.names and not options.only_messages:
+        names = [*package_names_in(workspace)]
+    if options.is_clean:
+        for name in names:
+            rmtree(workspace / "build" / name, ignore_errors=True)
+            rmtree(workspace / "install" / name, ignore_errors=True)
+    if names:
+        command = colcon_command(str(colcon), names, jobs=options.jobs)
+        listener.on_note(f"a ROS 2 is sourced: {' '.join(command)}")
+        run_colcon(command, workspace, options.environment)
+    stage = new_overlay(workspace, as_now=False)
+    prefixes = _colcon_prefixes(workspace, [one.name for one in chosen])
+    replace_overlay(workspace, stage, _record(survey, chosen, "colcon", prefixes))
+    return tuple(names)
+
+
+def _colcon_prefixes(workspace: Path, names: Sequence[str]) -> tuple[str, ...]:
+    """Where colcon has installed packages: one prefix for all, or one for each."""
+    install = workspace / "install"
+    merged = [install] if (install / "share").is_dir() else []
+    alone = [install / name for name in names if (install / name / "share").is_dir()]
+    return tuple(map(str, merged or reversed(alone)))
+
+
+def _record(
+    survey: Survey, chosen: Sequence[Surveyed], builder: Builder, prefixes: tuple[str, ...]
+) -> OverlayRecord:
+    """What the new overlay says of itself: of the packages that stay, what the old one said."""
+    before = read_record(survey.workspace)
+    packages = dict(before.packages) if before and before.builder == builder else {}
+    known = {one.name for one in survey.packages}
+    kept = {name: built for name, built in packages.items() if name in known - set(survey.gone)}
+    for one in chosen:
+        source = one.package.root
+        if source.is_relative_to(survey.workspace):
+            source = source.relative_to(survey.workspace)
+        kept[one.name] = BuiltPackage(source=str(source), digest=one.digest)
+    old = before.prefixes if before and before.builder == builder else ()
+    return OverlayRecord(
+        builder=builder,
+        python=platform.python_version(),
+        ros=survey.ros,
+        prefixes=tuple(dict.fromkeys((*prefixes, *old))),
+        packages=kept,
+    )
+
+
+def _outcome(survey: Survey, built: tuple[str, ...], started: float) -> Built:
+    record = read_record(survey.workspace)
+    present = record.packages if record else {}
+    return Built(
+        workspace=survey.workspace,
+        overlay=overlay_folder(survey.workspace),
+        builder=record.builder if record else "obk",
+        prefixes=overlay_prefixes((survey.workspace,)),
+        built=built,
+        unchanged=tuple(
+            one.name for one in survey.packages if one.name in present and one.name not in built
+        ),
+        installed=tuple(one.name for one in survey.packages if one.state == "installed"),
+        removed=survey.gone,
+        duration_s=monotonic_s() - started,
+    )

@@ -1,0 +1,240 @@
+"""Read, use and replace the overlay of compiled messages, `<workspace>/.obk/overlay`.
+
+The overlay is a link. A new one is built beside it from hard links, and then the link is moved, so
+that no process sees an incomplete overlay.
+"""
+
+import fcntl
+import json
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+from obk_cli.emit.write import write_text
+from obk_cli.errors import CommandFailedError
+from obk_cli.files import is_planted
+from obk_cli.launch.json_values import value_of
+
+__all__ = [
+    "FOLDER",
+    "RECORD",
+    "Builder",
+    "BuiltPackage",
+    "OverlayRecord",
+    "build_folder",
+    "build_turn",
+    "import_from",
+    "new_overlay",
+    "overlay_folder",
+    "overlay_prefixes",
+    "read_record",
+    "replace_overlay",
+    "underlays_of",
+    "with_overlays",
+]
+
+Builder = Literal["obk", "colcon"]
+
+FOLDER: Final = ".obk"
+"""Of a workspace; all that `obk build` makes is in it."""
+RECORD: Final = "overlay.json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BuiltPackage:
+    """One package of an overlay."""
+
+    source: str
+    """Its folder, seen from the workspace."""
+    digest: str
+    """Of everything that it was made from."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OverlayRecord:
+    """What an overlay says of itself, in `overlay.json`."""
+
+    builder: Builder
+    python: str
+    ros: str
+    """The ROS 2 that it was built against."""
+    prefixes: tuple[str, ...]
+    """Where the packages are installed, `.` for the overlay itself."""
+    packages: Mapping[str, BuiltPackage]
+
+
+def overlay_folder(workspace: Path) -> Path:
+    """The overlay of a workspace, whether it is there or not."""
+    return workspace / FOLDER / "overlay"
+
+
+def build_folder(workspace: Path) -> Path:
+    """Where the packages are compiled; kept, so that unchanged ones need not be again."""
+    return workspace / FOLDER / "build"
+
+
+def read_record(workspace: Path) -> OverlayRecord | None:
+    """What is in the overlay, None if there is none that can be read, or another user's."""
+    if is_planted(workspace / FOLDER):
+        return None
+    try:
+        told = json.loads((overlay_folder(workspace) / RECORD).read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    return value_of(OverlayRecord, told)
+
+
+def overlay_prefixes(workspaces: Iterable[Path]) -> tuple[Path, ...]:
+    """The prefixes of the workspaces' overlays, the first workspace's first."""
+    found: list[Path] = []
+    for workspace in workspaces:
+        record = read_record(workspace)
+        if record is not None and record.packages:
+            found += (
+                Path(os.path.normpath(overlay_folder(workspace) / p)) for p in record.prefixes
+            )
+    return tuple(dict.fromkeys(found))
+
+
+def with_overlays(variables: Mapping[str, str], overlays: Sequence[Path]) -> dict[str, str]:
+    """The variables of a process that is to find these prefixes first, the nearest one first."""
+    before: dict[str, list[Path]] = {
+        "AMENT_PREFIX_PATH": [*overlays],
+        "LD_LIBRARY_PATH": [prefix / "lib" for prefix in overlays],
+        "PYTHONPATH": [*_python_folders(overlays)],
+        # Read at the start of every Python of this environment, also where PYTHONPATH is not.
+        "OBK_OVERLAY_PATH": [*overlays],
+    }
+    merged = dict(variables)
+    for name, folders in before.items():
+        inherited = (entry for entry in variables.get(name, "").split(":") if entry)
+        if entries := dict.fromkeys((*map(str, folders), *inherited)):
+            merged[name] = ":".join(entries)
+    return merged
+
+
+def import_from(overlays: Sequence[Path]) -> None:
+    """Let this process import the packages of overlays; those it has imported stay."""
+    folders = [str(folder) for folder in _python_folders(overlays)]
+    sys.path[:0] = [folder for folder in folders if folder not in sys.path]
+
+
+def underlays_of(environment: Mapping[str, str], overlays: Iterable[Path]) -> tuple[Path, ...]:
+    """The prefixes below the overlays: those on AMENT_PREFIX_PATH, then this Python's."""
+    own = {prefix.resolve() for prefix in overlays}
+    listed = environment.get("AMENT_PREFIX_PATH", "").split(":")
+    prefixes = dict.fromkeys(Path(prefix) for prefix in (*listed, sys.prefix) if prefix)
+    return tuple(prefix for prefix in prefixes if prefix.resolve() not in own)
+
+
+def _python_folders(prefixes: Iterable[Path]) -> Iterable[Path]:
+    version = f"python{sys.version_info[0]}.{sys.version_info[1]}"
+    for prefix in prefixes:
+        # The second one is where Debian's Python has colcon install.
+        places = (
+            Path("lib", version, "site-packages"),
+            Path("local/lib", version, "dist-packages"),
+        )
+        yield from (prefix / place for place in places if (prefix / place).is_dir())
+
+
+STAGE: Final = "overlay-"
+ABOUT: Final = "Message packages of this workspace, compiled by `obk build`. May be deleted."
+SETUP: Final = """\
+# For programs that `obk` does not start: . .obk/setup.sh
+export OBK_OVERLAY_PATH="{overlay}${{OBK_OVERLAY_PATH:+:$OBK_OVERLAY_PATH}}"
+"""
+TURN_S: Final = 900.0
+"""How long another build may take [s]."""
+POLL_S: Final = 0.05
+
+
+def new_overlay(workspace: Path, *, as_now: bool) -> Path:
+    """A folder that is to become the overlay; `as_now`: with what the present one holds."""
+    folder = Path(tempfile.mkdtemp(dir=workspace / FOLDER, prefix=STAGE))
+    folder.chmod(0o755)
+    now = overlay_folder(workspace)
+    if as_now and now.is_dir():
+        # Links, as no file of a prefix is ever written in place.
+        shutil.copytree(now, folder, dirs_exist_ok=True, copy_function=os.link)
+    return folder
+
+
+def replace_overlay(workspace: Path, folder: Path, record: OverlayRecord) -> None:
+    """Have a new folder be the overlay from now on, and remove the old one."""
+    (folder / RECORD).unlink(missing_ok=True)  # a link to the old one's
+    told = {"about": ABOUT, "workspace": str(workspace), **asdict(record)}
+    write_text(folder / RECORD, json.dumps(told, indent=1) + "\n")
+    link = overlay_folder(workspace)
+    write_text(link.parent / "setup.sh", SETUP.format(overlay=link))
+    moved = link.with_name(f"{link.name}.new")
+    moved.unlink(missing_ok=True)
+    moved.symlink_to(folder.name)
+    moved.replace(link)
+    _remove_others(workspace, folder)
+
+
+def _remove_others(workspace: Path, kept: Path) -> None:
+    for folder in (workspace / FOLDER).glob(f"{STAGE}*"):
+        if folder.name != kept.name:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def build_turn(workspace: Path, on_wait: Callable[[str], None]) -> Iterator[None]:
+    """Hold the one right to build in a workspace; waits for another build to end.
+
+    `on_wait` hears once who is waited for. What a build left behind that did not come to its end
+    is removed.
+
+    Raises:
+        CommandFailedError: the workspace cannot be written or has another user's overlay, or the
+            other build does not end.
+    """
+    folder = workspace / FOLDER
+    if is_planted(folder):
+        raise CommandFailedError(
+            f"{folder} is another user's", help="keep the packages in a folder of your own"
+        )
+    try:
+        folder.mkdir(exist_ok=True)
+        write_text(folder / ".gitignore", "# Made by `obk build`.\n*\n")
+        file = (folder / "build.lock").open("a+")
+    except OSError as error:
+        raise CommandFailedError(
+            f"the workspace {workspace} cannot be written: {error.strerror}",
+            help="message packages are compiled into the folder `.obk` of their workspace",
+        ) from error
+    with file:
+        _wait(file.fileno(), folder / "build.lock", on_wait)
+        file.truncate(0)
+        file.write(f"{os.getpid()}\n")
+        file.flush()
+        _remove_others(workspace, overlay_folder(workspace).resolve())
+        yield
+
+
+def _wait(descriptor: int, path: Path, on_wait: Callable[[str], None]) -> None:
+    deadline = time.monotonic() + TURN_S
+    has_told = False
+    while True:
+        with suppress(BlockingIOError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        owner = path.read_text().strip()
+        who = f"process {owner}" if owner else "another process"
+        if not has_told:
+            on_wait(f"{who} builds in this workspace; waiting for it")
+            has_told = True
+        if time.monotonic() > deadline:
+            raise CommandFailedError(
+                f"{who} has been building for {TURN_S / 60:g} min", help="end it if it hangs"
+            )
+        time.sleep(POLL_S)

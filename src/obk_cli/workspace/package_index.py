@@ -1,0 +1,322 @@
+"""Find ROS packages: in the workspace, in sourced prefixes and in this Python's environment."""
+
+import importlib.util
+import os
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from obelisk_spec.messages import OBELISK_MESSAGES, ROS_MESSAGES
+from obk_cli.files import is_planted
+from obk_cli.surroundings import UNSEARCHED, Command, ExecutableMissing
+from obk_cli.workspace.entry_points import (
+    EntryPoint,
+    installed_console_scripts,
+    module_run_by,
+    source_console_scripts,
+)
+from obk_cli.workspace.overlay import overlay_prefixes
+
+__all__ = [
+    "PackageIndex",
+    "find_workspace",
+    "is_workspace",
+    "owner_of_module",
+    "owner_of_package",
+    "package_folders",
+    "package_names_in",
+]
+
+_SKIPPED = {*UNSEARCHED, "node_modules", "site-packages", "__pycache__"}
+_NAME = re.compile(r"<name>\s*([^<\s]+)\s*</name>")
+_PACKAGE_FILES = ("package.xml", "setup.py", "setup.cfg", "pyproject.toml")
+_DEEPEST = 6
+"""Folders below a workspace in which a package may lie."""
+
+
+def find_workspace(start: Path) -> Path:
+    """The workspace around a folder: the nearest one up with a `src` folder or `.git`.
+
+    Else the nearest of the folder and the two above it that has a package right inside, else the
+    folder itself.
+    """
+    folder = start.resolve()
+    chain = (folder, *folder.parents)
+    for ancestor in chain:
+        if ancestor.parent != ancestor and is_workspace(ancestor):
+            return ancestor
+    for ancestor in chain[:3]:
+        if _has_package_inside(ancestor):
+            return ancestor
+    return folder
+
+
+def is_workspace(folder: Path) -> bool:
+    """Whether a folder is one by itself: with packages in `src`, or a checkout."""
+    # The `src` of a package holds its C++.
+    has_packages = (folder / "src").is_dir() and not (folder / "package.xml").is_file()
+    is_checkout = (folder / ".git").exists() and not is_planted(folder / ".git")
+    return is_checkout or (has_packages and not is_planted(folder / "src"))
+
+
+def _has_package_inside(folder: Path) -> bool:
+    try:
+        children = (child for child in folder.iterdir() if (child / "package.xml").is_file())
+        return any(not is_planted(child) for child in children)
+    except OSError:
+        return False
+
+
+@dataclass(frozen=True, kw_only=True)
+class PackageIndex:
+    """The packages that a stack can use; what was found once is remembered."""
+
+    workspaces: tuple[Path, ...]
+    prefixes: tuple[Path, ...]
+    """Install prefixes: the workspaces' overlays, AMENT_PREFIX_PATH, then this Python's."""
+
+    @classmethod
+    def around(
+        cls, folder: Path, working_folder: Path, environment: Mapping[str, str]
+    ) -> "PackageIndex":
+        """The packages for a config in `folder` when `obk` runs in `working_folder`."""
+        own, current = find_workspace(folder), find_workspace(working_folder)
+        workspaces = (own, current) if is_workspace(current) and current != own else (own,)
+        listed = environment.get("AMENT_PREFIX_PATH", "").split(":")
+        below = (Path(prefix) for prefix in (*listed, sys.prefix) if prefix)
+        prefixes = dict.fromkeys((*overlay_prefixes(workspaces), *below))
+        return cls(workspaces=workspaces, prefixes=tuple(prefixes))
+
+    @cached_property
+    def source_packages(self) -> Mapping[str, Path]:
+        """Name -> folder of the packages in the workspaces."""
+        packages: dict[str, Path] = {}
+        for workspace in self.workspaces:
+            for folder in _package_folders(workspace, 0):
+                packages.setdefault(_package_name(folder), folder)
+        return packages
+
+    @cached_property
+    def left_out_packages(self) -> Mapping[str, Path]:
+        """Name -> folder of the packages in folders of the workspaces that are not searched."""
+        packages: dict[str, Path] = {}
+        for workspace in self.workspaces:
+            for unsearched in _unsearched_folders(workspace, 0):
+                for folder in _package_folders(unsearched, 0):
+                    packages.setdefault(_package_name(folder), folder)
+        return packages
+
+    def message_names(self, package: str) -> tuple[str, ...] | None:
+        """The messages that a package defines, None if there is no such package."""
+        share = self.find_package_share(package)
+        return None if share is None else tuple(f.stem for f in _listed(share / "msg", ".msg"))
+
+    def message_definition(self, package: str, name: str) -> str | None:
+        """The text that defines a message, None if there is none that can be read."""
+        share = self.find_package_share(package)
+        if share is None:
+            return None
+        file = share / "msg" / f"{name}.msg"
+        try:
+            return file.read_text(encoding="utf-8") if file.is_file() else None
+        except (OSError, UnicodeDecodeError):
+            return None
+
+    def message_packages(self) -> tuple[str, ...]:
+        """The packages of the workspaces that define messages."""
+        sources = self.source_packages.items()
+        return tuple(name for name, folder in sources if _listed(folder / "msg", ".msg"))
+
+    def find_package_share(self, name: str) -> Path | None:
+        """The folder that holds a package's data: its source folder or `share/<name>`."""
+        source = self.source_packages.get(name)
+        if source is not None:
+            return source
+        shares = (prefix / "share" / name for prefix in self.prefixes)
+        return next((share for share in shares if _is_folder(share)), None)
+
+    def has_package(self, name: str) -> bool:
+        """Whether a package of that name is anywhere."""
+        if self.find_package_share(name) is not None:
+            return True
+        return any(_is_folder(prefix / "lib" / name) for prefix in self.prefixes)
+
+    def package_names(self) -> tuple[str, ...]:
+        """Every package that is there, for did-you-mean."""
+        names = set(self.source_packages)
+        for prefix in self.prefixes:
+            shares = prefix / "share" / "ament_index" / "resource_index" / "packages"
+            names.update(entry.name for entry in _listed(shares))
+        return tuple(sorted(names))
+
+    def files_of(self, package: str) -> tuple[Path, ...]:
+        """The files that say what executables a source package has, those it lacks too."""
+        folder = self.source_packages.get(package)
+        return tuple(folder / name for name in _PACKAGE_FILES) if folder else ()
+
+    def searched(self) -> tuple[str, ...]:
+        """The places that are looked through, for a message."""
+        return (*(f"{w} (sources)" for w in self.workspaces), *(str(p) for p in self.prefixes))
+
+    def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
+        """The command of an executable: from source, else installed, else by its lib folder."""
+        source = self.source_packages.get(package)
+        in_source = source_console_scripts(source) if source else {}
+        if executable in in_source:
+            return _python_command(in_source[executable], source, f"the sources in {source}")
+        scripts = self._source_scripts(package)
+        if executable in scripts:
+            return _program_command(scripts[executable], f"the sources in {source}")
+        installed = installed_console_scripts(package)
+        if executable in installed:
+            return _python_command(installed[executable], None, "an installed Python distribution")
+        programs = self._lib_programs(package)
+        if executable in programs:
+            program = programs[executable]
+            return _program_command(program, str(program.parent))
+        is_found = self.has_package(package) or bool(installed)
+        return ExecutableMissing(
+            package=package,
+            executable=executable,
+            package_found=is_found,
+            left_out=None if is_found else self.left_out_packages.get(package),
+            searched=self.searched(),
+            available=tuple(sorted({*in_source, *scripts, *installed, *programs})),
+        )
+
+    def _source_scripts(self, package: str) -> Mapping[str, Path]:
+        """Programs in the `scripts` folder of a source package."""
+        folder = self.source_packages.get(package)
+        if folder is None:
+            return {}
+        return {path.name: path for path in _listed(folder / "scripts") if _is_program(path)}
+
+    def _lib_programs(self, package: str) -> Mapping[str, Path]:
+        """Programs in `<prefix>/lib/<package>` of all prefixes, the first prefix winning."""
+        programs: dict[str, Path] = {}
+        for prefix in self.prefixes:
+            for path in _listed(prefix / "lib" / package):
+                if _is_program(path):
+                    programs.setdefault(path.name, path)
+        return programs
+
+
+def _python_command(entry: EntryPoint, root: Path | None, found_in: str) -> Command:
+    code = f"import sys; from {entry.module} import {entry.function}; sys.exit({entry.function}())"
+    return Command(
+        # -P: what lies in the working folder is no library.
+        arguments=(sys.executable, "-P", "-c", code),
+        python_path=(root / entry.package_root,) if root else (),
+        found_in=found_in,
+        module=entry.module,
+        function=entry.function,
+    )
+
+
+def _is_folder(path: Path) -> bool:
+    """Whether there is such a folder; a name that none can have, one too long, is no error."""
+    return os.path.isdir(path)  # noqa: PTH112  (`Path.is_dir` raises)
+
+
+def _program_command(program: Path, found_in: str) -> Command:
+    return Command(arguments=(str(program),), found_in=found_in, module=module_run_by(program))
+
+
+def _is_program(path: Path) -> bool:
+    return path.is_file() and path.stat().st_mode & 0o111 != 0
+
+
+def _listed(folder: Path, suffix: str = "") -> tuple[Path, ...]:
+    try:
+        return tuple(sorted(file for file in folder.iterdir() if file.name.endswith(suffix)))
+    except OSError:
+        return ()
+
+
+def package_folders(workspace: Path) -> Iterator[Path]:
+    """The folders with a package.xml below a workspace, as far as they are searched."""
+    yield from _package_folders(workspace, 0)
+
+
+def package_names_in(workspace: Path) -> tuple[str, ...]:
+    """The names of the packages whose sources are in a workspace."""
+    return tuple(sorted({_package_name(folder) for folder in package_folders(workspace)}))
+
+
+def _package_folders(folder: Path, depth: int) -> Iterator[Path]:
+    """Folders with a package.xml; a package is not looked into for further ones."""
+    if (folder / "COLCON_IGNORE").exists():
+        return
+    if (folder / "package.xml").is_file() and not is_planted(folder / "package.xml"):
+        yield folder
+        return
+    for child in _searched_children(folder, depth):
+        yield from _package_folders(child, depth + 1)
+
+
+def _searched_children(folder: Path, depth: int) -> Iterator[Path]:
+    if depth == _DEEPEST:
+        return
+    for child in _listed(folder):
+        is_skipped = child.name.startswith(".") or child.name in _SKIPPED
+        is_open = _is_folder(child) and os.access(child, os.X_OK)
+        if not is_skipped and is_open and not _is_foreign(child) and not _leads_back(child):
+            yield child
+
+
+def _is_foreign(folder: Path) -> bool:
+    """Whether it is an environment of Python, or was put there by another user."""
+    return (folder / "pyvenv.cfg").exists() or is_planted(folder)
+
+
+def _leads_back(folder: Path) -> bool:
+    """Whether it is a link to a folder that it is in itself, whose content would come again."""
+    if not folder.is_symlink():
+        return False
+    return Path(os.path.realpath(folder.parent)).is_relative_to(os.path.realpath(folder))
+
+
+def _unsearched_folders(folder: Path, depth: int) -> Iterator[Path]:
+    """The folders below one that are passed by because building writes into them."""
+    yield from (folder / name for name in UNSEARCHED if (folder / name).is_dir())
+    for child in _searched_children(folder, depth):
+        yield from _unsearched_folders(child, depth + 1)
+
+
+def _package_name(folder: Path) -> str:
+    """The name in a package.xml; where it cannot be read, or has none, the folder's name."""
+    try:
+        text = (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return folder.name
+    name = _NAME.search(text)
+    return name[1] if name else folder.name
+
+
+def owner_of_module(name: str) -> str | None:
+    """Who has a module name that must not be had twice, in words that follow "is"."""
+    return "a module of Python's standard library" if name in sys.stdlib_module_names else None
+
+
+def owner_of_package(name: str, *, own_folder: Path, index: PackageIndex) -> str | None:
+    """Who has a package name, in words that follow "is"; what is in `own_folder` does not count."""
+    module = owner_of_module(name)
+    if module is not None:
+        return module
+    if name in OBELISK_MESSAGES or name in ROS_MESSAGES:
+        return "a ROS message package"
+    share = index.find_package_share(name)
+    if share is not None and not _inside(share, own_folder):
+        return f"a ROS package ({share})"
+    spec = importlib.util.find_spec(name)
+    # A folder without `__init__.py` on the path is no module, whatever Python makes of it.
+    if spec is None or spec.origin is None or _inside(Path(spec.origin), own_folder):
+        return None
+    return f"an installed Python module ({spec.origin})"
+
+
+def _inside(path: Path, folder: Path) -> bool:
+    return path.resolve().is_relative_to(folder.resolve())

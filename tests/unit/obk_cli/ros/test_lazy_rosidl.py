@@ -1,0 +1,22 @@
+"""Message packages without their generator, until somebody wants it."""
+
+import subprocess
+import sys
+
+CODE = """
+import sys
+from obk_cli.ros.lazy_rosidl import leave_generator_for_later
+leave_generator_for_later()
+from obelisk_control_msgs.msg import PositionSetpoint
+PositionSetpoint.__import_type_support__()
+assert PositionSetpoint._TYPE_SUPPORT is not None
+assert not {"lark", "rosidl_generator_py.generate_py_impl"} & sys.modules.keys()
+from rosidl_generator_py import generate_py
+assert generate_py is sys.modules["rosidl_generator_py.generate_py_impl"].generate_py
+import rosidl_generator_py
+assert not hasattr(rosidl_generator_py, "other")
+"""
+
+
+def test_messages_bring_their_generator_only_when_somebody_wants_it() -> None:
+    subprocess.run([sys.executable, "-c", CODE], check=True, timeout=60)

@@ -1,0 +1,101 @@
+"""Where ROS writes its log files, and where it does so instead."""
+
+import errno
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from obk_cli.launch.runs import runs_folder
+from obk_cli.ros.environment import set_log_folder
+
+
+@pytest.fixture(autouse=True)
+def _own_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+
+
+@pytest.fixture
+def blocked(tmp_path: Path) -> Path:
+    """What nobody can make a folder in, not even root."""
+    path = tmp_path / "a file"
+    path.touch()
+    return path
+
+
+@pytest.mark.parametrize("name", ["HOME", "ROS_HOME", "ROS_LOG_DIR"])
+def test_a_folder_that_ros_can_write_to_or_make_stays(tmp_path: Path, name: str) -> None:
+    variables = {"HOME": "/no/such", name: str(tmp_path / "to be made")}
+    before = dict(variables)
+    assert list(set_log_folder(variables)) == []
+    assert variables == before
+    assert not (tmp_path / "to be made").exists()
+
+
+def test_a_home_that_takes_nothing_is_told_with_the_place_that_does(
+    tmp_path: Path, blocked: Path
+) -> None:
+    variables = {"HOME": str(blocked)}
+    (sentence,) = set_log_folder(variables)
+    (folder,) = tmp_path.glob("obk-ros-*")
+    assert variables == {"HOME": str(blocked), "ROS_HOME": str(folder)}
+    assert sentence == (
+        f"ROS cannot write its log files into {blocked}/.ros/log; they go to {folder}/log"
+    )
+    assert folder.stat().st_mode & 0o777 == 0o700
+
+
+def test_a_home_that_is_closed_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `sudo -u robot` leaves it: root's."""
+    closed = tmp_path / "closed"
+    closed.mkdir()
+    look, may = os.stat, os.access
+
+    def look_if_open(path: "os.PathLike[str] | str", **options: bool) -> os.stat_result:
+        if str(path).startswith(f"{closed}/"):
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return look(path, **options)
+
+    monkeypatch.setattr("os.stat", look_if_open)
+    monkeypatch.setattr("os.access", lambda path, mode: path != closed and may(path, mode))
+    (sentence,) = set_log_folder({"HOME": str(closed)})
+    assert sentence.startswith(f"ROS cannot write its log files into {closed}/.ros/log; they go")
+
+
+@pytest.mark.parametrize("variables", [{}, {"HOME": ""}, {"ROS_LOG_DIR": "~/logs"}])
+def test_without_a_home_there_is_another_place(variables: dict[str, str]) -> None:
+    (sentence,) = set_log_folder(variables)
+    assert sentence.startswith("ROS finds no place for its log files, as HOME is not set; they go")
+    assert "ROS_HOME" in variables
+
+
+def test_a_disk_without_room_for_the_folder_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    variables = {"HOME": str(tmp_path)}
+    total = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: total._replace(free=0))
+    (sentence,) = set_log_folder(variables)
+    assert f"ROS cannot make {tmp_path}/.ros/log for its log files, as the disk is full" in sentence
+    (tmp_path / ".ros" / "log").mkdir(parents=True)
+    assert list(set_log_folder({"HOME": str(tmp_path)})) == []
+
+
+def test_runs_are_found_where_they_were(blocked: Path) -> None:
+    given = {"HOME": "/no/such", "ROS_LOG_DIR": str(blocked)}
+    variables = dict(given)
+    assert len(list(set_log_folder(variables))) == 1
+    assert "ROS_LOG_DIR" not in variables
+    assert runs_folder(variables) == runs_folder(given)
+
+
+def test_a_folder_of_another_user_is_not_taken(
+    tmp_path: Path, blocked: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.getuid", lambda: tmp_path.stat().st_uid + 1)
+    variables = {"HOME": str(blocked)}
+    (sentence,) = set_log_folder(variables)
+    assert sentence.startswith("ROS will not start: ROS cannot write its log files into")
+    assert "is another user's" in sentence
+    assert variables == {"HOME": str(blocked)}

@@ -1,0 +1,76 @@
+"""Counting the messages of topics, without ROS: what comes is made up."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import pytest
+
+from obk_cli.ros.rate_meter import RosMeter
+
+S = 1_000_000_000
+
+
+class Topic:
+    """A topic on which messages wait, each with when it was published and received [ns]."""
+
+    publishers = 1
+
+    def __init__(self) -> None:
+        self.waiting: list[tuple[int, int]] = []
+
+    def take(self) -> Iterator[tuple[bytes, Mapping[str, int]]]:
+        for number, (published_ns, received_ns) in enumerate(self.waiting, 1):
+            yield (
+                b"1234",
+                {
+                    "source_timestamp": published_ns,
+                    "received_timestamp": received_ns,
+                    "publication_sequence_number": number,
+                },
+            )
+        self.waiting = []
+
+
+class Look:
+    """A participant that listens to one topic."""
+
+    def __init__(self) -> None:
+        self.topic = Topic()
+
+    def listen(self, *_: object, is_light: bool) -> Topic:
+        assert not is_light
+        return self.topic
+
+
+@pytest.fixture
+def look(monkeypatch: pytest.MonkeyPatch) -> Look:
+    monkeypatch.setattr("obk_cli.ros.rate_meter.time.time_ns", lambda: 100 * S)
+    return Look()
+
+
+def counted(look: Any, *waiting: tuple[int, int]) -> int:
+    meter = RosMeter(look, 10.0, turn_s=0.0)
+    meter.add("/imu", "p/msg/M", object)
+    look.topic.waiting = list(waiting)
+    meter.turn()
+    return meter.rates()["/imu"].count
+
+
+def test_what_was_published_before_anybody_listened_is_no_part_of_the_rate(look: Look) -> None:
+    old = [(99 * S + n, 100 * S + n) for n in range(10)]
+    new = [(100 * S + n, 100 * S + n) for n in range(10, 13)]
+    assert counted(look, *old) == 0
+    assert counted(look, *old, *new) == 3
+
+
+def test_what_came_while_the_asker_rested_is_counted(look: Any) -> None:
+    meter = RosMeter(look, 10.0, turn_s=0.0)
+    meter.add("/imu", "p/msg/M", object)
+    meter.turn()
+    look.topic.waiting = [(100 * S, 100 * S)]
+    assert meter.rates()["/imu"].age_s == 0.0
+
+
+def test_a_publisher_whose_clock_is_behind_is_counted_all_the_same(look: Look) -> None:
+    behind = [(n * S // 10, 100 * S + n * S // 10) for n in range(20)]
+    assert counted(look, *behind) == 14

@@ -1,0 +1,52 @@
+"""Types by their names, which come from whoever is in the ROS graph."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.ros.types import find_type
+
+
+@pytest.fixture
+def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of packages that can be imported, each of which says so."""
+    said = "from pathlib import Path\nPath(__file__).with_name('imported').touch()\n"
+    for name in ("no_messages", "odd_msgs", "odd_msgs/msg", "no_messages/tool"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text(said)
+    (tmp_path / "odd_msgs" / "msg" / "__init__.py").write_text("class Odd: ...\nother = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    yield tmp_path
+    for name in [one for one in sys.modules if one.startswith(("no_messages", "odd_msgs"))]:
+        del sys.modules[name]
+
+
+def test_a_message_is_found(packages: Path) -> None:
+    assert find_type("odd_msgs/msg/Odd").__name__ == "Odd"
+    assert find_type("odd_msgs/Odd").__name__ == "Odd"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "no_messages/msg/Odd",
+        "no_messages/tool/Odd",
+        "no_messages.tool/msg/Odd",
+        "no_messages/__main__/Odd",
+        "unittest/__main__/Odd",
+        "odd_msgs/msg/../Odd",
+        "Odd",
+        "",
+    ],
+)
+def test_nothing_is_imported_that_holds_no_messages(packages: Path, name: str) -> None:
+    with pytest.raises(CommandFailedError, match="is not here"):
+        find_type(name)
+    assert list(packages.rglob("imported")) == []
+
+
+def test_what_is_no_type_is_none(packages: Path) -> None:
+    with pytest.raises(CommandFailedError, match="the package odd_msgs has no type"):
+        find_type("odd_msgs/msg/other")

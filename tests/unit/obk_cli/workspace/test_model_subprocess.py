@@ -1,0 +1,71 @@
+"""A model that brings MuJoCo down: told of the file, whatever became of the process."""
+
+import os
+import signal
+import time
+from pathlib import Path
+from typing import NoReturn
+
+import pytest
+
+from obk_cli.surroundings import ModelFault, ModelRead
+from obk_cli.workspace import model_subprocess
+from obk_cli.workspace.model_subprocess import read_model_bounded
+
+pytestmark = pytest.mark.mujoco
+
+MODEL = Path(__file__).parents[4] / "examples" / "dummy" / "dummy.xml"
+
+
+def test_a_sound_model_has_its_facts() -> None:
+    read = read_model_bounded(MODEL)
+    assert isinstance(read, ModelRead)
+    assert read.fault is None
+    assert read.facts.keyframes == ("ic", "other")
+
+
+def test_what_mujoco_warns_of_is_written_nowhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    model = tmp_path / "nan.xml"
+    model.write_text('<mujoco><worldbody><body pos="nan 0 0"/></worldbody></mujoco>')
+    monkeypatch.chdir(tmp_path)
+    read_model_bounded(model)
+    assert list(tmp_path.iterdir()) == [model]
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("number", [signal.SIGSEGV, signal.SIGABRT])
+def test_a_crash_is_a_fault_of_the_model(
+    monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    monkeypatch.setattr(model_subprocess, "read_model", lambda _: os.kill(os.getpid(), number))
+    fault = read_model_bounded(MODEL)
+    assert fault == ModelFault(message=f"MuJoCo crashed while it read it ({number.name})")
+
+
+def test_what_our_own_code_raises_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: Path) -> NoReturn:
+        raise RecursionError
+
+    monkeypatch.setattr(model_subprocess, "read_model", fail)
+    fault = read_model_bounded(MODEL)
+    assert fault == ModelFault(message="MuJoCo crashed while it read it (exit code 1)")
+
+
+def test_a_model_without_an_end_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(model_subprocess, "_DEADLINE_S", 1)
+    monkeypatch.setattr(model_subprocess, "read_model", lambda _: time.sleep(1000))
+    fault = read_model_bounded(MODEL)
+    assert fault == ModelFault(message="MuJoCo has not read it within 1 s")
+
+
+@pytest.mark.parametrize("name", ["pipe", "endless", "folder"])
+def test_what_is_no_file_is_not_waited_for(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "endless").symlink_to("/dev/zero")
+    (tmp_path / "folder").mkdir()
+    model = tmp_path / "m.xml"
+    model.write_text(f'<mujoco><include file="{name}"/></mujoco>')
+    fault = read_model_bounded(model)
+    assert fault == ModelFault(message=f"`{tmp_path}/{name}` is no ordinary file")

@@ -1,0 +1,249 @@
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from obk_cli.surroundings import Command, ExecutableMissing
+from obk_cli.workspace.entry_points import source_console_scripts
+from obk_cli.workspace.package_index import PackageIndex, find_workspace, package_folders
+
+PACKAGE_XML = "<package><name>{}</name></package>"
+SETUP_PY = "setup(entry_points={'console_scripts': ['run = demo.run:main', 'x=demo.x:go']})"
+
+
+def make_package(folder: Path, name: str, **files: str) -> Path:
+    folder.mkdir(parents=True)
+    (folder / "package.xml").write_text(PACKAGE_XML.format(name))
+    for file, text in files.items():
+        (folder / file.replace("_", ".")).write_text(text)
+    return folder
+
+
+def make_program(path: Path) -> Path:
+    path.parent.mkdir(parents=True)
+    path.write_text("#!/bin/sh\n")
+    path.chmod(0o755)
+    return path
+
+
+def index(*workspaces: Path, prefixes: tuple[Path, ...] = ()) -> PackageIndex:
+    return PackageIndex(workspaces=workspaces, prefixes=prefixes)
+
+
+def test_the_workspace_is_the_nearest_folder_with_src_or_git(tmp_path: Path) -> None:
+    inner = tmp_path / "ws" / "src" / "demo" / "config"
+    inner.mkdir(parents=True)
+    assert find_workspace(inner) == tmp_path / "ws"
+    (tmp_path / "ws" / "src" / "demo" / ".git").touch()
+    assert find_workspace(inner) == tmp_path / "ws" / "src" / "demo"
+
+
+def test_a_package_with_a_folder_for_its_cpp_is_no_workspace(tmp_path: Path) -> None:
+    package = make_package(tmp_path / "ws" / "src" / "demo", "demo")
+    (package / "src").mkdir()
+    assert find_workspace(package / "src") == tmp_path / "ws"
+
+
+def test_packages_beside_the_configs_folder_make_a_workspace(tmp_path: Path) -> None:
+    (tmp_path / "config").mkdir()
+    assert find_workspace(tmp_path / "config") == tmp_path / "config"
+    make_package(tmp_path / "arm", "arm")
+    assert find_workspace(tmp_path / "config") == tmp_path
+
+
+def test_built_ignored_and_hidden_folders_hold_no_packages(tmp_path: Path) -> None:
+    make_package(tmp_path / "src" / "kept", "kept_by_name")
+    make_package(tmp_path / "src" / "kept" / "inner", "inner")
+    for folder in ("build", "install", "log", ".hidden", "ignored"):
+        make_package(tmp_path / folder / "p", folder.strip("."))
+    (tmp_path / "ignored" / "COLCON_IGNORE").touch()
+    make_package(tmp_path / "venv" / "p", "in_venv")
+    (tmp_path / "venv" / "pyvenv.cfg").touch()
+    assert dict(index(tmp_path).source_packages) == {"kept_by_name": tmp_path / "src" / "kept"}
+
+
+def test_a_script_in_source_runs_with_this_python_and_the_packages_own_path(tmp_path: Path) -> None:
+    root = make_package(tmp_path / "demo", "demo", setup_py=SETUP_PY)
+    command = index(tmp_path).find_executable("demo", "run")
+    assert isinstance(command, Command)
+    code = "import sys; from demo.run import main; sys.exit(main())"
+    assert command.arguments == (sys.executable, "-P", "-c", code)
+    assert command.python_path == (root,)
+
+
+def test_source_wins_over_an_install_prefix(tmp_path: Path) -> None:
+    program = make_program(tmp_path / "prefix" / "lib" / "demo" / "run")
+    installed = index(tmp_path / "ws", prefixes=(tmp_path / "prefix",))
+    command = installed.find_executable("demo", "run")
+    assert isinstance(command, Command)
+    assert command.arguments == (str(program),)
+    make_package(tmp_path / "ws" / "demo", "demo", setup_py=SETUP_PY)
+    both = index(tmp_path / "ws", prefixes=(tmp_path / "prefix",))
+    command = both.find_executable("demo", "run")
+    assert isinstance(command, Command)
+    assert command.arguments[0] == sys.executable
+
+
+def test_a_miss_tells_what_was_searched_and_what_there_is(tmp_path: Path) -> None:
+    make_package(tmp_path / "demo", "demo", setup_py=SETUP_PY)
+    make_program(tmp_path / "prefix" / "lib" / "demo" / "built")
+    packages = index(tmp_path, prefixes=(tmp_path / "prefix",))
+    assert packages.find_executable("demo", "rum") == ExecutableMissing(
+        package="demo",
+        executable="rum",
+        package_found=True,
+        searched=(f"{tmp_path} (sources)", str(tmp_path / "prefix")),
+        available=("built", "run", "x"),
+    )
+    other = packages.find_executable("other", "run")
+    assert isinstance(other, ExecutableMissing)
+    assert not other.package_found
+    assert other.looked == f"searched {tmp_path} (sources), {tmp_path / 'prefix'}"
+
+
+@pytest.mark.parametrize("place", ["build/demo", "install/demo/share/demo", "a/b/log/demo"])
+def test_a_package_that_is_only_where_nothing_is_searched_is_told(
+    tmp_path: Path, place: str
+) -> None:
+    folder = make_package(tmp_path / place, "demo")
+    missing = index(tmp_path).find_executable("demo", "run")
+    assert isinstance(missing, ExecutableMissing)
+    assert not missing.package_found
+    assert missing.looked.startswith(
+        f"it is in {folder}, but folders named `build`, `install`, `log` are not searched"
+    )
+    assert missing.looked.endswith(f"searched {tmp_path} (sources)")
+
+
+def test_a_console_script_of_an_installed_distribution_is_found(tmp_path: Path) -> None:
+    command = index(tmp_path).find_executable("pytest", "pytest")
+    assert isinstance(command, Command)
+    assert command.found_in == "an installed Python distribution"
+
+
+def test_the_configs_own_workspace_wins_over_the_current_one(tmp_path: Path) -> None:
+    own = make_package(tmp_path / "own" / "arm", "arm")
+    make_package(tmp_path / "current" / "arm", "arm")
+    packages = index(tmp_path / "own", tmp_path / "current")
+    assert packages.find_package_share("arm") == own
+
+
+def test_shares_are_found_in_source_and_in_prefixes(tmp_path: Path) -> None:
+    source = make_package(tmp_path / "ws" / "arm", "arm_model")
+    share = tmp_path / "prefix" / "share" / "leg_model"
+    share.mkdir(parents=True)
+    packages = index(tmp_path / "ws", prefixes=(tmp_path / "prefix",))
+    assert packages.find_package_share("arm_model") == source
+    assert packages.find_package_share("leg_model") == share
+    assert packages.find_package_share("none") is None
+
+
+def test_prefixes_are_those_of_ament_then_this_pythons(tmp_path: Path) -> None:
+    environment = {"AMENT_PREFIX_PATH": os.pathsep.join(["/a", "/b", "/a"])}
+    packages = PackageIndex.around(tmp_path, tmp_path, environment)
+    assert packages.prefixes == (Path("/a"), Path("/b"), Path(sys.prefix))
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("setup.py", SETUP_PY),
+        (
+            "setup.cfg",
+            "[options.entry_points]\nconsole_scripts =\n  run = demo.run:main\n  x = demo.x:go\n",
+        ),
+        ("pyproject.toml", "[project.scripts]\nrun = 'demo.run:main'\nx = 'demo.x:go'\n"),
+    ],
+)
+def test_scripts_are_read_from_each_kind_of_file(tmp_path: Path, file: str, text: str) -> None:
+    (tmp_path / file).write_text(text)
+    scripts = source_console_scripts(tmp_path)
+    assert {name: (s.module, s.function) for name, s in scripts.items()} == {
+        "run": ("demo.run", "main"),
+        "x": ("demo.x", "go"),
+    }
+
+
+@pytest.mark.parametrize("file", ["setup.py", "setup.cfg", "pyproject.toml"])
+def test_a_broken_file_has_no_scripts(tmp_path: Path, file: str) -> None:
+    for data in (b"[[[ \xff (", b"a" + b".a" * 20_000):
+        (tmp_path / file).write_bytes(data)
+        assert source_console_scripts(tmp_path) == {}
+
+
+def test_a_package_in_a_src_folder_is_imported_from_there(tmp_path: Path) -> None:
+    (tmp_path / "src" / "demo").mkdir(parents=True)
+    (tmp_path / "setup.py").write_text(SETUP_PY)
+    assert source_console_scripts(tmp_path)["run"].package_root == "src"
+
+
+def test_a_folder_that_may_not_be_entered_is_passed_by(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_package(tmp_path / "src/demo", "demo")
+    make_package(tmp_path / "src/locked/other", "other")
+    # Whoever runs the tests may be allowed everything.
+    monkeypatch.setattr(os, "access", lambda path, _: Path(path).name != "locked")
+    assert list(index(tmp_path).source_packages) == ["demo"]
+
+
+def test_a_package_xml_that_may_not_be_read_counts_under_its_folders_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_package(tmp_path / "src/demo", "demo")
+    locked = make_package(tmp_path / "src/locked", "other") / "package.xml"
+    read_text = Path.read_text
+
+    def read(path: Path, encoding: str | None = None, errors: str | None = None) -> str:
+        if path == locked:
+            raise PermissionError(13, "Permission denied", str(path))
+        return read_text(path, encoding, errors)
+
+    # Whoever runs the tests may be allowed everything.
+    monkeypatch.setattr(Path, "read_text", read)
+    assert sorted(index(tmp_path).source_packages) == ["demo", "locked"]
+
+
+def test_a_library_in_the_working_folder_is_none(tmp_path: Path) -> None:
+    root = make_package(tmp_path / "demo", "demo", setup_py=SETUP_PY)
+    (root / "demo").mkdir()
+    (root / "demo" / "run.py").write_text(
+        "import json\n\n\ndef main():\n    print(json.dumps(1))\n"
+    )
+    here = tmp_path / "here"
+    here.mkdir()
+    (here / "json.py").write_text("raise SystemExit('this file was run')")
+    command = index(tmp_path).find_executable("demo", "run")
+    assert isinstance(command, Command)
+    done = subprocess.run(
+        command.arguments,
+        cwd=here,
+        env={**os.environ, "PYTHONPATH": str(root)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.stdout, done.stderr) == ("1\n", "")
+
+
+def test_files_of_a_package_that_never_end_are_not_read(tmp_path: Path) -> None:
+    package = make_package(tmp_path / "demo", "demo")
+    (package / "setup.py").symlink_to("/dev/zero")
+    (package / "msg").mkdir()
+    os.mkfifo(package / "msg" / "Odd.msg")
+    packages = index(tmp_path)
+    assert isinstance(packages.find_executable("demo", "run"), ExecutableMissing)
+    assert packages.message_definition("demo", "Odd") is None
+
+
+def test_links_that_lead_back_are_not_searched_again(tmp_path: Path) -> None:
+    package = make_package(tmp_path / "ws" / "src" / "demo", "demo")
+    for name, target in (("up", ".."), ("here", "."), ("all", "/")):
+        (package.parent / name).symlink_to(target)
+    elsewhere = make_package(tmp_path / "elsewhere" / "other", "other").parent
+    (package.parent / "linked").symlink_to(elsewhere)
+    found = list(package_folders(tmp_path / "ws"))
+    assert found == [package, package.parent / "linked/other"]
+    assert index(tmp_path / "ws").left_out_packages == {}

@@ -1,0 +1,47 @@
+from pathlib import Path
+
+import pytest
+
+from obk_cli.workspace.path_suggestions import did_you_mean_config
+
+
+@pytest.fixture
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A workspace with configs, to stand in."""
+    for name in ("arm.yaml", "arm_test.yml", "configs/dog.yaml", "build/dot.yaml", ".obk/dog.yaml"):
+        file = tmp_path / name
+        file.parent.mkdir(exist_ok=True)
+        file.touch()
+    (tmp_path / "src").mkdir()
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("written", "said"),
+    [
+        ("amr.yaml", "did you mean `arm.yaml`?"),
+        ("arm", "did you mean `arm.yaml`?"),
+        ("arm.yml", "did you mean `arm.yaml`?"),
+        ("arm_tst.yaml", "did you mean `arm_test.yml` or `arm.yaml`?"),
+        ("dog.yaml", "did you mean `configs/dog.yaml`?"),
+        ("configs/arm.yaml", "did you mean `arm.yaml`?"),
+        ("zzz.yaml", "there is: `arm.yaml`, `arm_test.yml`"),
+        ("none/zzz.yaml", None),
+        ("configs", None),
+        ("-", None),
+        ("", None),
+    ],
+)
+def test_a_path_where_nothing_is_may_stand_for_one(
+    workspace: Path, written: str, said: str | None
+) -> None:
+    assert did_you_mean_config(written) == said
+
+
+def test_from_elsewhere_a_config_of_the_workspace_is_told_in_full(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(workspace / "src")
+    assert did_you_mean_config("dog.yaml") == f"did you mean `{workspace}/configs/dog.yaml`?"
+    assert did_you_mean_config("../amr.yaml") == "did you mean `../arm.yaml`?"
