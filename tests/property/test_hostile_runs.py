@@ -18,7 +18,7 @@ from obk_cli.errors import ObkError
 from obk_cli.launch.answers import parse_change, parse_status
 from obk_cli.launch.runs import RUN_FILE, Run, read_runs
 from obk_cli.launch.wire import emit_fault, parse_request
-from obk_cli.monitoring.promised import planned_topics
+from obk_cli.monitor.expected_topics import planned_topics
 from obk_cli.process.identity import boot_id, this_process
 from obk_cli.recording.made_from import background_of, run_plan, run_topics
 from obk_cli.web.picture import live_picture

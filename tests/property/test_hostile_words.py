@@ -16,14 +16,14 @@ from obk_cli.adapters.follow import last_lines, read_lines
 from obk_cli.cli.commands import _complain
 from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.events import Told
-from obk_cli.monitoring.view import StackView
+from obk_cli.monitor.model import StackView
+from obk_cli.monitor.table import monitor_text
 from obk_cli.pipeline import Options, compile_config, compile_source
 from obk_cli.report.building import report_problems
 from obk_cli.report.github import report_github
 from obk_cli.report.launch import LaunchReport
 from obk_cli.report.launch_status import with_event
 from obk_cli.report.messages import csv_row, json_line, message_text
-from obk_cli.report.monitor import monitor_text
 from obk_cli.report.text import report_text
 from obk_cli.scaffold.names import check_name, suggest_name
 from obk_cli.source import SourceFile

@@ -25,7 +25,7 @@ from obk_cli.clock import wall_s
 from obk_cli.errors import ObkError
 from obk_cli.launch.asks import ChangeAnswer
 from obk_cli.launch.transitions import TRANSITIONS
-from obk_cli.monitoring.view import StackView
+from obk_cli.monitor.model import StackView
 from obk_cli.ros.types import fields_of, short_type
 from obk_cli.web.data import event, lines_data, samples_data, view_data
 from obk_cli.web.feed import Moment

@@ -11,11 +11,11 @@ from obk_cli.cli.looking_options import TIMEOUT_S, DomainOption, here, with_type
 from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import EXIT_DONE, MisuseError
-from obk_cli.monitoring.view import StackView
-from obk_cli.monitoring.watcher import Target, Watcher
+from obk_cli.monitor.model import StackView
+from obk_cli.monitor.stack_follower import Target, Watcher
+from obk_cli.monitor.table import monitor_data, monitor_text
 from obk_cli.optional_deps import require_extra
 from obk_cli.report.messages import json_line
-from obk_cli.report.monitor import monitor_data, monitor_text
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -54,7 +54,7 @@ def command(
             help="`obk monitor --once` and `obk monitor --format json` do not",
         )
     require_extra("textual", "monitor")
-    from obk_cli.adapters.monitor_app import run_monitor
+    from obk_cli.monitor.app import run_monitor
 
     run_monitor(watcher, target.change)
 

@@ -4,10 +4,10 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 from obk_cli.asking.lifecycle import possible_transitions
-from obk_cli.monitoring.view import StackView
+from obk_cli.monitor.model import StackView
+from obk_cli.monitor.table import monitor_data
 from obk_cli.report.escapes import plain
 from obk_cli.report.messages import json_line
-from obk_cli.report.monitor import monitor_data
 from obk_cli.web.traces import Sample
 
 __all__ = ["event", "lines_data", "samples_data", "view_data"]

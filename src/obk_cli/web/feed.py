@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Protocol
 
-from obk_cli.monitoring.view import StackView
+from obk_cli.monitor.model import StackView
 from obk_cli.recording.made_from import run_plan
 from obk_cli.web.picture import live_picture
 

@@ -11,7 +11,7 @@ from obk_cli.cli.main import main
 from obk_cli.cli.topic_pub import _type_and_text
 from obk_cli.launch.runs import MadeFrom, Run, make_run_folder, write_run
 from obk_cli.looking.place import place_of
-from obk_cli.monitoring.watcher import Target
+from obk_cli.monitor.stack_follower import Target
 from obk_cli.process.identity import this_process
 from obk_cli.ros.environment import RosEnvironment
 

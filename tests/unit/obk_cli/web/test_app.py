@@ -12,12 +12,12 @@ import pytest
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.asks import ChangeAnswer, Member
-from obk_cli.monitoring.view import StackView
+from obk_cli.monitor.model import StackView
 from obk_cli.web.feed import Moment
 from obk_cli.web.guard import HEADERS, Ticket, new_token
 from obk_cli.web.traces import Heard, Wish
 
-from ..monitoring.stacks import BROKEN, HEALTHY  # noqa: TID252 - shared by folders of tests
+from ..monitor.stacks import BROKEN, HEALTHY  # noqa: TID252 - shared by folders of tests
 
 pytest.importorskip("starlette", reason="starlette is in the `web` extra")
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from obk_cli.errors import MisuseError
-from obk_cli.monitoring.view import StackView
+from obk_cli.monitor.model import StackView
 from obk_cli.recording.made_from import run_plan
 from obk_cli.web.feed import Feed, Moment
 from obk_cli.web.picture import live_picture
 
-from ..monitoring.stacks import ELSEWHERE, HEALTHY  # noqa: TID252 - shared by folders of tests
+from ..monitor.stacks import ELSEWHERE, HEALTHY  # noqa: TID252 - shared by folders of tests
 
 
 class Script:

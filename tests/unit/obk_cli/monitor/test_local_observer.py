@@ -10,9 +10,8 @@ import pytest
 
 from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.runs import Run
-from obk_cli.monitoring import observer
-from obk_cli.monitoring.observer import Observer
-from obk_cli.monitoring.topic_watch import TopicWatch
+from obk_cli.monitor.local_observer import Observer
+from obk_cli.monitor.topic_watch import TopicWatch
 from obk_cli.process.identity import this_process
 
 PID, STARTED = this_process()
@@ -55,7 +54,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def answering(monkeypatch: pytest.MonkeyPatch, status: StackStatus | None) -> None:
-    monkeypatch.setattr(observer, "ask_status", lambda _: status)
+    monkeypatch.setattr(local_observer, "ask_status", lambda _: status)
 
 
 def test_nodes_of_a_launcher_that_never_answered_are_those_of_its_run(

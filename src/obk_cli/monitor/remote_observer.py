@@ -10,9 +10,9 @@ from typing import Final
 from obk_cli.asking.names import in_tier_order, section_of
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.transitions import ACTIVE
-from obk_cli.monitoring.promised import PlannedTopic
-from obk_cli.monitoring.topic_watch import RTF_TYPE, TopicWatch
-from obk_cli.monitoring.view import NodeView, StackView
+from obk_cli.monitor.expected_topics import PlannedTopic
+from obk_cli.monitor.model import NodeView, StackView
+from obk_cli.monitor.topic_watch import RTF_TYPE, TopicWatch
 from obk_cli.process.load import OwnCost
 from obk_cli.ros.participant import LOOKER, RosLook
 from obk_cli.ros.services import ServiceClient

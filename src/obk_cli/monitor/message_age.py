@@ -14,7 +14,7 @@ from itertools import chain
 from typing import Final
 
 from obk_cli.looking.delays import OTHER_CLOCK_NS
-from obk_cli.monitoring.view import Passage
+from obk_cli.monitor.model import Passage
 
 __all__ = ["PassageMeter"]
 

@@ -17,9 +17,9 @@ from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.asks import ChangeAnswer
 from obk_cli.launch.runs import Run, runs_folder
 from obk_cli.looking.place import DOMAIN, Place, place_of
-from obk_cli.monitoring.elsewhere import ElsewhereObserver
-from obk_cli.monitoring.observer import Observer
-from obk_cli.monitoring.view import StackView
+from obk_cli.monitor.local_observer import Observer
+from obk_cli.monitor.model import StackView
+from obk_cli.monitor.remote_observer import ElsewhereObserver
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.ros.participant import RosLook, open_look
 

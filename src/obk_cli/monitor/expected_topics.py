@@ -1,17 +1,64 @@
-"""What a run's plan says of its topics: types, rates, who publishes, what each is made from.
-
-In: the plan. Out: values.
-"""
+"""Which topics, rates and real-time factor a plan promises, for comparison with what runs."""
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from obk_cli.monitoring.speeds import REALTIME_FACTOR
+from obk_cli.errors import CommandFailedError
+from obk_cli.launch.asks import NodeStatus
+from obk_cli.launch.transitions import ACTIVE, INACTIVE
+from obk_cli.looking.parameters import Parameter
 from obk_cli.plan import Plan, Process
 
-__all__ = ["PlannedTopic", "planned_topics", "simulated_robots"]
+__all__ = ["REALTIME_FACTOR", "PlannedTopic", "Speeds", "planned_topics", "simulated_robots"]
+
+REALTIME_FACTOR: Final = "realtime_factor"
+"""The parameter: simulation time over wall time; 0: as fast as possible."""
+
+AskFactor = Callable[[str], Parameter]
+"""Asks a node, by its full name, for the parameter; raises a CommandFailedError without answer."""
+
+
+class Speeds:
+    """The real-time factors of the simulated robots of one stack."""
+
+    def __init__(self, simulated: Collection[str], ask: AskFactor) -> None:
+        """Begin with none.
+
+        Args:
+            simulated: full names of the robots.
+            ask: asks one of them.
+        """
+        self._simulated = simulated
+        self._ask = ask
+        self._known: dict[str, float] = {}
+
+    @property
+    def factors(self) -> Mapping[str, float]:
+        """Full name -> factor of the robots that are configured and have told."""
+        return dict(self._known)
+
+    def hear(self, _received_ns: int, event: bytes) -> None:
+        """Take a serialized `ParameterEvent` of any node."""
+        if REALTIME_FACTOR.encode() in event:
+            self._known.clear()
+
+    def look(self, nodes: Iterable[NodeStatus]) -> None:
+        """Ask the robots that are configured by now and have not told yet."""
+        for node in nodes:
+            is_configured = node.state in (INACTIVE, ACTIVE)
+            if node.node in self._simulated and is_configured and node.node not in self._known:
+                self._learn(node.node)
+
+    def _learn(self, node: str) -> None:
+        try:
+            value = self._ask(node).value
+        except CommandFailedError:
+            return  # it is asked again with the next look
+        if isinstance(value, int | float):
+            self._known[node] = float(value)
+
 
 NO_FACTORS: Final[Mapping[str, float]] = {}
 

@@ -5,7 +5,7 @@ from typing import Final
 
 from obelisk_spec.rates import Rate as Promised
 from obk_cli.looking.rates import Rate
-from obk_cli.monitoring.view import NodeView, Passage, StackView, TopicView
+from obk_cli.monitor.model import NodeView, Passage, StackView, TopicView
 from obk_cli.process.load import ProcessLoad
 
 __all__ = ["BROKEN", "COMPOSED", "ELSEWHERE", "HEALTHY", "node", "topic"]

@@ -21,10 +21,14 @@ from obk_cli.launch.runs import Run, read_run
 from obk_cli.launch.state_machine import UNKNOWN
 from obk_cli.launch.transitions import ACTIVE
 from obk_cli.looking.parameters import Parameter
-from obk_cli.monitoring.promised import planned_topics, simulated_robots
-from obk_cli.monitoring.speeds import REALTIME_FACTOR, Speeds
-from obk_cli.monitoring.topic_watch import WINDOW_S, TopicWatch
-from obk_cli.monitoring.view import NodeView, StackView
+from obk_cli.monitor.expected_topics import (
+    REALTIME_FACTOR,
+    Speeds,
+    planned_topics,
+    simulated_robots,
+)
+from obk_cli.monitor.model import NodeView, StackView
+from obk_cli.monitor.topic_watch import WINDOW_S, TopicWatch
 from obk_cli.process.load import OwnCost, ProcessLoad, ProcessLoads
 from obk_cli.recording.made_from import run_plan
 from obk_cli.ros.participant import RosLook

@@ -3,7 +3,7 @@
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.asks import NodeStatus
 from obk_cli.looking.parameters import Parameter
-from obk_cli.monitoring.speeds import Speeds
+from obk_cli.monitor.expected_topics import Speeds
 
 EVENT = b"\x00\x01\x00\x00 /arm/r realtime_factor"
 

@@ -13,9 +13,9 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.looking.graph import TopicSeen
 from obk_cli.looking.rates import Rate
 from obk_cli.looking.stamps import HEADER
-from obk_cli.monitoring.passages import PassageMeter
-from obk_cli.monitoring.promised import PlannedTopic
-from obk_cli.monitoring.view import TopicView
+from obk_cli.monitor.expected_topics import PlannedTopic
+from obk_cli.monitor.message_age import PassageMeter
+from obk_cli.monitor.model import TopicView
 from obk_cli.ros.participant import RosLook
 from obk_cli.ros.rate_meter import RosMeter, Watch
 from obk_cli.ros.types import fields_of, find_type, raw_type, short_type

@@ -1,0 +1,1 @@
+"""A running stack as one value, and the terminal that shows it."""
