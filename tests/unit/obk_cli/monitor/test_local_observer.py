@@ -10,6 +10,7 @@ import pytest
 
 from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.runs import Run
+from obk_cli.monitor import local_observer
 from obk_cli.monitor.local_observer import Observer
 from obk_cli.monitor.topic_watch import TopicWatch
 from obk_cli.process.identity import this_process
