@@ -1,19 +1,85 @@
-"""Topics whose messages are taken as they are sent, not deserialized, whenever somebody asks.
+"""Raw subscriptions: serialized messages of a topic, taken without an executor.
 
-Needs no executor: what has come waits in the subscription until it is taken. The subscription asks
-for the most that all publishers offer, and is made anew when a weaker one comes.
+Messages wait in the subscription until `RawTopic.take`. The subscription requests the strongest
+quality of service that all publishers offer, and is replaced when a weaker publisher appears.
+`DropCounter` counts gaps in the publisher's sequence numbers.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 from obk_cli.adapters.type_support import require_message
-from obk_cli.recording.qos import Offer, Request, request_for
 
-__all__ = ["DEPTH", "RawTopic", "offer_of"]
+__all__ = ["DEPTH", "DropCounter", "Offer", "RawTopic", "Request", "offer_of", "request_for"]
+
 
 DEPTH: Final = 1000
 """Messages of a topic that may wait: a second of one at 1 kHz."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Offer:
+    """The quality of service of one publisher, in the words of rmw: `keep_last`, `reliable`."""
+
+    history: str
+    depth: int
+    reliability: str
+    durability: str
+    liveliness: str
+    deadline_ns: int
+    lifespan_ns: int
+    lease_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What a subscription asks for."""
+
+    is_reliable: bool = True
+    is_transient_local: bool = False
+    """Whether what was published before is wanted too."""
+
+
+def request_for(offers: Collection[Offer], *, is_light: bool = False) -> Request:
+    """The most that all of them have to offer; without any, what Obelisk's nodes offer.
+
+    Args:
+        offers: one for each publisher.
+        is_light: let them send each message once, without waiting for a word that it came: a third
+            less work. What was published before is not had so; where it is wanted, it is reliable.
+    """
+    request = Request(
+        is_reliable=all(offer.reliability == "reliable" for offer in offers),
+        is_transient_local=bool(offers)
+        and all(offer.durability == "transient_local" for offer in offers),
+    )
+    return request if request.is_transient_local or not is_light else Request(is_reliable=False)
+
+
+class DropCounter:
+    """Counts the messages of one topic and the gaps in their publisher's numbers."""
+
+    __slots__ = ("_last", "count", "dropped")
+
+    def __init__(self) -> None:
+        """Start at zero; messages published before the first one are not counted as dropped."""
+        self.count = 0
+        self.dropped = 0
+        self._last = 0
+
+    def take(self, sequence: int, publishers: int) -> None:
+        """Count a message.
+
+        Args:
+            sequence: its number among those of its publisher, from 1.
+            publishers: how many there are; the numbers of several interleave and show no gaps.
+        """
+        self.count += 1
+        # A restarted publisher counts from 1 again.
+        if self._last and publishers == 1 and sequence > self._last:
+            self.dropped += sequence - self._last - 1
+        self._last = sequence
 
 
 class RawTopic:

@@ -20,6 +20,7 @@ from dataclasses import asdict
 from itertools import islice
 from typing import Any, Final
 
+from obk_cli.adapters.raw_topics import DropCounter
 from obk_cli.adapters.ros_calls import ServiceClient
 from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.adapters.ros_listen import arrived, deserialized, serialized
@@ -34,7 +35,6 @@ from obk_cli.looking.place import place_of
 from obk_cli.looking.plain_data import Plain, plain_data
 from obk_cli.looking.rates import LAUNCHER_COUNTS_S
 from obk_cli.looking.stamps import stamp_of
-from obk_cli.recording.tally import Tally
 
 __all__ = ["run_errand"]
 
@@ -105,7 +105,7 @@ def _call(look: RosLook, service: str, kind: str, request: object, timeout_s: fl
 def _next(look: RosLook, topic: str, kind: str, timeout_s: float) -> Plain:
     raw = look.listen(topic, kind, find_type(kind))
     try:
-        (data,) = islice(serialized(raw, Tally(), timeout_s, each=True), 1)
+        (data,) = islice(serialized(raw, DropCounter(), timeout_s, each=True), 1)
     finally:
         raw.close()
     return None if len(data) > LONGEST_MESSAGE else plain_data(deserialized(data, raw))

@@ -5,9 +5,8 @@ from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 from obelisk_spec.articles import with_number
-from obk_cli.adapters.raw_topics import RawTopic
+from obk_cli.adapters.raw_topics import DropCounter, RawTopic
 from obk_cli.errors import CommandFailedError
-from obk_cli.recording.tally import Tally
 
 __all__ = ["arrived", "deserialized", "messages", "serialized"]
 
@@ -16,7 +15,7 @@ LOOK_S: Final = 0.1
 """Between two looks at the publishers [s]."""
 
 
-def messages(raw: RawTopic, tally: Tally, timeout_s: float, *, each: bool) -> Iterator[Any]:
+def messages(raw: RawTopic, tally: DropCounter, timeout_s: float, *, each: bool) -> Iterator[Any]:
     """The messages that come, without end; see `serialized`."""
     for data in serialized(raw, tally, timeout_s, each=each):
         yield deserialized(data, raw)
@@ -39,7 +38,9 @@ def deserialized(data: bytes, raw: RawTopic) -> Any:
         ) from error
 
 
-def serialized(raw: RawTopic, tally: Tally, timeout_s: float, *, each: bool) -> Iterator[bytes]:
+def serialized(
+    raw: RawTopic, tally: DropCounter, timeout_s: float, *, each: bool
+) -> Iterator[bytes]:
     """The messages that come as they were sent, without end.
 
     Args:

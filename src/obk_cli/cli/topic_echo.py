@@ -86,12 +86,12 @@ def _listen(
     timeout_s: float,
 ) -> None:
     """Show messages that a participant of our own hears."""
+    from obk_cli.adapters.raw_topics import DropCounter
     from obk_cli.adapters.ros_listen import messages
     from obk_cli.adapters.ros_look import open_look
     from obk_cli.adapters.ros_types import fields_of, find_type, short_type
     from obk_cli.looking.finding import find_topic, the_type
     from obk_cli.looking.selection import check_selection
-    from obk_cli.recording.tally import Tally
 
     needs = ("rclpy.serialization", *place.modules([topic]))
     with open_look(place.environment, needs) as look:
@@ -101,7 +101,7 @@ def _listen(
         for selection in selections:
             check_selection(selection, short_type(msg_type), fields_of)
         raw = look.listen(seen.name, msg_type, python_type)
-        tally = Tally()
+        tally = DropCounter()
         try:
             for message in islice(messages(raw, tally, timeout_s, each=most is not None), most):
                 if lines := list(shower.lines(message)):

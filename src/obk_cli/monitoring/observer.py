@@ -27,7 +27,7 @@ from obk_cli.monitoring.promised import planned_topics, simulated_robots
 from obk_cli.monitoring.speeds import REALTIME_FACTOR, Speeds
 from obk_cli.monitoring.topic_watch import WINDOW_S, TopicWatch
 from obk_cli.monitoring.view import NodeView, StackView
-from obk_cli.recording.made_from import run_plan
+from obk_cli.record.run_metadata import run_plan
 
 __all__ = ["WINDOW_S", "Observer"]
 

@@ -6,6 +6,7 @@ from typing import Any, cast
 
 import pytest
 
+from obk_cli.adapters.raw_topics import Offer
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.looking import errands
 from obk_cli.looking.errands import (
@@ -18,7 +19,6 @@ from obk_cli.looking.graph import End, TopicSeen
 from obk_cli.looking.place import Place
 from obk_cli.looking.rates import LAUNCHER_COUNTS_S
 from obk_cli.looking.selection import parse_selection
-from obk_cli.recording.qos import Offer
 
 from .definitions import FIELDS
 

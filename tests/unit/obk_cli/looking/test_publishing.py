@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import pytest
 
+from obk_cli.adapters.raw_topics import Offer
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.runs import Run
 from obk_cli.looking import errands
@@ -20,7 +21,6 @@ from obk_cli.looking.publishing import (
     wait_for_subscribers,
 )
 from obk_cli.plan import Endpoint, Plan
-from obk_cli.recording.qos import Offer
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 from .definitions import FIELDS

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from obk_cli.adapters.raw_topics import Offer
 from obk_cli.looking.graph import End, Graph, TopicSeen
 from obk_cli.looking.parameters import NOT_SET, Parameter
 from obk_cli.looking.told import (
@@ -14,7 +15,6 @@ from obk_cli.looking.told import (
     parse_graph,
     parse_parameter_told,
 )
-from obk_cli.recording.qos import Offer
 
 OFFER = Offer(
     history="keep_last",

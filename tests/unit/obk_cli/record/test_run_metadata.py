@@ -8,15 +8,15 @@ from pathlib import Path
 
 from obk_cli.emit.plan_json import emit_plan
 from obk_cli.plan import Endpoint, Plan, SensorGroup
-from obk_cli.recording.choice import Wish
-from obk_cli.recording.job import Job, job_from_json, job_to_json
-from obk_cli.recording.made_from import (
-    Background,
-    background_of,
+from obk_cli.record.recorder_job import RecorderJob, job_from_json, job_to_json
+from obk_cli.record.run_metadata import (
+    RunMetadata,
     file_name,
+    run_metadata_of,
     run_plan,
     run_topics,
 )
+from obk_cli.record.topic_filter import RecordRequest
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 
@@ -52,9 +52,11 @@ def run_folder(parent: Path) -> Path:
 
 
 def test_a_job_comes_back_from_json_as_it_was() -> None:
-    job = Job(
+    job = RecorderJob(
         path=Path("/runs/x.mcap"),
-        wish=Wish(topics={"/a": None, "/b": "x/msg/B"}, patterns=("*",), excludes=("/c",)),
+        request=RecordRequest(
+            topics={"/a": None, "/b": "x/msg/B"}, patterns=("*",), excludes=("/c",)
+        ),
         metadata={"obelisk": {"run": "x"}},
         attachments={"plan.json": "{}"},
         duration_s=2.5,
@@ -63,7 +65,7 @@ def test_a_job_comes_back_from_json_as_it_was() -> None:
 
 
 def test_a_run_tells_its_config_hash_versions_and_parameters(tmp_path: Path) -> None:
-    background = background_of(run_folder(tmp_path))
+    background = run_metadata_of(run_folder(tmp_path))
     assert background.metadata == {
         "obelisk": {
             "run": "arm_20260102_030405",
@@ -99,7 +101,7 @@ def test_of_a_runs_plan_comes_back_what_is_looked_at_while_it_runs(tmp_path: Pat
 def test_a_folder_without_a_run_tells_nothing(tmp_path: Path) -> None:
     assert run_topics(tmp_path) == {}
     assert run_plan(tmp_path).processes == ()
-    assert background_of(tmp_path) == Background(
+    assert run_metadata_of(tmp_path) == RunMetadata(
         metadata={"obelisk": {"run": tmp_path.name}, "obelisk_versions": {}}
     )
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.bag_writer import BagWriter
 from obk_cli.cli.main import main
-from obk_cli.recording.fields import Lines
-from obk_cli.recording.tally import DROPS
+from obk_cli.record.mcap_writer import BagWriter
+from obk_cli.record.plot import PlotField
+from obk_cli.record.recording import DROPS
 
 SECOND = 1_000_000_000
 
@@ -65,8 +65,8 @@ def test_plot_names_the_picture_that_it_makes(
 def test_plot_is_over_the_time_of_publication_or_of_receipt(
     bag: Path, monkeypatch: pytest.MonkeyPatch, option: tuple[str, ...], first_s: float
 ) -> None:
-    drawn: list[Lines] = []
-    monkeypatch.setattr("obk_cli.adapters.picture.draw", lambda fields, *_: drawn.extend(fields))
+    drawn: list[PlotField] = []
+    monkeypatch.setattr("obk_cli.record.plot.draw", lambda fields, *_: drawn.extend(fields))
     assert obk("plot", bag, "speed.data", *option) == 0
     (line,) = drawn[0].lines
     assert line.times_s == pytest.approx([first_s + number for number in range(5)])

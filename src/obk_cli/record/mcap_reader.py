@@ -1,38 +1,90 @@
-"""Reads recordings: MCAP files, those of a killed recorder too, up to where they break off.
+"""Read recordings: MCAP files, including those of a killed recorder, up to where they break off.
 
 Messages are decoded by the definitions in the file; neither ROS nor the types need be installed.
+The file need not be sound. `mcap_ros2` takes unbounded time for comments and constants and returns
+short values where bytes are missing, so it gets definitions with fields only, and bytes that raise
+when a slice is incomplete.
 """
 
+import re
 import struct
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from dataclasses import dataclass, field, replace
+from io import StringIO
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import IO, Any, Final, SupportsIndex
 
 from mcap.exceptions import EndOfFile, InvalidMagic
 from mcap.reader import SeekingReader
-from mcap.records import Attachment, Channel, Chunk, Header, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
+from mcap_ros2.decoder import DecoderFactory
 
-from obk_cli.adapters.bag_chunks import messages_in_order, records_of
-from obk_cli.adapters.bag_messages import MessageDecoders
 from obk_cli.adapters.files import explain_os_error
 from obk_cli.errors import CommandFailedError
-from obk_cli.recording.bag import Bag, BagTopic
-from obk_cli.recording.tally import DROPS
+from obk_cli.record.recording import DROPS, Bag, BagTopic
 from obk_cli.report.escapes import plain
 
 __all__ = ["BagMessage", "messages_of", "read_bag"]
 
+_FIELD: Final = re.compile(r"\s*(?P<type>\S+)\s+(?P<name>\w+)\s*(?P<equals>=)?")
+_BEGINS_DEFINITION: Final = ("===", "MSG:")
+
+
+class _Decoders:
+    """The decoders of one file, each created once."""
+
+    def __init__(self) -> None:
+        self._library = DecoderFactory()
+        self._schemas: dict[int, Schema] = {}
+
+    def decoder_of(self, channel: Channel, schema: Schema | None) -> Callable[[bytes], Any] | None:
+        """The decoder of a channel's messages; None: they are not ROS 2 messages in CDR.
+
+        Raises:
+            Exception: of any kind, as does the decoder: the definition or a message is damaged.
+        """
+        if schema is not None:
+            if schema.id not in self._schemas:
+                self._schemas[schema.id] = replace(schema, data=_fields_only(schema.data))
+            schema = self._schemas[schema.id]
+        # The library prints what it cannot parse, with any control characters that are in it.
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+            decode = self._library.decoder_for(channel.message_encoding, schema)
+        return None if decode is None else lambda data: decode(_Uncut(data))
+
+
+class _Uncut(bytes):
+    """Bytes whose slices raise an error where they would be cut short."""
+
+    def __getitem__(self, place: SupportsIndex | slice) -> Any:
+        if isinstance(place, slice) and place.stop is not None and place.stop > len(self):
+            raise EOFError(f"{place.stop} bytes were expected, there are {len(self)}")
+        return super().__getitem__(place)
+
+
+def _fields_only(definition: bytes) -> bytes:
+    """A definition and those that it refers to, without comments, constants and defaults."""
+    return "\n".join(map(_field_only, definition.decode().splitlines())).encode()
+
+
+def _field_only(line: str) -> str:
+    code = line.partition("#")[0].rstrip()
+    field = None if code.startswith(_BEGINS_DEFINITION) else _FIELD.match(code)
+    if field is None:
+        return code
+    return "" if field["equals"] else f"{field['type']} {field['name']}"
+
+
 _BREAKS = (EndOfFile, struct.error)
-"""What the library raises where a file ends in the middle of a record."""
+"""Raised by the library when a file ends in the middle of a record."""
 LONGEST_FAULT: Final = 200
-"""Of the library's words [characters]."""
+"""Limit for the text of an error of the library [characters]."""
 LONGEST_RECORD: Final = 1 << 28
-"""What a record may claim to have: far more than any chunk or attachment of a recorder [bytes]."""
+"""Limit for a record in the file: far above any chunk or attachment of a recorder [bytes]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,31 +93,31 @@ class BagMessage:
 
     topic: str
     received_ns: int
-    """When the recorder got it [ns since 1970]."""
+    """When the recorder received it [ns since 1970]."""
     published_ns: int
-    """When it was published [ns since 1970]; that of receipt where the recorder did not know."""
+    """When it was published [ns since 1970]; the time of receipt if unknown."""
     value: Any
     """Its fields as attributes."""
 
 
 def read_bag(path: Path) -> Bag:
-    """What a recording holds.
+    """Read the summary of a recording.
 
     Raises:
-        CommandFailedError: it cannot be read, or is none.
+        CommandFailedError: it cannot be read, or is not an MCAP file.
     """
-    with _faults_told(path), path.open("rb") as file:
+    with _errors_of(path), path.open("rb") as file:
         return _indexed(path, file) or _scanned(path, file)
 
 
 def messages_of(path: Path, topics: Collection[str]) -> Iterator[BagMessage]:
-    """The messages of some topics, in the order in which they came where the file has an index.
+    """The messages of some topics, in order of receipt if the file has an index.
 
     Raises:
-        CommandFailedError: the file cannot be read, or a message of it.
+        CommandFailedError: the file or a message in it cannot be read.
     """
-    decoders = MessageDecoders()
-    with _faults_told(path), path.open("rb") as file:
+    decoders = _Decoders()
+    with _errors_of(path), path.open("rb") as file:
         for schema, channel, message in _messages(file, topics):
             decode = decoders.decoder_of(channel, schema)
             if decode is None:
@@ -87,7 +139,7 @@ def _messages(
 ) -> Iterator[tuple[Schema | None, Channel, Message]]:
     summary = _summary(file)
     if summary is not None and summary.chunk_indexes:
-        yield from messages_in_order(file, summary, topics)
+        yield from _seeking(file).iter_messages(topics)
         return
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
@@ -103,31 +155,24 @@ def _messages(
 
 
 def _summary(file: IO[bytes]) -> Summary | None:
-    """What stands behind a recording that was ended; leaves the file at its beginning."""
+    """The summary at the end of a closed recording; leaves the file at its start."""
     try:
         summary = _seeking(file).get_summary()
-    except Exception:  # the end of the file is no footer, whatever the library makes of it
+    except Exception:  # the file does not end in a footer: the library may raise anything
         summary = None
     file.seek(0)
     return None if summary is None or summary.statistics is None else summary
 
 
 def _records(file: IO[bytes]) -> Iterator[object]:
-    """Every record up to where the file breaks off."""
-    reader = StreamReader(file, emit_chunks=True, record_size_limit=LONGEST_RECORD)
-    try:
-        for record in reader.records:
-            if isinstance(record, Chunk):
-                yield from records_of(record)
-            else:
-                yield record
-    except _BREAKS:
-        return
+    """Every record, in and outside of chunks, up to where the file breaks off."""
+    with suppress(*_BREAKS):
+        yield from StreamReader(file, record_size_limit=LONGEST_RECORD).records
 
 
 @dataclass(slots=True, kw_only=True)
 class _Found:
-    """What was seen of a file so far."""
+    """The content of a file so far."""
 
     header: Header | None = None
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -139,17 +184,19 @@ class _Found:
 
 
 def _indexed(path: Path, file: IO[bytes]) -> Bag | None:
-    """Read what the index at the end tells; None where there is none."""
+    """The recording by the summary at its end; None if it has none."""
     summary = _summary(file)
     if summary is None or summary.statistics is None:
         return None
-    reader, told = _seeking(file), summary.statistics
+    reader, statistics = _seeking(file), summary.statistics
     found = _Found(
         header=reader.get_header(),
         schemas=summary.schemas,
         channels=summary.channels,
-        counts=Counter(told.channel_message_counts),
-        times_ns=(told.message_start_time, told.message_end_time) if told.message_count else None,
+        counts=Counter(statistics.channel_message_counts),
+        times_ns=(statistics.message_start_time, statistics.message_end_time)
+        if statistics.message_count
+        else None,
         metadata={record.name: record.metadata for record in reader.iter_metadata()},
         attachments={index.name: index.data_size for index in summary.attachment_indexes},
     )
@@ -157,7 +204,7 @@ def _indexed(path: Path, file: IO[bytes]) -> Bag | None:
 
 
 def _scanned(path: Path, file: IO[bytes]) -> Bag:
-    """Read from the beginning to where the file breaks off."""
+    """The recording by its records, up to where the file breaks off."""
     found = _Found()
     for record in _records(file):
         match record:
@@ -210,10 +257,10 @@ def _seeking(file: IO[bytes]) -> SeekingReader:
 
 
 @contextmanager
-def _faults_told(path: Path) -> Iterator[None]:
-    """While entered, what comes out of the libraries is told of the file.
+def _errors_of(path: Path) -> Iterator[None]:
+    """Report errors of the libraries as errors of the file.
 
-    They look at no field before they use it: a damaged file makes them raise anything.
+    They use fields unchecked: a damaged file makes them raise anything.
 
     Raises:
         CommandFailedError: the file cannot be read.

@@ -1,26 +1,29 @@
-"""Writes a recording: an MCAP file as rosbag2 writes them, readable after any end of its writer.
+"""Write a recording: an MCAP file like those of rosbag2, readable however its writer ends.
 
-In: serialized messages. What is written so far is whole chunks, at most `FLUSH_S` old when `flush`
-is called as often; only the index at the end needs `close`.
+The file consists of whole chunks, at most `FLUSH_S` old if `flush` is called as often; only the
+index at the end needs `close`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
+import yaml
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import Writer
 
 from obk_cli.adapters.files import unwritable
+from obk_cli.adapters.raw_topics import Offer
 from obk_cli.adapters.versions import run_versions
 from obk_cli.errors import CommandFailedError
 
-__all__ = ["FLUSH_S", "BagWriter"]
+__all__ = ["FLUSH_S", "BagWriter", "offers_text"]
 
 FLUSH_S: Final = 0.25
-"""How much a kill may lose [s]."""
+"""Longest time whose messages a kill may lose [s]."""
 CHUNK_BYTES: Final = 1 << 20
+_NS: Final = 1_000_000_000
 _MEDIA: Final = {".json": "application/json", ".yaml": "application/yaml"}
 
 
@@ -28,10 +31,10 @@ class BagWriter:
     """One file; used by one thread."""
 
     def __init__(self, path: Path) -> None:
-        """Begin a file that is not there yet.
+        """Create the file.
 
         Raises:
-            CommandFailedError: it is, or cannot be made.
+            CommandFailedError: it exists already, or cannot be created.
         """
         try:
             self._file = path.open("xb")
@@ -54,7 +57,7 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the file; after a failure too, what was written before it can be read."""
+        """Close the file; after a failure, what was written before it can be read."""
         if isinstance(error, OSError):
             # There is no room for an index.
             self._file.close()
@@ -80,12 +83,12 @@ class BagWriter:
     def add_topic(
         self, topic: str, msg_type: str, definition: str, metadata: Mapping[str, str]
     ) -> int:
-        """Make the channel of a topic; gives its number.
+        """Add the channel of a topic; return its number.
 
         Args:
             topic: absolute name.
             msg_type: full name.
-            definition: of the type, with all that it needs; empty where it is not known.
+            definition: of the type, with every type that it refers to; empty if unknown.
             metadata: of the channel.
         """
         if msg_type not in self._schemas:
@@ -102,15 +105,15 @@ class BagWriter:
         """Write a message with its times [ns since 1970].
 
         Raises:
-            OSError: the file takes no more.
+            OSError: the file cannot be written.
         """
         self._writer.add_message(channel, received_ns, data, sent_ns, sequence & 0xFFFFFFFF)
 
     def flush(self) -> None:
-        """Hand all messages so far to the system.
+        """Write all messages so far.
 
         Raises:
-            OSError: the file takes no more.
+            OSError: the file cannot be written.
         """
         self._writer.flush()  # type: ignore[no-untyped-call]
 
@@ -118,12 +121,38 @@ class BagWriter:
         """Write the index and close the file.
 
         Raises:
-            OSError: the file takes no more; what was flushed is there.
+            OSError: the file cannot be written; what was flushed can be read.
         """
         with self._file:
             self._writer.finish()  # type: ignore[no-untyped-call]
 
 
 def _as_utf8(text: str) -> str:
-    """The text with escapes for what UTF-8 has no place for, such as bytes of a file's name."""
+    """The text with escapes for what UTF-8 cannot encode, such as bytes of a file's name."""
     return text.encode(errors="backslashreplace").decode()
+
+
+def offers_text(offers: Iterable[Offer]) -> str:
+    """The offers as YAML, one for each publisher, as rosbag2 reads them for playback.
+
+    Source: rosbag2, `offered_qos_profiles` of a topic, metadata version 9.
+    """
+    return yaml.safe_dump([_profile(offer) for offer in offers], sort_keys=False)
+
+
+def _profile(offer: Offer) -> Mapping[str, object]:
+    return {
+        "history": offer.history,
+        "depth": offer.depth,
+        "reliability": offer.reliability,
+        "durability": offer.durability,
+        "deadline": _time(offer.deadline_ns),
+        "lifespan": _time(offer.lifespan_ns),
+        "liveliness": offer.liveliness,
+        "liveliness_lease_duration": _time(offer.lease_ns),
+        "avoid_ros_namespace_conventions": False,
+    }
+
+
+def _time(nanoseconds: int) -> Mapping[str, int]:
+    return {"sec": nanoseconds // _NS, "nsec": nanoseconds % _NS}

@@ -1,28 +1,33 @@
-"""The text of a message type as recordings carry it: its definition and those that it refers to.
+"""Message definitions as recordings store them: one text with every type that a type refers to.
 
-In: a type's full name and a function that finds definitions. Out: one text for a decoder that has
-no ROS. Source: MCAP, well-known schema encodings, `ros2msg`.
+Definitions are the `.msg` files in the prefixes of this process.
+
+Source: MCAP, well-known schema encodings, `ros2msg`.
 """
 
+import os
 import re
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
-__all__ = ["FindDefinition", "schema_text"]
+from obk_cli.adapters.overlay_environment import underlays_of
+
+__all__ = ["FindDefinition", "installed_definition", "schema_text"]
 
 FindDefinition = Callable[[str, str], str | None]
-"""Package and message -> the text of its `.msg` file, None where there is none."""
+"""Package and message -> the text of its `.msg` file, None if there is none."""
 
 _BAR = "=" * 80
-# A type of one's own begins with a capital letter, those of the language with a small one.
+# Message types begin with a capital letter, primitive types with a small one.
 _OWN_TYPE = re.compile(r"\s*(?:(?P<package>[a-z]\w*)/)?(?P<name>[A-Z]\w*)\s*(?:\[[^\]]*\])?\s+\w")
 
 
 def schema_text(msg_type: str, find: FindDefinition) -> str | None:
-    """The definition of `pkg/msg/Name` with all that it needs; None where one of them is missing.
+    """The definition of `pkg/msg/Name` with every type that it refers to; None if one is missing.
 
     Args:
         msg_type: full name.
-        find: where definitions come from.
+        find: looks up a definition.
     """
     package, _, name = msg_type.split("/")
     texts: dict[str, str] = {}
@@ -46,3 +51,12 @@ def _parts(text: str, package: str) -> Iterator[tuple[str, str]]:
         field = _OWN_TYPE.match(line.partition("#")[0])
         if field is not None:
             yield field["package"] or package, field["name"]
+
+
+def installed_definition(package: str, name: str) -> str | None:
+    """The definition of a message from the first prefix that has it; None if none has."""
+    for prefix in underlays_of(os.environ, ()):
+        path = Path(prefix, "share", package, "msg", f"{name}.msg")
+        if path.is_file():
+            return path.read_text(encoding="utf-8", errors="replace")
+    return None

@@ -4,24 +4,20 @@ import errno
 import os
 import re
 import struct
-import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
-import lz4.frame
 import pytest
-import zstandard
-from mcap.data_stream import RecordBuilder
+import yaml
 from mcap.reader import make_reader
-from mcap.records import Chunk, ChunkIndex
 from mcap.writer import CompressionType, Writer
 
-from obk_cli.adapters.bag_reader import messages_of, read_bag
-from obk_cli.adapters.bag_writer import BagWriter
-from obk_cli.adapters.picture import draw
+from obk_cli.adapters.raw_topics import Offer
 from obk_cli.errors import CommandFailedError
-from obk_cli.recording.bag import BagTopic
-from obk_cli.recording.fields import Lines, parse_field
-from obk_cli.recording.tally import DROPS
+from obk_cli.record.mcap_reader import messages_of, read_bag
+from obk_cli.record.mcap_writer import BagWriter, offers_text
+from obk_cli.record.plot import PlotField, draw, parse_field
+from obk_cli.record.recording import DROPS, BagTopic
 from obk_cli.report.bag import bag_text
 
 TYPE = "std_msgs/msg/Float64"
@@ -125,8 +121,8 @@ def test_what_is_no_recording_is_told(tmp_path: Path) -> None:
         read_bag(tmp_path / "b.mcap")
 
 
-def speed_lines(path: Path) -> Lines:
-    lines = Lines(parse_field("/speed.data"))
+def speed_lines(path: Path) -> PlotField:
+    lines = PlotField(parse_field("/speed.data"))
     for one in messages_of(path, {"/speed"}):
         lines.add((one.received_ns - BEGIN_NS) * 1e-9, one.value)
     return lines
@@ -172,91 +168,6 @@ def test_a_recording_that_cannot_be_begun_is_told(tmp_path: Path) -> None:
         BagWriter(tmp_path / "no" / "a.mcap")
 
 
-def with_chunk(path: Path, chunk: Chunk, *, has_index: bool = True) -> Path:
-    """A recording of one chunk, ended in order unless it has no index."""
-    with path.open("wb") as file:
-        made = Writer(file, compression=CompressionType.NONE)
-        made.start("ros2", "test")
-        schema = made.register_schema(TYPE, "ros2msg", b"float64 data\n")
-        channel = made.register_channel("/speed", "cdr", schema)
-        begin = file.tell()
-        builder = RecordBuilder()
-        chunk.write(builder)
-        file.write(builder.end())
-        length = file.tell() - begin
-        if has_index:
-            made._Writer__chunk_indices.append(
-                ChunkIndex(
-                    chunk_length=length,
-                    chunk_start_offset=begin,
-                    compression=chunk.compression,
-                    compressed_size=len(chunk.data),
-                    message_end_time=9,
-                    message_index_length=0,
-                    message_index_offsets={channel: 0},
-                    message_start_time=0,
-                    uncompressed_size=chunk.uncompressed_size,
-                )
-            )
-            made.finish()
-    return path
-
-
-def chunk_of(data: bytes, compression: str, claimed: int | None = None) -> Chunk:
-    return Chunk(
-        compression=compression,
-        data=data,
-        message_end_time=9,
-        message_start_time=0,
-        uncompressed_crc=0,
-        uncompressed_size=len(data) if claimed is None else claimed,
-    )
-
-
-ZEROS = b"\0" * (1 << 26)
-BOMBS = {
-    "zstd that holds more than it claims": (
-        chunk_of(zstandard.ZstdCompressor().compress(ZEROS), "zstd", 1000),
-        "claims to hold 1000 bytes and holds more",
-    ),
-    "zstd of unknown size": (
-        chunk_of(zstandard.ZstdCompressor(write_content_size=False).compress(ZEROS), "zstd", 1000),
-        "claims to hold 1000 bytes and holds more",
-    ),
-    "lz4 that holds more than it claims": (
-        chunk_of(lz4.frame.compress(ZEROS), "lz4", 1000),
-        "claims to hold 1000 bytes and holds more",
-    ),
-    "a chunk that claims too much": (
-        chunk_of(zstandard.compress(b"x"), "zstd", 1 << 40),
-        "claims to hold 1099511627776 bytes, more than 268435456",
-    ),
-    "a chunk that holds less": (
-        chunk_of(zstandard.compress(b"x"), "zstd", 2),
-        "claims to hold 2 bytes and holds 1",
-    ),
-    "another compression": (chunk_of(b"x", "xz"), "compressed by `xz`, not by zstd or lz4"),
-}
-
-
-@pytest.mark.parametrize("kind", BOMBS)
-@pytest.mark.parametrize("has_index", [True, False])
-def test_a_chunk_that_is_not_what_it_claims_is_refused_before_it_takes_memory(
-    kind: str, has_index: bool, tmp_path: Path
-) -> None:
-    chunk, told = BOMBS[kind]
-    path = with_chunk(tmp_path / "a.mcap", chunk, has_index=has_index)
-    tracemalloc.start()
-    try:
-        with pytest.raises(CommandFailedError, match=re.escape(told)):
-            list(messages_of(path, {"/speed"}))
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    # Of 64 MiB that the bombs would be; 16 are for the length that the last bytes may be taken for.
-    assert peak < 32_000_000
-
-
 @pytest.mark.parametrize("compression", list(CompressionType))
 def test_messages_of_overlapping_chunks_come_in_the_order_of_their_receipt(
     compression: CompressionType, tmp_path: Path
@@ -277,15 +188,6 @@ def test_messages_of_overlapping_chunks_come_in_the_order_of_their_receipt(
     with path.open("rb") as file:
         theirs = [m.log_time for _, _, m in make_reader(file).iter_messages(topics=["/speed"])]
     assert heard == theirs
-
-
-def test_messages_that_wait_for_one_another_are_bounded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = written(tmp_path / "a.mcap")
-    monkeypatch.setattr("obk_cli.adapters.bag_chunks.MOST_WAITING", 1000)
-    with pytest.raises(CommandFailedError, match="messages out of order take more than 1000 bytes"):
-        list(messages_of(path, {"/speed"}))
 
 
 def test_times_beyond_any_calendar_are_shown(tmp_path: Path) -> None:
@@ -341,3 +243,32 @@ def test_bytes_of_names_that_are_no_utf8_are_escaped(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as writer:
         writer.describe({"obelisk": {"config": name}}, {"plan.json": name}, BEGIN_NS)
     assert read_bag(tmp_path / "a.mcap").metadata == {"obelisk": {"config": r"caf\udce9"}}
+
+
+FOR_EVER = 2**63 - 1
+OFFER = Offer(
+    history="keep_last",
+    depth=10,
+    reliability="reliable",
+    durability="volatile",
+    liveliness="automatic",
+    deadline_ns=1_500_000_000,
+    lifespan_ns=FOR_EVER,
+    lease_ns=FOR_EVER,
+)
+
+
+def test_offers_are_kept_in_the_words_of_rosbag2() -> None:
+    first, second = yaml.safe_load(offers_text([OFFER, replace(OFFER, reliability="best_effort")]))
+    assert first == {
+        "history": "keep_last",
+        "depth": 10,
+        "reliability": "reliable",
+        "durability": "volatile",
+        "deadline": {"sec": 1, "nsec": 500_000_000},
+        "lifespan": {"sec": 9223372036, "nsec": 854775807},
+        "liveliness": "automatic",
+        "liveliness_lease_duration": {"sec": 9223372036, "nsec": 854775807},
+        "avoid_ros_namespace_conventions": False,
+    }
+    assert second["reliability"] == "best_effort"

@@ -1,21 +1,35 @@
-"""Fields of recorded messages by name: `/arm/joints.position[0]`, and the numbers in them.
+"""Plot fields of recorded messages, such as `/arm/joints.position[0]`, as PNG or SVG.
 
-In: what a user types, and decoded messages. Out: lines for a picture. Reads no file.
+`PlotField` collects the numbers of one field, message by message; `draw` writes the picture with
+matplotlib and opens no window.
 """
 
 from array import array
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
 from typing import Any, Final
 
 from obelisk_spec.near import did_you_mean, list_names
+from obk_cli.adapters.files import unwritable
+from obk_cli.emit.write import write_bytes
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.recording.steps import field_steps
+from obk_cli.looking.selection import field_steps
 
-__all__ = ["MOST_LINES", "FieldName", "Line", "Lines", "parse_field", "topic_meant"]
+__all__ = [
+    "FORMATS",
+    "MOST_LINES",
+    "FieldName",
+    "Line",
+    "PlotField",
+    "draw",
+    "parse_field",
+    "resolve_topic",
+]
 
 MOST_LINES: Final = 32
-"""Of one field: more cannot be told apart in a picture."""
+"""Of one field: more cannot be distinguished in a picture."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +40,7 @@ class FieldName:
     steps: tuple[str | int, ...]
     """Names of fields and places in arrays, outermost first."""
     text: str
-    """As the user has it."""
+    """As the user typed it."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -36,12 +50,12 @@ class Line:
     label: str
     """What follows the field's name: `[2]`, `.x`; empty for the field itself."""
     times_s: list[float] = field(default_factory=list)
-    """Since the begin of the recording [s]."""
+    """Since the start of the recording [s]."""
     values: list[float] = field(default_factory=list)
 
 
 def parse_field(text: str) -> FieldName:
-    """Take `TOPIC.FIELD` apart.
+    """Split `TOPIC.FIELD`.
 
     Raises:
         MisuseError: it is not of that form.
@@ -56,11 +70,11 @@ def parse_field(text: str) -> FieldName:
     return FieldName(topic=topic, steps=steps, text=text)
 
 
-def topic_meant(name: str, topics: Collection[str]) -> str:
+def resolve_topic(name: str, topics: Collection[str]) -> str:
     """The topic of a recording that a user means, by its name or the end of it.
 
     Raises:
-        CommandFailedError: there is none, or there are several.
+        CommandFailedError: no topic or several match.
     """
     if name in topics:
         return name
@@ -75,11 +89,11 @@ def topic_meant(name: str, topics: Collection[str]) -> str:
     )
 
 
-class Lines:
-    """The lines of one field, filled message by message."""
+class PlotField:
+    """The lines of one field."""
 
     def __init__(self, name: FieldName) -> None:
-        """Begin with none."""
+        """Start without lines; the first message with numbers creates them."""
         self.name = name
         self._lines: dict[str, Line] = {}
 
@@ -89,10 +103,10 @@ class Lines:
         return tuple(self._lines.values())
 
     def add(self, time_s: float, message: Any) -> None:
-        """Take the field's numbers from a message.
+        """Add the field's numbers from a message.
 
         Raises:
-            CommandFailedError: the message has no such field, or no numbers are in it.
+            CommandFailedError: the message has no such field, or it holds no numbers.
         """
         for label, number in _numbers(self._value(message), ""):
             if label not in self._lines:
@@ -147,3 +161,43 @@ def _field_names(value: Any) -> Sequence[str]:
     """The fields of a decoded message; a number or a text has none."""
     slots: Sequence[str] = getattr(type(value), "__slots__", ())
     return slots if not isinstance(value, str | bool | int | float) else ()
+
+
+FORMATS: Final = (".png", ".svg")
+WIDTH_IN: Final = 9.0
+HEIGHT_IN: Final = 2.6
+"""Of one field's plot [inch]."""
+DPI: Final = 120
+MOST_NAMED: Final = 12
+"""PlotField that fit into a legend."""
+
+
+def draw(fields: Sequence[PlotField], title: str, path: Path) -> None:
+    """Write a picture with one plot for each field, one below the other; whole or not at all.
+
+    Raises:
+        CommandFailedError: the file cannot be written.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN * len(fields) + 0.8), layout="constrained")
+    parts = figure.subplots(len(fields), 1, sharex=True, squeeze=False)
+    for part, plotted in zip(parts[:, 0], fields, strict=True):
+        for line in plotted.lines:
+            part.plot(line.times_s, line.values, linewidth=1.0, label=line.label)
+        part.set_ylabel(plotted.name.text, fontsize="small")
+        part.grid(visible=True, alpha=0.3)
+        if 1 < len(plotted.lines) <= MOST_NAMED:
+            part.legend(loc="upper right", fontsize="small")
+    parts[-1, 0].set_xlabel("time since start of recording [s]")
+    figure.suptitle(title, fontsize="medium")
+    # Reproducible bytes, and text stays text.
+    picture, kind = BytesIO(), path.suffix.removeprefix(".")
+    with matplotlib.rc_context({"svg.hashsalt": "obk", "svg.fonttype": "none"}):
+        metadata = {"Date": None} if kind == "svg" else None
+        figure.savefig(picture, format=kind, dpi=DPI, metadata=metadata)
+    try:
+        write_bytes(path, picture.getvalue())
+    except OSError as error:
+        raise unwritable(path, error) from error

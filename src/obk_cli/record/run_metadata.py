@@ -1,7 +1,6 @@
-"""What a recording tells of the run that it is of: config as compiled, hash, versions, parameters.
+"""Metadata of a run, read from its folder: compiled config, hash, versions, parameters.
 
-In: a run's folder, which the launcher wrote before anything started. Out: texts and key-value
-metadata for the beginning of the file.
+A recorder writes them at the start of the file; tools that inspect a running stack read its plan.
 """
 
 import json
@@ -15,14 +14,14 @@ from obk_cli.launch.json_values import value_of
 from obk_cli.launch.runs import config_of, read_told
 from obk_cli.plan import Endpoint, Origin, Plan, Process, SensorGroup
 
-__all__ = ["Background", "background_of", "file_name", "run_plan", "run_topics"]
+__all__ = ["RunMetadata", "file_name", "run_metadata_of", "run_plan", "run_topics"]
 
 PLAN_FILE: Final = "plan.json"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Background:
-    """What stands first in a recording."""
+class RunMetadata:
+    """Metadata records and attachments at the start of a recording."""
 
     metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     attachments: Mapping[str, str] = field(default_factory=dict)
@@ -30,7 +29,7 @@ class Background:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Parameters:
-    """Of a node's parameters those that say how fast its time passes; JSON may not hold others."""
+    """The parameters of a node that define how fast its time passes; others are not read."""
 
     realtime_factor: float = 1.0
     use_sim_time: bool = False
@@ -38,7 +37,7 @@ class _Parameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Process:
-    """Of a plan's process what is looked at while it runs."""
+    """The part of a plan's process that tools use while it runs."""
 
     node: str
     namespace: str
@@ -61,26 +60,28 @@ class _Plan:
 
 
 def file_name(folder: Path | None, when: datetime) -> str:
-    """The name of a recording's file where the user gives none."""
+    """The default name of a recording's file."""
     return f"{config_of(folder) if folder else 'ros'}_{when:%Y%m%d_%H%M%S}.mcap"
 
 
-def background_of(folder: Path) -> Background:
-    """The background of a run; what its folder does not tell is left out."""
+def run_metadata_of(folder: Path) -> RunMetadata:
+    """The metadata of a run; what its folder lacks is left out."""
     run = read_told(folder)
-    told = {key: str(run[key]) for key in ("name", "config", "domain", "plan_sha256") if key in run}
-    told_versions = run.get("versions")
-    every = told_versions.items() if isinstance(told_versions, dict) else ()
+    stored = {
+        key: str(run[key]) for key in ("name", "config", "domain", "plan_sha256") if key in run
+    }
+    recorded_versions = run.get("versions")
+    every = recorded_versions.items() if isinstance(recorded_versions, dict) else ()
     versions = {key: str(value) for key, value in every}
     plan = {PLAN_FILE: json.dumps(run["plan"], indent=1)} if "plan" in run else {}
-    return Background(
-        metadata={"obelisk": {"run": folder.name, **told}, "obelisk_versions": versions},
+    return RunMetadata(
+        metadata={"obelisk": {"run": folder.name, **stored}, "obelisk_versions": versions},
         attachments={**plan, **_parameters(folder)},
     )
 
 
 def run_topics(folder: Path) -> Mapping[str, str | None]:
-    """The topics of a run's plan with the types that it knows, read from what the run keeps."""
+    """The topics of a run's plan, each with its type if the plan knows it."""
     found: dict[str, str | None] = {}
     for process in run_plan(folder).processes:
         for end in (*process.publishes, *process.subscribes):
@@ -89,16 +90,16 @@ def run_topics(folder: Path) -> Mapping[str, str | None]:
 
 
 def run_plan(folder: Path) -> Plan:
-    """Of a run's config as compiled what is looked at while it runs; empty where there is none."""
-    told = value_of(_Plan, read_told(folder).get("plan"))
-    if told is None:
+    """The plan of a run, reduced to what tools use while it runs; empty if there is none."""
+    stored = value_of(_Plan, read_told(folder).get("plan"))
+    if stored is None:
         return Plan(name="", processes=())
-    return Plan(name=told.name, processes=tuple(map(_process, told.processes)))
+    return Plan(name=stored.name, processes=tuple(map(_process, stored.processes)))
 
 
-def _process(told: _Process) -> Process:
-    known = {field.name: getattr(told, field.name) for field in fields(told)}
-    return Process(**{**known, "parameters": asdict(told.parameters)})
+def _process(stored: _Process) -> Process:
+    known = {field.name: getattr(stored, field.name) for field in fields(stored)}
+    return Process(**{**known, "parameters": asdict(stored.parameters)})
 
 
 def _parameters(folder: Path) -> Mapping[str, str]:

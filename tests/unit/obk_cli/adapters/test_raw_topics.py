@@ -1,10 +1,8 @@
-"""What a recording asks of publishers, and what it keeps of their offers."""
+"""The quality of service that raw subscriptions request, and the messages that they miss."""
 
 from dataclasses import replace
 
-import yaml
-
-from obk_cli.recording.qos import Offer, Request, offers_text, request_for
+from obk_cli.adapters.raw_topics import DropCounter, Offer, Request, request_for
 
 FOR_EVER = 2**63 - 1
 RELIABLE = Offer(
@@ -38,17 +36,26 @@ def test_a_light_one_is_reliable_only_for_what_was_published_before() -> None:
     assert request_for([LATCHED], is_light=True) == request_for([LATCHED])
 
 
-def test_offers_are_kept_in_the_words_of_rosbag2() -> None:
-    first, second = yaml.safe_load(offers_text([RELIABLE, UNRELIABLE]))
-    assert first == {
-        "history": "keep_last",
-        "depth": 10,
-        "reliability": "reliable",
-        "durability": "volatile",
-        "deadline": {"sec": 1, "nsec": 500_000_000},
-        "lifespan": {"sec": 9223372036, "nsec": 854775807},
-        "liveliness": "automatic",
-        "liveliness_lease_duration": {"sec": 9223372036, "nsec": 854775807},
-        "avoid_ros_namespace_conventions": False,
-    }
-    assert second["reliability"] == "best_effort"
+def counted(*sequence: int, publishers: int = 1) -> tuple[int, int]:
+    counter = DropCounter()
+    for number in sequence:
+        counter.take(number, publishers)
+    return counter.count, counter.dropped
+
+
+def test_gaps_in_the_numbers_are_lost_messages() -> None:
+    assert counted(1, 2, 3) == (3, 0)
+    assert counted(1, 2, 5, 6, 9) == (5, 4)
+
+
+def test_what_was_published_before_the_recording_is_not_lost() -> None:
+    assert counted(100, 101) == (2, 0)
+
+
+def test_a_publisher_that_begins_anew_has_lost_nothing() -> None:
+    assert counted(1, 2, 3, 1, 2) == (5, 0)
+    assert counted(1, 1) == (2, 0)
+
+
+def test_numbers_of_several_publishers_tell_nothing() -> None:
+    assert counted(1, 50, 2, 51, publishers=2) == (4, 0)

@@ -3,17 +3,17 @@
 from types import SimpleNamespace
 from typing import Any
 
-from obk_cli.adapters.ros_recorder import RosRecorder
-from obk_cli.recording.choice import Wish
+from obk_cli.record.recorder import RosRecorder
+from obk_cli.record.topic_filter import RecordRequest
 
 
 def test_topics_that_are_not_recorded_are_told_once() -> None:
     told: list[str] = []
     graph = {"/odd": ["a/msg/A", "b/msg/B"]}
     node: Any = SimpleNamespace(get_topic_names_and_types=graph.items)
-    wish = Wish(topics={"/typo": None}, patterns=("/o*", "/amr/*"))
-    recorder = RosRecorder(node, SimpleNamespace(), wish, told.append)  # type: ignore[arg-type]
-    recorder.look()
+    request = RecordRequest(topics={"/typo": None}, patterns=("/o*", "/amr/*"))
+    recorder = RosRecorder(node, SimpleNamespace(), request, told.append)  # type: ignore[arg-type]
+    recorder.poll_graph()
     graph.clear()
     recorder.finish()
     assert told == [

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.recording.fields import FieldName, Lines, parse_field, topic_meant
+from obk_cli.record.plot import FieldName, PlotField, parse_field, resolve_topic
 
 
 class Vector:
@@ -30,7 +30,7 @@ class Message:
 
 
 def lines(text: str, *messages: Message) -> dict[str, list[float]]:
-    found = Lines(parse_field(text))
+    found = PlotField(parse_field(text))
     for second, message in enumerate(messages or (Message(),)):
         found.add(float(second), message)
     return {line.label: line.values for line in found.lines}
@@ -87,12 +87,12 @@ def test_more_lines_than_can_be_told_apart_are_refused() -> None:
 
 def test_a_topic_may_be_named_by_its_end() -> None:
     topics = ["/arm/imu", "/leg/imu", "/arm/est"]
-    assert topic_meant("/arm/imu", topics) == "/arm/imu"
-    assert topic_meant("est", topics) == "/arm/est"
+    assert resolve_topic("/arm/imu", topics) == "/arm/imu"
+    assert resolve_topic("est", topics) == "/arm/est"
     with pytest.raises(CommandFailedError, match="means several topics"):
-        topic_meant("imu", topics)
+        resolve_topic("imu", topics)
     with pytest.raises(CommandFailedError, match="has no topic `st`"):
-        topic_meant("st", topics)
+        resolve_topic("st", topics)
 
 
 @pytest.mark.parametrize("text", [f"/a.b[{'9' * 5000}]", "/a.b[\u0661]", "/a.b[-1]"])

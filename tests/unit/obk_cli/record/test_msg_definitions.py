@@ -1,6 +1,10 @@
 """The definition of a type as recordings carry it: whole, each part once, comments kept."""
 
-from obk_cli.recording.schema_text import schema_text
+from pathlib import Path
+
+import pytest
+
+from obk_cli.record.msg_definitions import installed_definition, schema_text
 
 BAR = "=" * 80
 TEXTS = {
@@ -42,3 +46,16 @@ def test_a_type_with_plain_fields_is_its_own_text() -> None:
 def test_a_text_that_misses_a_part_is_none() -> None:
     texts = {("a", "A"): "b/B part\n"}
     assert schema_text("a/msg/A", lambda *name: texts.get(name)) is None
+
+
+def test_a_definition_is_read_whatever_its_comments_are_written_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "share" / "arm_msgs" / "msg"
+    folder.mkdir(parents=True)
+    (folder / "Joint.msg").write_bytes("# Größe\nfloat64 angle\n".encode("latin-1"))
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    text = installed_definition("arm_msgs", "Joint")
+    assert text is not None
+    assert text.endswith("float64 angle\n")
+    assert installed_definition("arm_msgs", "Wrist") is None
