@@ -1,7 +1,6 @@
-"""What the build says when the machine lacks something, and where it looks."""
+"""Where installed packages and their headers are found."""
 
 import importlib.util
-import sysconfig
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 
@@ -9,48 +8,6 @@ import pytest
 
 from obk_interfaces import BuildToolError, Interface, InterfacePackage
 from obk_interfaces.prefix import Prefixes, find_ros_prefix, include_folders
-from obk_interfaces.toolchain import find_compilers, find_python_headers
-
-
-def test_a_missing_compiler_is_answered_with_what_to_install(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.delenv("CC", raising=False)
-    with pytest.raises(BuildToolError) as caught:
-        find_compilers()
-    assert str(caught.value) == (
-        "no C compiler found (gcc, cc, clang): install one "
-        "(Debian, Ubuntu: apt install g++; Fedora: dnf install gcc-c++)"
-    )
-
-
-def test_a_compiler_of_the_environment_that_is_not_there_is_named(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setenv("CC", "/nowhere/cc -m64")
-    with pytest.raises(BuildToolError, match=r"no C compiler found \(CC=/nowhere/cc -m64\)"):
-        find_compilers()
-
-
-def test_a_compiler_of_the_environment_keeps_its_options(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    compiler = tmp_path / "cc"
-    compiler.touch(mode=0o755)
-    monkeypatch.setenv("CC", f"{compiler} -m64")
-    monkeypatch.setenv("CXX", str(compiler))
-    assert find_compilers() == ((str(compiler), "-m64"), (str(compiler),))
-
-
-def test_missing_python_headers_are_answered_with_what_to_install(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    paths = {"include": str(tmp_path), "platinclude": str(tmp_path)}
-    monkeypatch.setattr(sysconfig, "get_paths", lambda: paths)
-    monkeypatch.setattr(sysconfig, "get_config_var", lambda _: None)
-    with pytest.raises(BuildToolError, match=r"\(Python\.h\) are not in .*apt install python3\.\d"):
-        find_python_headers()
 
 
 def test_missing_generators_are_answered_with_both_ways_to_get_them(

@@ -1,16 +1,21 @@
-"""Command lines and units: what is compiled together, and what keeps the result movable."""
+"""Libraries, units and command lines: compilers, and what keeps the result relocatable."""
 
+import sysconfig
 from pathlib import Path
 
 import pytest
 
-from obk_interfaces import Interface, InterfacePackage
-from obk_interfaces.commands import compile_command, link_command
-from obk_interfaces.libraries import libraries_of
+from obk_interfaces import BuildToolError, Interface, InterfacePackage
+from obk_interfaces.libraries import libraries_of, object_of, write_units
+from obk_interfaces.package import PackageTree
 from obk_interfaces.prefix import Prefixes, site_packages_in
-from obk_interfaces.toolchain import Toolchain
-from obk_interfaces.tree import PackageTree
-from obk_interfaces.units import object_of, write_units
+from obk_interfaces.toolchain import (
+    Toolchain,
+    compile_command,
+    find_compilers,
+    find_python_headers,
+    link_command,
+)
 
 TOOLS = Toolchain(cc=("cc",), cxx=("c++",), includes=())
 
@@ -77,3 +82,44 @@ def test_clashing_sources_stay_alone_and_the_others_are_one_unit(tree: PackageTr
         "libmy_msgs__rosidl_generator_c.unity.c",
     ]
     assert len({object_of(library, unit, tree.objects) for unit in units}) == 3
+
+
+def test_a_missing_compiler_is_answered_with_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    with pytest.raises(BuildToolError) as caught:
+        find_compilers()
+    assert str(caught.value) == (
+        "no C compiler found (gcc, cc, clang): install one "
+        "(Debian, Ubuntu: apt install g++; Fedora: dnf install gcc-c++)"
+    )
+
+
+def test_a_compiler_of_the_environment_that_is_not_there_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("CC", "/nowhere/cc -m64")
+    with pytest.raises(BuildToolError, match=r"no C compiler found \(CC=/nowhere/cc -m64\)"):
+        find_compilers()
+
+
+def test_a_compiler_of_the_environment_keeps_its_options(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    compiler = tmp_path / "cc"
+    compiler.touch(mode=0o755)
+    monkeypatch.setenv("CC", f"{compiler} -m64")
+    monkeypatch.setenv("CXX", str(compiler))
+    assert find_compilers() == ((str(compiler), "-m64"), (str(compiler),))
+
+
+def test_missing_python_headers_are_answered_with_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    paths = {"include": str(tmp_path), "platinclude": str(tmp_path)}
+    monkeypatch.setattr(sysconfig, "get_paths", lambda: paths)
+    monkeypatch.setattr(sysconfig, "get_config_var", lambda _: None)
+    with pytest.raises(BuildToolError, match=r"\(Python\.h\) are not in .*apt install python3\.\d"):
+        find_python_headers()
