@@ -10,8 +10,8 @@ from typing import Any, Final, Literal
 
 from obelisk_spec.articles import with_article
 from obelisk_spec.messages import bare_name
-from obelisk_spec.near import did_you_mean, list_names, sure_name
 from obelisk_spec.sim_faults import SimFault, SimPath
+from obelisk_spec.suggestions import did_you_mean, list_names, sure_name
 from obelisk_spec.values import is_mapping, is_number
 
 __all__ = ["FIELD_NOISE_KEYS", "NOISY_FIELDS", "FieldKind", "check_disturbances"]

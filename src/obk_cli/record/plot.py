@@ -11,7 +11,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
-from obelisk_spec.near import did_you_mean, list_names
+from obelisk_spec.suggestions import did_you_mean, list_names
 from obk_cli.adapters.files import unwritable
 from obk_cli.emit.write import write_bytes
 from obk_cli.errors import CommandFailedError, MisuseError

@@ -1,4 +1,4 @@
-"""Names that exist and look like one that does not, for "did you mean"."""
+"""Suggest existing names for one that does not exist: "did you mean"."""
 
 import re
 from collections.abc import Iterable
