@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
-from obelisk_spec.articles import with_article
 from obelisk_spec.disturbances import check_disturbances
 from obelisk_spec.messages import bare_name
 from obelisk_spec.model import ModelFacts, SensorFact
@@ -22,6 +21,7 @@ from obelisk_spec.suggestions import (
     sure_name,
     there_is,
 )
+from obelisk_spec.wording import with_article
 
 __all__ = ["check_group_against_model", "check_group_rule"]
 

@@ -1,4 +1,4 @@
-"""Names and numbers as a message's sentence holds them."""
+"""Names and numbers in the sentences of messages."""
 
 __all__ = ["with_article", "with_number"]
 
