@@ -6,10 +6,11 @@ The tool knows this from its typed config; a simulator that is started by hand d
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from obelisk_spec.limits import LARGEST_COUNT, LONGEST_PERIOD_S
 from obelisk_spec.sim_faults import SimFault, SimPath
 from obelisk_spec.values import (
     COUNT_WANTED,
+    LARGEST_COUNT,
+    LONGEST_PERIOD_S,
     PERIOD_WANTED,
     is_count,
     is_mapping,

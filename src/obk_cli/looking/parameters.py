@@ -7,7 +7,7 @@ Source: rcl_interfaces/msg/ParameterType.
 from dataclasses import dataclass
 from typing import Final
 
-from obelisk_spec.parameter_value import ParameterValue
+from obelisk_spec.values import ParameterValue
 from obelisk_spec.wording import with_article
 from obk_cli.errors import MisuseError
 
