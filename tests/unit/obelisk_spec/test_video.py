@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from obelisk_spec.films import FilmError, FilmSettings, read_film
+from obelisk_spec.video import FilmError, FilmSettings, read_film
 
 
 @pytest.mark.parametrize(("ending", "rate_hz"), [(".mp4", 30), (".gif", 15), (".png", 30)])

@@ -1,7 +1,6 @@
-"""What a film of a simulated robot may be: kind of file, size, rate; read from what a user wrote.
+"""Settings of a video of a simulated robot: kind of file, size, frame rate.
 
-In: words and numbers. Out: `FilmSettings`, or a `FilmError` whose sentence says what is expected.
-Looks at no file.
+`read_film` checks what a user wrote and raises `FilmError` with what is expected. No file is read.
 """
 
 import re
