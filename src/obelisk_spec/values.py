@@ -1,4 +1,4 @@
-"""Values of configs: what a ROS parameter holds, the limits of numbers, and checks of kind. Pure."""
+"""Values of configs: what a ROS parameter holds, limits of numbers, checks of their kind. Pure."""
 
 import sys
 from collections.abc import Mapping

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from obelisk_spec.sections import TIERS
+from obelisk_spec.components import TIERS
 from obelisk_spec.values import ParameterValue
 
 __all__ = [
