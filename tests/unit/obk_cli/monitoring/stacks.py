@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Final
 
-from obelisk_spec.rates import Rate as Promised
+from obelisk_spec.runtime_protocol import Rate as Promised
 from obk_cli.adapters.process_load import ProcessLoad
 from obk_cli.looking.rates import Rate
 from obk_cli.monitoring.view import NodeView, Passage, StackView, TopicView

@@ -1,6 +1,6 @@
 import pytest
 
-from obelisk_spec.own_pages import is_of_the_page, names_this_host
+from obelisk_spec.runtime_protocol import is_of_the_page, names_this_host
 
 
 @pytest.mark.parametrize("host", ["localhost:8080", "127.0.0.1", "[::1]:8080", "LOCALHOST:1"])

@@ -1,26 +1,68 @@
-"""What a node tells of the rates that it promised, and what counts as broken.
+"""What the tool and running nodes agree on: rates on /diagnostics, the startup gate, web requests.
 
-Measured rates to the keys and texts of a `diagnostic_msgs/DiagnosticStatus`, and back. Knows no ROS
-message and measures nothing.
+Rates are the keys and texts of a `diagnostic_msgs/DiagnosticStatus`; no ROS message is imported.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
+from urllib.parse import urlsplit
 
 __all__ = [
     "DIAGNOSTICS_TOPIC",
+    "GATE_VARIABLE",
     "REPORT_PERIOD_S",
     "STANDINGS",
     "STEPS",
     "TOLERANCE",
     "Rate",
     "Standing",
+    "is_of_the_page",
+    "names_this_host",
     "parse_rate",
     "rate_name",
     "rate_values",
 ]
+
+GATE_VARIABLE: Final = "OBK_GATE"
+"""The environment variable that names the gate file of nodes that are started early.
+
+The launcher holds an exclusive lock (flock) on the file until no other stack uses its names and its
+robot; a program creates its node once it gets a shared lock. The lock ends with the launcher.
+"""
+
+
+_HOST_NAMES: Final = frozenset({"127.0.0.1", "localhost", "::1"})
+"""Names of this host in the header `Host`."""
+
+
+def names_this_host(host: str) -> bool:
+    """Whether the header `Host` names this host; the port may be another one.
+
+    A foreign page in the same browser can have its own name point here (DNS rebinding), but the
+    browser does not let it choose this header.
+
+    Args:
+        host: the header's text; behind `ssh -L` it has the port of the other end.
+    """
+    try:
+        return urlsplit(f"//{host}").hostname in _HOST_NAMES
+    except ValueError:
+        return False
+
+
+def is_of_the_page(origin: str, host: str) -> bool:
+    """Whether a request comes from a page of the server that it is sent to.
+
+    Source: https://developer.mozilla.org/docs/Web/HTTP/Headers/Origin
+
+    Args:
+        origin: the header's text.
+        host: the header's text.
+    """
+    return origin == f"http://{host}"
+
 
 DIAGNOSTICS_TOPIC: Final = "/diagnostics"
 REPORT_PERIOD_S: Final = 1.0
