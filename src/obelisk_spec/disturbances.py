@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, Final, Literal
 
 from obelisk_spec.messages import bare_name
-from obelisk_spec.sim_faults import SimFault, SimPath
+from obelisk_spec.sim_block import SimFault, SimPath
 from obelisk_spec.suggestions import did_you_mean, list_names, sure_name
 from obelisk_spec.values import is_mapping, is_number
 from obelisk_spec.wording import with_article

@@ -8,9 +8,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from obelisk_spec.model import ModelFacts
-from obelisk_spec.sim_faults import SimFault, SimPath
+from obelisk_spec.sim_block import SimFault, SimPath, check_sim_shape
 from obelisk_spec.sim_groups import check_group_against_model, check_group_rule
-from obelisk_spec.sim_shape import check_sim_shape
 from obelisk_spec.suggestions import did_you_mean, sure_name
 from obelisk_spec.wording import with_article, with_number
 

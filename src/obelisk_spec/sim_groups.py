@@ -12,7 +12,7 @@ from obelisk_spec.messages import bare_name
 from obelisk_spec.model import ModelFacts, SensorFact
 from obelisk_spec.scans import check_scan
 from obelisk_spec.sensors import SENSOR_GROUPS, GroupRule, sensor_group
-from obelisk_spec.sim_faults import SimFault, SimPath
+from obelisk_spec.sim_block import SimFault, SimPath
 from obelisk_spec.suggestions import (
     ask_for,
     did_you_mean,

@@ -1,12 +1,13 @@
-"""Whether a `sim` block that came as text has the shape that the other checks rely on.
+"""The shape of a `sim` block that came as text, and findings about such a block as values.
 
-The tool knows this from its typed config; a simulator that is started by hand does not.
+The tool knows the shape from its typed config; a simulator that is started by hand does not. The
+tool shows a finding at its place in the config, the simulator logs it.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Any, Final, Literal
 
-from obelisk_spec.sim_faults import SimFault, SimPath
 from obelisk_spec.values import (
     COUNT_WANTED,
     LARGEST_COUNT,
@@ -20,7 +21,35 @@ from obelisk_spec.values import (
     is_whole,
 )
 
-__all__ = ["check_sim_shape"]
+__all__ = ["SimFault", "SimPath", "check_sim_shape"]
+
+SimPath = tuple[str | int, ...]
+"""Keys and indexes into the sim block; one that starts with `params` goes into the node's
+parameters instead."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimFault:
+    """One finding; `str()` is the line that a log shows."""
+
+    code: str
+    severity: Literal["error", "warning", "info"]
+    path: SimPath
+    message: str
+    help: str | None = None
+    points_at: Literal["key", "value"] = "value"
+    """Whether the finding is about the last key of `path` or about what it holds."""
+    meant: str | None = None
+    """The name to write there instead; only where it is certain."""
+    element: tuple[str, str] | None = None
+    """Kind (`sensor`, `geom`, `site`, `key`, `joint`) and name of the model element meant."""
+
+    def __str__(self) -> str:
+        place = "".join(
+            f"[{step}]" if isinstance(step, int) else f".{step}" for step in self.path
+        ).lstrip(".")
+        line = f"{self.severity}[{self.code}]: {place}: {self.message}"
+        return f"{line} ({self.help})" if self.help else line
 
 
 def _is_probability(value: object) -> bool:
