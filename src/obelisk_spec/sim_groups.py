@@ -7,11 +7,10 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
-from obelisk_spec.disturbances import check_disturbances
 from obelisk_spec.messages import bare_name
 from obelisk_spec.model import ModelFacts, SensorFact
 from obelisk_spec.scans import check_scan
-from obelisk_spec.sensors import SENSOR_GROUPS, GroupRule, sensor_group
+from obelisk_spec.sensors import SENSOR_GROUPS, GroupRule, check_disturbances, sensor_group
 from obelisk_spec.sim_block import SimFault, SimPath
 from obelisk_spec.suggestions import (
     ask_for,
