@@ -27,7 +27,7 @@ from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output, Stepper
 from obelisk_py.core.sim.mujoco.stepping import MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.viewing.film_robot import film_outputs
-from obelisk_spec.films import FilmSettings, read_film
+from obelisk_spec.video import FilmSettings, read_film
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "films.json"

@@ -19,9 +19,9 @@ from generated import ROOT
 from pictures import PICTURES, terminal, without_fonts
 from playwright.sync_api import sync_playwright
 
-from obk_cli.monitor.app import MonitorApp
 from obk_cli.cli.looking_options import TIMEOUT_S, with_types
 from obk_cli.looking.place import place_of
+from obk_cli.monitor.app import MonitorApp
 from obk_cli.monitor.stack_follower import Target, Watcher
 from obk_cli.ros.environment import ros_environment
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from generated import ROOT, bring_up_to_date
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.codes import RULES, Rule
 from obk_cli.pipeline import Options, compile_config
 from obk_cli.report.text import report_text

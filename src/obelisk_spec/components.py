@@ -1,7 +1,7 @@
-"""Which names mean the same component of a node.
+"""Sections and components of a config, and which names mean the same component.
 
 The ROS parameter `pub_ctrl_setting` and the key `pub_ctrl` name one component; the seeds also
-write `publisher_ctrl`. Strings in, strings out; knows nothing of configs or of ROS.
+write `publisher_ctrl`.
 """
 
 from typing import Final
@@ -14,10 +14,15 @@ __all__ = [
     "SETTING_SUFFIX",
     "STALE_ACTIONS",
     "STANDARD_COMPONENTS",
+    "TIERS",
     "component_identity",
     "component_spellings",
     "standard_component",
 ]
+
+TIERS: Final = ("robot", "sensing", "estimation", "control", "viz", "joystick")
+"""Sections in bring-up order: data flows downstream, so nobody activates into a void."""
+
 
 SETTING_SUFFIX: Final = "_setting"
 DEFAULT_HISTORY_DEPTH: Final = 10

@@ -1,14 +1,16 @@
-"""Of which kind a value of a `sim` block is: a number, a whole one, a text, a mapping. Pure."""
+"""Values of configs: what a ROS parameter holds, limits of numbers, checks of their kind. Pure."""
 
 import sys
 from collections.abc import Mapping
 from typing import Final, TypeGuard
 
-from obelisk_spec.limits import LARGEST_COUNT, LONGEST_PERIOD_S
-
 __all__ = [
     "COUNT_WANTED",
+    "LARGEST_COUNT",
+    "LONGEST_PERIOD_S",
     "PERIOD_WANTED",
+    "SHORTEST_PERIOD_S",
+    "ParameterValue",
     "is_count",
     "is_mapping",
     "is_number",
@@ -16,6 +18,29 @@ __all__ = [
     "is_text",
     "is_whole",
 ]
+
+LARGEST_COUNT: Final = 2**31 - 1
+"""Depths of DDS, sizes of MuJoCo and device numbers have 32 bits.
+
+Source: OMG, Data Distribution Service 1.4, HistoryQosPolicy; MuJoCo, mjModel.
+"""
+
+SHORTEST_PERIOD_S: Final = 1e-9
+LONGEST_PERIOD_S: Final = 9e9
+"""ROS counts time in 64 bits of nanoseconds [s]."""
+
+
+ParameterValue = (
+    bool
+    | int
+    | float
+    | str
+    | tuple[bool, ...]
+    | tuple[int, ...]
+    | tuple[float, ...]
+    | tuple[str, ...]
+)
+
 
 COUNT_WANTED: Final = f"a whole number from 1 to {LARGEST_COUNT}"
 """What `is_count` asks for, as a message says it."""

@@ -1,17 +1,26 @@
-"""YAML 1.2 core scalars, whatever PyYAML's own default: `on` is a string, `1e-3` a float.
+"""YAML 1.2 core scalars, independent of PyYAML's defaults: `on` is a string, `1e-3` a float.
 
-Text in, plain Python values out; the safe subset only, so no tag can build an object.
+Text becomes plain Python values; only the safe subset is read, so no tag can build an object.
+`expand_variables` replaces `${NAME}` and `${NAME:-text}` by values of an environment.
 
 Source: YAML 1.2.2, 10.3 Core Schema.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final, NoReturn
 
 import yaml
 
-__all__ = ["Scalar", "YamlTextError", "core_scalar", "load_yaml_core"]
+__all__ = [
+    "REFERENCE",
+    "Scalar",
+    "YamlTextError",
+    "core_scalar",
+    "expand_variables",
+    "load_yaml_core",
+    "value_of_reference",
+]
 
 Scalar = None | bool | int | float | str
 
@@ -122,3 +131,36 @@ def load_yaml_core(text: str, expand: Callable[[str], str] = str) -> object:
         raise YamlTextError(f"{place}{error.problem or error}") from error
     except (yaml.YAMLError, RecursionError, UnicodeError, ValueError) as error:
         raise YamlTextError(" ".join(str(error).split())) from error
+
+
+REFERENCE: Final = re.compile(
+    # A default is bounded, lest every `${A:-` of a text be compared with all that follows it.
+    r"\$\$\{|\$\{([A-Za-z_][A-Za-z0-9_]*)(?::-([^}]{0,1000}+))?\}|\$\{"
+)
+"""A reference with its name and its default, `$${`, or a `${` that begins neither."""
+
+
+def value_of_reference(reference: re.Match[str], environment: Mapping[str, str]) -> str | None:
+    """What stands for a match of `REFERENCE`; None: nothing does."""
+    name, default = reference.groups()
+    if reference[0] == "$${":
+        return "${"
+    return environment.get(name, default) if name is not None else None
+
+
+def expand_variables(text: str, environment: Mapping[str, str]) -> str:
+    """The text with every reference replaced.
+
+    Raises:
+        ValueError: nothing stands for one of them.
+    """
+
+    def value_of(reference: re.Match[str]) -> str:
+        value = value_of_reference(reference, environment)
+        if value is not None:
+            return value
+        if reference[1] is None:
+            raise ValueError("`${` does not begin a `${NAME}`")
+        raise ValueError(f"environment variable `{reference[1]}` is not set")
+
+    return REFERENCE.sub(value_of, text) if "${" in text else text

@@ -15,7 +15,7 @@ from obelisk_spec.components import (
     component_identity,
     standard_component,
 )
-from obelisk_spec.parameter_value import ParameterValue
+from obelisk_spec.values import ParameterValue
 from obk_cli.source import Span
 from obk_cli.tree import TreeMap, plain_value
 

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 from typing import cast
 
 from obelisk_spec.components import DEFAULT_HISTORY_DEPTH, SETTING_SUFFIX
-from obelisk_spec.parameter_value import ParameterValue
 from obelisk_spec.settings import format_setting
+from obelisk_spec.values import ParameterValue
 from obk_cli.config import (
     COMPONENT_LISTS,
     FEEDBACK_TOPIC,

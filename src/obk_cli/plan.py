@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from obelisk_spec.parameter_value import ParameterValue
-from obelisk_spec.sections import TIERS
+from obelisk_spec.components import TIERS
+from obelisk_spec.values import ParameterValue
 
 __all__ = [
     "TIERS",

@@ -6,7 +6,7 @@ environment and against a sourced ROS 2. Never prints and never leaves a half-bu
 in the prefix.
 """
 
-from obk_interfaces.build import BuildReport, build
+from obk_interfaces.build import BuildReport, Progress, ProgressCallback, build, digest_of
 from obk_interfaces.errors import (
     BuildToolError,
     CommandError,
@@ -16,9 +16,6 @@ from obk_interfaces.errors import (
     PackageError,
     Problem,
 )
-from obk_interfaces.fingerprint import digest_of
-from obk_interfaces.install import remove_package
-from obk_interfaces.order import order_by_dependency
 from obk_interfaces.package import (
     KINDS,
     Interface,
@@ -26,9 +23,9 @@ from obk_interfaces.package import (
     definition_files,
     discover,
     load_package,
+    order_by_dependency,
 )
-from obk_interfaces.prefix import Prefixes, find_ros_prefix
-from obk_interfaces.progress import Progress, ProgressCallback
+from obk_interfaces.prefix import Prefixes, find_ros_prefix, remove_package
 
 __all__ = [
     "KINDS",

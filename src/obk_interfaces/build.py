@@ -1,39 +1,95 @@
-"""The one module that knows the order of a build: check, generate, compile, link, install.
+"""Build packages: check, generate, compile, link, install, in this order.
 
-In go packages and folders; out come installed packages and a report. Generation runs in this
-thread while the compiler runs on what is generated already. Nothing is installed unless
-everything was built.
+Generation runs in the calling thread while the compiler works on what is generated already. Nothing
+is installed unless everything was built. A package whose fingerprint is unchanged is not built.
 """
 
+import hashlib
 import os
 import subprocess
+import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, TypeAlias
 
-from obk_interfaces.commands import compile_command, include_flags, link_command, output_of
 from obk_interfaces.definition import check_package
 from obk_interfaces.errors import CommandError, DefinitionError, DependencyError
-from obk_interfaces.fingerprint import fingerprint_of
 from obk_interfaces.generate import generate
-from obk_interfaces.install import assemble, install_into, is_installed
-from obk_interfaces.libraries import Library, libraries_of
-from obk_interfaces.order import order_by_dependency
-from obk_interfaces.package import InterfacePackage
-from obk_interfaces.prefix import Prefixes, find_ros_prefix
-from obk_interfaces.progress import Progress, ProgressCallback, Step
-from obk_interfaces.toolchain import Toolchain, find_toolchain
-from obk_interfaces.tree import PackageTree
-from obk_interfaces.units import object_of, write_units
+from obk_interfaces.libraries import Library, libraries_of, object_of, write_units
+from obk_interfaces.package import InterfacePackage, PackageTree, order_by_dependency
+from obk_interfaces.prefix import Prefixes, assemble, find_ros_prefix, install_into, is_installed
+from obk_interfaces.toolchain import (
+    Toolchain,
+    compile_command,
+    find_toolchain,
+    include_flags,
+    library_path,
+    link_command,
+)
 
-__all__ = ["BuildReport", "build"]
+__all__ = [
+    "BuildReport",
+    "Progress",
+    "ProgressCallback",
+    "Step",
+    "build",
+    "digest_of",
+    "fingerprint_of",
+]
+
+Step: TypeAlias = Literal["unchanged", "generate", "compile", "link", "install"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Progress:
+    """A step of the build has advanced: `done` of `total` pieces of the step are finished."""
+
+    step: Step
+    subject: str
+    done: int
+    total: int
+
+
+ProgressCallback: TypeAlias = Callable[[Progress], None]
+
+
+def fingerprint_of(package: InterfacePackage, prefixes: Prefixes, toolchain: Toolchain) -> str:
+    """Digest what `digest_of` does, and the compiler."""
+    words = (digest_of(package, prefixes), *toolchain.cc, *toolchain.cxx)
+    return hashlib.sha256(b"\0".join(word.encode() for word in words)).hexdigest()
+
+
+def digest_of(
+    package: InterfacePackage, prefixes: Prefixes, *, built_with: Iterable[str] = ()
+) -> str:
+    """Digest the package, what it refers to, this engine, the Python and the ROS.
+
+    `built_with` are digests of packages that it refers to and that no prefix has.
+    """
+    digest = hashlib.sha256()
+    for word in (sys.version, str(prefixes.ros), *built_with):
+        digest.update(word.encode() + b"\0")
+    files = [package.root / "package.xml", *(package.root / i.file for i in package.interfaces)]
+    for file in (*files, *_files_of_dependencies(package, prefixes), *_files_of_engine()):
+        digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def _files_of_dependencies(package: InterfacePackage, prefixes: Prefixes) -> Iterable[Path]:
+    for _, share in sorted(prefixes.closure(package).items()):
+        yield from sorted(share.glob("*/*.idl"))
+
+
+def _files_of_engine() -> Iterable[Path]:
+    return sorted(Path(__file__).parent.glob("*.py"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuildReport:
-    """What a build has done; names of packages in the order in which they were built."""
+    """The result of a build; names of packages in the order in which they were built."""
 
     built: tuple[str, ...]
     unchanged: tuple[str, ...]
@@ -98,7 +154,7 @@ def build(
 
 
 def _check(packages: Sequence[InterfacePackage], prefixes: Prefixes) -> None:
-    """Refuse what would fail in the middle of the build, all of it at once."""
+    """Report everything that would fail in the middle of the build, all at once."""
     by_name = {package.name: package for package in packages}
     for package in packages:
         interfaces = (d for d in package.depends if d.endswith(("_msgs", "_interfaces")))
@@ -183,7 +239,7 @@ def _prepare(tree: PackageTree, prefixes: Prefixes, toolchain: Toolchain, finger
 def _link(job: _Job, toolchain: Toolchain) -> None:
     """Link the libraries of a package; the fingerprint says that it is whole."""
     for library, objects in job.libraries:
-        output_of(library, job.tree.install).parent.mkdir(parents=True, exist_ok=True)
+        library_path(library, job.tree.install).parent.mkdir(parents=True, exist_ok=True)
         command = link_command(
             library, objects, tree=job.tree, prefixes=job.prefixes, toolchain=toolchain
         )

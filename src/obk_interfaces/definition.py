@@ -1,11 +1,11 @@
-"""Checks message definitions before anything is generated.
+"""Check message definitions before anything is generated.
 
-In goes the text of a `.msg`, `.srv` or `.action` file; out come all its problems, each with
-its place. What the generators themselves report well (default values, constants) is left to them.
-Never raises because of the text.
+Every problem of a `.msg`, `.srv` or `.action` file is reported with its place. Default values and
+constants are left to the generators, which report them well. The text never raises an error.
 """
 
 import difflib
+import keyword
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,9 +14,33 @@ from pathlib import Path
 from obk_interfaces.errors import Problem
 from obk_interfaces.package import Interface, InterfacePackage
 from obk_interfaces.prefix import Prefixes
-from obk_interfaces.reserved import languages_reserving
 
 __all__ = ["check_definition", "check_package", "known_messages"]
+
+# Source: ISO/IEC 9899:2011, 6.4.1 (those that are lower case)
+_C_KEYWORDS = frozenset(
+    "auto break case char const continue default do double else enum extern float for goto if "
+    "inline int long register restrict return short signed sizeof static struct switch typedef "
+    "union unsigned void volatile while".split()
+)
+
+# Source: ISO/IEC 14882:2017, 5.11, with the alternative tokens of table 6
+_CPP_KEYWORDS = frozenset(
+    "alignas alignof and and_eq asm auto bitand bitor bool break case catch char char16_t char32_t "
+    "class compl const const_cast constexpr continue decltype default delete do double "
+    "dynamic_cast else enum explicit export extern false float for friend goto if inline int long "
+    "mutable namespace new noexcept not not_eq nullptr operator or or_eq private protected public "
+    "register reinterpret_cast return short signed sizeof static static_assert static_cast struct "
+    "switch template this thread_local throw true try typedef typeid typename union unsigned using "
+    "virtual void volatile wchar_t while xor xor_eq".split()
+)
+
+
+def _languages_reserving(word: str) -> tuple[str, ...]:
+    """Return the languages in which the word is a keyword."""
+    languages = (("C", _C_KEYWORDS), ("C++", _CPP_KEYWORDS), ("Python", frozenset(keyword.kwlist)))
+    return tuple(language for language, words in languages if word in words)
+
 
 # Source: design.ros2.org/articles/legacy_interface_definition.html
 _PRIMITIVES = frozenset(
@@ -135,7 +159,7 @@ def _check_section(
 
 
 def _check_field(line: _Line, name: str, start: int) -> Iterator[Problem]:
-    if languages := languages_reserving(name):
+    if languages := _languages_reserving(name):
         yield line.problem(
             start,
             f"field `{name}` is a keyword of {' and '.join(languages)}: "

@@ -1,26 +1,77 @@
-"""Runs the rosidl generators on one package, in this process.
+"""Run the rosidl generators on one package, in this process.
 
-In goes a package; out come the translated definitions, C, C++ and Python sources in its tree.
-Never compiles and never writes outside the tree.
+The translated definitions and the C, C++ and Python sources go into the package's build tree;
+nothing is compiled. When the generators reject a definition, the line at fault is found by parsing
+each line alone: they name the file at best. Each IDL file is parsed once instead of six times,
+which saves a third of the time: a memo is put into the generators' modules and removed at the end.
 """
 
 import contextlib
 import importlib
 import io
 import json
+import re
 import shutil
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from obk_interfaces.blame import find_refused_line
-from obk_interfaces.errors import BuildToolError, CommandError, DefinitionError
-from obk_interfaces.idl_cache import parsing_each_idl_once
-from obk_interfaces.package import Interface
+from obk_interfaces.errors import BuildToolError, CommandError, DefinitionError, Problem
+from obk_interfaces.package import C_GENERATORS, TYPE_SUPPORTS, Interface, PackageTree
 from obk_interfaces.prefix import Prefixes
-from obk_interfaces.tree import C_GENERATORS, TYPE_SUPPORTS, PackageTree
 
 __all__ = ["generate"]
+
+_PARSE_FUNCTION = "parse_idl_file"
+_PARSING_MODULES = (
+    "rosidl_pycommon",
+    "rosidl_generator_type_description",
+    "rosidl_generator_py.generate_py_impl",
+)
+
+
+@contextmanager
+def _parsing_each_idl_once() -> Iterator[None]:
+    """Within the block, the generators cache the IDL files that they have parsed."""
+    parse = getattr(importlib.import_module("rosidl_parser.parser"), _PARSE_FUNCTION)
+    seen: dict[str, Any] = {}
+
+    def parse_once(locator: Any) -> Any:
+        key = str(locator.get_absolute_path())
+        if key not in seen:
+            seen[key] = parse(locator)
+        return seen[key]
+
+    users = [importlib.import_module(name) for name in _PARSING_MODULES]
+    for module in users:
+        setattr(module, _PARSE_FUNCTION, parse_once)
+    try:
+        yield
+    finally:
+        for module in users:
+            setattr(module, _PARSE_FUNCTION, parse)
+
+
+_BEFORE_VALUE = re.compile(r"\s*\S+\s+[^\s=]+\s*=?\s*")
+
+
+def _first_rejected_line(path: Path, package: str) -> Problem | None:
+    """The first line that is rejected on its own; None if it takes several to be wrong."""
+    parse = importlib.import_module("rosidl_adapter.parser").parse_message_string
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        if line.strip() == "---":
+            continue
+        try:
+            with contextlib.redirect_stderr(io.StringIO()):
+                parse(package, "Message", line.strip())
+        except Exception as error:  # of whatever kind
+            before = _BEFORE_VALUE.match(line)
+            column = before.end() + 1 if before and before.end() < len(line) else 1
+            return Problem(path=path, line=number, column=column, sentence=str(error))
+    return None
+
 
 _PY = "rosidl_generator_py"
 _HASH = "rosidl_generator_type_description"
@@ -38,7 +89,7 @@ def generate(tree: PackageTree, prefixes: Prefixes) -> None:
     with warnings.catch_warnings(action="ignore"):  # of the generators: not for our users
         for interface in tree.package.interfaces:
             _translate(tree, interface)
-        with parsing_each_idl_once():
+        with _parsing_each_idl_once():
             _describe_types(tree, prefixes)
             _generate_c(tree, prefixes)
             _generate_python(tree, prefixes)
@@ -67,7 +118,7 @@ def _translate(tree: PackageTree, interface: Interface) -> None:
             lambda: convert(tree.package.root, tree.package.name, Path(interface.file), tree.share),
         )
     except CommandError as error:
-        problem = find_refused_line(source, tree.package.name)
+        problem = _first_rejected_line(source, tree.package.name)
         if problem is None:
             raise
         raise DefinitionError([problem]) from error

@@ -1,26 +1,32 @@
-"""Finds interface packages on disk and reads their manifests.
+"""Interface packages: manifests and definitions, build order, and the folders of a build.
 
-In go folders; out come `InterfacePackage` values in the order in which they must be built.
-Never writes, and never reads the message definitions themselves.
+Below the build root of a package, `generated/` holds what the rosidl generators write, a folder for
+each (two of them write files of the same name), `objects/` what the compiler writes, `install/` the
+finished prefix. The text of message definitions is not read here.
 """
 
 import re
+import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol, TypeVar
 from xml.parsers.expat import ErrorString
 
-from obk_interfaces.errors import PackageError
-from obk_interfaces.order import order_by_dependency
+from obk_interfaces.errors import DependencyError, PackageError
 
 __all__ = [
+    "C_GENERATORS",
     "KINDS",
+    "TYPE_SUPPORTS",
     "Interface",
     "InterfacePackage",
+    "PackageTree",
     "definition_files",
     "discover",
     "load_package",
+    "order_by_dependency",
     "read_depends",
 ]
 
@@ -182,3 +188,94 @@ def _required_text(document: ET.Element, tag: str, path: Path) -> str:
 def _depends(document: ET.Element) -> tuple[str, ...]:
     names = (e.text or "" for tag in _DEPEND_TAGS for e in document.iter(tag))
     return tuple(sorted({name.strip() for name in names} - {""}))
+
+
+class _Dependent(Protocol):
+    @property
+    def name(self) -> str: ...
+    @property
+    def depends(self) -> tuple[str, ...]: ...
+
+
+_P = TypeVar("_P", bound=_Dependent)
+
+
+def order_by_dependency(packages: Iterable[_P]) -> tuple[_P, ...]:
+    """Order by dependency, and by name where dependencies leave it open.
+
+    Dependencies on packages outside the given ones are passed over.
+
+    Raises:
+        DependencyError: there is a circle; the text names its members.
+    """
+    waiting = {p.name: p for p in sorted(packages, key=lambda p: p.name)}
+    ordered: list[_P] = []
+    while waiting:
+        ready = next((p for p in waiting.values() if waiting.keys().isdisjoint(p.depends)), None)
+        if ready is None:
+            raise DependencyError("packages depend on one another: " + _circle(waiting))
+        ordered.append(waiting.pop(ready.name))
+    return tuple(ordered)
+
+
+def _circle(waiting: dict[str, _P]) -> str:
+    """Walk from the first package until a name comes twice; every waiting one leads on."""
+    trail = [next(iter(waiting))]
+    while trail[-1] not in trail[:-1]:
+        trail.append(next(name for name in waiting[trail[-1]].depends if name in waiting))
+    return " -> ".join(trail[trail.index(trail[-1]) :])
+
+
+# What rclpy needs at run time with rmw_fastrtps_cpp. The introspection type support looks
+# dispensable but is not: the middleware makes the type objects of discovery from it.
+TYPE_SUPPORTS = ("rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c")
+C_GENERATORS = ("rosidl_generator_c", "rosidl_typesupport_c", *TYPE_SUPPORTS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PackageTree:
+    """Build folders of one package below `root`."""
+
+    package: InterfacePackage
+    root: Path
+
+    @property
+    def generated(self) -> Path:
+        """Everything that the generators write, and their arguments."""
+        return self.root / "generated"
+
+    @property
+    def objects(self) -> Path:
+        """Unity sources and object files."""
+        return self.root / "objects"
+
+    @property
+    def install(self) -> Path:
+        """The finished prefix: `lib/`, `include/`, `share/`."""
+        return self.root / "install"
+
+    @property
+    def share(self) -> Path:
+        """Definitions and their translations, before they are installed."""
+        return self.generated / "share" / self.package.name
+
+    @property
+    def python(self) -> Path:
+        """The generated Python package."""
+        return self.generated / "python" / self.package.name
+
+    @property
+    def fingerprint(self) -> Path:
+        """Written last: what the finished build was made from."""
+        return self.root / "fingerprint"
+
+    def code_of(self, generator: str) -> Path:
+        """Return the folder that a C generator writes to; its parent is an include folder."""
+        return self.generated / generator / self.package.name
+
+    def clear(self) -> None:
+        """Empty the folders for a new build."""
+        self.fingerprint.unlink(missing_ok=True)
+        for folder in (self.generated, self.objects, self.install):
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(parents=True)

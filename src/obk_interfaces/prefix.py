@@ -1,18 +1,29 @@
-"""Where installed packages are: the ROS 2 that is built against, and the layers above it.
+"""Installed packages: find them in prefixes, assemble a package's prefix, install and remove it.
 
-In go folders, out come folders. Never writes.
+Files are replaced, never written in place: a running process keeps the library it has loaded.
 """
 
+import filecmp
 import importlib.util
+import shutil
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from obk_interfaces.errors import BuildToolError
-from obk_interfaces.package import KINDS, InterfacePackage, read_depends
+from obk_interfaces.package import C_GENERATORS, KINDS, InterfacePackage, PackageTree, read_depends
 
-__all__ = ["Prefixes", "find_ros_prefix", "include_folders", "site_packages_in"]
+__all__ = [
+    "Prefixes",
+    "assemble",
+    "find_ros_prefix",
+    "include_folders",
+    "install_into",
+    "is_installed",
+    "remove_package",
+    "site_packages_in",
+]
 
 _IMPLICIT = {
     "msg": (),
@@ -100,3 +111,63 @@ def include_folders(prefixes: Iterable[Path]) -> tuple[Path, ...]:
             nested = (d for d in sorted(include.iterdir()) if (d / d.name).is_dir())
             found += [include, *nested]
     return tuple(dict.fromkeys(found))
+
+
+def assemble(tree: PackageTree) -> None:
+    """Copy everything but the libraries from the generated tree to the package's prefix."""
+    name = tree.package.name
+    shutil.copytree(tree.share, tree.install / "share" / name)
+    for generator in C_GENERATORS:
+        _copy(tree.code_of(generator), tree.install / "include" / name / name, "*.h")
+    _copy(tree.python, site_packages_in(tree.install) / name, "*.py")
+    (tree.install / "lib").mkdir(exist_ok=True)
+    _write_index(tree)
+
+
+def _copy(source: Path, target: Path, pattern: str) -> None:
+    for file in source.rglob(pattern):
+        copy = target / file.relative_to(source)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, copy)
+
+
+def _write_index(tree: PackageTree) -> None:
+    """Write the package's entries in the ament index."""
+    package = tree.package
+    definitions = sorted(file for i in package.interfaces for file in {i.file, i.idl})
+    resources = {
+        "packages": "",
+        "rosidl_interfaces": "\n".join(definitions),
+        "package_run_dependencies": ";".join(package.depends),
+    }
+    for resource, text in resources.items():
+        entry = tree.install / "share" / "ament_index" / "resource_index" / resource / package.name
+        entry.parent.mkdir(parents=True)
+        entry.write_text(text, encoding="utf-8")
+
+
+def is_installed(tree: PackageTree, prefix: Path) -> bool:
+    """Say whether every file of the package's prefix is in another prefix, with equal bytes."""
+    return all(
+        (copy := prefix / file.relative_to(tree.install)).is_file()
+        and filecmp.cmp(file, copy, shallow=False)
+        for file in tree.install.rglob("*")
+        if file.is_file()
+    )
+
+
+def install_into(tree: PackageTree, prefix: Path) -> None:
+    """Replace what a prefix has of this package by the finished build."""
+    remove_package(tree.package.name, prefix)
+    shutil.copytree(tree.install, prefix, dirs_exist_ok=True)
+
+
+def remove_package(name: str, prefix: Path) -> None:
+    """Remove what a prefix has of a package."""
+    owned = (prefix / "share" / name, prefix / "include" / name, site_packages_in(prefix) / name)
+    for folder in owned:
+        shutil.rmtree(folder, ignore_errors=True)
+    for library in (prefix / "lib").glob(f"lib{name}__*.so"):
+        library.unlink()
+    for entry in (prefix / "share" / "ament_index" / "resource_index").glob(f"*/{name}"):
+        entry.unlink()

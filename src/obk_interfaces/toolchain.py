@@ -1,6 +1,7 @@
-"""Finds the compilers and the headers of Python and numpy.
+"""Find compilers and headers; the command lines of the compiler and the linker.
 
-The one place that reads the environment (`CC`, `CXX`). Never runs a compiler.
+The environment (`CC`, `CXX`) is read here only; no compiler is run. No path of the build machine
+gets into the libraries: run paths are relative, file names in messages start at the build root.
 """
 
 import importlib
@@ -9,12 +10,25 @@ import shlex
 import shutil
 import sys
 import sysconfig
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from obk_interfaces.errors import BuildToolError
+from obk_interfaces.libraries import Library
+from obk_interfaces.package import C_GENERATORS, PackageTree
+from obk_interfaces.prefix import Prefixes, include_folders, site_packages_in
 
-__all__ = ["Toolchain", "find_compilers", "find_python_headers", "find_toolchain"]
+__all__ = [
+    "Toolchain",
+    "compile_command",
+    "find_compilers",
+    "find_python_headers",
+    "find_toolchain",
+    "include_flags",
+    "library_path",
+    "link_command",
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,3 +99,60 @@ def _numpy_include() -> Path:
     except ImportError as error:
         raise BuildToolError("numpy is not installed: pip install 'numpy>=2'") from error
     return Path(numpy.get_include())
+
+
+# -w: the sources are generated; no user can fix their warnings.
+_FLAGS = ("-O1", "-fPIC", "-DNDEBUG", "-w")
+
+
+def include_flags(tree: PackageTree, prefixes: Prefixes, toolchain: Toolchain) -> tuple[str, ...]:
+    """Return the header folders of a package's sources, its own first."""
+    own = (tree.generated / generator for generator in C_GENERATORS)
+    folders = (*own, *include_folders(prefixes.all), *toolchain.includes)
+    return tuple(f"-I{folder}" for folder in folders)
+
+
+def compile_command(
+    unit: Path, target: Path, *, tree: PackageTree, includes: Sequence[str], toolchain: Toolchain
+) -> tuple[str, ...]:
+    """Return the command that compiles one unit."""
+    is_cpp = unit.suffix == ".cpp"
+    return (
+        *(toolchain.cxx if is_cpp else toolchain.cc),
+        "-std=c++17" if is_cpp else "-std=gnu11",
+        *_FLAGS,
+        f"-ffile-prefix-map={tree.root}=.",
+        *includes,
+        *("-c", str(unit), "-o", str(target)),
+    )
+
+
+def library_path(library: Library, prefix: Path) -> Path:
+    """Return where a library is installed in a prefix."""
+    if library.package:
+        return site_packages_in(prefix) / library.package / library.file
+    return prefix / "lib" / library.file
+
+
+def link_command(
+    library: Library,
+    objects: Sequence[Path],
+    *,
+    tree: PackageTree,
+    prefixes: Prefixes,
+    toolchain: Toolchain,
+) -> tuple[str, ...]:
+    """Return the command that links one library into the package's own prefix."""
+    run_path = "$ORIGIN/../../.." if library.package else "$ORIGIN"
+    soname = () if library.package else (f"-Wl,-soname,{library.file}",)
+    folders = (prefix / "lib" for prefix in (tree.install, *prefixes.all))
+    return (
+        *(*toolchain.cxx, "-shared", "-o", str(library_path(library, tree.install))),
+        *map(str, objects),
+        *soname,
+        *("-Wl,-s", "-Wl,--as-needed", f"-Wl,-rpath,{run_path}"),
+        *(f"-L{folder}" for folder in folders),
+        *(f"-l{name}" for name in library.links),
+        "-Wl,--no-as-needed",
+        *(f"-l{name}" for name in library.forced_links),
+    )

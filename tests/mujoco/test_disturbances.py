@@ -13,7 +13,7 @@ from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Stepper
 from obelisk_py.core.sim.mujoco.stepping import MonotonicClock
-from obelisk_spec.disturbances import NOISY_FIELDS
+from obelisk_spec.sensors import NOISY_FIELDS
 
 pytestmark = pytest.mark.mujoco
 

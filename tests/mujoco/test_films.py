@@ -16,7 +16,7 @@ from obelisk_py.core.sim.mujoco.cameras import CameraView, choose_back_end
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.viewing.film_robot import film_order, film_outputs, film_wanted
-from obelisk_spec.films import read_film
+from obelisk_spec.video import read_film
 
 from ..waiting import eventually  # noqa: TID252 - shared by folders of tests
 

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
-from obk_cli.adapters.bag_reader import messages_of, read_bag
-from obk_cli.adapters.bag_writer import BagWriter
 from obk_cli.errors import ObkError
-from obk_cli.recording.fields import Lines, parse_field
+from obk_cli.record.mcap_reader import messages_of, read_bag
+from obk_cli.record.mcap_writer import BagWriter
+from obk_cli.record.plot import PlotField, parse_field
 from obk_cli.report.bag import bag_data, bag_text
 from obk_cli.report.messages import json_line
 
@@ -62,7 +62,7 @@ def look_at(data: bytes) -> None:
             return
         assert_shows_only_text(list(bag_text(bag)))
         json_line(bag_data(bag))
-        lines = Lines(parse_field("/speed.data"))
+        lines = PlotField(parse_field("/speed.data"))
         with suppress(ObkError):
             for message in messages_of(path, {topic.topic for topic in bag.topics}):
                 lines.add(message.received_ns * 1e-9, message.value)

@@ -20,7 +20,7 @@ from obk_cli.launch.runs import RUN_FILE, Run, read_runs
 from obk_cli.launch.wire import emit_fault, parse_request
 from obk_cli.monitor.expected_topics import planned_topics
 from obk_cli.process.identity import boot_id, this_process
-from obk_cli.recording.made_from import background_of, run_plan, run_topics
+from obk_cli.record.run_metadata import run_metadata_of, run_plan, run_topics
 from obk_cli.web.picture import live_picture
 from obk_cli.workspace.overlay import FOLDER, RECORD, overlay_prefixes, read_record
 
@@ -127,7 +127,7 @@ def test_a_run_file_of_any_content_is_shown_or_left_out(content: bytes | str) ->
         planned_topics(run_plan(folder))
         live_picture(run_plan(folder))
         run_topics(folder)
-        background_of(folder)
+        run_metadata_of(folder)
 
 
 @FEW

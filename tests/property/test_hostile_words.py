@@ -11,7 +11,7 @@ from typing import get_args
 from hypothesis import given
 from hypothesis import strategies as st
 
-from obelisk_spec.rates import Rate, parse_rate, rate_values
+from obelisk_spec.runtime_protocol import Rate, parse_rate, rate_values
 from obk_cli.adapters.follow import last_lines, read_lines
 from obk_cli.cli.commands import _complain
 from obk_cli.launch.asks import NodeStatus, StackStatus

@@ -21,7 +21,7 @@ from rosgraph_msgs.msg import Clock
 
 from obelisk_py.core.executors import EventLoopExecutor
 from obelisk_py.core.node import ObeliskNode
-from obelisk_spec.rates import DIAGNOSTICS_TOPIC, Rate
+from obelisk_spec.runtime_protocol import DIAGNOSTICS_TOPIC, Rate
 from obk_cli.adapters.ros_rates import listen_to_rates, rates_told
 from obk_cli.launch.events import RatesHeard
 

@@ -21,8 +21,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Int32
 
-from obk_cli.recording.choice import Wish
-from obk_cli.recording.job import Job, job_to_json
+from obk_cli.record.recorder_job import RecorderJob, job_to_json
+from obk_cli.record.topic_filter import RecordRequest
 
 from .stack import DEADLINE_S, DUMMY, EXAMPLE, OBK, eventually, launched, obk
 from .test_documents import commands
@@ -123,9 +123,13 @@ def test_a_recording_begins_with_what_it_was_made_from() -> None:
 
 def test_a_recorder_that_ros_does_not_start_for_says_so_in_a_sentence(tmp_path: Path) -> None:
     job = tmp_path / "recording.json"
-    job.write_text(job_to_json(Job(path=tmp_path / "recording.mcap", wish=Wish(patterns=("*",)))))
+    job.write_text(
+        job_to_json(
+            RecorderJob(path=tmp_path / "recording.mcap", request=RecordRequest(patterns=("*",)))
+        )
+    )
     result = subprocess.run(
-        [sys.executable, "-m", "obk_cli.adapters.record", job],
+        [sys.executable, "-m", "obk_cli.record.recorder", job],
         capture_output=True,
         text=True,
         timeout=DEADLINE_S,
@@ -143,7 +147,7 @@ def test_a_killed_recorder_leaves_what_it_heard_and_the_stack_goes_on() -> None:
     with launched(DUMMY, "--record", "--quiet") as run:
         recording = only_run() / "recording.mcap"
         eventually(lambda: sum(counts(recording).values()) > 20, "messages in the file")
-        (recorder,) = (p for p in run.descendants if "obk_cli.adapters.record" in p.cmdline())
+        (recorder,) = (p for p in run.descendants if "obk_cli.record.recorder" in p.cmdline())
         assert recorder.environ()["OBK_RUN"] == only_run().name
         states = json.loads(obk("lifecycle", "get", "--format", "json").stdout)
         assert len(states) == 3  # it is no node of the stack

@@ -3,7 +3,7 @@
 import fcntl
 import os
 
-from obelisk_spec.gate import GATE_VARIABLE
+from obelisk_spec.runtime_protocol import GATE_VARIABLE
 
 __all__ = ["wait_at_gate"]
 

@@ -1,4 +1,4 @@
-"""The gate that holds nodes back which were started early (see `obelisk_spec.gate`)."""
+"""The gate that holds nodes back which were started early (see `obelisk_spec.runtime_protocol`)."""
 
 import fcntl
 import os

@@ -27,12 +27,11 @@ from obk_cli.looking.place import place_of
 from obk_cli.looking.plain_data import Plain, plain_data
 from obk_cli.looking.rates import LAUNCHER_COUNTS_S
 from obk_cli.looking.stamps import stamp_of
-from obk_cli.recording.tally import Tally
 from obk_cli.ros.environment import ros_environment
 from obk_cli.ros.participant import RosLook
 from obk_cli.ros.publisher import RosPublisher
 from obk_cli.ros.rate_meter import RosMeter
-from obk_cli.ros.raw_subscription import arrived, deserialized, serialized
+from obk_cli.ros.raw_subscription import DropCounter, arrived, deserialized, serialized
 from obk_cli.ros.services import ServiceClient
 from obk_cli.ros.types import fields_of, find_type, make_message, raw_type, short_type
 
@@ -105,7 +104,7 @@ def _call(look: RosLook, service: str, kind: str, request: object, timeout_s: fl
 def _next(look: RosLook, topic: str, kind: str, timeout_s: float) -> Plain:
     raw = look.listen(topic, kind, find_type(kind))
     try:
-        (data,) = islice(serialized(raw, Tally(), timeout_s, each=True), 1)
+        (data,) = islice(serialized(raw, DropCounter(), timeout_s, each=True), 1)
     finally:
         raw.close()
     return None if len(data) > LONGEST_MESSAGE else plain_data(deserialized(data, raw))

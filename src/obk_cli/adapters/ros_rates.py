@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
-from obelisk_spec.rates import DIAGNOSTICS_TOPIC, parse_rate
+from obelisk_spec.runtime_protocol import DIAGNOSTICS_TOPIC, parse_rate
 from obk_cli.launch.events import RatesHeard
 
 __all__ = ["listen_to_rates", "rates_told"]

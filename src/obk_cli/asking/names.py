@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Final
 
-from obelisk_spec.sections import TIERS
+from obelisk_spec.components import TIERS
 
 __all__ = ["NO_ANSWER", "in_tier_order", "nodes_meant", "section_of", "stack_nodes"]
 

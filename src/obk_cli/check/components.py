@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 from obelisk_spec.components import component_identity, standard_component
-from obelisk_spec.near import did_you_mean, near_names, sure_name
+from obelisk_spec.suggestions import did_you_mean, near_names, sure_name
 from obk_cli.config import Component, Node, Spanned, Stack
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from obelisk_spec.articles import with_article, with_number
 from obelisk_spec.messages import resolve_msg_type
+from obelisk_spec.wording import with_article, with_number
 from obk_cli.config import Component, Node, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.node_code import ControlLength, NodeCode

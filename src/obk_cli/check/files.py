@@ -1,6 +1,6 @@
 """What is said of a file that is not where a config looks for it."""
 
-from obelisk_spec.near import ask_for, near_names
+from obelisk_spec.suggestions import ask_for, near_names
 from obk_cli.config import FileSearch, Spanned
 from obk_cli.diagnostics import Diagnostic, found
 from obk_cli.surroundings import Surroundings

@@ -11,7 +11,7 @@ from obelisk_spec.messages import (
     resolve_msg_type,
     sure_msg_type,
 )
-from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names, sure_name
+from obelisk_spec.suggestions import ask_for, did_you_mean, list_names, near_names, sure_name
 from obk_cli.config import Spanned, Stack
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found

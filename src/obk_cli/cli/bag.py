@@ -8,7 +8,7 @@ import typer
 
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.launch.runs import runs_folder
-from obk_cli.recording.find import recording_meant
+from obk_cli.record.recording import find_recording
 from obk_cli.report.bag import bag_data, bag_text
 
 __all__ = ["app"]
@@ -51,9 +51,9 @@ def info(
 
     require_extra("mcap_ros2", "record")
 
-    from obk_cli.adapters.bag_reader import read_bag
+    from obk_cli.record.mcap_reader import read_bag
 
-    bag = read_bag(recording_meant(runs_folder(os.environ), recording))
+    bag = read_bag(find_recording(runs_folder(os.environ), recording))
     if is_json:
         print(json.dumps(bag_data(bag), indent=1))
         return

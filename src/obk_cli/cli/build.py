@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from obelisk_spec.near import list_names
+from obelisk_spec.suggestions import list_names
 from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import CommandFailedError, MisuseError

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from obelisk_spec.near import list_names
+from obelisk_spec.suggestions import list_names
 from obk_cli.cli.build import build_shown
 from obk_cli.cli.config_options import wants_colour
 from obk_cli.errors import CommandFailedError

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.codes import RULES, Rule
 from obk_cli.errors import MisuseError
 from obk_cli.silence import may_be_silenced

@@ -35,7 +35,7 @@ from obk_cli.optional_deps import require_extra
 from obk_cli.pipeline import compile_config
 from obk_cli.plan import OnCrash, ParameterValue, Plan
 from obk_cli.read.nodes import LOG_LEVELS
-from obk_cli.recording.choice import Wish
+from obk_cli.record.topic_filter import RecordRequest
 from obk_cli.running.simulated import require_libraries, with_simulator_parameters
 
 __all__ = ["EXAMPLE", "command"]
@@ -224,9 +224,9 @@ def _warn(notes: Sequence[str]) -> None:
         print(f"warning: {note}", file=sys.stderr)
 
 
-def _recording(patterns: Sequence[str] | None) -> Wish:
+def _recording(patterns: Sequence[str] | None) -> RecordRequest:
     require_extra("mcap", "record")
-    return Wish(patterns=tuple(patterns or ()))
+    return RecordRequest(patterns=tuple(patterns or ()))
 
 
 def _with_viewer(plan: Plan, share: Share, viewer: str | None) -> Plan:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import typer
 
 from obelisk_spec.messages import OBELISK_MESSAGES, ROS_MESSAGES
-from obelisk_spec.near import ask_for, near_names
+from obelisk_spec.suggestions import ask_for, near_names
 from obk_cli.adapters.bounded_render import render_bounded
 from obk_cli.cli.ask_conflicts import settle_conflicts
 from obk_cli.cli.join_wish import JoinWish
@@ -23,12 +23,7 @@ from obk_cli.cli.new_config import compose_config, find_model
 from obk_cli.cli.new_target import Place, find_place, find_root, read_package_texts, refuse_package
 from obk_cli.cli.template_folder import find_library
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.scaffold.compose import (
-    Composition,
-    compose_addition,
-    compose_package,
-    layers_of,
-)
+from obk_cli.scaffold.compose import Composition, compose_addition, compose_package, layers_of
 from obk_cli.scaffold.decide import Decision, conflicts, decide
 from obk_cli.scaffold.describe import Outcome, describe_json, describe_text, file_lines
 from obk_cli.scaffold.difference import unified_diff

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.cli.complete import complete_nodes
 from obk_cli.cli.looking_options import (
     TIMEOUT_S,
@@ -22,13 +22,7 @@ from obk_cli.cli.looking_options import (
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.emit.params import emit_node_params, emit_value
 from obk_cli.errors import CommandFailedError
-from obk_cli.looking.parameters import (
-    NOT_SET,
-    Parameter,
-    fit_parameter,
-    parse_parameter,
-    refusal,
-)
+from obk_cli.looking.parameters import NOT_SET, Parameter, fit_parameter, parse_parameter, refusal
 from obk_cli.report.escapes import escaped, plain
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ import typer
 
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.runs import runs_folder
-from obk_cli.recording.fields import Lines, parse_field, topic_meant
-from obk_cli.recording.find import recording_meant
+from obk_cli.record.plot import PlotField, parse_field, resolve_topic
+from obk_cli.record.recording import find_recording
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -52,11 +52,11 @@ def command(
     require_extra("mcap_ros2", "plot")
     require_extra("matplotlib", "plot")
 
-    from obk_cli.adapters.bag_reader import read_bag
-    from obk_cli.adapters.picture import FORMATS, draw
+    from obk_cli.record.mcap_reader import read_bag
+    from obk_cli.record.plot import FORMATS, draw
 
     names = [parse_field(text) for text in fields]
-    path = recording_meant(runs_folder(os.environ), recording)
+    path = find_recording(runs_folder(os.environ), recording)
     picture = output or Path(f"{_stem(path)}_{_word(names[0].text)}.png")
     if picture.suffix not in FORMATS:
         raise MisuseError(f"`--output {picture}`: expected a file named .png or .svg")
@@ -64,15 +64,15 @@ def command(
     if not bag.is_complete:
         print(f"note: {path} breaks off: its recorder did not end it", file=sys.stderr)
     topics = [topic.topic for topic in bag.topics]
-    drawn = [Lines(replace(name, topic=topic_meant(name.topic, topics))) for name in names]
+    drawn = [PlotField(replace(name, topic=resolve_topic(name.topic, topics))) for name in names]
     _fill(path, bag.start_ns or 0, drawn, by_receipt=received)
     draw(drawn, _stem(path), picture)
     print(picture)
 
 
-def _fill(path: Path, start_ns: int, drawn: Sequence[Lines], *, by_receipt: bool) -> None:
+def _fill(path: Path, start_ns: int, drawn: Sequence[PlotField], *, by_receipt: bool) -> None:
     """Read the lines of every field, all in one pass."""
-    from obk_cli.adapters.bag_reader import messages_of
+    from obk_cli.record.mcap_reader import messages_of
 
     for message in messages_of(path, {lines.name.topic for lines in drawn}):
         time_ns = message.received_ns if by_receipt else message.published_ns

@@ -14,9 +14,9 @@ from obk_cli.cli.type_paths import with_run_types
 from obk_cli.clock import local_time
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.runs import runs_folder
-from obk_cli.recording.choice import Wish
-from obk_cli.recording.job import Job
-from obk_cli.recording.made_from import Background, background_of, file_name, run_topics
+from obk_cli.record.recorder_job import RecorderJob
+from obk_cli.record.run_metadata import RunMetadata, file_name, run_metadata_of, run_topics
+from obk_cli.record.topic_filter import RecordRequest
 from obk_cli.ros.environment import ros_environment
 
 __all__ = ["EXAMPLE", "command"]
@@ -57,18 +57,18 @@ def command(
 
     require_extra("mcap", "record")
 
-    from obk_cli.adapters.record import record, recorded_text
+    from obk_cli.record.recorder import record, recorded_text
 
     environment = ros_environment()
     for note in environment.notes:
         print(f"warning: {note}", file=sys.stderr)
     folder = _stack(run, environment.domain, is_needed=not (topics or all_))
     with_run_types(environment, folder).put_into_effect()
-    wish = _wish(topics or [], folder, every=all_)
-    background = background_of(folder) if folder else Background()
-    job = Job(
+    request = _request(topics or [], folder, every=all_)
+    background = run_metadata_of(folder) if folder else RunMetadata()
+    job = RecorderJob(
         path=output or Path(file_name(folder, local_time())),
-        wish=replace(wish, excludes=tuple(exclude or ())),
+        request=replace(request, excludes=tuple(exclude or ())),
         metadata=background.metadata,
         attachments=background.attachments,
         duration_s=duration,
@@ -93,13 +93,13 @@ def _stack(name: str | None, domain: int, *, is_needed: bool) -> Path | None:
     return next(iter(runs)) if len(runs) == 1 else None
 
 
-def _wish(topics: list[str], folder: Path | None, *, every: bool) -> Wish:
+def _request(topics: list[str], folder: Path | None, *, every: bool) -> RecordRequest:
     """What is asked for; names without a pattern are waited for."""
     patterns = tuple(topic for topic in topics if any(sign in topic for sign in "*?["))
     names = [_absolute(topic) for topic in topics if topic not in patterns]
     known = run_topics(folder) if folder else {}
     wanted = {name: known.get(name) for name in names} if topics or every else known
-    return Wish(topics=wanted, patterns=("*",) if every else patterns)
+    return RecordRequest(topics=wanted, patterns=("*",) if every else patterns)
 
 
 def _absolute(topic: str) -> str:

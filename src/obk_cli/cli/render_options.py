@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from obelisk_spec.films import FilmError, FilmSettings, read_film
-from obelisk_spec.near import did_you_mean, list_names
+from obelisk_spec.suggestions import did_you_mean, list_names
+from obelisk_spec.video import FilmError, FilmSettings, read_film
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.devices import Share
 from obk_cli.optional_deps import require_extra

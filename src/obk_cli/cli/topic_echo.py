@@ -88,9 +88,8 @@ def _listen(
     """Show messages that a participant of our own hears."""
     from obk_cli.looking.finding import find_topic, the_type
     from obk_cli.looking.selection import check_selection
-    from obk_cli.recording.tally import Tally
     from obk_cli.ros.participant import open_look
-    from obk_cli.ros.raw_subscription import messages
+    from obk_cli.ros.raw_subscription import DropCounter, messages
     from obk_cli.ros.types import fields_of, find_type, short_type
 
     needs = ("rclpy.serialization", *place.modules([topic]))
@@ -101,7 +100,7 @@ def _listen(
         for selection in selections:
             check_selection(selection, short_type(msg_type), fields_of)
         raw = look.listen(seen.name, msg_type, python_type)
-        tally = Tally()
+        tally = DropCounter()
         try:
             for message in islice(messages(raw, tally, timeout_s, each=most is not None), most):
                 if lines := list(shower.lines(message)):

@@ -4,7 +4,7 @@ import ast
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.code.constructor import registrations_of
 from obk_cli.code.controls import control_lengths
 from obk_cli.code.lineage import ClassSource, lineage_of

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import PurePath
 
-from obelisk_spec.articles import with_number
+from obelisk_spec.wording import with_number
 from obk_cli.emit.letters import printable
 from obk_cli.plan import TIERS, Endpoint, Plan, Process, SensorGroup
 

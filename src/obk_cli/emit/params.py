@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from obelisk_spec.parameter_value import ParameterValue
+from obelisk_spec.values import ParameterValue
 
 if TYPE_CHECKING:
     from obk_cli.plan import Process

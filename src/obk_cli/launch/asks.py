@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from obelisk_spec.rates import Rate
+from obelisk_spec.runtime_protocol import Rate
 
 __all__ = [
     "ChangeAnswer",

@@ -3,7 +3,7 @@
 import signal
 from dataclasses import dataclass
 
-from obelisk_spec.rates import Rate
+from obelisk_spec.runtime_protocol import Rate
 from obk_cli.launch.asks import ChangeAsked, Result, StatusAsked
 
 __all__ = [

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
-from obelisk_spec.rates import Rate
+from obelisk_spec.runtime_protocol import Rate
 from obk_cli.launch.events import RateBroken, RateKept, RateMoved, RatesHeard, Told
 from obk_cli.launch.roster import Roster
 from obk_cli.launch.transitions import ACTIVE

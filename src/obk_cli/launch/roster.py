@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable
 from typing import Final
 
-from obelisk_spec.rates import Rate
+from obelisk_spec.runtime_protocol import Rate
 from obk_cli.launch.asks import NodeStatus
 from obk_cli.launch.events import ProcessEnded
 from obk_cli.launch.transitions import ACTIVE, FINALIZED, INACTIVE, RESTING, UNCONFIGURED

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
-from obk_cli.recording.qos import Offer, Request
+from obk_cli.ros.raw_subscription import Offer, Request
 
 __all__ = [
     "End",

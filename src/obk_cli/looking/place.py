@@ -10,7 +10,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.launch.runs import Run, runs_folder
 from obk_cli.looking.names import meant
 from obk_cli.plan import Plan
-from obk_cli.recording.made_from import run_plan, run_topics
+from obk_cli.record.run_metadata import run_plan, run_topics
 from obk_cli.ros.environment import RosEnvironment
 
 __all__ = ["NOBODY_S", "Place", "place_of"]

@@ -12,7 +12,7 @@ from math import sqrt
 from operator import sub
 from typing import Final
 
-from obk_cli.recording.tally import Tally
+from obk_cli.ros.raw_subscription import DropCounter
 
 __all__ = ["LAUNCHER_COUNTS_S", "MOST_KEPT", "Meter", "Rate"]
 
@@ -66,7 +66,7 @@ class Meter:
         self._received: deque[int] = deque(maxlen=MOST_KEPT)
         self._sizes: deque[int] = deque(maxlen=MOST_KEPT)
         self._lost: deque[int] = deque(maxlen=MOST_KEPT)
-        self._tally = Tally()
+        self._tally = DropCounter()
         self.publishers = 0
         """How many there are now; set by whoever knows."""
         self.bytes = 0

@@ -3,19 +3,28 @@
 In: what a user types, a message type's fields, messages of generated packages. Out: values.
 """
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.looking.field_types import ArrayType, FieldType, Message, parse_type
-from obk_cli.recording.steps import field_steps
 
-__all__ = ["MISSING", "FieldsOf", "Selection", "check_selection", "parse_selection", "selected"]
+__all__ = [
+    "MISSING",
+    "FieldsOf",
+    "Selection",
+    "check_selection",
+    "field_steps",
+    "parse_selection",
+    "selected",
+]
 
 FieldsOf = Callable[[str], Mapping[str, str]]
 """`pkg/Name` -> the names and types of that message's fields, as generated packages name them."""
+_STEP: Final = re.compile(r"\.(?P<name>[A-Za-z]\w*)|\[(?P<index>[0-9]{1,9})\]")
 
 
 class _Missing:
@@ -47,6 +56,14 @@ def parse_selection(text: str) -> Selection:
             f"`{text}` names no field", help="expected such as q_joints[0] or header.stamp.sec"
         )
     return Selection(steps=steps, text=text)
+
+
+def field_steps(text: str) -> tuple[str | int, ...]:
+    """Names and array indices, outermost first, of `.position[0]`; empty if it is not a path."""
+    steps = [*_STEP.finditer(text)]
+    if sum(len(step[0]) for step in steps) != len(text):
+        return ()
+    return tuple(step["name"] or int(step["index"]) for step in steps)
 
 
 def check_selection(selection: Selection, msg_type: str, fields_of: FieldsOf) -> FieldType:

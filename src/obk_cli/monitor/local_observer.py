@@ -30,7 +30,7 @@ from obk_cli.monitor.expected_topics import (
 from obk_cli.monitor.model import NodeView, StackView
 from obk_cli.monitor.topic_watch import WINDOW_S, TopicWatch
 from obk_cli.process.load import OwnCost, ProcessLoad, ProcessLoads
-from obk_cli.recording.made_from import run_plan
+from obk_cli.record.run_metadata import run_plan
 from obk_cli.ros.participant import RosLook
 
 __all__ = ["WINDOW_S", "Observer"]

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from obelisk_spec.rates import TOLERANCE
-from obelisk_spec.rates import Rate as Promised
+from obelisk_spec.runtime_protocol import TOLERANCE
+from obelisk_spec.runtime_protocol import Rate as Promised
 from obk_cli.looking.rates import Rate
 from obk_cli.process.load import ProcessLoad
 

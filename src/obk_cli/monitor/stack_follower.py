@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Event
 from typing import Final, Protocol
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.adapters.live_runs import live_folders
 from obk_cli.asking.lifecycle import Asked, change_states
 from obk_cli.errors import CommandFailedError, MisuseError

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable
 from math import inf
 from typing import TypeVar
 
-from obelisk_spec.limits import LARGEST_COUNT, LONGEST_PERIOD_S, SHORTEST_PERIOD_S
-from obelisk_spec.near import ask_for, list_names, near_names, sure_name
+from obelisk_spec.suggestions import ask_for, list_names, near_names, sure_name
+from obelisk_spec.values import LARGEST_COUNT, LONGEST_PERIOD_S, SHORTEST_PERIOD_S
 from obelisk_spec.yaml_core import core_scalar
 from obk_cli.config import Spanned
 from obk_cli.cures import remove_entry, respell

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from obelisk_spec.parameter_value import ParameterValue
+from obelisk_spec.values import ParameterValue
 from obelisk_spec.yaml_core import Scalar
 from obk_cli.config import Parameter
 from obk_cli.diagnostics import Diagnostic, Related, found

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from obelisk_spec.limits import LONGEST_PERIOD_S
+from obelisk_spec.values import LONGEST_PERIOD_S
 from obk_cli.config import SensorGroup, Sim, Spanned
 from obk_cli.cures import respell
 from obk_cli.diagnostics import found

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 
-from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
+from obelisk_spec.suggestions import did_you_mean, list_names, near_names, sure_name
 from obk_cli.config import NODE_SECTIONS, ONE_DEVICE, Joystick, Node, Parameter, Spanned, Stack
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found

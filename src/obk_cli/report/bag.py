@@ -5,7 +5,7 @@ from dataclasses import asdict
 from datetime import datetime
 from typing import Any
 
-from obk_cli.recording.bag import Bag, BagTopic
+from obk_cli.record.recording import Bag, BagTopic
 from obk_cli.report.escapes import plain
 
 __all__ = ["bag_data", "bag_text"]

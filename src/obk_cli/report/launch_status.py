@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Final
 
-from obelisk_spec.rates import Rate
+from obelisk_spec.runtime_protocol import Rate
 from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.events import (
     AnswersAgain,

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Iterable
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.diagnostics import Diagnostic, found
 from obk_cli.source import COMMAND_LINE, SourceFile, Span
 from obk_cli.tree import Entry, Tree, TreeList, TreeMap, kind_of

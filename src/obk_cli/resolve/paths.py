@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from obelisk_spec.near import near_names
+from obelisk_spec.suggestions import near_names
 from obk_cli.config import FileSearch, Node, Sim, Spanned, Stack
 from obk_cli.surroundings import Surroundings
 

@@ -4,9 +4,8 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 
-from obelisk_spec.near import ask_for, near_names
-from obelisk_spec.variables import REFERENCE, value_of_reference
-from obelisk_spec.yaml_core import core_scalar
+from obelisk_spec.suggestions import ask_for, near_names
+from obelisk_spec.yaml_core import REFERENCE, core_scalar, value_of_reference
 from obk_cli.diagnostics import Diagnostic, found
 from obk_cli.source import LONGEST_FILE_BYTES, Span
 from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar

@@ -1,19 +1,99 @@
-"""Subscribe to topics and take their messages as serialized bytes."""
+"""Raw subscriptions: serialized messages of a topic, taken without an executor.
+
+Messages wait in the subscription until `RawTopic.take`. The subscription requests the strongest
+quality of service that all publishers offer, and is replaced when a weaker publisher appears.
+`DropCounter` counts gaps in the publisher's sequence numbers.
+"""
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
-from obelisk_spec.articles import with_number
+from obelisk_spec.wording import with_number
 from obk_cli.errors import CommandFailedError
-from obk_cli.recording.qos import Offer, Request, request_for
-from obk_cli.recording.tally import Tally
 from obk_cli.ros.types import require_message
 
-__all__ = ["RawTopic", "arrived", "deserialized", "messages", "offer_of", "serialized"]
+__all__ = [
+    "DropCounter",
+    "Offer",
+    "RawTopic",
+    "Request",
+    "arrived",
+    "deserialized",
+    "messages",
+    "offer_of",
+    "request_for",
+    "serialized",
+]
+
 
 DEPTH: Final = 1000
 """Messages of a topic that may wait: a second of one at 1 kHz."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Offer:
+    """The quality of service of one publisher, in the words of rmw: `keep_last`, `reliable`."""
+
+    history: str
+    depth: int
+    reliability: str
+    durability: str
+    liveliness: str
+    deadline_ns: int
+    lifespan_ns: int
+    lease_ns: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What a subscription asks for."""
+
+    is_reliable: bool = True
+    is_transient_local: bool = False
+    """Whether what was published before is wanted too."""
+
+
+def request_for(offers: Collection[Offer], *, is_light: bool = False) -> Request:
+    """The most that all of them have to offer; without any, what Obelisk's nodes offer.
+
+    Args:
+        offers: one for each publisher.
+        is_light: let them send each message once, without waiting for a word that it came: a third
+            less work. What was published before is not had so; where it is wanted, it is reliable.
+    """
+    request = Request(
+        is_reliable=all(offer.reliability == "reliable" for offer in offers),
+        is_transient_local=bool(offers)
+        and all(offer.durability == "transient_local" for offer in offers),
+    )
+    return request if request.is_transient_local or not is_light else Request(is_reliable=False)
+
+
+class DropCounter:
+    """Counts the messages of one topic and the gaps in their publisher's numbers."""
+
+    __slots__ = ("_last", "count", "dropped")
+
+    def __init__(self) -> None:
+        """Start at zero; messages published before the first one are not counted as dropped."""
+        self.count = 0
+        self.dropped = 0
+        self._last = 0
+
+    def take(self, sequence: int, publishers: int) -> None:
+        """Count a message.
+
+        Args:
+            sequence: its number among those of its publisher, from 1.
+            publishers: how many there are; the numbers of several interleave and show no gaps.
+        """
+        self.count += 1
+        # A restarted publisher counts from 1 again.
+        if self._last and publishers == 1 and sequence > self._last:
+            self.dropped += sequence - self._last - 1
+        self._last = sequence
 
 
 class RawTopic:
@@ -134,7 +214,7 @@ LOOK_S: Final = 0.1
 """Between two looks at the publishers [s]."""
 
 
-def messages(raw: RawTopic, tally: Tally, timeout_s: float, *, each: bool) -> Iterator[Any]:
+def messages(raw: RawTopic, tally: DropCounter, timeout_s: float, *, each: bool) -> Iterator[Any]:
     """The messages that come, without end; see `serialized`."""
     for data in serialized(raw, tally, timeout_s, each=each):
         yield deserialized(data, raw)
@@ -157,7 +237,9 @@ def deserialized(data: bytes, raw: RawTopic) -> Any:
         ) from error
 
 
-def serialized(raw: RawTopic, tally: Tally, timeout_s: float, *, each: bool) -> Iterator[bytes]:
+def serialized(
+    raw: RawTopic, tally: DropCounter, timeout_s: float, *, each: bool
+) -> Iterator[bytes]:
     """The messages that come as they were sent, without end.
 
     Args:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Set
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from obelisk_spec.gate import GATE_VARIABLE
+from obelisk_spec.runtime_protocol import GATE_VARIABLE
 from obk_cli.adapters.composed import is_composable
 from obk_cli.adapters.gate import closed_gate, gate_path
 from obk_cli.adapters.processes import WardenProcesses

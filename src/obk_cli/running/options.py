@@ -8,7 +8,7 @@ from obk_cli.launch.devices import Share
 from obk_cli.launch.doors import Limits
 from obk_cli.launch.order import Until
 from obk_cli.plan import OnCrash
-from obk_cli.recording.choice import Wish
+from obk_cli.record.topic_filter import RecordRequest
 
 __all__ = ["LaunchOptions"]
 
@@ -37,7 +37,7 @@ class LaunchOptions:
     """Whether a launch that is in the way is ended."""
     allows_foreign: bool = False
     """Whether others may publish on the topics that move the robot."""
-    recording: Wish | None = None
+    recording: RecordRequest | None = None
     """What is recorded; without topics and patterns those of the plan. None: nothing."""
     kept_runs: int = KEPT_RUNS
     spun: frozenset[tuple[str, str]] = frozenset()

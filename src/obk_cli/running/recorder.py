@@ -16,10 +16,10 @@ from obk_cli.adapters.processes import NodeCommand, WardenProcesses
 from obk_cli.emit.write import STATE_MODE, write_text
 from obk_cli.launch.events import Ended, Heard, ProcessEnded, ProcessStarted, Told
 from obk_cli.launch.units import Unit
-from obk_cli.recording.choice import Wish
-from obk_cli.recording.find import RECORDING
-from obk_cli.recording.job import BEGUN, Job, job_to_json
-from obk_cli.recording.made_from import background_of, run_topics
+from obk_cli.record.recorder_job import BEGUN, RecorderJob, job_to_json
+from obk_cli.record.recording import RECORDING
+from obk_cli.record.run_metadata import run_metadata_of, run_topics
+from obk_cli.record.topic_filter import RecordRequest
 from obk_cli.running.output import Output
 
 __all__ = ["UNIT", "Recorder"]
@@ -29,21 +29,21 @@ BEGIN_S: Final = 5.0
 END_S: Final = 5.0
 """How long it may take for the last messages and the index [s]."""
 UNIT: Final = Unit(name="/recorder", nodes=())
-PROGRAM: Final = "obk_cli.adapters.record"
+PROGRAM: Final = "obk_cli.record.recorder"
 
 
 class Recorder:
     """Stands between a run's processes and those who hear of them."""
 
-    def __init__(self, wish: Wish | None, folder: Path | None, output: Output) -> None:
+    def __init__(self, request: RecordRequest | None, folder: Path | None, output: Output) -> None:
         """Prepare a recording.
 
         Args:
-            wish: what to record, without topics and patterns the plan's; None: nothing.
+            request: what to record, without topics and patterns the plan's; None: nothing.
             folder: the run's, with all that is told of the run; None: there is none.
             output: takes what the recorder says.
         """
-        self._wish = wish
+        self._request = request
         self._folder = folder
         self._output = output
         self._processes: WardenProcesses | None = None
@@ -54,14 +54,14 @@ class Recorder:
 
     def commands(self, environment: Mapping[str, str]) -> Mapping[str, NodeCommand]:
         """How the recorder is started, in this environment; empty where nothing is recorded."""
-        if self._wish is None:
+        if self._request is None:
             return {}
         if self._folder is None:
             self._output.note("warning: nothing is recorded: there is no folder for it")
             return {}
         path = self._folder / "recording.json"
         try:
-            job = job_to_json(self._job(self._folder, self._wish))
+            job = job_to_json(self._job(self._folder, self._request))
             write_text(path, job, mode=STATE_MODE)
         except OSError as error:
             self._output.note(f"warning: nothing is recorded: {error}")
@@ -120,12 +120,12 @@ class Recorder:
 
         return tell
 
-    def _job(self, folder: Path, wish: Wish) -> Job:
-        is_named = bool(wish.topics or wish.patterns)
-        background = background_of(folder)
-        return Job(
+    def _job(self, folder: Path, request: RecordRequest) -> RecorderJob:
+        is_named = bool(request.topics or request.patterns)
+        background = run_metadata_of(folder)
+        return RecorderJob(
             path=folder / RECORDING,
-            wish=wish if is_named else replace(wish, topics=run_topics(folder)),
+            request=request if is_named else replace(request, topics=run_topics(folder)),
             metadata=background.metadata,
             attachments=background.attachments,
         )

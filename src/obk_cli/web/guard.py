@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from obelisk_spec.own_pages import is_of_the_page, names_this_host
+from obelisk_spec.runtime_protocol import is_of_the_page, names_this_host
 
 __all__ = ["HEADERS", "Refusal", "Ticket", "WebRequest", "new_token", "refusal"]
 

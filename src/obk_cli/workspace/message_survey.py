@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import MisuseError
 from obk_cli.workspace.overlay import OverlayRecord, read_record
 from obk_cli.workspace.package_index import package_folders

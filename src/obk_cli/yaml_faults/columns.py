@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator
 
-from obelisk_spec.articles import with_number
+from obelisk_spec.wording import with_number
 from obk_cli.diagnostics import Related
 from obk_cli.source import SourceFile, Span
 from obk_cli.yaml_faults.trouble import Cause, Trouble, indent_of

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from obelisk_spec.rates import STANDINGS, Rate, parse_rate, rate_name, rate_values
+from obelisk_spec.runtime_protocol import STANDINGS, Rate, parse_rate, rate_name, rate_values
 
 RATE = Rate(
     name="timer_ctrl",

@@ -2,10 +2,9 @@ from typing import Any
 
 import pytest
 
-from obelisk_spec.disturbances import NOISY_FIELDS
 from obelisk_spec.model import ModelFacts, SensorFact
 from obelisk_spec.scans import grid_count, turn_count
-from obelisk_spec.sensors import SENSOR_GROUPS
+from obelisk_spec.sensors import NOISY_FIELDS, SENSOR_GROUPS
 from obelisk_spec.sim_checks import check_sim
 
 

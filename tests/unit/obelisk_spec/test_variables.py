@@ -2,8 +2,7 @@
 
 import pytest
 
-from obelisk_spec.variables import expand_variables
-from obelisk_spec.yaml_core import YamlTextError, load_yaml_core
+from obelisk_spec.yaml_core import YamlTextError, expand_variables, load_yaml_core
 
 
 def test_references_are_replaced_and_all_else_is_left_alone() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from obelisk_spec import disturbances, scans
+from obelisk_spec import scans, sensors
 from obelisk_spec.sensors import sensor_group
 from obelisk_spec.yaml_core import load_yaml_core
 from obk_cli.read import keys
@@ -22,7 +22,7 @@ TABLES = {
     "qos": keys.QOS_KEYS,
     "sim": keys.SIM_KEYS,
     "sensor_group": (*keys.SENSOR_GROUP_KEYS, *keys.OLDER_KEYS),
-    "field_noise": disturbances.FIELD_NOISE_KEYS,
+    "field_noise": sensors.FIELD_NOISE_KEYS,
     "viz": keys.VIZ_KEYS,
     "joystick": keys.JOYSTICK_KEYS,
     "device": keys.SECTION_KEYS,

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Final
 
 from obelisk_py.core.rates.counter import TickCounter, late_ns_of
-from obelisk_spec.rates import REPORT_PERIOD_S, TOLERANCE, Rate, Standing
+from obelisk_spec.runtime_protocol import REPORT_PERIOD_S, TOLERANCE, Rate, Standing
 
 __all__ = ["Promise"]
 

@@ -19,7 +19,7 @@ from rclpy.timer import Timer
 from obelisk_py.core.rates.counter import TickCounter
 from obelisk_py.core.rates.promise import NS_PER_S, Promise
 from obelisk_py.core.rates.ticks import SampleTicks, TimerTicks
-from obelisk_spec.rates import (
+from obelisk_spec.runtime_protocol import (
     DIAGNOSTICS_TOPIC,
     REPORT_PERIOD_S,
     STANDINGS,

@@ -7,7 +7,7 @@ import pytest
 from obelisk_py.core.rates.counter import TickCounter
 from obelisk_py.core.rates.promise import Promise
 from obelisk_py.core.rates.ticks import SampleTicks, TimerTicks
-from obelisk_spec.rates import Rate
+from obelisk_spec.runtime_protocol import Rate
 
 S = 1_000_000_000
 MS = 1_000_000

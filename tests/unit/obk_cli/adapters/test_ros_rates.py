@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 from typing import Any
 
-from obelisk_spec.rates import Rate, rate_values
+from obelisk_spec.runtime_protocol import Rate, rate_values
 from obk_cli.adapters.ros_rates import listen_to_rates, rates_told
 from obk_cli.launch.events import RatesHeard
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from obelisk_spec.rates import Rate
+from obelisk_spec.runtime_protocol import Rate
 from obk_cli.launch.asks import StackStatus, StatusAsked
 from obk_cli.launch.events import (
     Heard,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from obelisk_spec.rates import Rate
+from obelisk_spec.runtime_protocol import Rate
 from obk_cli.launch.answers import emit_answer, parse_change, parse_status
 from obk_cli.launch.asks import ChangeAnswer, Member, NodeStatus, StackStatus
 from obk_cli.launch.wire import (

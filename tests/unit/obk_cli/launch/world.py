@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from queue import Empty
 
-from obelisk_spec.rates import Rate, Standing
+from obelisk_spec.runtime_protocol import Rate, Standing
 from obk_cli.launch.doors import Limits
 from obk_cli.launch.events import (
     Answered,

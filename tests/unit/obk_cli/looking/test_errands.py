@@ -18,7 +18,7 @@ from obk_cli.looking.graph import End, TopicSeen
 from obk_cli.looking.place import Place
 from obk_cli.looking.rates import LAUNCHER_COUNTS_S
 from obk_cli.looking.selection import parse_selection
-from obk_cli.recording.qos import Offer
+from obk_cli.ros.raw_subscription import Offer
 
 from .definitions import FIELDS
 

@@ -20,7 +20,7 @@ from obk_cli.looking.publishing import (
     wait_for_subscribers,
 )
 from obk_cli.plan import Endpoint, Plan
-from obk_cli.recording.qos import Offer
+from obk_cli.ros.raw_subscription import Offer
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 from .definitions import FIELDS

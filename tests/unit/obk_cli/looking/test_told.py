@@ -14,7 +14,7 @@ from obk_cli.looking.told import (
     parse_graph,
     parse_parameter_told,
 )
-from obk_cli.recording.qos import Offer
+from obk_cli.ros.raw_subscription import Offer
 
 OFFER = Offer(
     history="keep_last",

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Final
 
-from obelisk_spec.rates import Rate as Promised
+from obelisk_spec.runtime_protocol import Rate as Promised
 from obk_cli.looking.rates import Rate
 from obk_cli.monitor.model import NodeView, Passage, StackView, TopicView
 from obk_cli.process.load import ProcessLoad

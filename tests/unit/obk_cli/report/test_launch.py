@@ -2,7 +2,7 @@
 
 import pytest
 
-from obelisk_spec.rates import Rate
+from obelisk_spec.runtime_protocol import Rate
 from obk_cli.launch.asks import Result
 from obk_cli.launch.events import (
     AnswersAgain,

@@ -3,7 +3,7 @@
 import pytest
 from rich.cells import cell_len
 
-from obelisk_spec.rates import Rate, Standing
+from obelisk_spec.runtime_protocol import Rate, Standing
 from obk_cli.launch.asks import Result, StackStatus
 from obk_cli.launch.events import (
     AnswersAgain,

@@ -9,7 +9,7 @@ from typing import cast
 from obk_cli.adapters.processes import WardenProcesses
 from obk_cli.launch.events import Ended, Heard, ProcessEnded, ProcessStarted, Told
 from obk_cli.launch.units import Unit
-from obk_cli.recording.choice import Wish
+from obk_cli.record.topic_filter import RecordRequest
 from obk_cli.report.launch import LaunchReport
 from obk_cli.running.output import Output
 from obk_cli.running.recorder import UNIT, Recorder
@@ -51,10 +51,10 @@ class Processes:
 class World:
     """A recorder, and all that it speaks to."""
 
-    def __init__(self, wish: Wish | None, folder: Path | None) -> None:
+    def __init__(self, request: RecordRequest | None, folder: Path | None) -> None:
         self.screen = Shown()
         output = Output(None, self.screen, LaunchReport((), colour=False, quiet=True), ())
-        self.recorder = Recorder(wish, folder, output)
+        self.recorder = Recorder(request, folder, output)
         self.heard: list[Heard] = []
         self.lines: list[tuple[str, str]] = []
         self.told: list[Told] = []
@@ -85,18 +85,18 @@ def test_a_launch_that_records_nothing_has_no_recorder() -> None:
 
 def test_the_topics_of_the_plan_are_recorded_where_none_are_named(tmp_path: Path) -> None:
     folder = run_folder(tmp_path)
-    (command,) = World(Wish(), folder).recorder.commands({"A": "b"}).values()
+    (command,) = World(RecordRequest(), folder).recorder.commands({"A": "b"}).values()
     job = json.loads(Path(command.arguments[-1]).read_text(encoding="utf-8"))
-    assert job["wish"]["topics"] == {"/a": "x/msg/A"}
+    assert job["request"]["topics"] == {"/a": "x/msg/A"}
     assert job["path"] == str(folder / "recording.mcap")
     assert command.environment == {"A": "b"}
-    (command,) = World(Wish(patterns=("/b*",)), folder).recorder.commands({}).values()
+    (command,) = World(RecordRequest(patterns=("/b*",)), folder).recorder.commands({}).values()
     job = json.loads(Path(command.arguments[-1]).read_text(encoding="utf-8"))
-    assert job["wish"] == {"topics": {}, "patterns": ["/b*"], "excludes": []}
+    assert job["request"] == {"topics": {}, "patterns": ["/b*"], "excludes": []}
 
 
 def test_what_is_of_the_nodes_goes_by_and_what_is_the_recorders_stays(tmp_path: Path) -> None:
-    world = World(Wish(), run_folder(tmp_path))
+    world = World(RecordRequest(), run_folder(tmp_path))
     world.start()
     ours, theirs = (ProcessStarted(process=name, pid=1) for name in (UNIT.name, "/node"))
     world.hear(ours)
@@ -111,7 +111,7 @@ def test_what_is_of_the_nodes_goes_by_and_what_is_the_recorders_stays(tmp_path: 
 
 
 def test_the_recording_ends_before_the_end_of_the_run_is_told(tmp_path: Path) -> None:
-    world = World(Wish(), run_folder(tmp_path))
+    world = World(RecordRequest(), run_folder(tmp_path))
     world.start()
     world.tell(ENDED)
     assert world.processes.signals == [signal.SIGINT]
@@ -120,7 +120,7 @@ def test_the_recording_ends_before_the_end_of_the_run_is_told(tmp_path: Path) ->
 
 
 def test_a_recorder_that_dies_is_told_and_the_stack_goes_on(tmp_path: Path) -> None:
-    world = World(Wish(), run_folder(tmp_path))
+    world = World(RecordRequest(), run_folder(tmp_path))
     world.start()
     world.hear(ProcessEnded(process=UNIT.name, code=1, text="no space left"))
     world.recorder.wait_until_begun()
@@ -132,7 +132,7 @@ def test_a_recorder_that_dies_is_told_and_the_stack_goes_on(tmp_path: Path) -> N
 
 
 def test_without_a_run_folder_it_is_told_that_nothing_is_recorded() -> None:
-    world = World(Wish(), None)
+    world = World(RecordRequest(), None)
     world.start()
     assert not world.processes.started
     assert world.screen.lines == ["warning: nothing is recorded: there is no folder for it"]

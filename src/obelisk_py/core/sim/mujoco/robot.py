@@ -45,7 +45,7 @@ from obelisk_py.core.sim.mujoco.viewing.film_robot import (
 )
 from obelisk_py.core.sim.mujoco.viewing.onlookers import PARAMETERS, onlooker_outputs, wishes_of
 from obelisk_py.core.sim.mujoco.viewing.words import Severity
-from obelisk_spec.rates import STEPS
+from obelisk_spec.runtime_protocol import STEPS
 
 __all__ = ["ObeliskMujocoRobot"]
 

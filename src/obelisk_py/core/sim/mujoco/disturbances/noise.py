@@ -17,7 +17,7 @@ from obelisk_py.core.cdr import PackedMessage
 from obelisk_py.core.sim.mujoco.disturbances.chance import Chance
 from obelisk_py.core.sim.mujoco.disturbances.settings import Disturbances, FieldNoise
 from obelisk_py.core.sim.mujoco.sensors.fields import set_quaternion
-from obelisk_spec.disturbances import NOISY_FIELDS, FieldKind
+from obelisk_spec.sensors import NOISY_FIELDS, FieldKind
 
 __all__ = ["Noise", "field_place"]
 

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_spec.variables import expand_variables
-from obelisk_spec.yaml_core import YamlTextError, load_yaml_core
+from obelisk_spec.yaml_core import YamlTextError, expand_variables, load_yaml_core
 
 __all__ = ["with_ray_casters"]
 

@@ -14,7 +14,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_spec.own_pages import is_of_the_page, names_this_host
+from obelisk_spec.runtime_protocol import is_of_the_page, names_this_host
 
 __all__ = ["own_page_only"]
 

@@ -1,0 +1,147 @@
+"""What the tool and running nodes agree on: rates on /diagnostics, the startup gate, web requests.
+
+Rates are the keys and texts of a `diagnostic_msgs/DiagnosticStatus`; no ROS message is imported.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
+from urllib.parse import urlsplit
+
+__all__ = [
+    "DIAGNOSTICS_TOPIC",
+    "GATE_VARIABLE",
+    "REPORT_PERIOD_S",
+    "STANDINGS",
+    "STEPS",
+    "TOLERANCE",
+    "Rate",
+    "Standing",
+    "is_of_the_page",
+    "names_this_host",
+    "parse_rate",
+    "rate_name",
+    "rate_values",
+]
+
+GATE_VARIABLE: Final = "OBK_GATE"
+"""The environment variable that names the gate file of nodes that are started early.
+
+The launcher holds an exclusive lock (flock) on the file until no other stack uses its names and its
+robot; a program creates its node once it gets a shared lock. The lock ends with the launcher.
+"""
+
+
+_HOST_NAMES: Final = frozenset({"127.0.0.1", "localhost", "::1"})
+"""Names of this host in the header `Host`."""
+
+
+def names_this_host(host: str) -> bool:
+    """Whether the header `Host` names this host; the port may be another one.
+
+    A foreign page in the same browser can have its own name point here (DNS rebinding), but the
+    browser does not let it choose this header.
+
+    Args:
+        host: the header's text; behind `ssh -L` it has the port of the other end.
+    """
+    try:
+        return urlsplit(f"//{host}").hostname in _HOST_NAMES
+    except ValueError:
+        return False
+
+
+def is_of_the_page(origin: str, host: str) -> bool:
+    """Whether a request comes from a page of the server that it is sent to.
+
+    Source: https://developer.mozilla.org/docs/Web/HTTP/Headers/Origin
+
+    Args:
+        origin: the header's text.
+        host: the header's text.
+    """
+    return origin == f"http://{host}"
+
+
+DIAGNOSTICS_TOPIC: Final = "/diagnostics"
+REPORT_PERIOD_S: Final = 1.0
+TOLERANCE: Final = 0.1
+"""Of the promised rate, by which the measured one may fall short."""
+STEPS: Final = "steps"
+"""The name of a simulator's promise to keep up with the wall clock."""
+
+Standing = Literal["kept", "off", "broken"]
+STANDINGS: Final[tuple[Standing, ...]] = ("kept", "off", "broken")
+"""By `DiagnosticStatus.level`: OK, WARN, ERROR."""
+
+_WANTED, _MEASURED, _TICKS, _OVERRUNS = "wanted_hz", "measured_hz", "ticks", "overruns"
+_P50, _P99, _MAX, _PERIOD = "late_p50_us", "late_p99_us", "late_max_us", "period_sec"
+_NODE_END: Final = ": "
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rate:
+    """One promise of a node, as measured in the last second."""
+
+    name: str
+    """The timer's key, the absolute topic of a sensor group, or `steps`."""
+    wanted_hz: float
+    measured_hz: float
+    ticks: int
+    """Since the node was activated, as `overruns`."""
+    overruns: int
+    """Ticks that were left out or came as one with the next."""
+    late_p50_us: float
+    """Half of the ticks were at most so late [us], as `late_p99_us` and `late_max_us`."""
+    late_p99_us: float
+    late_max_us: float
+    standing: Standing = "kept"
+    """`off`: more than `TOLERANCE` short of what is wanted; `broken`: for 2 s."""
+
+    def __str__(self) -> str:
+        return f"{self.name} runs at {self.measured_hz:.4g} of {self.wanted_hz:.4g} Hz"
+
+
+def rate_values(rate: Rate) -> tuple[tuple[str, str], ...]:
+    """Keys and values of a status."""
+    return (
+        (_WANTED, f"{rate.wanted_hz:.6g}"),
+        (_MEASURED, f"{rate.measured_hz:.6g}"),
+        (_TICKS, str(rate.ticks)),
+        (_OVERRUNS, str(rate.overruns)),
+        (_P50, f"{rate.late_p50_us:.1f}"),
+        (_P99, f"{rate.late_p99_us:.1f}"),
+        (_MAX, f"{rate.late_max_us:.1f}"),
+        (_PERIOD, f"{1 / rate.wanted_hz:.6g}"),
+    )
+
+
+def rate_name(node: str, name: str) -> str:
+    """The name of a status: `/arm/controller`, `timer_ctrl` -> `arm/controller: timer_ctrl`."""
+    return f"{node.lstrip('/')}{_NODE_END}{name}"
+
+
+def parse_rate(name: str, level: int, values: Mapping[str, str]) -> Rate | None:
+    """The rate that a status tells; None where it is about something else.
+
+    Args:
+        name: of the status, as `rate_name` makes it.
+        level: 0 to 2.
+        values: of the status, by key.
+    """
+    _, found, own_name = name.partition(_NODE_END)
+    if not found or level not in range(len(STANDINGS)):
+        return None
+    try:
+        numbers = {key: float(values[key]) for key in (_WANTED, _MEASURED, _P50, _P99, _MAX)}
+        rate = Rate(
+            name=own_name,
+            ticks=int(values[_TICKS]),
+            overruns=int(values[_OVERRUNS]),
+            standing=STANDINGS[level],
+            **numbers,
+        )
+    except (KeyError, ValueError):
+        return None
+    return rate if all(map(math.isfinite, numbers.values())) and rate.wanted_hz > 0 else None

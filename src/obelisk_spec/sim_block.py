@@ -1,0 +1,133 @@
+"""The shape of a `sim` block that came as text, and findings about such a block as values.
+
+The tool knows the shape from its typed config; a simulator that is started by hand does not. The
+tool shows a finding at its place in the config, the simulator logs it.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+from obelisk_spec.values import (
+    COUNT_WANTED,
+    LARGEST_COUNT,
+    LONGEST_PERIOD_S,
+    PERIOD_WANTED,
+    is_count,
+    is_mapping,
+    is_number,
+    is_period,
+    is_text,
+    is_whole,
+)
+
+__all__ = ["SimFault", "SimPath", "check_sim_shape"]
+
+SimPath = tuple[str | int, ...]
+"""Keys and indexes into the sim block; one that starts with `params` goes into the node's
+parameters instead."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimFault:
+    """One finding; `str()` is the line that a log shows."""
+
+    code: str
+    severity: Literal["error", "warning", "info"]
+    path: SimPath
+    message: str
+    help: str | None = None
+    points_at: Literal["key", "value"] = "value"
+    """Whether the finding is about the last key of `path` or about what it holds."""
+    meant: str | None = None
+    """The name to write there instead; only where it is certain."""
+    element: tuple[str, str] | None = None
+    """Kind (`sensor`, `geom`, `site`, `key`, `joint`) and name of the model element meant."""
+
+    def __str__(self) -> str:
+        place = "".join(
+            f"[{step}]" if isinstance(step, int) else f".{step}" for step in self.path
+        ).lstrip(".")
+        line = f"{self.severity}[{self.code}]: {place}: {self.message}"
+        return f"{line} ({self.help})" if self.help else line
+
+
+def _is_probability(value: object) -> bool:
+    return is_number(value, 0, 1)
+
+
+def _is_delay(value: object) -> bool:
+    return is_number(value, 0, LONGEST_PERIOD_S)
+
+
+def _is_seed(value: object) -> bool:
+    return is_whole(value, 0, LARGEST_COUNT)
+
+
+def _is_names(value: object) -> bool:
+    return is_mapping(value) and all(map(is_text, value.values()))
+
+
+def _is_geoms(value: object) -> bool:
+    return is_mapping(value) and all(is_text(kind) for name, kind in value.items() if name != "dt")
+
+
+def _is_list_of_mappings(value: object) -> bool:
+    return (
+        isinstance(value, Sequence)
+        and not isinstance(value, str)
+        and all(isinstance(item, Mapping) for item in value)
+    )
+
+
+_DELAY: Final = f"a number of seconds from 0 to {LONGEST_PERIOD_S:g}"
+_Rule = tuple[str, bool, Callable[[object], bool], str]
+
+_BLOCK: tuple[_Rule, ...] = (
+    ("model_xml_path", True, is_text, "a path"),
+    ("num_steps_per_viz", False, is_count, COUNT_WANTED),
+    ("time_step", False, is_period, PERIOD_WANTED),
+    ("sensor_settings", False, _is_list_of_mappings, "a list of sensor groups"),
+    ("viz_geoms", False, _is_geoms, "a mapping of geom names to geom types"),
+)
+_GROUP: tuple[_Rule, ...] = (
+    ("topic", True, is_text, "a topic"),
+    ("dt", True, is_period, PERIOD_WANTED),
+    ("msg_type", True, is_text, "a message type"),
+    ("history_depth", False, is_count, COUNT_WANTED),
+    ("sensor_names", False, _is_names, "a mapping of sensor names to sensor types"),
+    ("scan_config", False, is_mapping, "a mapping"),
+    ("config_path", False, is_text, "a path"),
+    ("noise", False, is_mapping, "a mapping of fields to their noise"),
+    ("dropout", False, _is_probability, "a number from 0 to 1"),
+    ("delay", False, _is_delay, _DELAY),
+    ("seed", False, _is_seed, f"a whole number from 0 to {LARGEST_COUNT}"),
+)
+
+
+def check_sim_shape(block: Mapping[str, Any]) -> tuple[SimFault, ...]:
+    """The findings about keys that are missing or of the wrong kind; empty for a sound block."""
+    faults = list(_check(block, _BLOCK, ()))
+    groups = block.get("sensor_settings")
+    if _is_list_of_mappings(groups):
+        for index, group in enumerate(groups or ()):
+            faults += _check(group, _GROUP, ("sensor_settings", index))
+    return tuple(faults)
+
+
+def _check(
+    mapping: Mapping[str, object], rules: tuple[_Rule, ...], path: SimPath
+) -> Iterator[SimFault]:
+    for key, required, is_right, wanted in rules:
+        value = mapping.get(key)
+        if value is None and required:
+            yield SimFault(
+                code="OBK102", severity="error", path=path, message=f"key `{key}` is missing"
+            )
+        elif value is not None and not is_right(value):
+            yield SimFault(
+                code="OBK103",
+                severity="error",
+                path=(*path, key),
+                message=f"`{key}` is {value!r}, expected {wanted}",
+            )

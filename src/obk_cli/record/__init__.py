@@ -1,0 +1,1 @@
+"""Recordings: choose topics, write and read MCAP files, plot fields."""

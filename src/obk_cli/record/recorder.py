@@ -1,0 +1,297 @@
+"""Record topics of a ROS graph: serialized messages go straight from subscriptions into a file.
+
+Nothing is deserialized and no executor is used: every few milliseconds the recorder takes the
+messages that wait in each subscription. A topic is subscribed once its type is known, a named topic
+of known type before it has a publisher. The recorder never blocks a publisher: messages that
+arrive too fast are dropped and counted.
+
+As a program, `python -m obk_cli.record.recorder JOB`, it runs a job file: a launch starts it beside
+its nodes. It ends on SIGINT, SIGTERM, SIGHUP, or when its duration is over.
+"""
+
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from obk_cli.errors import EXIT_DONE, EXIT_MISUSE, CommandFailedError
+from obk_cli.files import explain_os_error
+from obk_cli.optional_deps import no_ros
+from obk_cli.process.shared_memory_check import require_shared_memory
+from obk_cli.process.signals import end_signals_heard
+from obk_cli.record.mcap_writer import FLUSH_S, BagWriter, offers_text
+from obk_cli.record.msg_definitions import installed_definition, schema_text
+from obk_cli.record.recorder_job import BEGUN, RecorderJob, job_from_json
+from obk_cli.record.recording import DROPS
+from obk_cli.record.topic_filter import (
+    RecordRequest,
+    clashing_topics,
+    matching_topics,
+    unmatched_requests,
+)
+from obk_cli.ros.raw_subscription import DropCounter, RawTopic
+from obk_cli.ros.types import find_type
+
+__all__ = ["Recorded", "RosRecorder", "main", "record", "recorded_text"]
+
+POLL_S: Final = 0.005
+"""Interval between two polls of the subscriptions [s]."""
+GRAPH_POLL_S: Final = 0.1
+"""Interval between two polls of the ROS graph [s]."""
+REPORT_S: Final = 5.0
+"""Interval between two reports of dropped messages [s]."""
+
+
+@dataclass(slots=True, kw_only=True)
+class _Topic:
+    """One topic that is recorded."""
+
+    raw: RawTopic
+    counter: DropCounter = field(default_factory=DropCounter)
+    channel: int | None = None
+
+
+class RosRecorder:
+    """Subscribes and writes in the thread that calls `turn`."""
+
+    def __init__(
+        self, node: Any, writer: BagWriter, request: RecordRequest, report: Callable[[str], None]
+    ) -> None:
+        """Subscribe to the topics that are known already.
+
+        Args:
+            node: of rclpy; it is not spun.
+            writer: takes the messages.
+            request: which topics.
+            report: takes sentences for the user.
+        """
+        self._node = node
+        self._writer = writer
+        self._request = request
+        self._report = report
+        self._topics: dict[str, _Topic] = {}
+        self._rejected: set[str] = set()
+        self._clashing: set[str] = set()
+        self._flushed = self._polled = self._reported = time.monotonic()
+        self._reported_drops = 0
+        self.poll_graph()
+
+    @property
+    def counters(self) -> Mapping[str, DropCounter]:
+        """Recorded and dropped messages by topic."""
+        return {name: topic.counter for name, topic in self._topics.items()}
+
+    @property
+    def dropped(self) -> int:
+        """Messages of all topics that were dropped."""
+        return sum(topic.counter.dropped for topic in self._topics.values())
+
+    def turn(self) -> None:
+        """Write the waiting messages and poll the graph when it is due; takes a few milliseconds.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        begin = time.monotonic()
+        self.take()
+        if begin - self._flushed > FLUSH_S:
+            self._writer.flush()
+            self._flushed = begin
+        if begin - self._polled > GRAPH_POLL_S:
+            self._polled = begin
+            self.poll_graph()
+        if begin - self._reported > REPORT_S:
+            self._reported = begin
+            self._report_drops()
+        time.sleep(max(0.0, POLL_S - (time.monotonic() - begin)))
+
+    def take(self) -> None:
+        """Write the waiting messages.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        for topic in self._topics.values():
+            counter, publishers = topic.counter, topic.raw.publishers
+            for data, info in topic.raw.take():
+                sequence = info["publication_sequence_number"]
+                counter.take(sequence, publishers)
+                self._writer.add_message(
+                    self._channel(topic) if topic.channel is None else topic.channel,
+                    data,
+                    info["received_timestamp"],
+                    info["source_timestamp"],
+                    sequence,
+                )
+
+    def poll_graph(self) -> None:
+        """Subscribe to new topics, and again where a new publisher's offer requires it."""
+        graph = dict(self._node.get_topic_names_and_types())
+        for name, msg_type in matching_topics(self._request, graph).items():
+            if name not in self._topics and name not in self._rejected:
+                self._begin(name, msg_type)
+        for name, kinds in clashing_topics(self._request, graph).items():
+            if name not in self._topics and name not in self._clashing:
+                self._clashing.add(name)
+                types = " and ".join(kinds)
+                self._report(f"warning: {name} is not recorded while it has the types {types}")
+        for topic in self._topics.values():
+            topic.raw.look()
+
+    def finish(self) -> None:
+        """Write the remaining messages; topics without a message are recorded as well.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        self.take()
+        for topic in self._topics.values():
+            if topic.channel is None:
+                self._channel(topic)
+        for sentence in unmatched_requests(
+            self._request, {*self._topics, *self._rejected, *self._clashing}
+        ):
+            self._report(f"warning: {sentence}: nothing of it is recorded")
+        self._report_drops()
+
+    def _begin(self, name: str, msg_type: str) -> None:
+        try:
+            raw = RawTopic(self._node.handle, name, msg_type, find_type(msg_type))
+        except Exception as error:  # a generated package may raise anything
+            self._rejected.add(name)
+            self._report(f"warning: {name} is not recorded: {error}")
+            return
+        self._topics[name] = _Topic(raw=raw)
+
+    def _channel(self, topic: _Topic) -> int:
+        raw = topic.raw
+        raw.learn()
+        definition = schema_text(raw.msg_type, installed_definition)
+        if definition is None:
+            self._report(f"warning: {raw.name}: the definition of {raw.msg_type} is not found")
+        topic.channel = self._writer.add_topic(
+            raw.name,
+            raw.msg_type,
+            definition or "",
+            {
+                "offered_qos_profiles": offers_text(raw.offers),
+                "topic_type_hash": min(raw.hashes, default=""),
+            },
+        )
+        return topic.channel
+
+    def _report_drops(self) -> None:
+        if self.dropped > self._reported_drops:
+            self._reported_drops = self.dropped
+            names = [name for name, topic in self._topics.items() if topic.counter.dropped]
+            self._report(
+                f"warning: {self.dropped} messages were lost so far, of {', '.join(names)}"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recorded:
+    """The result of a recording."""
+
+    path: Path
+    seconds: float
+    counters: Mapping[str, DropCounter]
+    """By topic."""
+
+
+def record(job: RecorderJob, report: Callable[[str], None]) -> Recorded:
+    """Record until a signal arrives or the duration is over; only from the main thread.
+
+    Args:
+        job: what to record.
+        report: takes sentences for the user, the first one once the recording has begun.
+
+    Raises:
+        CommandFailedError: the file exists already or cannot be written, or ROS does not start.
+    """
+    with ExitStack() as stack:
+        is_over = threading.Event()
+        stack.enter_context(end_signals_heard(lambda _: is_over.set()))
+        node = stack.enter_context(_node())
+        writer = BagWriter(job.path)
+        try:
+            with writer:
+                writer.describe(job.metadata, job.attachments, time.time_ns())
+                recorder = RosRecorder(node, writer, job.request, report)
+                begin = time.monotonic()
+                end = float("inf") if job.duration_s is None else begin + job.duration_s
+                report(f"{BEGUN}{job.path}")
+                while not is_over.is_set() and time.monotonic() < end:
+                    recorder.turn()
+                recorder.finish()
+                drops = {name: str(one.dropped) for name, one in recorder.counters.items()}
+                writer.describe({DROPS: drops}, {}, time.time_ns())
+        except OSError as error:
+            raise CommandFailedError(
+                f"{job.path}: {explain_os_error(error)}: the recording ends here; what was "
+                "written before can be read"
+            ) from error
+        seconds = time.monotonic() - begin
+        return Recorded(path=job.path, seconds=seconds, counters=recorder.counters)
+
+
+def recorded_text(recorded: Recorded) -> str:
+    """The result of a recording in a sentence."""
+    counters = recorded.counters.values()
+    topics = sum(1 for counter in counters if counter.count)
+    return (
+        f"recorded {sum(one.count for one in counters)} messages of {topics} topics in "
+        f"{recorded.seconds:.1f} s, {sum(one.dropped for one in counters)} lost: {recorded.path}"
+    )
+
+
+@contextmanager
+def _node() -> Iterator[Any]:
+    """A ROS node in the domain of the environment.
+
+    Raises:
+        CommandFailedError: rclpy is missing or does not start.
+    """
+    require_shared_memory()
+    try:
+        import rclpy
+        from rclpy.signals import SignalHandlerOptions
+    except ImportError as error:
+        raise no_ros(error) from error
+    with ExitStack() as stack:
+        context = rclpy.Context()
+        try:
+            rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+            stack.callback(context.try_shutdown)
+            node: Any = rclpy.create_node(
+                f"obk_record_{os.getpid()}",
+                context=context,
+                enable_rosout=False,
+                start_parameter_services=False,
+            )
+            stack.callback(node.destroy_node)
+        except Exception as error:
+            raise CommandFailedError(f"ROS 2 does not start: {error}") from error
+        yield node
+
+
+def main(arguments: list[str]) -> int:
+    """Run a job file; return the exit code."""
+    if len(arguments) != 1:
+        return EXIT_MISUSE
+    job = job_from_json(Path(arguments[0]).read_text(encoding="utf-8"))
+    try:
+        print(recorded_text(record(job, lambda text: print(text, flush=True))), flush=True)
+    except CommandFailedError as error:
+        print(error.message, flush=True)
+        return error.exit_code
+    return EXIT_DONE
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

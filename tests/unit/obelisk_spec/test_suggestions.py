@@ -1,0 +1,74 @@
+import pytest
+
+from obelisk_spec.suggestions import (
+    ask_for,
+    comparable,
+    did_you_mean,
+    list_names,
+    near_names,
+    sure_name,
+)
+
+
+def test_letter_case_does_not_count() -> None:
+    assert near_names("OBKIMU", ["ObkImu", "other"]) == ("ObkImu",)
+
+
+def test_what_exists_is_listed_where_nothing_is_near() -> None:
+    assert did_you_mean("zzz", ["alpha", "beta"]) == "there is: `alpha`, `beta`"
+    assert did_you_mean("alpa", ["alpha", "beta"]) == "did you mean `alpha`?"
+    assert did_you_mean("alpa", []) is None
+
+
+def test_several_names_may_be_meant() -> None:
+    assert ask_for(["alpha", "beta"]) == "did you mean `alpha` or `beta`?"
+    assert ask_for([]) is None
+
+
+def test_a_long_list_is_cut_and_counted() -> None:
+    assert list_names("abcdef", most=2) == "`a`, `b` and 4 more"
+
+
+KEYS = ("topic", "msg_type", "history_depth", "callback_group", "key")
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "meant"),
+    [
+        ("topci", KEYS, "topic"),
+        ("mesg_type", KEYS, "msg_type"),
+        ("hsitory_dept", KEYS, "history_depth"),
+        ("callbackgroup", KEYS, "callback_group"),
+        ("ObkIMU", ("ObkImu", "ObkImage", "Imu"), "ObkImu"),
+        ("joint_po", ("joint_pos", "joint_vel"), "joint_pos"),
+        ("/dummy/jont_encoders", ("/dummy/joint_encoders", "/dummy/imu"), "/dummy/joint_encoders"),
+    ],
+)
+def test_a_slip_of_the_pen_is_sure(name: str, known: tuple[str, ...], meant: str) -> None:
+    assert sure_name(name, known) == meant
+
+
+@pytest.mark.parametrize(
+    ("name", "known"),
+    [
+        ("nothing_like_it", KEYS),
+        ("joint_2", ("joint_1",)),
+        ("joint2_pos", ("joint1_pos", "joint1_vel")),
+        ("l_knee", ("r_knee",)),
+        ("fl_hip", ("fr_hip",)),
+        ("q_min", ("q_max",)),
+        ("joint_x", ("joint_pos", "joint_y")),
+        ("poss", ("pos", "posse")),
+        ("kee", ("bee", "key")),
+        ("", ("a",)),
+    ],
+)
+def test_what_may_be_another_thing_is_not_sure(name: str, known: tuple[str, ...]) -> None:
+    assert sure_name(name, known) is None
+
+
+def test_too_many_or_too_long_names_are_not_compared() -> None:
+    many = [f"joint_{i:04}_x" for i in range(1_000)]
+    assert comparable("joint_000_x", many) == ()
+    assert comparable("knee_pitc_h", [*many, "knee_pitch"]) == ("knee_pitch",)
+    assert comparable("a" * 101, ["a" * 100]) == ()

@@ -1,0 +1,108 @@
+"""`obk bag`, `obk plot` and `obk record` as they are called; no ROS is running."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from obk_cli.cli.main import main
+from obk_cli.record.mcap_writer import BagWriter
+from obk_cli.record.plot import PlotField
+from obk_cli.record.recording import DROPS
+
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def bag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
+    path = tmp_path / "speed.mcap"
+    with BagWriter(path) as writer:
+        writer.describe({"obelisk": {"run": "arm_1"}}, {"plan.json": "{}"}, SECOND)
+        channel = writer.add_topic("/speed", "std_msgs/msg/Bool", "bool data\n", {})
+        for number in range(1, 6):
+            received_ns = number * SECOND
+            sent_ns = received_ns - SECOND // 4
+            writer.add_message(channel, b"\0\1\0\0\1", received_ns, sent_ns, number)
+        writer.describe({DROPS: {"/speed": "2"}}, {}, SECOND)
+    return path
+
+
+def obk(*words: object) -> int:
+    with pytest.raises(SystemExit) as end:
+        main([str(word) for word in words])
+    return int(end.value.code or 0)
+
+
+def test_bag_info_shows_topics_rates_losses_and_origin(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert obk("bag", "info", bag) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith(f"{bag}: MCAP, profile ros2, ")
+    assert lines[1].startswith("5 messages in 4.000 s from ")
+    assert lines[2].split() == ["/speed", "std_msgs/msg/Bool", "5", "1.2", "Hz", "2", "LOST"]
+    assert lines[3:] == ["obelisk:", "  run: arm_1", "attachments:", "  plan.json  2 bytes"]
+
+
+def test_bag_info_as_json(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert obk("bag", "info", bag, "--format", "json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["count"], told["duration_s"], told["is_complete"]) == (5, 4.0, True)
+    assert told["topics"][0]["dropped"] == 2
+
+
+def test_plot_names_the_picture_that_it_makes(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert obk("plot", bag, "speed.data") == 0
+    assert capsys.readouterr().out == "speed_speed_data.png\n"
+    assert Path("speed_speed_data.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("option", "first_s"), [((), -0.25), (("--received",), 0.0)])
+def test_plot_is_over_the_time_of_publication_or_of_receipt(
+    bag: Path, monkeypatch: pytest.MonkeyPatch, option: tuple[str, ...], first_s: float
+) -> None:
+    drawn: list[PlotField] = []
+    monkeypatch.setattr("obk_cli.record.plot.draw", lambda fields, *_: drawn.extend(fields))
+    assert obk("plot", bag, "speed.data", *option) == 0
+    (line,) = drawn[0].lines
+    assert line.times_s == pytest.approx([first_s + number for number in range(5)])
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "told"),
+    [
+        (("bag", "info", "none.mcap"), 1, "there is no file and no run called `none.mcap`"),
+        (("plot", "speed.mcap", "speed"), 2, "`speed` names no field"),
+        (("plot", "speed.mcap", "sped.data"), 1, "the recording has no topic `sped`"),
+        (("plot", "speed.mcap", "speed.dat"), 1, "did you mean `data`"),
+        (("plot", "speed.mcap", "speed.data", "-o", "a.gif"), 2, "a file named .png or .svg"),
+        (("record", "--duration", "0"), 2, "`--duration 0`: expected seconds above 0"),
+    ],
+)
+def test_a_mistake_is_told_without_a_trace(
+    bag: Path,
+    words: tuple[str, ...],
+    code: int,
+    told: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert obk(*words) == code
+    error = capsys.readouterr().err
+    assert told in error
+    assert "Traceback" not in error
+
+
+def test_a_field_without_a_number_in_any_message_is_told(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    empty = bag.with_name("empty.mcap")
+    with BagWriter(empty) as writer:
+        channel = writer.add_topic("/gaps", "std_msgs/msg/Gaps", "float64[] data\n", {})
+        writer.add_message(channel, b"\0\1\0\0" + bytes(4), SECOND, SECOND, 1)
+    assert obk("plot", empty, "gaps.data") == 1
+    assert capsys.readouterr().err == "error: `gaps.data`: no number was recorded\n"
+    assert not list(bag.parent.glob("*.png"))

@@ -1,0 +1,274 @@
+"""Recordings written, cut off anywhere, read back and drawn; no ROS is running."""
+
+import errno
+import os
+import re
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.record.mcap_reader import messages_of, read_bag
+from obk_cli.record.mcap_writer import BagWriter, offers_text
+from obk_cli.record.plot import PlotField, draw, parse_field
+from obk_cli.record.recording import DROPS, BagTopic
+from obk_cli.report.bag import bag_text
+from obk_cli.ros.raw_subscription import Offer
+
+TYPE = "std_msgs/msg/Float64"
+BEGIN_NS = 1_700_000_000_000_000_000
+COUNT = 100
+
+
+def message(value: float) -> bytes:
+    """Serialized as CDR, little-endian."""
+    return b"\0\1\0\0" + struct.pack("<d", value)
+
+
+def written(path: Path) -> Path:
+    with BagWriter(path) as writer:
+        writer.describe({"obelisk": {"run": "arm"}}, {"plan.json": "{}"}, BEGIN_NS)
+        channel = writer.add_topic(
+            "/speed", TYPE, "float64 data\n", {"topic_type_hash": "RIHS01_0"}
+        )
+        silent = writer.add_topic("/silent", TYPE, "float64 data\n", {})
+        assert channel != silent
+        for number in range(COUNT):
+            time_ns = BEGIN_NS + number * 10_000_000
+            writer.add_message(channel, message(number), time_ns, time_ns - 1, number + 1)
+            if number % 10 == 9:
+                writer.flush()
+        writer.describe({DROPS: {"/speed": "3"}}, {}, BEGIN_NS)
+    return path
+
+
+def test_a_recording_tells_what_is_in_it(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.mcap")
+    bag = read_bag(path)
+    assert bag.is_complete
+    assert (bag.profile, bag.count, bag.start_ns) == ("ros2", COUNT, BEGIN_NS)
+    assert bag.duration_s == pytest.approx(0.99)
+    assert bag.topics == (
+        BagTopic(topic="/silent", msg_type=TYPE, count=0),
+        BagTopic(topic="/speed", msg_type=TYPE, count=100, dropped=3, type_hash="RIHS01_0"),
+    )
+    assert bag.metadata == {"obelisk": {"run": "arm"}}
+    assert bag.attachments == {"plan.json": 2}
+
+
+def test_what_was_made_from_stands_before_the_messages(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.mcap")
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    first_chunk = min(index.chunk_start_offset for index in summary.chunk_indexes)
+    assert all(index.offset < first_chunk for index in summary.attachment_indexes)
+    assert min(index.offset for index in summary.metadata_indexes) < first_chunk
+
+
+def test_messages_come_back_by_the_definitions_in_the_file(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.mcap")
+    got = list(messages_of(path, {"/speed"}))
+    assert [one.value.data for one in got] == [float(n) for n in range(COUNT)]
+    assert got[1].received_ns == BEGIN_NS + 10_000_000
+    assert got[1].published_ns == BEGIN_NS + 10_000_000 - 1
+    assert list(messages_of(path, {"/silent"})) == []
+
+
+@pytest.mark.parametrize("part", [0.0, 0.001, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.9999])
+def test_a_file_that_breaks_off_anywhere_is_read_up_to_there(tmp_path: Path, part: float) -> None:
+    whole = written(tmp_path / "a.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: int(len(whole) * part)])
+    bag = read_bag(cut)
+    assert not bag.is_complete
+    values = [one.value.data for one in messages_of(cut, {"/speed"})]
+    assert values == [float(n) for n in range(bag.count)]
+    assert bag.count % 10 == 0
+
+
+def test_what_was_flushed_is_there_without_an_end(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    writer = BagWriter(path)
+    channel = writer.add_topic("/speed", TYPE, "float64 data\n", {})
+    writer.add_message(channel, message(1.0), BEGIN_NS, BEGIN_NS, 1)
+    assert read_bag(path).count == 0
+    writer.flush()
+    assert read_bag(path).count == 1
+    writer.close()
+    assert read_bag(path).is_complete
+
+
+def test_a_file_that_is_there_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_text("mine")
+    with pytest.raises(CommandFailedError, match="is there already"):
+        BagWriter(path)
+    assert path.read_text() == "mine"
+
+
+def test_what_is_no_recording_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("some text that is no recording")
+    with pytest.raises(CommandFailedError, match="is no MCAP file"):
+        read_bag(path)
+    with pytest.raises(CommandFailedError, match="there is no such file"):
+        read_bag(tmp_path / "b.mcap")
+
+
+def speed_lines(path: Path) -> PlotField:
+    lines = PlotField(parse_field("/speed.data"))
+    for one in messages_of(path, {"/speed"}):
+        lines.add((one.received_ns - BEGIN_NS) * 1e-9, one.value)
+    return lines
+
+
+def test_a_field_is_drawn_as_png_and_as_svg_the_same_bytes_each_time(tmp_path: Path) -> None:
+    lines = speed_lines(written(tmp_path / "a.mcap"))
+    for name, begin in (("a.png", b"\x89PNG"), ("a.svg", b"<?xml")):
+        draw([lines, lines], "a title", tmp_path / name)
+        first = (tmp_path / name).read_bytes()
+        assert first.startswith(begin)
+        draw([lines, lines], "a title", tmp_path / name)
+        assert (tmp_path / name).read_bytes() == first
+    svg = (tmp_path / "a.svg").read_text(encoding="utf-8")
+    assert svg.count(">/speed.data<") == 2
+    assert ">a title<" in svg
+
+
+def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    lines = speed_lines(written(tmp_path / "a.mcap"))
+    (tmp_path / "a.png").mkdir()
+    with pytest.raises(CommandFailedError, match=r"a\.png` cannot be written: it is a folder"):
+        draw([lines], "t", tmp_path / "a.png")
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+
+
+def test_a_picture_that_was_there_stays_where_no_new_one_can_be_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    (tmp_path / "a.png").write_text("the one before")
+    monkeypatch.setattr("os.fdopen", fail)
+    with pytest.raises(CommandFailedError, match="no space left on device"):
+        draw([speed_lines(written(tmp_path / "a.mcap"))], "t", tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_text() == "the one before"
+
+
+def test_a_recording_that_cannot_be_begun_is_told(tmp_path: Path) -> None:
+    gone = re.escape(f"`{tmp_path}/no/a.mcap` cannot be written: the folder {tmp_path}/no is not")
+    with pytest.raises(CommandFailedError, match=gone):
+        BagWriter(tmp_path / "no" / "a.mcap")
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_messages_of_overlapping_chunks_come_in_the_order_of_their_receipt(
+    compression: CompressionType, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        made = Writer(file, compression=compression, chunk_size=100)
+        made.start("ros2", "test")
+        schema = made.register_schema(TYPE, "ros2msg", b"float64 data\n")
+        speed = made.register_channel("/speed", "cdr", schema)
+        other = made.register_channel("/other", "cdr", schema)
+        for number in (5, 1, 9, 2, 8, 3, 7, 4, 6, 0, 2**64 - 1):
+            made.add_message(speed, number, message(number), number)
+            made.add_message(other, number, message(-1.0), number)
+        made.finish()
+    heard = [one.received_ns for one in messages_of(path, {"/speed"})]
+    assert heard == [*range(10), 2**64 - 1]
+    with path.open("rb") as file:
+        theirs = [m.log_time for _, _, m in make_reader(file).iter_messages(topics=["/speed"])]
+    assert heard == theirs
+
+
+def test_times_beyond_any_calendar_are_shown(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        channel = writer.add_topic("/speed", TYPE, "float64 data\n", {})
+        writer.add_message(channel, message(1.0), 2**64 - 1, 2**64 - 1, 1)
+    bag = read_bag(path)
+    assert (bag.count, bag.end_ns) == (1, 2**64 - 1)
+    assert any("/speed" in line for line in bag_text(bag))
+
+
+def with_definition(path: Path, definition: str, data: bytes) -> Path:
+    with BagWriter(path) as writer:
+        channel = writer.add_topic("/speed", "demo_msgs/msg/Reading", definition, {})
+        writer.add_message(channel, b"\0\1\0\0" + data, BEGIN_NS, BEGIN_NS, 1)
+    return path
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        f"uint8 {'A' * 60}_=1",
+        f"uint8 {'A' * 60}_b = 1  # {'[' * 60_000}",
+        f"#{' ' * 60_000}x",
+        'string TEXT="float64 other"',
+    ],
+)
+def test_comments_and_constants_of_a_definition_do_not_count(tmp_path: Path, line: str) -> None:
+    definition = f"{line}\nfloat64 data 1.5\n{line}\n"
+    path = with_definition(tmp_path / "a.mcap", definition, struct.pack("<d", 2.5))
+    assert [one.value.data for one in messages_of(path, {"/speed"})] == [2.5]
+
+
+@pytest.mark.parametrize(
+    ("definition", "data"),
+    [
+        ("uint8[] data\n", struct.pack("<I", 100) + b"few"),
+        ("string data\n", struct.pack("<I", 100) + b"few"),
+        (f"Id[] data\n{'=' * 80}\nMSG: demo_msgs/Id\nuint8[16] id\n", b"\xff" * 4),
+    ],
+)
+def test_a_message_that_breaks_off_is_told_and_not_cut_short(
+    tmp_path: Path, definition: str, data: bytes
+) -> None:
+    path = with_definition(tmp_path / "a.mcap", definition, data)
+    with pytest.raises(CommandFailedError, match=r"damaged \(EOFError: \d+ bytes were expected"):
+        list(messages_of(path, {"/speed"}))
+
+
+def test_bytes_of_names_that_are_no_utf8_are_escaped(tmp_path: Path) -> None:
+    name = os.fsdecode(b"caf\xe9")
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.describe({"obelisk": {"config": name}}, {"plan.json": name}, BEGIN_NS)
+    assert read_bag(tmp_path / "a.mcap").metadata == {"obelisk": {"config": r"caf\udce9"}}
+
+
+FOR_EVER = 2**63 - 1
+OFFER = Offer(
+    history="keep_last",
+    depth=10,
+    reliability="reliable",
+    durability="volatile",
+    liveliness="automatic",
+    deadline_ns=1_500_000_000,
+    lifespan_ns=FOR_EVER,
+    lease_ns=FOR_EVER,
+)
+
+
+def test_offers_are_kept_in_the_words_of_rosbag2() -> None:
+    first, second = yaml.safe_load(offers_text([OFFER, replace(OFFER, reliability="best_effort")]))
+    assert first == {
+        "history": "keep_last",
+        "depth": 10,
+        "reliability": "reliable",
+        "durability": "volatile",
+        "deadline": {"sec": 1, "nsec": 500_000_000},
+        "lifespan": {"sec": 9223372036, "nsec": 854775807},
+        "liveliness": "automatic",
+        "liveliness_lease_duration": {"sec": 9223372036, "nsec": 854775807},
+        "avoid_ros_namespace_conventions": False,
+    }
+    assert second["reliability"] == "best_effort"

@@ -1,0 +1,60 @@
+"""Which recording is meant by a file's or a run's name."""
+
+from pathlib import Path
+
+import pytest
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.record.recording import RECORDING, find_recording
+
+
+@pytest.fixture
+def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    parent = tmp_path / "runs"
+    for name in ("arm_20260101_000000", "leg_20260102_000000"):
+        (parent / name).mkdir(parents=True)
+        (parent / name / RECORDING).touch()
+    (parent / "arm_20260103_000000").mkdir()
+    (parent / "head_20260104_000000").mkdir()
+    return parent
+
+
+def test_a_file_is_itself_and_a_folder_the_one_in_it(runs: Path) -> None:
+    folder = runs.parent / "bag"
+    folder.mkdir()
+    (folder / "bag_0.mcap").touch()
+    assert find_recording(runs, "bag/bag_0.mcap") == Path("bag/bag_0.mcap")
+    assert find_recording(runs, "bag") == Path("bag/bag_0.mcap")
+
+
+def test_a_run_is_named_by_config_or_folder_and_else_the_newest_that_was_recorded(
+    runs: Path,
+) -> None:
+    assert find_recording(runs, "arm").parent.name == "arm_20260101_000000"
+    assert find_recording(runs, "leg_20260102_000000").parent.name == "leg_20260102_000000"
+    assert find_recording(runs, None).parent.name == "leg_20260102_000000"
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("head", "the run `head` was not recorded"),
+        ("arn", "did you mean `arm`"),
+    ],
+)
+def test_what_is_not_there_is_told(runs: Path, name: str, told: str) -> None:
+    with pytest.raises(CommandFailedError) as error:
+        find_recording(runs, name)
+    assert told in f"{error.value.message} {error.value.help}"
+
+
+def test_without_any_recording_the_way_to_one_is_told(tmp_path: Path) -> None:
+    with pytest.raises(CommandFailedError, match=r"no run in .* was recorded") as error:
+        find_recording(tmp_path, None)
+    assert "obk launch --record" in (error.value.help or "")
+
+
+def test_a_name_that_no_file_can_have_is_that_of_none(runs: Path) -> None:
+    with pytest.raises(CommandFailedError, match="there is no file and no run called `aaa"):
+        find_recording(runs, "a" * 300)

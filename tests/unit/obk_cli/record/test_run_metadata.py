@@ -1,0 +1,113 @@
+"""What a recorder is told comes to it unchanged; what it is told of a run comes from its folder."""
+
+import json
+from dataclasses import replace
+from datetime import UTC, datetime
+from math import inf
+from pathlib import Path
+
+from obk_cli.emit.plan_json import emit_plan
+from obk_cli.plan import Endpoint, Plan, SensorGroup
+from obk_cli.record.recorder_job import RecorderJob, job_from_json, job_to_json
+from obk_cli.record.run_metadata import (
+    RunMetadata,
+    file_name,
+    run_metadata_of,
+    run_plan,
+    run_topics,
+)
+from obk_cli.record.topic_filter import RecordRequest
+
+from ..plans import node  # noqa: TID252 - shared by folders of tests
+
+PROCESS = {
+    "node": "n",
+    "namespace": "/",
+    "section": "robot",
+    "device": "",
+    "package": "p",
+    "executable": "e",
+    "origin": {"path": "c.yaml", "line": 1, "column": 1},
+}
+PLAN = {
+    "name": "arm",
+    "processes": [
+        {
+            **PROCESS,
+            "publishes": [{"topic": "/a", "msg_type": None}],
+            "subscribes": [{"topic": "/b", "msg_type": "x/msg/B"}],
+        },
+        {**PROCESS, "publishes": [], "subscribes": [{"topic": "/a", "msg_type": "x/msg/A"}]},
+    ],
+}
+
+
+def run_folder(parent: Path) -> Path:
+    folder = parent / "arm_20260102_030405"
+    (folder / "params").mkdir(parents=True)
+    (folder / "params" / "control_0.yaml").write_text("/**: {}\n", encoding="utf-8")
+    run = {"name": "arm", "domain": 7, "plan_sha256": "ab", "versions": {"obk": "1"}, "plan": PLAN}
+    (folder / "run.json").write_text(json.dumps(run), encoding="utf-8")
+    return folder
+
+
+def test_a_job_comes_back_from_json_as_it_was() -> None:
+    job = RecorderJob(
+        path=Path("/runs/x.mcap"),
+        request=RecordRequest(
+            topics={"/a": None, "/b": "x/msg/B"}, patterns=("*",), excludes=("/c",)
+        ),
+        metadata={"obelisk": {"run": "x"}},
+        attachments={"plan.json": "{}"},
+        duration_s=2.5,
+    )
+    assert job_from_json(job_to_json(job)) == job
+
+
+def test_a_run_tells_its_config_hash_versions_and_parameters(tmp_path: Path) -> None:
+    background = run_metadata_of(run_folder(tmp_path))
+    assert background.metadata == {
+        "obelisk": {
+            "run": "arm_20260102_030405",
+            "name": "arm",
+            "domain": "7",
+            "plan_sha256": "ab",
+        },
+        "obelisk_versions": {"obk": "1"},
+    }
+    assert json.loads(background.attachments["plan.json"]) == PLAN
+    assert background.attachments["params/control_0.yaml"] == "/**: {}\n"
+
+
+def test_the_topics_of_a_run_have_the_types_that_either_end_knows(tmp_path: Path) -> None:
+    assert run_topics(run_folder(tmp_path)) == {"/a": "x/msg/A", "/b": "x/msg/B"}
+
+
+def test_of_a_runs_plan_comes_back_what_is_looked_at_while_it_runs(tmp_path: Path) -> None:
+    robot = node(
+        "robot",
+        "robot",
+        parameters={"realtime_factor": 0.5, "use_sim_time": True},
+        publishes=(Endpoint(topic="/q", msg_type="x/msg/Q", rate_hz=100.0),),
+        model="arm.xml",
+        sensor_groups=(SensorGroup(topic="/q", kind="Q", sensors={"j": "jointpos"}),),
+    )
+    told = replace(robot, parameters={**robot.parameters, "bounds": (0.0, inf)}, env={"A": "1"})
+    text = emit_plan(Plan(name="arm", processes=(told,)))
+    (tmp_path / "run.json").write_text(json.dumps({"plan": json.loads(text)}), encoding="utf-8")
+    assert run_plan(tmp_path) == Plan(name="arm", processes=(robot,))
+
+
+def test_a_folder_without_a_run_tells_nothing(tmp_path: Path) -> None:
+    assert run_topics(tmp_path) == {}
+    assert run_plan(tmp_path).processes == ()
+    assert run_metadata_of(tmp_path) == RunMetadata(
+        metadata={"obelisk": {"run": tmp_path.name}, "obelisk_versions": {}}
+    )
+
+
+def test_a_file_is_named_after_the_config_whose_run_it_is_of() -> None:
+    when = datetime(2026, 3, 4, 5, 6, 7, tzinfo=UTC)
+    assert file_name(None, when) == "ros_20260304_050607.mcap"
+    for run in ("leg_arm_20260102_030405", "leg_arm_20260102_030405_2"):
+        assert file_name(Path("/runs", run), when) == "leg_arm_20260304_050607.mcap"

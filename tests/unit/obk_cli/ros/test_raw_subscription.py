@@ -1,0 +1,61 @@
+"""The quality of service that raw subscriptions request, and the messages that they miss."""
+
+from dataclasses import replace
+
+from obk_cli.ros.raw_subscription import DropCounter, Offer, Request, request_for
+
+FOR_EVER = 2**63 - 1
+RELIABLE = Offer(
+    history="keep_last",
+    depth=10,
+    reliability="reliable",
+    durability="volatile",
+    liveliness="automatic",
+    deadline_ns=1_500_000_000,
+    lifespan_ns=FOR_EVER,
+    lease_ns=FOR_EVER,
+)
+LATCHED = replace(RELIABLE, durability="transient_local")
+UNRELIABLE = replace(RELIABLE, reliability="best_effort")
+
+
+def test_what_all_publishers_offer_is_asked_for() -> None:
+    assert request_for([]) == Request(is_reliable=True, is_transient_local=False)
+    assert request_for([RELIABLE]) == Request(is_reliable=True, is_transient_local=False)
+    assert request_for([LATCHED]) == Request(is_reliable=True, is_transient_local=True)
+
+
+def test_one_weaker_publisher_among_them_is_heard_too() -> None:
+    assert request_for([LATCHED, RELIABLE]) == Request()
+    assert request_for([RELIABLE, UNRELIABLE]) == Request(is_reliable=False)
+
+
+def test_a_light_one_is_reliable_only_for_what_was_published_before() -> None:
+    assert request_for([], is_light=True) == Request(is_reliable=False)
+    assert request_for([RELIABLE], is_light=True) == Request(is_reliable=False)
+    assert request_for([LATCHED], is_light=True) == request_for([LATCHED])
+
+
+def counted(*sequence: int, publishers: int = 1) -> tuple[int, int]:
+    counter = DropCounter()
+    for number in sequence:
+        counter.take(number, publishers)
+    return counter.count, counter.dropped
+
+
+def test_gaps_in_the_numbers_are_lost_messages() -> None:
+    assert counted(1, 2, 3) == (3, 0)
+    assert counted(1, 2, 5, 6, 9) == (5, 4)
+
+
+def test_what_was_published_before_the_recording_is_not_lost() -> None:
+    assert counted(100, 101) == (2, 0)
+
+
+def test_a_publisher_that_begins_anew_has_lost_nothing() -> None:
+    assert counted(1, 2, 3, 1, 2) == (5, 0)
+    assert counted(1, 1) == (2, 0)
+
+
+def test_numbers_of_several_publishers_tell_nothing() -> None:
+    assert counted(1, 50, 2, 51, publishers=2) == (4, 0)
