@@ -1,6 +1,6 @@
-"""Calls, or answers, over ROS; a program of its own.
+"""Call or answer over ROS; a program.
 
-Run as `python -P -m obk_cli.adapters.probes.discovery_program call|answer PARENT`. `call` publishes
+Run as `python -P -m obk_cli.doctor.discovery_program call|answer PARENT`. `call` publishes
 until it is answered, then measures round trips, and prints JSON; `answer` answers until SIGTERM.
 Either ends when the process PARENT, which started it, is gone.
 """
@@ -26,17 +26,17 @@ ROUNDS: Final = 10
 
 
 def call(node: Node, parent: int) -> dict[str, Any]:
-    """Call until answered, then a few times more; what that took, nothing if nobody asks now."""
-    heard: list[int] = []
+    """Call until answered, then measure round trips; empty if the parent has exited."""
+    received: list[int] = []
 
-    def hear(message: Any) -> None:
-        heard.append(message.data)
+    def receive(message: Any) -> None:
+        received.append(message.data)
 
     calling = node.create_publisher(Int64, "doctor_call", 10)
-    node.create_subscription(Int64, "doctor_answer", hear, 10)
+    node.create_subscription(Int64, "doctor_answer", receive, 10)
     begin = time.monotonic()
     number = 0
-    while not heard:
+    while not received:
         if os.getppid() != parent:
             return {}
         number += 1
@@ -48,7 +48,7 @@ def call(node: Node, parent: int) -> dict[str, Any]:
         number += 1
         sent = time.monotonic()
         calling.publish(Int64(data=number))
-        while number not in heard:
+        while number not in received:
             rclpy.spin_once(node, timeout_sec=REPEAT_S)
         trips.append(time.monotonic() - sent)
     return {
@@ -59,7 +59,7 @@ def call(node: Node, parent: int) -> dict[str, Any]:
 
 
 def answer(node: Node, parent: int) -> None:
-    """Answer every call, for as long as the process that started this one is there."""
+    """Answer every call for as long as the parent process is running."""
     answering = node.create_publisher(Int64, "doctor_answer", 10)
     node.create_subscription(Int64, "doctor_call", answering.publish, 10)
     while os.getppid() == parent:

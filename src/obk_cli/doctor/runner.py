@@ -1,7 +1,4 @@
-"""Runs checks side by side, each with a deadline; one that hangs or fails costs only its answer.
-
-In go checks; out comes for each what it found. Never prints.
-"""
+"""Run checks in parallel, each with a deadline: one that hangs or fails delays no other."""
 
 import queue
 import threading
@@ -17,13 +14,13 @@ __all__ = ["Answer", "Check", "examine"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """One question to the machine."""
+    """A check of the machine."""
 
     name: str
     about: str
-    """What it looks at, for `obk doctor --list`."""
+    """One line for `obk doctor --list`."""
     find: Callable[[], Iterable[Finding]]
-    """Looks, and says what it found."""
+    """Examines the machine and returns the findings."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,9 +42,9 @@ def examine(
     """Run all checks at once.
 
     Args:
-        checks: what to look at.
+        checks: the checks to run.
         timeout_s: how long each may take [s].
-        on_pending: is told, at the start and after each answer, which checks are still at it.
+        on_pending: called at the start and after each answer with the checks still running.
 
     Returns:
         An answer for each check, in their order.
@@ -84,12 +81,12 @@ def _found(check: Check) -> Iterable[Finding]:
         return tuple(check.find())
     except ObkError as fault:
         return (error(fault.message, fault.help or f"obk doctor {check.name}"),)
-    except Exception as fault:  # what the others found is worth telling all the same
+    except Exception as fault:  # the findings of the others still count
         sentence = f"the check itself failed: {type(fault).__name__}: {fault}"
         return (warning(sentence, f"obk doctor {check.name} --format json    # to report it"),)
 
 
 def _late(name: str, timeout_s: float) -> Answer:
-    sentence = f"gave no answer within {timeout_s:.0f} s"
-    finding = warning(sentence, f"obk doctor {name}    # alone, with nothing beside it")
+    sentence = f"did not finish within {timeout_s:.0f} s"
+    finding = warning(sentence, f"obk doctor {name}    # run it alone")
     return Answer(check=name, findings=(finding,), seconds=timeout_s)

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from obk_cli.doctor.examination import Check, examine
 from obk_cli.doctor.finding import Finding, ok
+from obk_cli.doctor.runner import Check, examine
 from obk_cli.errors import CommandFailedError
 
 from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
@@ -48,11 +48,11 @@ def test_a_check_that_hangs_costs_only_its_own_answer(monkeypatch: pytest.Monkey
         if pending == ("hangs",):
             now_s = DEADLINE_S
 
-    monkeypatch.setattr("obk_cli.doctor.examination.monotonic_s", lambda: now_s)
+    monkeypatch.setattr("obk_cli.doctor.runner.monotonic_s", lambda: now_s)
     checks = (Check(name="hangs", about="", find=hang), check("well", ok("fine")))
     late, well = examine(checks, timeout_s=DEADLINE_S, on_pending=let_time_pass)
     for_ever.set()
-    assert the_one(late.findings, "warning").message.startswith("gave no answer within 60 s")
+    assert the_one(late.findings, "warning").cure.startswith("obk doctor hangs")
     assert the_one(well.findings, "ok").message == "fine"
 
 
@@ -71,4 +71,4 @@ def test_a_check_that_is_broken_itself_says_so() -> None:
 
     (answer,) = examine((Check(name="x", about="", find=fail),), timeout_s=DEADLINE_S)
     found = the_one(answer.findings, "warning")
-    assert found.message == "the check itself failed: KeyError: 'oops'"
+    assert "KeyError: 'oops'" in found.message

@@ -1,7 +1,7 @@
-"""Steps and draws a tiny scene with the back end of MUJOCO_GL; a program of its own.
+"""Step and draw a tiny scene with the back end of MUJOCO_GL; a program.
 
-Run as `python -P -m obk_cli.adapters.probes.mujoco_program`; prints a JSON object for each thing
-that worked, so that the first is told even if OpenGL then ends the process.
+Run as `python -P -m obk_cli.doctor.mujoco_program`; prints one JSON object a step, so
+that the first is reported even if OpenGL then kills the process.
 """
 
 import importlib

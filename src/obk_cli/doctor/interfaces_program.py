@@ -1,7 +1,7 @@
-"""Loads the compiled part of message packages; a program of its own, as a library may crash it.
+"""Load the compiled part of message packages; a program, since a library may crash it.
 
-Run as `python -P -m obk_cli.adapters.probes.interfaces_program PACKAGE...`; prints a JSON object,
-package -> what is wrong with it, empty for nothing.
+Run as `python -P -m obk_cli.doctor.interfaces_program PACKAGE...`; prints a JSON object,
+package -> fault, empty if it loads.
 """
 
 import importlib
@@ -21,7 +21,7 @@ def fault_of(package: str) -> str:
 
 
 def main(packages: list[str]) -> None:
-    """Print what is wrong with each."""
+    """Print the fault of each package."""
     print(json.dumps({package: fault_of(package) for package in packages}))
 
 
