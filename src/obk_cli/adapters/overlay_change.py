@@ -18,8 +18,8 @@ from typing import Final
 
 from obk_cli.adapters.overlay import FOLDER, RECORD, OverlayRecord, overlay_folder
 from obk_cli.adapters.planted import is_planted
-from obk_cli.emit.write import write_text
 from obk_cli.errors import CommandFailedError
+from obk_cli.files import write_text
 
 __all__ = ["build_turn", "new_overlay", "replace_overlay"]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from obk_cli.adapters.files import unwritable
-from obk_cli.emit.write import write_bytes
+from obk_cli.files import write_bytes
 from obk_cli.recording.fields import Lines
 
 __all__ = ["FORMATS", "draw"]

@@ -177,7 +177,7 @@ def dump(
         return
 
     from obk_cli.adapters.files import unwritable
-    from obk_cli.emit.write import write_text
+    from obk_cli.files import write_text
 
     try:
         write_text(output, text)

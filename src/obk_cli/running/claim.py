@@ -10,7 +10,7 @@ from obk_cli.adapters.clock import local_time, wall_s
 from obk_cli.adapters.process_start import this_process
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.versions import run_versions
-from obk_cli.emit.plan_json import emit_plan
+from obk_cli.emit.json import emit_plan
 from obk_cli.errors import ObkError
 from obk_cli.launch.events import Ended
 from obk_cli.launch.runs import MadeFrom, Run, note_end, runs_folder

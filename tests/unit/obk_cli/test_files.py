@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.emit.write import STATE_MODE, write_bytes, write_text
+from obk_cli.files import STATE_MODE, write_bytes, write_text
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Writing a file: whole or not at all, and only if it changes."""
+"""Write a file whole or not at all, and only if its content changes."""
 
 import os
 import stat

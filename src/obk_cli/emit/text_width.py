@@ -1,4 +1,4 @@
-"""Text fit to be shown in a picture: without what cannot be drawn, measured, shortened."""
+"""Width of text in columns, and text that fits a picture: printable and shortened."""
 
 import unicodedata
 
