@@ -1,6 +1,6 @@
-"""One `obk launch` of a rehearsal: started, listened to, asked, ended; it never outlives this one.
+"""One `obk launch` of a rehearsal: start it, collect its events, ask for its status, end it.
 
-Takes the command, gives what the launcher told and what is known of it otherwise.
+The launcher never outlives this process.
 """
 
 import signal
@@ -14,21 +14,21 @@ from obk_cli.adapters.clock import monotonic_s, wall_s
 from obk_cli.adapters.control_client import ask_status
 from obk_cli.adapters.leftovers import end_leftovers, find_leftovers
 from obk_cli.adapters.live_runs import live_folders
+from obk_cli.faultinject.observation import TimedEvent, parse_event
 from obk_cli.launch.asks import StackStatus
-from obk_cli.rehearsal.scene import Moment, parse_moment
 
-__all__ = ["Launched"]
+__all__ = ["LaunchedStack"]
 
 LEFT_S: Final = 7.0
-"""How long nodes may take to follow their launcher: what their warden gives them, and more [s]."""
+"""How long nodes may take to end after their launcher: the warden's limit, and more [s]."""
 OVER_S: Final = 1.0
-"""How long the last of its output may take after its end [s]."""
+"""How long the last output may take after the end of the process [s]."""
 POLL_S: Final = 0.05
 ANSWER_S: Final = 10.0
-"""For an answer over the control socket, which is not judged by how soon it comes [s]."""
+"""Limit for a reply over the control socket; its speed is not part of a verdict [s]."""
 
 
-class Launched:
+class LaunchedStack:
     """A launcher, from its start to its end."""
 
     def __init__(
@@ -38,32 +38,34 @@ class Launched:
 
         Args:
             command: `obk launch ... --format json`.
-            environment: all of its variables.
-            parent: the folder in which it makes its run's.
+            environment: its complete environment.
+            parent: the folder in which it creates its run folder.
         """
         self._parent = parent
         self._changed = threading.Condition()
-        self._moments: list[Moment] = []
-        self._said: list[str] = []
+        self._events: list[TimedEvent] = []
+        self._other_output: list[str] = []
         self._over_s: float | None = None
         self._run: Path | None = None
-        self._child = BoundProcess(command, environment, on_line=self._hear, on_over=self._end)
+        self._child = BoundProcess(
+            command, environment, on_line=self._on_line, on_over=self._on_over
+        )
 
     @property
-    def moments(self) -> tuple[Moment, ...]:
-        """What it has told so far."""
+    def events(self) -> tuple[TimedEvent, ...]:
+        """What it has reported so far."""
         with self._changed:
-            return tuple(self._moments)
+            return tuple(self._events)
 
     @property
-    def said(self) -> tuple[str, ...]:
-        """The lines that it has said besides."""
+    def other_output(self) -> tuple[str, ...]:
+        """The lines of its output that are no events."""
         with self._changed:
-            return tuple(self._said)
+            return tuple(self._other_output)
 
     @property
     def exit_code(self) -> int | None:
-        """None: it runs."""
+        """None: it is running."""
         return self._child.exit_code
 
     @property
@@ -80,25 +82,25 @@ class Launched:
         return self._run
 
     def wait_until(
-        self, holds: Callable[[tuple[Moment, ...]], bool], timeout_s: float, *, since: int = 0
+        self, holds: Callable[[tuple[TimedEvent, ...]], bool], timeout_s: float, *, since: int = 0
     ) -> bool:
-        """Wait for what it tells, at most so long, and not beyond its end; whether it came.
+        """Wait until a condition on its events holds or it ends; whether the condition holds.
 
         Args:
-            holds: asked of the moments after each new one.
-            timeout_s: how long to wait.
-            since: how many of the first moments not to ask of.
+            holds: the condition, evaluated after each event.
+            timeout_s: how long to wait at most.
+            since: how many of the first events to skip.
         """
         end = monotonic_s() + timeout_s
         with self._changed:
-            while not (is_so := holds(tuple(self._moments[since:]))) and self._over_s is None:
+            while not (is_so := holds(tuple(self._events[since:]))) and self._over_s is None:
                 left_s = end - monotonic_s()
                 if left_s <= 0 or not self._changed.wait(left_s):
                     break
-            return is_so or holds(tuple(self._moments[since:]))
+            return is_so or holds(tuple(self._events[since:]))
 
     def wait_for_end(self, timeout_s: float) -> int | None:
-        """Wait for its end; gives the exit code, or None when it has not ended in time."""
+        """Wait for its end; returns the exit code, None if it has not ended in time."""
         code = self._child.wait(timeout_s)
         if code is not None:
             with self._changed:
@@ -106,16 +108,16 @@ class Launched:
         return code
 
     def outcome(self, timeout_s: float) -> int | None:
-        """The exit code, waited for so long where it has said its last word; None: it runs."""
-        # The kernel closes the output of a process some time before it tells of its end.
+        """The exit code, awaited if its output has ended; None: it is running."""
+        # The kernel closes the output of a process some time before it reports its end.
         return self.exit_code if self._over_s is None else self.wait_for_end(timeout_s)
 
     def status(self) -> StackStatus | None:
-        """How it says that the stack is; None: no answer."""
+        """The status that it reports; None: no reply."""
         return None if self.run is None else ask_status(self.run, ANSWER_S)
 
     def end(self, timeout_s: float) -> int | None:
-        """Ask for the end and wait; gives the exit code, None where it had to be killed."""
+        """Interrupt it and wait; returns the exit code, None if it had to be killed."""
         if self.exit_code is None:
             self._child.signal(signal.SIGINT)
         code = self.wait_for_end(timeout_s)
@@ -123,7 +125,7 @@ class Launched:
         return code
 
     def clear_up(self) -> tuple[str, ...]:
-        """End what has outlived the launcher, and give the commands of that."""
+        """End processes that outlived the launcher; returns their commands."""
         if self._run is None:
             return ()
         end = monotonic_s() + LEFT_S
@@ -138,16 +140,16 @@ class Launched:
         with self._changed:
             self._changed.wait(POLL_S)
 
-    def _hear(self, line: str) -> None:
-        moment = parse_moment(line)
+    def _on_line(self, line: str) -> None:
+        event = parse_event(line)
         with self._changed:
-            if moment is not None:
-                self._moments.append(moment)
+            if event is not None:
+                self._events.append(event)
             elif not line.startswith("{"):
-                self._said.append(line)
+                self._other_output.append(line)
             self._changed.notify_all()
 
-    def _end(self) -> None:
+    def _on_over(self) -> None:
         with self._changed:
             self._over_s = wall_s()
             self._changed.notify_all()

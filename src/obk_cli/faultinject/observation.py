@@ -1,7 +1,6 @@
-"""What was seen of one case, as values, and a launcher's lines as the events that they tell. Pure.
+"""What was observed of a case: events parsed from the launcher's lines, and facts besides. Pure.
 
-A launcher's word on what happened is held against what is known without it: its exit code, its
-answer when asked, and the processes that are left.
+The facts are its exit code, its status on request and the processes that are left.
 """
 
 import json
@@ -12,14 +11,14 @@ from typing import Any, Final, get_args
 from obk_cli.launch.asks import StackStatus
 from obk_cli.launch.events import Told
 
-__all__ = ["Moment", "Scene", "parse_moment"]
+__all__ = ["Observation", "TimedEvent", "parse_event"]
 
 _EVENTS: Final[dict[str, Any]] = {event.__name__: event for event in get_args(Told)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Moment:
-    """An event, and when the launcher told it."""
+class TimedEvent:
+    """An event, and when the launcher reported it."""
 
     time_s: float
     """[s since 1970]"""
@@ -27,28 +26,28 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scene:
-    """All that was seen of one case."""
+class Observation:
+    """All that was observed of one case."""
 
-    struck_s: float
-    """When the fault was made [s since 1970]."""
+    injected_s: float
+    """When the fault was injected [s since 1970]."""
     run: Path
     """The launch's run folder."""
     before: StackStatus
-    moments: tuple[Moment, ...]
+    events: tuple[TimedEvent, ...]
     """From the fault on."""
     after: StackStatus | None
-    """None: the launcher does not answer, or has ended."""
+    """None: the launcher does not respond, or has ended."""
     exit_code: int | None
-    """The launcher's; None: it runs."""
+    """The launcher's; None: it is running."""
     ended_s: float | None = None
     """When the launcher's end was seen [s since 1970]."""
     left: tuple[str, ...] = ()
     """Commands of the processes that outlived their launcher."""
 
 
-def parse_moment(line: str) -> Moment | None:
-    """A line of `obk launch --format json`; None for one that is no event."""
+def parse_event(line: str) -> TimedEvent | None:
+    """A line of `obk launch --format json`; None if it is not an event."""
     try:
         record = json.loads(line)
     except ValueError:
@@ -57,4 +56,4 @@ def parse_moment(line: str) -> Moment | None:
         return None
     time_s, kind = record.pop("time"), _EVENTS[record.pop("event")]
     values = {key: tuple(v) if isinstance(v, list) else v for key, v in record.items()}
-    return Moment(time_s=time_s, event=kind(**values))
+    return TimedEvent(time_s=time_s, event=kind(**values))

@@ -32,10 +32,10 @@ def test_the_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message", "help_"),
     [
-        (("-",), "starts the config more than once: give a file", ""),
+        (("-",), "give a file", ""),
         ((str(DUMMY), "--fault", "kil"), "`--fault kil`: expected one of `delay`,", "`kill`?"),
         ((str(DUMMY), "--on-crash", "stpo"), "`--on-crash stpo`: expected one of", "`stop`?"),
-        ((str(DUMMY), "--node", "contrl_0"), "the stack has no such node", "`control_0`"),
+        ((str(DUMMY), "--node", "contrl_0"), "no such node", "`control_0`"),
     ],
 )
 def test_what_cannot_be_meant_is_misuse_and_says_what_can(

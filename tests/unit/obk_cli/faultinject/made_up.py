@@ -1,20 +1,19 @@
-"""A stack of three nodes, and scenes of what a launcher told about it, for the tests of judging."""
+"""A stack of three nodes, and observations of what a launcher reported about it."""
 
 from pathlib import Path
 
+from obk_cli.faultinject.expectations import Case, Fault, expectation_of
+from obk_cli.faultinject.observation import Observation, TimedEvent
 from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.events import Told
 from obk_cli.launch.units import Unit
 from obk_cli.plan import OnCrash, Process
-from obk_cli.rehearsal.cases import Case
-from obk_cli.rehearsal.promise import Fault, promise
-from obk_cli.rehearsal.scene import Moment, Scene
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 
 ROBOT, ESTIMATOR, CONTROLLER = "/obelisk_robot_0", "/obelisk_estimation_0", "/obelisk_control_0"
 NODES = (CONTROLLER, ESTIMATOR, ROBOT)
-STRUCK_S = 1000.0
+INJECTED_S = 1000.0
 
 
 def process(name: str, on_crash: OnCrash | None = None, *, has_lifecycle: bool = True) -> Process:
@@ -29,7 +28,7 @@ def unit(*names: str) -> Unit:
 
 def case(fault: Fault, on_crash: OnCrash, *names: str) -> Case:
     hit = unit(*(names or (ROBOT,)))
-    return Case(unit=hit, fault=fault, promise=promise(hit, fault, on_crash))
+    return Case(unit=hit, fault=fault, expectation=expectation_of(hit, fault, on_crash))
 
 
 def status(
@@ -52,25 +51,27 @@ def status(
     return StackStatus(name="s", state="active", phase="active", seconds=1.0, nodes=nodes)
 
 
-def moments(*told: tuple[float, Told]) -> tuple[Moment, ...]:
+def events(*reported: tuple[float, Told]) -> tuple[TimedEvent, ...]:
     """Events at so many seconds after the fault."""
-    return tuple(Moment(time_s=STRUCK_S + after_s, event=event) for after_s, event in told)
+    return tuple(
+        TimedEvent(time_s=INJECTED_S + after_s, event=event) for after_s, event in reported
+    )
 
 
-def scene(
-    *told: tuple[float, Told],
+def observation(
+    *reported: tuple[float, Told],
     after: StackStatus | None = None,
     exit_code: int | None = None,
     ended_after_s: float | None = None,
     left: tuple[str, ...] = (),
-) -> Scene:
-    return Scene(
-        struck_s=STRUCK_S,
+) -> Observation:
+    return Observation(
+        injected_s=INJECTED_S,
         run=Path("runs/s"),
         before=status(),
-        moments=moments(*told),
+        events=events(*reported),
         after=after,
         exit_code=exit_code,
-        ended_s=None if ended_after_s is None else STRUCK_S + ended_after_s,
+        ended_s=None if ended_after_s is None else INJECTED_S + ended_after_s,
         left=left,
     )
