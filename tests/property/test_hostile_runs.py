@@ -21,7 +21,7 @@ from obk_cli.launch.wire import emit_fault, parse_request
 from obk_cli.monitor.expected_topics import planned_topics
 from obk_cli.process.identity import boot_id, this_process
 from obk_cli.record.run_metadata import run_metadata_of, run_plan, run_topics
-from obk_cli.web.picture import live_picture
+from obk_cli.web.feed import live_picture
 from obk_cli.workspace.overlay import FOLDER, RECORD, overlay_prefixes, read_record
 
 from .hostile import FEW, JSON, SPOILT, assert_shows_only_text, damaged, respelt

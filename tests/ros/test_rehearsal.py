@@ -12,14 +12,13 @@ import pytest
 
 from obk_cli.cli.rehearse import OBK as OBK_MODULE
 from obk_cli.cli.rehearse import QUIETLY
+from obk_cli.faultinject.expectations import FAULTS, Allowances, Fault, make_cases
+from obk_cli.faultinject.report import rehearsal_text
+from obk_cli.faultinject.runner import LaunchSettings, run_cases
+from obk_cli.faultinject.verdict import Verdict
 from obk_cli.launch.units import Unit, units_of
 from obk_cli.pipeline import Options, compile_config
 from obk_cli.plan import OnCrash
-from obk_cli.rehearsal.cases import make_cases
-from obk_cli.rehearsal.conductor import Setting, rehearse
-from obk_cli.rehearsal.judge import Row
-from obk_cli.rehearsal.promise import FAULTS, Allowances, Fault
-from obk_cli.report.rehearsal import rehearsal_text
 
 from .stack import DEADLINE_S, DUMMY, OBK, eventually, marked, obk
 
@@ -45,7 +44,7 @@ def rehearsed(
     faults: Sequence[Fault] = FAULTS,
     *options: str,
     nodes: Sequence[str] = (),
-) -> tuple[Row, ...]:
+) -> tuple[Verdict, ...]:
     launch = (*OBK_MODULE, "launch", str(DUMMY), *QUIETLY)
     limits = (f"--hang-after={HANG_S}", f"--timeout={DEADLINE_S}")
     command = (*launch, f"--on-crash={on_crash}", *limits, *options)
@@ -57,18 +56,20 @@ def rehearsed(
         allowances=PATIENT,
     )
     variables = {**os.environ, "OBK_HOME": str(folder)}
-    return rehearse(cases, Setting(command=command, environment=variables, runs=folder / "runs"))
+    return run_cases(
+        cases, LaunchSettings(command=command, environment=variables, runs=folder / "runs")
+    )
 
 
-def are_right(rows: Sequence[Row], count: int) -> bool:
-    print(rehearsal_text(rows))
-    return len(rows) == count and all(row.is_right for row in rows)
+def are_right(verdicts: Sequence[Verdict], count: int) -> bool:
+    print(rehearsal_text(verdicts))
+    return len(verdicts) == count and all(verdict.is_right for verdict in verdicts)
 
 
 def test_where_the_rule_is_stop_the_stack_comes_down_and_names_the_node(tmp_path: Path) -> None:
-    rows = rehearsed(tmp_path, "stop", ["freeze", "kill"], nodes=["/obelisk_estimation_0"])
-    assert are_right(rows, 2)
-    frozen, killed = (row.run for row in rows)
+    verdicts = rehearsed(tmp_path, "stop", ["freeze", "kill"], nodes=["/obelisk_estimation_0"])
+    assert are_right(verdicts, 2)
+    frozen, killed = (verdict.run for verdict in verdicts)
     assert killed is not None
     assert killed != frozen
     cause = "/obelisk_estimation_0: the process was ended by SIGKILL"
@@ -79,15 +80,17 @@ def test_where_the_rule_is_stop_the_stack_comes_down_and_names_the_node(tmp_path
 def test_where_the_rule_is_restart_the_node_is_brought_back_and_no_other_is_touched(
     tmp_path: Path,
 ) -> None:
-    rows = rehearsed(tmp_path, "restart", ["delay", "freeze", "kill"], nodes=["/obelisk_robot_0"])
-    assert are_right(rows, 3)
-    assert len({row.run for row in rows}) == 1
+    verdicts = rehearsed(
+        tmp_path, "restart", ["delay", "freeze", "kill"], nodes=["/obelisk_robot_0"]
+    )
+    assert are_right(verdicts, 3)
+    assert len({verdict.run for verdict in verdicts}) == 1
     assert not marked()
 
 
 def test_where_the_rule_is_ignore_the_others_run_on(tmp_path: Path) -> None:
-    rows = rehearsed(tmp_path, "ignore", ["freeze", "kill"], nodes=["/obelisk_control_0"])
-    assert are_right(rows, 2)
+    verdicts = rehearsed(tmp_path, "ignore", ["freeze", "kill"], nodes=["/obelisk_control_0"])
+    assert are_right(verdicts, 2)
     assert not marked()
 
 
@@ -98,12 +101,14 @@ def test_nodes_in_one_process_hang_and_come_back_together(tmp_path: Path) -> Non
 
 def test_a_promise_that_is_not_kept_is_told_with_its_evidence(tmp_path: Path) -> None:
     """The cases expect a restart, and the launch is one that stops."""
-    rows = rehearsed(tmp_path, "restart", ["kill"], "--on-crash=stop", nodes=["/obelisk_robot_0"])
-    (row,) = rows
-    assert row.seen.startswith("stack down")
-    assert "the stack came down" in row.faults
-    assert row.run is not None
-    assert "was ended by SIGKILL" in (row.run / "launch.log").read_text()
+    verdicts = rehearsed(
+        tmp_path, "restart", ["kill"], "--on-crash=stop", nodes=["/obelisk_robot_0"]
+    )
+    (verdict,) = verdicts
+    assert verdict.seen.startswith("stack down")
+    assert any("went down" in fault for fault in verdict.faults)
+    assert verdict.run is not None
+    assert "was ended by SIGKILL" in (verdict.run / "launch.log").read_text()
 
 
 def test_the_command_reports_each_row_and_keeps_out_of_other_domains(
@@ -117,13 +122,13 @@ def test_the_command_reports_each_row_and_keeps_out_of_other_domains(
             env={"OBK_HOME": str(tmp_path / "home")},
         )
         told = json.loads(result.stdout)
-        (row,) = told["rows"]
-        assert row["nodes"] == ["/obelisk_control_0"]
-        assert row["promised"] == "the others run on"
+        (verdict,) = told["rows"]
+        assert verdict["nodes"] == ["/obelisk_control_0"]
+        assert verdict["promised"] == "the others run on"
         assert f"in the ROS domain {ros_domain}, logs in {tmp_path}" in result.stderr
         assert result.returncode == (0 if told["ok"] else 1)
         assert not (tmp_path / "home" / "runs").exists()
-        return bool(row["seen"] == row["promised"])
+        return bool(verdict["seen"] == verdict["promised"])
 
     eventually(is_as_promised, "what is promised")
 

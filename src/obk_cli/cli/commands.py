@@ -57,7 +57,7 @@ VERBS = {
     "plot": Verb("obk_cli.cli.plot", "Draw fields of a recording."),
     "doctor": Verb("obk_cli.cli.doctor", "Look at this machine: what is missing, what to do."),
     "reap": Verb("obk_cli.cli.reap", "End processes that outlived their launcher."),
-    "rehearse": Verb("obk_cli.cli.rehearse", "Try out what a stack does when its nodes fail."),
+    "rehearse": Verb("obk_cli.cli.rehearse", "Test how a stack reacts when its nodes fail."),
     "explain": Verb("obk_cli.cli.explain", "Tell what a rule means and how to mend it."),
     "migrate": Verb("obk_cli.cli.migrate", "Rewrite a config into the newer spelling, or back."),
     "schema": Verb("obk_cli.cli.schema", "Print the JSON schema of configs."),

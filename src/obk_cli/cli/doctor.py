@@ -12,9 +12,9 @@ from obelisk_spec.suggestions import did_you_mean
 from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.doctor.checks import checks_of
-from obk_cli.doctor.examination import Answer, Check, examine
+from obk_cli.doctor.report import doctor_json, doctor_text
+from obk_cli.doctor.runner import Answer, Check, examine
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
-from obk_cli.report.doctor import doctor_json, doctor_text
 
 __all__ = ["EXAMPLE", "command"]
 

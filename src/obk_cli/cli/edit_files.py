@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from obk_cli.diagnostics import Diagnostic
-from obk_cli.emit.write import write_bytes
 from obk_cli.errors import CommandFailedError
-from obk_cli.files import STANDARD_INPUT, read_bytes, unwritable
+from obk_cli.files import STANDARD_INPUT, read_bytes, unwritable, write_bytes
 from obk_cli.parse import decode_source
 from obk_cli.source import SourceFile
 from obk_cli.workspace.path_suggestions import did_you_mean_config

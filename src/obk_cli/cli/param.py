@@ -170,8 +170,7 @@ def dump(
         print(text, end="")
         return
 
-    from obk_cli.emit.write import write_text
-    from obk_cli.files import unwritable
+    from obk_cli.files import unwritable, write_text
 
     try:
         write_text(output, text)

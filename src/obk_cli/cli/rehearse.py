@@ -1,4 +1,4 @@
-"""`obk rehearse CONFIG`: kills, freezes and delays each node, and holds the stack to its rules."""
+"""`obk rehearse CONFIG`: delay, freeze and kill each node, and check how the stack reacts."""
 
 import os
 import shutil
@@ -24,13 +24,12 @@ from obk_cli.cli.findings import sound_plan
 from obk_cli.cli.option_values import require_word
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
+from obk_cli.faultinject.expectations import FAULTS, Case, Fault, make_cases
+from obk_cli.faultinject.verdict import Verdict
 from obk_cli.launch.devices import share_of
 from obk_cli.launch.units import Unit, units_of
 from obk_cli.pipeline import compile_config
 from obk_cli.plan import OnCrash, Plan
-from obk_cli.rehearsal.cases import Case, make_cases
-from obk_cli.rehearsal.judge import Row
-from obk_cli.rehearsal.promise import FAULTS, Fault
 from obk_cli.report.launch import short_name
 from obk_cli.running.simulated import require_libraries
 
@@ -42,7 +41,7 @@ Example: obk rehearse examples/dummy/dummy.yaml
 """
 OBK = (sys.executable, "-P", "-m", "obk_cli.cli.main")
 QUIETLY = ("--format=json", "--quiet", "--color=never", "--network=localhost", "--keep=1000000")
-"""Of a rehearsal's launches; all of their logs stay, for they are the evidence."""
+"""Options of a rehearsal's launches; all of their logs are kept as evidence."""
 
 
 def command(
@@ -50,34 +49,36 @@ def command(
     on_crash: Annotated[
         str,
         typer.Option(
-            metavar="|".join(get_args(OnCrash)), help="The launch's rule, as in `obk launch`."
+            metavar="|".join(get_args(OnCrash)),
+            help="Rule for crashes and hangs, as in `obk launch`.",
         ),
     ] = "stop",
     node: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME", help="Only this node, or those of this section; may be repeated."
+            metavar="NAME",
+            help="Test only this node, or the nodes of this section; may be repeated.",
         ),
     ] = None,
     fault: Annotated[
-        str, typer.Option(metavar=",".join(FAULTS), help="What is done to each.")
+        str, typer.Option(metavar=",".join(FAULTS), help="Faults to inject into each node.")
     ] = ",".join(FAULTS),
     composed: Annotated[
-        bool, typer.Option("--composed", help="With the Python nodes in one process.")
+        bool, typer.Option("--composed", help="Run the Python nodes in one process.")
     ] = False,
     domain: Annotated[
-        int | None, typer.Option(min=0, max=232, help="The ROS domain; else one that is free.")
+        int | None, typer.Option(min=0, max=232, help="ROS domain to use; a free one unless set.")
     ] = None,
     format: FormatOption = "text",
     set_: SetOption = None,
     ignore: IgnoreOption = None,
     color: ColourOption = "auto",
 ) -> None:
-    """Try out what a stack with a simulated robot does when its nodes fail.
+    """Test how a stack with a simulated robot reacts when its nodes fail.
 
-    Each node is delayed (stopped for a second, which must have no effect), frozen and killed, and
-    what the launcher does is held against what its rules promise. The stack is seen on this host
-    only. Exit code 0: every promise was kept; 1: one was not, or the config has errors.
+    Delays (stops for a second, which must have no effect), freezes and kills each node, and
+    compares the reaction of the launcher with its rules. Only this host can see the stack.
+    Exit code 0: all reactions are as expected; 1: one is not, or the config has errors.
     """
     is_json = wants_json(format)
     if config == "-":
@@ -88,7 +89,7 @@ def command(
     plan = sound_plan(outcome, color)
     assert outcome.config is not None  # the plan is made of it
 
-    from obk_cli.rehearsal.guard import refuse_hardware
+    from obk_cli.faultinject.setup import refuse_hardware
 
     refuse_hardware(outcome.config)
     require_libraries(plan, share_of(plan, None, None))
@@ -101,9 +102,9 @@ def command(
     options = [*QUIETLY, f"--on-crash={on_crash}", *(["--composed"] if composed else [])]
     options += [f"--set={value}" for value in set_ or ()]
     options += [f"--ignore={code}" for code in ignore or ()]
-    rows = _rehearse(plan, cases, (config, *options), domain)
-    print(_report(rows, is_json=is_json, colour=wants_colour(color)))
-    raise typer.Exit(EXIT_DONE if all(row.is_right for row in rows) else EXIT_FAILED)
+    verdicts = _rehearse(plan, cases, (config, *options), domain)
+    print(_report(verdicts, is_json=is_json, colour=wants_colour(color)))
+    raise typer.Exit(EXIT_DONE if all(verdict.is_right for verdict in verdicts) else EXIT_FAILED)
 
 
 def _faults(text: str) -> tuple[Fault, ...]:
@@ -114,7 +115,7 @@ def _faults(text: str) -> tuple[Fault, ...]:
 
 
 def _nodes(plan: Plan, names: Sequence[str]) -> frozenset[str]:
-    """Full names of the nodes that are meant."""
+    """Full names of the chosen nodes."""
     known = [process.full_name for process in plan.processes]
     meant: set[str] = set()
     for name in names:
@@ -145,46 +146,45 @@ def _units(plan: Plan, config: str, *, is_composed: bool) -> tuple[Unit, ...]:
 
 def _rehearse(
     plan: Plan, cases: Sequence[Case], arguments: Sequence[str], domain: int | None
-) -> tuple[Row, ...]:
+) -> tuple[Verdict, ...]:
+    from obk_cli.faultinject.runner import LaunchSettings, run_cases
+    from obk_cli.faultinject.setup import make_rehearsal_folder, refuse_running
     from obk_cli.launch.runs import runs_folder
-    from obk_cli.rehearsal.conductor import Setting, rehearse
-    from obk_cli.rehearsal.guard import refuse_running
-    from obk_cli.rehearsal.home import make_home
     from obk_cli.ros.environment import free_domain
 
     runs = runs_folder(os.environ)
     refuse_running(runs, plan.name)
-    home = make_home(runs.parent / "rehearsals", plan.name)
+    home = make_rehearsal_folder(runs.parent / "rehearsals", plan.name)
     numbers = count(1)
 
-    def begin(case: Case) -> None:
+    def on_case(case: Case) -> None:
         _progress(f"[{next(numbers)}/{len(cases)}] {case.fault} {short_name(case.unit.name)}")
 
     with nullcontext(domain) if domain is not None else free_domain() as own:
         print(f"rehearsing {plan.name} in the ROS domain {own}, logs in {home}", file=sys.stderr)
         variables = {**os.environ, "OBK_HOME": str(home), "ROS_DOMAIN_ID": str(own)}
-        setting = Setting(
+        settings = LaunchSettings(
             command=(*OBK, "launch", *arguments), environment=variables, runs=runs_folder(variables)
         )
         try:
-            return rehearse(cases, setting, begin)
+            return run_cases(cases, settings, on_case)
         finally:
             _progress("")
 
 
 def _progress(text: str) -> None:
-    """Say what is done now: on a terminal in one line that the next one takes."""
+    """Print progress, on a terminal in one line that is overwritten."""
     if sys.stderr.isatty():
         print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
     elif text:
         print(text, file=sys.stderr)
 
 
-def _report(rows: Sequence[Row], *, is_json: bool, colour: bool) -> str:
-    from obk_cli.report.rehearsal import rehearsal_json, rehearsal_table, rehearsal_text
+def _report(verdicts: Sequence[Verdict], *, is_json: bool, colour: bool) -> str:
+    from obk_cli.faultinject.report import rehearsal_json, rehearsal_table, rehearsal_text
 
     if is_json:
-        return rehearsal_json(rows)
+        return rehearsal_json(verdicts)
     if colour and sys.stdout.isatty():
-        return rehearsal_table(rows, shutil.get_terminal_size().columns)
-    return rehearsal_text(rows)
+        return rehearsal_table(verdicts, shutil.get_terminal_size().columns)
+    return rehearsal_text(verdicts)

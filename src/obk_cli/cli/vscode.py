@@ -9,9 +9,8 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from obk_cli.emit.write import write_text
 from obk_cli.errors import CommandFailedError
-from obk_cli.files import explain_os_error, unwritable
+from obk_cli.files import explain_os_error, unwritable, write_text
 from obk_cli.jsonc import JsoncError, read_jsonc, set_member
 from obk_cli.migrate.shape import components_of, devices_of, sections_of
 from obk_cli.parse import decode_source, parse_source

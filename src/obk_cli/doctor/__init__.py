@@ -1,1 +1,1 @@
-"""What `obk doctor` finds out about a machine: measured facts in, findings with cures out."""
+"""Checks of this machine for `obk doctor`: a module a subject, with facts, probe and judge."""

@@ -1,10 +1,23 @@
-"""What a check says of one thing: how it is, what was measured, and what to do about it."""
+"""One finding of a check: severity, message, fix and measured facts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
-__all__ = ["SEVERITIES", "Fact", "Finding", "Severity", "error", "note", "ok", "warning"]
+__all__ = [
+    "GIB",
+    "MIB",
+    "SEVERITIES",
+    "Fact",
+    "Finding",
+    "Severity",
+    "bytes_text",
+    "error",
+    "note",
+    "ok",
+    "warning",
+]
+
 
 Severity = Literal["ok", "note", "warning", "error"]
 SEVERITIES: Final[tuple[Severity, ...]] = ("error", "warning", "note", "ok")
@@ -16,10 +29,10 @@ class Finding:
     """One sentence about the machine."""
 
     severity: Severity
-    """`error`: stacks do not run; `warning`: what one may need does not; `note`: to know."""
+    """`error`: stacks do not run; `warning`: a feature does not work; `note`: information."""
     message: str
     cure: str = ""
-    """A command to copy, or what else to do; empty where nothing is to be done."""
+    """The fix: a command to copy or an instruction; empty if none is needed."""
     facts: Mapping[str, Fact] = field(default_factory=dict)
     """What was measured."""
 
@@ -30,15 +43,26 @@ def ok(message: str, **facts: Fact) -> Finding:
 
 
 def note(message: str, cure: str = "", **facts: Fact) -> Finding:
-    """Nothing is broken; good to know."""
+    """Nothing is broken; information only."""
     return Finding(severity="note", message=message, cure=cure, facts=facts)
 
 
 def warning(message: str, cure: str, **facts: Fact) -> Finding:
-    """Something that one may need does not work."""
+    """A feature does not work."""
     return Finding(severity="warning", message=message, cure=cure, facts=facts)
 
 
 def error(message: str, cure: str, **facts: Fact) -> Finding:
-    """Stacks do not run like this."""
+    """Stacks do not run."""
     return Finding(severity="error", message=message, cure=cure, facts=facts)
+
+
+MIB: Final = 1024**2
+GIB: Final = 1024**3
+
+
+def bytes_text(count: int) -> str:
+    """Such as `64 MiB` or `1.5 GiB`."""
+    if count < GIB:
+        return f"{count / MIB:.0f} MiB"
+    return f"{count / GIB:.1f} GiB"

@@ -1,11 +1,18 @@
-"""Are the message packages of Obelisk compiled, loadable and as their sources are? Pure."""
+"""Check `interfaces`: whether Obelisk's message packages load and match their sources."""
 
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
 
+import obk_cli
+from obelisk_spec.messages import OBELISK_MESSAGES
+from obk_cli.doctor.child import json_output, python_command, try_program
 from obk_cli.doctor.finding import Finding, error, ok, warning
+from obk_cli.optional_deps import distribution_version
 
-__all__ = ["InterfaceFacts", "judge_interfaces"]
+__all__ = ["InterfaceFacts", "judge_interfaces", "probe_interfaces"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -13,18 +20,18 @@ class InterfaceFacts:
     """The compiled messages of this environment."""
 
     version: str | None
-    """Of the distribution obelisk-interfaces, None where they come from elsewhere."""
+    """Of the distribution obelisk-interfaces; None: they come from elsewhere."""
     faults: Mapping[str, str]
     """Package -> why its compiled part cannot be loaded."""
     loaded: tuple[str, ...]
     stale: tuple[str, ...]
-    """Definitions that were changed, in this checkout, since they were compiled."""
+    """Definitions in this checkout that changed since they were compiled."""
     has_sources: bool
     """Whether obk runs from a checkout that has the definitions."""
 
 
 def judge_interfaces(facts: InterfaceFacts) -> Iterator[Finding]:
-    """Whether nodes can exchange Obelisk's messages."""
+    """Report packages that do not load or are out of date."""
     cure = "make setup" if facts.has_sources else "pip install 'obelisk-cli[ros]'"
     for package, fault in facts.faults.items():
         yield error(f"the messages of {package} cannot be used: {fault}", cure)
@@ -35,3 +42,35 @@ def judge_interfaces(facts: InterfaceFacts) -> Iterator[Finding]:
     if facts.loaded:
         named = f"obelisk-interfaces {facts.version}" if facts.version else "Obelisk's messages"
         yield ok(f"{named}: {', '.join(facts.loaded)}", packages=facts.loaded)
+
+
+LOAD_S: Final = 20.0
+
+
+def probe_interfaces() -> InterfaceFacts:
+    """Load each package in a child, and compare its definitions with the sources."""
+    command = python_command("obk_cli.doctor.interfaces_program", *OBELISK_MESSAGES)
+    trial = try_program(command, timeout_s=LOAD_S)
+    no_output = f"the process that loaded them {trial.outcome}"
+    answers: dict[str, str] = json_output(trial) or dict.fromkeys(OBELISK_MESSAGES, no_output)
+    sources = Path(obk_cli.__file__).resolve().parents[2] / "interfaces"
+    return InterfaceFacts(
+        version=distribution_version("obelisk-interfaces"),
+        faults={package: fault for package, fault in answers.items() if fault},
+        loaded=tuple(package for package, fault in answers.items() if not fault),
+        stale=tuple(_stale(sources, Path(sys.prefix) / "share")),
+        has_sources=sources.is_dir(),
+    )
+
+
+def _stale(sources: Path, share: Path) -> Iterator[str]:
+    """Definitions whose installed copy differs or is missing."""
+    for package in OBELISK_MESSAGES:
+        installed = share / package
+        if not installed.is_dir():
+            continue  # it comes from a ROS 2 that is sourced
+        for source in sorted((sources / package).glob("*/*.[ms][sr][gv]")):
+            name = source.relative_to(sources)
+            copy = share / name
+            if not copy.is_file() or copy.read_bytes() != source.read_bytes():
+                yield str(name)

@@ -1,22 +1,41 @@
-"""Can processes of this host reach each other, as DDS needs it? Facts in, findings out."""
+"""Checks `multicast` and `discovery`: whether processes on this host reach each other.
 
-from collections.abc import Iterator
+Source: DDSI-RTPS 2.5, 9.6.1.4.2: participants are discovered at the group 239.255.0.1.
+"""
+
+import os
+import socket
+import struct
+import subprocess
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
 
+from obk_cli.doctor.child import Trial, json_output, python_command, try_program
 from obk_cli.doctor.finding import Fact, Finding, error, note, ok, warning
-from obk_cli.doctor.trial import Trial
+from obk_cli.doctor.ros import find_rclpy
+from obk_cli.errors import CommandFailedError
+from obk_cli.ros.environment import RosEnvironment, free_domain, ros_environment
 
-__all__ = ["DiscoveryFacts", "MulticastFacts", "judge_discovery", "judge_multicast"]
+__all__ = [
+    "DiscoveryFacts",
+    "MulticastFacts",
+    "judge_discovery",
+    "judge_multicast",
+    "probe_discovery",
+    "probe_multicast",
+]
+
 
 LOOPBACK_CURE: Final = "sudo ip link set lo up multicast on && sudo ip route add 224.0.0.0/4 dev lo"
 SLOW_S: Final = 3.0
-"""Two processes that take longer to hear each other miss their first announcements [s]."""
+"""Discovery that takes longer missed the first announcements [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MulticastFacts:
-    """A datagram sent to a group and awaited in the same process, each way."""
+    """Whether a datagram sent to a multicast group comes back, by interface."""
 
     group: str
     loopback_fault: str
@@ -28,7 +47,7 @@ class MulticastFacts:
 
 
 def judge_multicast(facts: MulticastFacts) -> Iterator[Finding]:
-    """Whether datagrams arrive."""
+    """Report which ways of UDP work."""
     if facts.unicast_fault:
         yield error(
             f"UDP datagrams to 127.0.0.1 do not arrive: {facts.unicast_fault}",
@@ -54,12 +73,12 @@ def judge_multicast(facts: MulticastFacts) -> Iterator[Finding]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiscoveryFacts:
-    """Two processes that looked for each other over ROS."""
+    """What two ROS processes measured of each other."""
 
     trial: Trial | None
-    """How the one that calls ended; None: there is no rclpy to try it with."""
+    """How the calling process ended; None: rclpy is not installed."""
     domain: int
-    """The ROS domain that was free for it."""
+    """The free ROS domain that the test used."""
     range: str = ""
     """ROS_AUTOMATIC_DISCOVERY_RANGE as stacks get it."""
     rmw: str = ""
@@ -70,20 +89,20 @@ class DiscoveryFacts:
 
 
 def judge_discovery(facts: DiscoveryFacts) -> Iterator[Finding]:
-    """Whether nodes of two processes hear each other."""
+    """Report whether nodes of two processes find each other."""
     if facts.trial is None:
-        yield note("not tried: rclpy is not there")
+        yield note("skipped: rclpy is not installed")
     elif facts.first_answer_s is None and facts.trial.end == "timed out":
         yield error(
-            "two ROS processes of this host did not hear each other within "
+            "two ROS processes on this host did not find each other within "
             f"{facts.trial.seconds:.0f} s",
-            _cure_of_silence(facts.range),
+            _fix_for_no_discovery(facts.range),
             domain=facts.domain,
             range=facts.range,
         )
     elif facts.first_answer_s is None or facts.round_trip_ms is None:
         yield error(
-            f"a ROS process {facts.trial.told}",
+            f"a ROS process {facts.trial.outcome}",
             "obk doctor ros rmw interfaces",
             domain=facts.domain,
         )
@@ -91,19 +110,19 @@ def judge_discovery(facts: DiscoveryFacts) -> Iterator[Finding]:
         yield _judge_answer(facts, facts.first_answer_s, facts.round_trip_ms)
 
 
-def _cure_of_silence(range_: str) -> str:
+def _fix_for_no_discovery(range_: str) -> str:
     match range_:
         case "OFF":
-            return "unset ROS_AUTOMATIC_DISCOVERY_RANGE    # OFF: nodes never look for each other"
+            return "unset ROS_AUTOMATIC_DISCOVERY_RANGE    # OFF: nodes never discover each other"
         case "LOCALHOST":
-            return "obk doctor multicast && sudo nft list ruleset    # does a firewall hold UDP up?"
+            return "obk doctor multicast && sudo nft list ruleset    # does a firewall block UDP?"
         case _:
             return "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST obk doctor discovery"
 
 
 def _judge_answer(facts: DiscoveryFacts, first_answer_s: float, round_trip_ms: float) -> Finding:
     sentence = (
-        f"two ROS processes heard each other after {first_answer_s:.1f} s, "
+        f"two ROS processes found each other after {first_answer_s:.1f} s, "
         f"round trip {round_trip_ms:.1f} ms"
     )
     measured: dict[str, Fact] = {
@@ -113,7 +132,125 @@ def _judge_answer(facts: DiscoveryFacts, first_answer_s: float, round_trip_ms: f
         "round_trip_ms": round_trip_ms,
     }
     if first_answer_s > SLOW_S:
-        return note(
-            f"{sentence}; stacks will be slow to come up", "obk doctor cpu multicast", **measured
-        )
+        return note(f"{sentence}; stacks will start slowly", "obk doctor cpu multicast", **measured)
     return ok(sentence, **measured)
+
+
+GROUP: Final = "239.255.0.1"
+LOOPBACK: Final = "127.0.0.1"
+ANY: Final = "0.0.0.0"  # noqa: S104 - the kernel's choice; nothing is bound to it
+DATAGRAM_S: Final = 1.0
+PAYLOAD: Final = b"obk doctor"
+
+
+def probe_multicast() -> MulticastFacts:
+    """Send datagrams to an address, and to a group by each way."""
+    return MulticastFacts(
+        group=GROUP,
+        loopback_fault=_multicast_fault(LOOPBACK),
+        network_fault=_multicast_fault(ANY),
+        unicast_fault=_unicast_fault(),
+    )
+
+
+def _multicast_fault(interface: str) -> str:
+    """Why a datagram to the group does not come back over an interface; empty: it does."""
+    address = socket.inet_aton(interface)
+    try:
+        with _udp() as receiver, _udp() as sender:
+            receiver.bind((GROUP, 0))
+            receiver.settimeout(DATAGRAM_S)
+            membership = struct.pack("4s4s", socket.inet_aton(GROUP), address)
+            receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+            if interface != ANY:
+                sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, address)
+            # The test concerns this host only: keep the datagram off the network.
+            sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+            sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
+            return _send_and_receive(sender, receiver, GROUP)
+    except OSError as fault:
+        return _reason(fault)
+
+
+def _unicast_fault() -> str:
+    try:
+        with _udp() as receiver, _udp() as sender:
+            receiver.bind((LOOPBACK, 0))
+            receiver.settimeout(DATAGRAM_S)
+            return _send_and_receive(sender, receiver, LOOPBACK)
+    except OSError as fault:
+        return _reason(fault)
+
+
+def _send_and_receive(sender: socket.socket, receiver: socket.socket, to: str) -> str:
+    sender.sendto(PAYLOAD, (to, receiver.getsockname()[1]))
+    return "" if receiver.recv(64) == PAYLOAD else "other bytes arrived"
+
+
+def _udp() -> socket.socket:
+    return socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+
+def _reason(fault: OSError) -> str:
+    if isinstance(fault, TimeoutError):
+        return f"nothing arrived within {DATAGRAM_S:.0f} s"
+    return fault.strerror or str(fault)
+
+
+DISCOVERY_PROGRAM: Final = "obk_cli.doctor.discovery_program"
+CALL_S: Final = 20.0
+"""Limit for the calling process, its start included; on an idle machine it takes 1 s [s]."""
+KILL_S: Final = 2.0
+
+
+def probe_discovery() -> DiscoveryFacts:
+    """Start an answering and a calling process in a free ROS domain, and measure.
+
+    Raises:
+        CommandFailedError: no domain is free, or ROS_DOMAIN_ID is not a domain.
+    """
+    if find_rclpy() is None:
+        return DiscoveryFacts(trial=None, domain=0)
+    with free_domain() as domain:
+        world = _stack_environment()
+        variables = {**world.variables, "ROS_DOMAIN_ID": str(domain)}
+        with _answering(variables):
+            trial = try_program(
+                python_command(DISCOVERY_PROGRAM, "call", str(os.getpid())),
+                timeout_s=CALL_S,
+                variables=variables,
+            )
+    return DiscoveryFacts(
+        trial=trial,
+        domain=domain,
+        range=world.range,
+        **json_output(trial),
+    )
+
+
+def _stack_environment() -> RosEnvironment:
+    try:
+        return ros_environment()
+    except CommandFailedError as fault:
+        raise CommandFailedError(fault.message, help="export ROS_DOMAIN_ID=0") from fault
+
+
+@contextmanager
+def _answering(variables: Mapping[str, str]) -> Iterator[None]:
+    """Keep an answering process running while entered."""
+    answering = subprocess.Popen(
+        python_command(DISCOVERY_PROGRAM, "answer", str(os.getpid())),
+        env=variables,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield
+    finally:
+        answering.terminate()
+        try:
+            answering.wait(KILL_S)
+        except subprocess.TimeoutExpired:
+            answering.kill()
+            answering.wait()

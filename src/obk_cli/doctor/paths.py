@@ -1,13 +1,19 @@
-"""Do several installations get in each other's way? Facts in, findings out."""
+"""Check `paths`: whether the shell's search paths lead to several installations."""
 
+import os
 import re
-from collections.abc import Iterator
+import shutil
+import sys
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from obk_cli.doctor.finding import Finding, note, ok, warning
+from obk_cli.doctor.ros import wheels_distribution
 
-__all__ = ["PathFacts", "judge_paths"]
+__all__ = ["PathFacts", "judge_paths", "probe_paths"]
+
 
 _OF_DISTRIBUTION: Final = re.compile(r"/opt/ros/(?P<name>[a-z]+)/")
 _OF_PYTHON: Final = re.compile(r"/python(?P<version>\d\.\d+)(?:/|$)")
@@ -61,7 +67,7 @@ def _judge_obk(facts: PathFacts) -> Iterator[Finding]:
             obk=programs,
         )
     elif len(programs) > 1:
-        sentence = f"there are {len(programs)} programs `obk` on PATH: {', '.join(programs)}"
+        sentence = f"PATH has {len(programs)} programs named `obk`: {', '.join(programs)}"
         cure = "type -a obk"
         is_first = programs[0] == facts.this_obk
         yield (note if is_first else warning)(sentence, cure, obk=programs)
@@ -82,7 +88,7 @@ def _judge_python_path(facts: PathFacts) -> Iterator[Finding]:
     if facts.has_wheels and facts.python_path_with_rclpy:
         listed = ":".join(facts.python_path_with_rclpy)
         yield warning(
-            f"PYTHONPATH leads to another ROS 2: {listed}; it does not fit the wheels",
+            f"PYTHONPATH leads to another ROS 2: {listed}; it does not match the wheels",
             "unset PYTHONPATH",
             python_path=facts.python_path,
         )
@@ -104,7 +110,46 @@ def _conda(facts: PathFacts) -> Iterator[Finding]:
     if facts.conda_prefix and facts.conda_prefix != facts.prefix:
         yield note(
             f"the conda environment {facts.conda_prefix} is active and obk runs in {facts.prefix}: "
-            "libraries of both may meet",
+            "their libraries may conflict",
             "conda deactivate",
             conda=facts.conda_prefix,
         )
+
+
+def probe_paths(environment: Mapping[str, str]) -> PathFacts:
+    """Search the paths in the shell's environment."""
+    wheels = wheels_distribution()
+    own = Path(sys.executable).with_name("obk")
+    python_path = _entries(environment, "PYTHONPATH")
+    libraries = _entries(environment, "LD_LIBRARY_PATH")
+    return PathFacts(
+        obk_programs=tuple(dict.fromkeys(_programs("obk", environment))),
+        this_obk=str(own) if own.is_file() else None,
+        ros2_program=shutil.which("ros2", path=environment.get("PATH", "")),
+        distribution=wheels or environment.get("ROS_DISTRO"),
+        python_path=python_path,
+        python_path_with_rclpy=tuple(p for p in python_path if Path(p, "rclpy").is_dir()),
+        has_wheels=wheels is not None,
+        python_version=f"{sys.version_info.major}.{sys.version_info.minor}",
+        conda_prefix=environment.get("CONDA_PREFIX") or None,
+        prefix=sys.prefix,
+        libraries_with_rcl=tuple(filter(_holds_foreign_ros, libraries)),
+    )
+
+
+def _programs(name: str, environment: Mapping[str, str]) -> Iterator[str]:
+    """The programs of a name on PATH; links to one place count once, under their first name."""
+    seen: set[Path] = set()
+    for folder in _entries(environment, "PATH"):
+        program = Path(folder, name)
+        if os.access(program, os.X_OK) and program.resolve() not in seen:
+            seen.add(program.resolve())
+            yield str(program)
+
+
+def _holds_foreign_ros(folder: str) -> bool:
+    return Path(folder, "librcl.so").exists() and not Path(folder).is_relative_to(sys.prefix)
+
+
+def _entries(environment: Mapping[str, str], name: str) -> tuple[str, ...]:
+    return tuple(entry for entry in environment.get(name, "").split(os.pathsep) if entry)

@@ -1,12 +1,17 @@
-"""Is this the Python that obk is made for, and an environment of its own? Pure."""
+"""Check `python`: version and environment of the interpreter that runs obk."""
 
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
+import obk_cli
 from obk_cli.doctor.finding import Fact, Finding, error, note, ok, warning
+from obk_cli.optional_deps import distribution_version
 
-__all__ = ["PythonFacts", "judge_python"]
+__all__ = ["PythonFacts", "judge_python", "probe_python"]
+
 
 OLDEST: Final = (3, 11)
 NEWEST_WITH_WHEELS: Final = (3, 13)
@@ -30,7 +35,7 @@ class PythonFacts:
 def judge_python(facts: PythonFacts) -> Iterator[Finding]:
     """The interpreter and its environment."""
     text = ".".join(map(str, facts.version))
-    told: dict[str, Fact] = {
+    measured: dict[str, Fact] = {
         "version": text,
         "executable": facts.executable,
         "prefix": facts.prefix,
@@ -39,20 +44,20 @@ def judge_python(facts: PythonFacts) -> Iterator[Finding]:
         yield error(
             f"Python {text} is too old: obk needs 3.11 to 3.13",
             "python3.12 -m venv .venv",
-            **told,
+            **measured,
         )
     elif facts.version[:2] > NEWEST_WITH_WHEELS:
         yield warning(
-            f"Python {text} is newer than the ones that obk is tested with (3.11 to 3.13); "
-            "there are no ROS wheels for it",
+            f"Python {text} is newer than the versions that obk is tested with (3.11 to 3.13); "
+            "no ROS wheels exist for it",
             "python3.12 -m venv .venv",
-            **told,
+            **measured,
         )
     else:
-        yield ok(f"Python {text} in {facts.prefix}", **told)
+        yield ok(f"Python {text} in {facts.prefix}", **measured)
     if not facts.is_virtual:
         yield note(
-            f"{facts.executable} is the system's own Python; what is installed into it is shared",
+            f"{facts.executable} is the system Python; packages installed into it are shared",
             "python3 -m venv .venv",
         )
     if facts.obk_version is None:
@@ -63,3 +68,16 @@ def judge_python(facts: PythonFacts) -> Iterator[Finding]:
         )
     else:
         yield ok(f"obk {facts.obk_version} in {facts.obk_folder}", obk=facts.obk_version)
+
+
+def probe_python() -> PythonFacts:
+    """Version, place, and whether it is an environment of its own."""
+    is_conda = Path(sys.prefix, "conda-meta").is_dir()
+    return PythonFacts(
+        version=(sys.version_info.major, sys.version_info.minor, sys.version_info.micro),
+        executable=sys.executable,
+        prefix=sys.prefix,
+        is_virtual=sys.prefix != sys.base_prefix or is_conda,
+        obk_version=distribution_version("obelisk-cli"),
+        obk_folder=str(Path(obk_cli.__file__).parent),
+    )

@@ -1,12 +1,32 @@
-"""Which ROS 2 is there, does it fit together, and what will its processes be told? Pure."""
+"""Checks `ros` and `rmw`: which ROS 2 and middleware this Python would use; imports neither."""
 
+import importlib.metadata
+import importlib.util
+import os
+import platform
+import re
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from obk_cli.doctor.finding import Finding, error, note, ok, warning
+from obk_cli.errors import CommandFailedError
+from obk_cli.optional_deps import distribution_version, distributions_like
+from obk_cli.ros.environment import OUR_RMW, ros_environment
 
-__all__ = ["RmwFacts", "RosFacts", "judge_rmw", "judge_ros"]
+__all__ = [
+    "RmwFacts",
+    "RosFacts",
+    "find_rclpy",
+    "judge_rmw",
+    "judge_ros",
+    "probe_rmw",
+    "probe_ros",
+    "wheels_distribution",
+]
+
 
 INSTALL_WHEELS: Final = "pip install 'obelisk-cli[ros]'"
 SOURCE: Final = ". /opt/ros/jazzy/setup.sh"
@@ -16,7 +36,7 @@ NOTE_CURES: Final = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF": "unset ROS_AUTOMATIC_DISCOVERY_RANGE",
     "ROS ": "export ROS_LOG_DIR=/tmp/ros-logs",
 }
-"""How a sentence of obk's own about the environment begins -> what mends it."""
+"""First words of one of obk's notes about the environment -> the fix."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +59,7 @@ class RosFacts:
 
 
 def judge_ros(facts: RosFacts) -> Iterator[Finding]:
-    """Whether there is a ROS 2, and only one."""
+    """Report which ROS 2 is used, and versions that do not match."""
     if facts.rclpy_folder is None:
         yield _missing(facts)
         return
@@ -68,9 +88,7 @@ def judge_ros(facts: RosFacts) -> Iterator[Finding]:
     if facts.unlike_pins:
         pairs = facts.unlike_pins.items()
         listed = ", ".join(f"{name} {is_} instead of {pin}" for name, (is_, pin) in pairs)
-        yield warning(
-            f"ROS wheels of other versions than obk is made for: {listed}", INSTALL_WHEELS
-        )
+        yield warning(f"ROS wheels in other versions than obk requires: {listed}", INSTALL_WHEELS)
 
 
 def _missing(facts: RosFacts) -> Finding:
@@ -88,14 +106,14 @@ def _missing(facts: RosFacts) -> Finding:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RmwFacts:
-    """The middleware, and what obk tells ROS processes of the network."""
+    """The middleware, and the network settings of ROS processes."""
 
     installed: tuple[str, ...]
     asked_for: str | None
     """RMW_IMPLEMENTATION as the user has it."""
     used: str
     domain: int | None
-    """None: ROS_DOMAIN_ID is none."""
+    """None: ROS_DOMAIN_ID is not a domain."""
     domain_fault: str
     range: str
     """ROS_AUTOMATIC_DISCOVERY_RANGE as stacks get it."""
@@ -104,7 +122,7 @@ class RmwFacts:
 
 
 def judge_rmw(facts: RmwFacts) -> Iterator[Finding]:
-    """Which middleware is used, in which domain, seen by whom."""
+    """Report the middleware, the domain and the discovery range."""
     if facts.domain is None:
         yield error(facts.domain_fault, "export ROS_DOMAIN_ID=0")
         return
@@ -123,3 +141,85 @@ def judge_rmw(facts: RmwFacts) -> Iterator[Finding]:
         yield warning(sentence, next(cures, "unset ROS_LOCALHOST_ONLY ROS_STATIC_PEERS"))
     if facts.asked_for not in (None, "", "rmw_fastrtps_cpp") and facts.asked_for == facts.used:
         yield note(f"obk is tested with rmw_fastrtps_cpp, not with {facts.used}")
+
+
+SOURCEABLE: Final = Path("/opt/ros")
+_PIN: Final = re.compile(r"(?P<name>ros-[\w-]+)(?:\[\w+\])?==(?P<version>[\w.]+)")
+_RMW: Final = re.compile(r"lib(?P<name>rmw_[a-z_]+(?:_cpp|_c))\.so")
+_PARTS: Final = ("rmw_fastrtps_shared_cpp",)
+"""Libraries that are named like a middleware but are part of one."""
+
+
+def find_rclpy() -> Path | None:
+    """The folder of the rclpy that would be imported."""
+    spec = importlib.util.find_spec("rclpy")
+    return Path(spec.origin).parent if spec and spec.origin else None
+
+
+def wheels_distribution() -> str | None:
+    """The ROS distribution of the installed wheels; None: no wheels are installed."""
+    wheels = distributions_like(r"ros_[a-z]+_rclpy")
+    return next((name.split("_")[1] for name in wheels), None)
+
+
+def probe_ros() -> RosFacts:
+    """Find ROS 2, its source and its version."""
+    rclpy = find_rclpy()
+    wheels = wheels_distribution()
+    version = distribution_version(f"ros_{wheels}_rclpy" if wheels else "rclpy")
+    return RosFacts(
+        rclpy_folder=str(rclpy) if rclpy else None,
+        rclpy_version=version,
+        wheels_distribution=wheels,
+        ros_distro=os.environ.get("ROS_DISTRO") or None,
+        machine=platform.machine(),
+        sourceable=tuple(sorted(map(str, SOURCEABLE.glob("*/setup.sh")))),
+        unlike_pins=dict(_unlike_pins()) if wheels else {},
+    )
+
+
+def _unlike_pins() -> Iterator[tuple[str, tuple[str, str]]]:
+    """The ROS wheels whose version differs from the one that obk pins."""
+    try:
+        wanted = importlib.metadata.requires("obelisk-cli") or []
+    except importlib.metadata.PackageNotFoundError:
+        return
+    for pin in filter(None, map(_PIN.match, wanted)):
+        installed = distribution_version(pin["name"])
+        if installed not in (None, pin["version"]):
+            yield pin["name"], (str(installed), pin["version"])
+
+
+def probe_rmw() -> RmwFacts:
+    """The middleware and the network settings that processes of a stack get."""
+    asked_for = os.environ.get("RMW_IMPLEMENTATION")
+    installed = _installed(os.environ)
+    try:
+        world = ros_environment()
+    except CommandFailedError as fault:
+        return RmwFacts(
+            installed=installed,
+            asked_for=asked_for,
+            used=OUR_RMW,
+            domain=None,
+            domain_fault=fault.message,
+            range="",
+            notes=(),
+        )
+    return RmwFacts(
+        installed=installed,
+        asked_for=asked_for,
+        used=world.variables.get("RMW_IMPLEMENTATION") or OUR_RMW,
+        domain=world.domain,
+        domain_fault="",
+        range=world.range,
+        notes=world.notes,
+    )
+
+
+def _installed(environment: Mapping[str, str]) -> tuple[str, ...]:
+    listed = environment.get("AMENT_PREFIX_PATH", "").split(":")
+    folders = (Path(prefix) / "lib" for prefix in (*listed, sys.prefix) if prefix)
+    libraries = (path.name for folder in folders for path in folder.glob("librmw_*.so"))
+    names = {found["name"] for found in map(_RMW.fullmatch, libraries) if found}
+    return tuple(sorted(names.difference(_PARTS)))

@@ -1,11 +1,15 @@
-"""What runs already, and what was left behind? Facts in, findings out."""
+"""Check `stacks`: running stacks of this user, and processes that outlived their launcher."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from obk_cli.adapters.leftovers import find_leftovers
+from obk_cli.adapters.live_runs import live_runs
 from obk_cli.doctor.finding import Finding, note, ok, warning
+from obk_cli.launch.runs import runs_folder
+from obk_cli.report.escapes import plain
 
-__all__ = ["RunningStack", "StackFacts", "judge_stacks"]
+__all__ = ["RunningStack", "StackFacts", "judge_stacks", "probe_stacks"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +35,7 @@ def judge_stacks(facts: StackFacts) -> Iterator[Finding]:
     """Stacks that run and processes that should not."""
     for stack in facts.running:
         yield note(
-            f"the stack `{stack.name}` runs in ROS domain {stack.domain} (launcher {stack.pid})",
+            f"stack `{stack.name}` is running in ROS domain {stack.domain} (launcher {stack.pid})",
             f"obk stop {stack.name}",
             domain=stack.domain,
             pid=stack.pid,
@@ -45,4 +49,15 @@ def judge_stacks(facts: StackFacts) -> Iterator[Finding]:
             leftovers=facts.leftovers,
         )
     if not facts.running and not facts.leftovers:
-        yield ok("no stack runs, and none left anything behind")
+        yield ok("no stack is running and no process is left over")
+
+
+def probe_stacks(environment: Mapping[str, str]) -> StackFacts:
+    """Find running launchers, and processes whose launcher has exited."""
+    parent = runs_folder(environment)
+    return StackFacts(
+        running=tuple(
+            RunningStack(name=run.name, domain=run.domain, pid=run.pid) for run in live_runs(parent)
+        ),
+        leftovers=tuple(f"{left.pid} {plain(left.command)}" for left in find_leftovers(parent)),
+    )

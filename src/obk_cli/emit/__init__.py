@@ -1,1 +1,1 @@
-"""Plan -> text for others: parameters, launch files, pictures, JSON. Same plan, same bytes."""
+"""A plan as text: parameters, launch file, pictures, JSON. The same plan gives the same bytes."""

@@ -7,11 +7,10 @@ from typing import Final
 
 from obk_cli.emit.dot import emit_dot
 from obk_cli.emit.graph import graph_of
-from obk_cli.emit.graph_json import emit_graph_json
+from obk_cli.emit.json import emit_graph_json, emit_plan
 from obk_cli.emit.launch_file import emit_launch_file
 from obk_cli.emit.mermaid import emit_mermaid
 from obk_cli.emit.params import emit_params
-from obk_cli.emit.plan_json import emit_plan
 from obk_cli.emit.svg import emit_svg
 from obk_cli.plan import Plan
 

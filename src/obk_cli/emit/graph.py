@@ -1,17 +1,41 @@
-"""Plan -> the graph that every picture shows: nodes, topics between them, what is said of each.
+"""The graph that every picture shows: nodes, topics and what is known of each.
 
-The nodes stand in bring-up order, the topics in the order in which the nodes have them.
+Nodes are in bring-up order, topics in the order in which the nodes name them.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import PurePath
+from types import MappingProxyType
+from typing import Final
 
 from obelisk_spec.wording import with_number
-from obk_cli.emit.letters import printable
+from obk_cli.emit.text_width import printable
 from obk_cli.plan import TIERS, Endpoint, Plan, Process, SensorGroup
 
-__all__ = ["Graph", "GraphNode", "GraphTopic", "graph_of"]
+__all__ = ["SECTION_COLOURS", "Colour", "Graph", "GraphNode", "GraphTopic", "graph_of"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Colour:
+    """A pair that belongs together."""
+
+    light: str
+    """For areas that carry text."""
+    dark: str
+    """For lines and headings, legible on white and on `light`."""
+
+
+SECTION_COLOURS: Final[Mapping[str, Colour]] = MappingProxyType(
+    {
+        "robot": Colour(light="#e6f4ea", dark="#1a7f37"),
+        "sensing": Colour(light="#e0f4f7", dark="#0b7285"),
+        "estimation": Colour(light="#ddf0ff", dark="#0969da"),
+        "control": Colour(light="#fff1e0", dark="#b35900"),
+        "viz": Colour(light="#f3ebff", dark="#7a44c9"),
+        "joystick": Colour(light="#ffe9ef", dark="#bf3989"),
+    }
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

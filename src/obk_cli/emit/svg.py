@@ -1,34 +1,34 @@
-"""The graph as an SVG picture, laid out and drawn here: needs no other program.
+"""The graph as an SVG picture: Graphviz draws what `emit_dot` writes, by the extra `graph`.
 
-Letters are of one width, so that boxes fit whatever font stands in. A live picture has the names of
-nodes and topics as data attributes, and an empty last line in every box for what is measured.
+Every box is a `<g>` with the item's full name as `data-node` or `data-topic`, and with its section
+or `topic` as a class. A live picture has an empty `text.live` in each for what a page measures.
 """
 
-from collections.abc import Iterator
-from html import escape
-from itertools import pairwise
+import subprocess
+import sys
+from typing import Final
+from xml.etree import ElementTree
 
-from obk_cli.emit.colours import SECTION_COLOURS
-from obk_cli.emit.graph import Graph, GraphNode, GraphTopic
-from obk_cli.emit.layout import Band, Box, Layout, Way, lay_out
-from obk_cli.emit.letters import columns_of, printable, shortened
+from obk_cli.emit.dot import FONT_SIZE, emit_dot
+from obk_cli.emit.graph import SECTION_COLOURS, Graph, GraphNode, GraphTopic
+from obk_cli.emit.text_width import printable
+from obk_cli.errors import CommandFailedError
+from obk_cli.optional_deps import require_extra
 
 __all__ = ["emit_svg"]
 
-_FONT = "ui-monospace, 'DejaVu Sans Mono', Menlo, Consolas, monospace"
-_LETTER = 0.64
-"""Width of a letter, as part of the font's size; a little more than any of the fonts takes."""
-_MARGIN = 24.0
-_HEADING = 46.0
-_PADDING = 12.0
-_TITLE_PX = 13.0
-_TEXT_PX = 11.0
-_LINE_PX = 16.0
-_LONGEST = 44
-"""Letters of a line that are shown; the whole text is in the box's tooltip."""
-_CORNER = 7.0
-_LIVE_LETTERS = 22
-"""Of what a page fills in: `1000 of 1000 Hz`."""
+# Graphviz is C, and prints warnings about fonts: both stay in a process of their own.
+_PROGRAM: Final = """
+import sys, pygraphviz
+text = sys.stdin.buffer.read().decode()
+sys.stdout.buffer.write(pygraphviz.AGraph(string=text).draw(format="svg", prog="dot"))
+"""
+_DRAW_S: Final = 60.0
+_FONT: Final = "ui-monospace, 'DejaVu Sans Mono', Menlo, Consolas, monospace"
+_NAMESPACE: Final = ' xmlns="http://www.w3.org/2000/svg"'
+_SPARE_LINE: Final = "1000 of 1000 Hz stale"
+"""As long as the longest text that a page fills in."""
+_PADDING: Final = 12
 
 
 def emit_svg(graph: Graph, *, is_live: bool = False) -> str:
@@ -36,176 +36,105 @@ def emit_svg(graph: Graph, *, is_live: bool = False) -> str:
 
     Args:
         graph: the stack.
-        is_live: whether boxes have a line that a page fills: `text.live` within the group whose
-            `data-node` or `data-topic` is the full name.
+        is_live: whether every box has an empty last line for a page to fill.
+
+    Raises:
+        CommandFailedError: the extra `graph` is not installed, or Graphviz failed.
     """
-    layout = lay_out(graph, _live_size if is_live else _size)
-    return "".join(f"{line}\n" for line in _lines(graph, layout, is_live))
+    require_extra("pygraphviz", "graph")
+    drawn = _draw(emit_dot(graph, spare_line=_SPARE_LINE if is_live else ""))
+    # Without a namespace the tree has plain names, in and out.
+    root = ElementTree.fromstring(drawn.replace(_NAMESPACE, "", 1))
+    items: dict[str, GraphNode | GraphTopic] = {}
+    items |= {f"node{i}": node for i, node in enumerate(graph.nodes)}
+    items |= {f"topic{i}": topic for i, topic in enumerate(graph.topics)}
+    _set_head(root, graph)
+    for group in root.iter("g"):
+        item = items.get(group.get("id", ""))
+        if item is not None:
+            _finish_box(group, item, is_live=is_live)
+        elif group.get("class") == "cluster":
+            _align_left(group)
+        elif group.get("class") == "edge":
+            group.remove(group.findall("title")[0])
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _lines(graph: Graph, layout: Layout, is_live: bool) -> Iterator[str]:
-    title_width = _text_width(graph.title, 16)
-    width = max(layout.width, title_width) + 2 * _MARGIN
-    height = layout.height + _HEADING + 2 * _MARGIN
-    yield (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{height:.0f}" '
-        f'viewBox="0 0 {width:.0f} {height:.0f}" font-family="{_FONT}" role="img">'
-    )
-    yield f"<title>{escape(graph.title)}</title>"
-    yield f'<rect width="{width:.0f}" height="{height:.0f}" fill="#ffffff"/>'
-    yield _text(graph.title, _MARGIN, _MARGIN + 16, 16, "#1b1f24", bold=True)
-    yield f'<g transform="translate({_n(_MARGIN)} {_n(_MARGIN + _HEADING)})">'
-    # Left of the first box lines may pass.
-    heading_x = min((box.x for box in layout.boxes), default=0.0)
-    for band in layout.bands:
-        yield from _band(band, layout.width, heading_x)
-    # Those that run back first: they cross below the others.
-    for way in sorted(layout.ways, key=lambda way: not way.is_return):
-        yield from _way(way)
-    for box in layout.boxes:
-        yield from _box(box, is_live)
-    yield from ("</g>", "</svg>")
+def _draw(dot: str) -> str:
+    """The SVG of a DOT text, as Graphviz writes it."""
+    try:
+        ended = subprocess.run(
+            (sys.executable, "-P", "-c", _PROGRAM),
+            capture_output=True,
+            check=False,
+            encoding="utf-8",
+            input=dot,
+            timeout=_DRAW_S,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise CommandFailedError(
+            f"Graphviz did not finish within {_DRAW_S:.0f} s", help="`--to dot` needs no layout"
+        ) from error
+    if ended.returncode != 0:
+        last = ended.stderr.strip().rpartition("\n")[2]
+        raise CommandFailedError(f"Graphviz failed: {last or f'exit code {ended.returncode}'}")
+    return ended.stdout
 
 
-def _size(item: GraphNode | GraphTopic) -> tuple[float, float]:
-    title, lines = _content(item)
-    widths = (_text_width(title, _TITLE_PX), *(_text_width(line, _TEXT_PX) for line in lines))
-    return max(widths) + 2 * _PADDING, (1 + len(lines)) * _LINE_PX + 14
+def _set_head(root: ElementTree.Element, graph: Graph) -> None:
+    root.set("xmlns", "http://www.w3.org/2000/svg")
+    root.set("role", "img")
+    root.set("font-family", _FONT)
+    for side in ("width", "height"):  # a point of Graphviz is a pixel here
+        root.set(side, root.get(side, "").removesuffix("pt"))
+    for text in root.iter("text"):
+        text.attrib.pop("font-family", None)
+        text.attrib.pop("{http://www.w3.org/XML/1998/namespace}space", None)
+    canvas = root.findall("g")[0]
+    canvas.findall("title")[0].text = graph.title
+    for text in canvas.findall("text"):
+        text.set("font-weight", "600")
+        text.set("fill", "#1b1f24")
 
 
-def _live_size(item: GraphNode | GraphTopic) -> tuple[float, float]:
-    width, height = _size(item)
-    return max(width, _text_width("0" * _LIVE_LETTERS, _TEXT_PX)), height + _LINE_PX
-
-
-def _content(item: GraphNode | GraphTopic) -> tuple[str, tuple[str, ...]]:
-    """What a box says: its title, and the lines below."""
-    lines = item.facts if isinstance(item, GraphNode) else (item.summary, *item.sensors)
-    if isinstance(item, GraphNode):
-        lines = (item.section, *lines)
-    return shortened(item.title, _LONGEST), tuple(shortened(line, _LONGEST) for line in lines)
-
-
-def _band(band: Band, width: float, heading_x: float) -> Iterator[str]:
-    yield (
-        f'<rect x="0" y="{_n(band.y)}" width="{_n(width)}" height="{_n(band.height)}" rx="10" '
-        'fill="#f6f8fa" stroke="#d0d7de"/>'
-    )
-    yield _text(printable(band.device), heading_x, band.y + 20, 12, "#57606a", bold=True)
-
-
-def _box(box: Box, is_live: bool) -> Iterator[str]:
-    kind = "node" if isinstance(box.item, GraphNode) else "topic"
-    group = f'<g data-{kind}="{escape(box.item.name)}">' if is_live else "<g>"
-    yield f"{group}<title>{escape(_tooltip(box.item))}</title>"
-    yield from _node(box) if isinstance(box.item, GraphNode) else _topic(box)
+def _finish_box(group: ElementTree.Element, item: GraphNode | GraphTopic, *, is_live: bool) -> None:
+    """Name the item of a box, style its lines, and clear the line that a page fills."""
+    group.set("data-node" if isinstance(item, GraphNode) else "data-topic", printable(item.name))
+    group.findall("title")[0].text = _tooltip(item)
+    title, *lines = group.findall("text")
+    title.set("font-weight", "600")
     if is_live:
-        x, y = box.x + _PADDING, box.y + box.height - _PADDING
-        yield f'<text class="live" x="{_n(x)}" y="{_n(y)}" font-size="{_n(_TEXT_PX)}"></text>'
-    yield "</g>"
+        live = lines.pop()
+        live.set("class", "live")
+        live.text = ""
+    if isinstance(item, GraphNode):
+        lines[0].set("font-weight", "600")
+        lines[0].set("fill", SECTION_COLOURS[item.section].dark)
+    for line in lines[1:]:
+        line.set("fill", "#3d444d")
 
 
-def _node(box: Box) -> Iterator[str]:
-    assert isinstance(box.item, GraphNode)
-    colour = SECTION_COLOURS[box.item.section]
-    title, (section, *facts) = _content(box.item)
-    yield _rect(box, 6, f'fill="{colour.light}" stroke="{colour.dark}" stroke-width="1.5"')
-    x, y = box.x + _PADDING, box.y + _LINE_PX + 3
-    yield _text(title, x, y, _TITLE_PX, "#1b1f24", bold=True)
-    yield _text(section, x, y + _LINE_PX, _TEXT_PX, colour.dark, bold=True)
-    for i, fact in enumerate(facts):
-        yield _text(fact, x, y + (i + 2) * _LINE_PX, _TEXT_PX, "#3d444d")
-
-
-def _topic(box: Box) -> Iterator[str]:
-    assert isinstance(box.item, GraphTopic)
-    title, (summary, *sensors) = _content(box.item)
-    is_whole = box.item.publishers and box.item.subscribers
-    dashes = "" if is_whole else ' stroke-dasharray="4 3"'
-    yield _rect(box, 16, f'fill="#ffffff" stroke="#8c959f"{dashes}')
-    x, y = box.x + _PADDING, box.y + _LINE_PX + 3
-    yield _text(title, x, y, _TEXT_PX, "#1b1f24", bold=True)
-    yield _text(summary, x, y + _LINE_PX, _TEXT_PX, "#3d444d")
-    for i, sensor in enumerate(sensors):
-        yield _text(sensor, x, y + (i + 2) * _LINE_PX, _TEXT_PX, SECTION_COLOURS["robot"].dark)
+def _align_left(cluster: ElementTree.Element) -> None:
+    """Put a frame's heading at its left edge, wherever the fonts of the machine had it."""
+    path = cluster.findall("path")[0].get("d", "")
+    corners = path.replace("M", " ").replace("C", " ").split()
+    left = min(float(corner.partition(",")[0]) for corner in corners)
+    for text in cluster.findall("text"):
+        text.set("text-anchor", "start")
+        text.set("x", f"{left + _PADDING:g}")
+        text.set("font-size", str(FONT_SIZE + 1))
+        text.set("font-weight", "600")
+        text.set("fill", "#57606a")
 
 
 def _tooltip(item: GraphNode | GraphTopic) -> str:
     if isinstance(item, GraphNode):
-        return "\n".join((item.title, *item.facts))
-    return _topic_tooltip(item)
-
-
-def _topic_tooltip(topic: GraphTopic) -> str:
-    lines = [topic.title, topic.msg_type or topic.summary]
-    for group in topic.sensor_groups:
+        return "\n".join((item.title, item.section, *item.facts))
+    lines = [item.title, item.msg_type or item.summary]
+    for group in item.sensor_groups:
         lines += [f"{kind} {name}" for name, kind in group.sensors.items()]
-    if not topic.subscribers:
-        lines.append("nothing in the config reads it")
-    if not topic.publishers:
-        lines.append("nothing in the config publishes it")
+    if not item.subscribers:
+        lines.append("no subscriber in the config")
+    if not item.publishers:
+        lines.append("no publisher in the config")
     return "\n".join(map(printable, lines))
-
-
-def _way(way: Way) -> Iterator[str]:
-    colour = SECTION_COLOURS[way.section].dark
-    path = _corners(way) if way.is_return else _bends(way)
-    yield f'<path d="{path}" fill="none" stroke="{colour}" stroke-width="1.5"/>'
-    if way.has_arrow:
-        x, y = way.points[-1]
-        yield f'<path d="M{_n(x)} {_n(y)}l-9 -4v8z" fill="{colour}"/>'
-
-
-def _bends(way: Way) -> str:
-    """A bend between two layers, a straight line through one, in turn."""
-    (x, y), *_ = way.points
-    parts = [f"M{_n(x)} {_n(y)}"]
-    for i, ((x0, y0), (x1, y1)) in enumerate(pairwise(way.points)):
-        middle = _n((x0 + x1) / 2)
-        is_bend = i % 2 == 0
-        parts.append(
-            f"C{middle} {_n(y0)} {middle} {_n(y1)} {_n(x1)} {_n(y1)}" if is_bend else f"H{_n(x1)}"
-        )
-    return "".join(parts)
-
-
-def _corners(way: Way) -> str:
-    """Right angles with round corners."""
-    first, *inner, last = way.points
-    parts = [f"M{_n(first[0])} {_n(first[1])}"]
-    for before, (x, y), after in zip((first, *inner), inner, (*inner[1:], last), strict=False):
-        start, end = _towards((x, y), before), _towards((x, y), after)
-        parts.append(f"L{_n(start[0])} {_n(start[1])}Q{_n(x)} {_n(y)} {_n(end[0])} {_n(end[1])}")
-    return "".join((*parts, f"L{_n(last[0])} {_n(last[1])}"))
-
-
-def _towards(corner: tuple[float, float], point: tuple[float, float]) -> tuple[float, float]:
-    """The place a little off a corner, on the straight line to a point."""
-    (x, y), (to_x, to_y) = corner, point
-    length = abs(to_x - x) + abs(to_y - y)
-    share = min(_CORNER / length, 0.5) if length else 0.0
-    return x + (to_x - x) * share, y + (to_y - y) * share
-
-
-def _rect(box: Box, radius: float, style: str) -> str:
-    return (
-        f'<rect x="{_n(box.x)}" y="{_n(box.y)}" width="{_n(box.width)}" '
-        f'height="{_n(box.height)}" rx="{_n(radius)}" {style}/>'
-    )
-
-
-def _text(text: str, x: float, y: float, size: float, fill: str, *, bold: bool = False) -> str:
-    weight = ' font-weight="600"' if bold else ""
-    return (
-        f'<text x="{_n(x)}" y="{_n(y)}" font-size="{_n(size)}" fill="{fill}"{weight}>'
-        f"{escape(text)}</text>"
-    )
-
-
-def _text_width(text: str, size: float) -> float:
-    return columns_of(text) * size * _LETTER
-
-
-def _n(value: float) -> str:
-    """A coordinate, without what no eye sees."""
-    return f"{value:.1f}".removesuffix(".0")

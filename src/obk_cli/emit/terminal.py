@@ -1,14 +1,14 @@
 """The graph drawn with box characters, for a terminal.
 
-The nodes stand below one another, each with what it hears and says; every topic that joins nodes
-is a rail on the right of them.
+Nodes are listed from top to bottom, each with the topics it subscribes to and publishes; every
+topic that joins nodes is a rail on their right.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from obk_cli.emit.graph import Graph, GraphNode, GraphTopic
-from obk_cli.emit.letters import columns_of, printable, shortened
+from obk_cli.emit.text_width import columns_of, printable, shortened
 
 __all__ = ["emit_terminal"]
 
@@ -27,7 +27,7 @@ class _Row:
     frame: str = "side"
     """`side`, `top`, `bottom`, or `none` outside of any box."""
     topic: str = ""
-    is_heard: bool = False
+    is_subscribed: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,17 +64,20 @@ def _node_rows(graph: Graph, node: GraphNode) -> Iterator[_Row]:
     yield _Row(left="".join(model), right=executable)
     for topic in graph.topics:
         if node.name in topic.subscribers:
-            yield _topic_row(topic, "◀", is_heard=True)
+            yield _topic_row(topic, "◀", is_subscribed=True)
     for topic in graph.topics:
         if node.name in topic.publishers:
-            yield _topic_row(topic, "▶", is_heard=False)
+            yield _topic_row(topic, "▶", is_subscribed=False)
             yield from (_Row(left=f"    {sensor}") for sensor in topic.sensors)
     yield _Row(frame="bottom")
 
 
-def _topic_row(topic: GraphTopic, mark: str, *, is_heard: bool) -> _Row:
+def _topic_row(topic: GraphTopic, mark: str, *, is_subscribed: bool) -> _Row:
     return _Row(
-        left=f"{mark} {topic.title}", right=topic.summary, topic=topic.name, is_heard=is_heard
+        left=f"{mark} {topic.title}",
+        right=topic.summary,
+        topic=topic.name,
+        is_subscribed=is_subscribed,
     )
 
 
@@ -102,7 +105,7 @@ def _line(i: int, row: _Row, inside: int, places: int, rails: Mapping[str, _Rail
             cells[place] = "─┼" if place in passing else "──"
         corners = {rail.first: "╮", rail.last: "╯"}
         cells[rail.place] = "─" + corners.get(i, "┤")
-    elif row.topic:  # nobody at the other end
+    elif row.topic:  # no node at the other end
         cells[0] = "○" + cells[0][1]
     return _box_part(row, inside) + "".join(cells)
 
@@ -117,12 +120,12 @@ def _box_part(row: _Row, inside: int) -> str:
         return f"╰{'─' * (inside + 2)}╯"
     edge = "│"
     if row.topic:
-        edge = "◀" if row.is_heard else "├"
+        edge = "◀" if row.is_subscribed else "├"
     return f"│ {_filled(row.left, row.right, inside)} {edge}"
 
 
 def _filled(left: str, right: str, width: int) -> str:
-    """The left text, room, and the right text; the left one gives way first."""
+    """The left text, room, and the right text; the left one is shortened first."""
     right = shortened(right, max(_RIGHT, width - columns_of(left) - 2))
     room = width - columns_of(right) - (2 if right else 0)
     left = shortened(left, room)

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from obelisk_spec.suggestions import did_you_mean, list_names
-from obk_cli.emit.write import write_bytes
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.files import unwritable
+from obk_cli.files import unwritable, write_bytes
 from obk_cli.looking.selection import field_steps
 
 __all__ = [

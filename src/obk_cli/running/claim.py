@@ -7,7 +7,7 @@ from pathlib import Path
 
 from obk_cli.adapters.claims import claim_run
 from obk_cli.clock import local_time, wall_s
-from obk_cli.emit.plan_json import emit_plan
+from obk_cli.emit.json import emit_plan
 from obk_cli.errors import ObkError
 from obk_cli.launch.events import Ended
 from obk_cli.launch.runs import MadeFrom, Run, note_end, runs_folder

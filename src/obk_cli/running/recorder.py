@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
-from obk_cli.emit.write import STATE_MODE, write_text
+from obk_cli.files import STATE_MODE, write_text
 from obk_cli.launch.events import Ended, Heard, ProcessEnded, ProcessStarted, Told
 from obk_cli.launch.units import Unit
 from obk_cli.record.recorder_job import BEGUN, RecorderJob, job_to_json

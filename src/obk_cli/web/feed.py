@@ -10,11 +10,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Protocol
 
+from obk_cli.emit.graph import graph_of
+from obk_cli.emit.svg import emit_svg
+from obk_cli.errors import CommandFailedError
 from obk_cli.monitor.model import StackView
+from obk_cli.plan import Plan
 from obk_cli.record.run_metadata import run_plan
-from obk_cli.web.picture import live_picture
 
-__all__ = ["Feed", "Moment", "Views"]
+__all__ = ["Feed", "Moment", "Views", "live_picture"]
 
 STOP_S: Final = 5.0
 """In which a watcher stops [s]."""
@@ -107,3 +110,14 @@ class Feed:
 
     def _picture(self, run: str) -> str:
         return live_picture(run_plan(self._runs / run)) if run else ""
+
+
+def live_picture(plan: Plan) -> str:
+    """An SVG whose boxes a page fills; empty without nodes, or if Graphviz cannot draw it.
+
+    The page then has no panel for it: everything else on it still works.
+    """
+    try:
+        return emit_svg(graph_of(plan), is_live=True) if plan.processes else ""
+    except CommandFailedError:
+        return ""

@@ -17,9 +17,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final, Literal
 
-from obk_cli.emit.write import write_text
 from obk_cli.errors import CommandFailedError
-from obk_cli.files import is_planted
+from obk_cli.files import is_planted, write_text
 from obk_cli.launch.json_values import value_of
 
 __all__ = [

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from obelisk_spec.yaml_core import load_yaml_core
+from obk_cli.emit.json import emit_plan
 from obk_cli.emit.params import emit_params, params_file_name
-from obk_cli.emit.plan_json import emit_plan
-from obk_cli.emit.write import write_text
+from obk_cli.files import write_text
 from obk_cli.plan import Plan, Process
 
 from .plans import node

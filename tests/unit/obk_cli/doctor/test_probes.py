@@ -6,17 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.probes.child import python_command, told_in_json, try_program
-from obk_cli.adapters.probes.compiler import probe_compiler
-from obk_cli.adapters.probes.discovery import probe_discovery
-from obk_cli.adapters.probes.display import probe_display
-from obk_cli.adapters.probes.folders import probe_folders
-from obk_cli.adapters.probes.interfaces_program import fault_of
-from obk_cli.adapters.probes.paths import probe_paths
-from obk_cli.adapters.probes.ros import probe_rmw
-from obk_cli.adapters.probes.shared_memory import probe_shared_memory
-from obk_cli.adapters.probes.timing import probe_cpu
-from obk_cli.doctor.workspace_look import look_at_workspace
+from obk_cli.doctor.child import json_output, python_command, try_program
+from obk_cli.doctor.compiler import probe_compiler
+from obk_cli.doctor.display import probe_display
+from obk_cli.doctor.folders import probe_folders
+from obk_cli.doctor.interfaces_program import fault_of
+from obk_cli.doctor.memory import probe_shared_memory
+from obk_cli.doctor.network import probe_discovery
+from obk_cli.doctor.paths import probe_paths
+from obk_cli.doctor.ros import probe_rmw
+from obk_cli.doctor.timing import probe_cpu
+from obk_cli.doctor.workspace import probe_workspace
 from obk_cli.errors import CommandFailedError
 
 
@@ -28,22 +28,22 @@ def test_a_program_that_crashes_is_told_by_its_signal() -> None:
     trial = try_program(
         program("import os; print('first', flush=True); os.kill(os.getpid(), 11)"), timeout_s=20.0
     )
-    assert (trial.end, trial.signal, trial.said) == ("crashed", "SIGSEGV", "first\n")
+    assert (trial.end, trial.signal, trial.stdout) == ("crashed", "SIGSEGV", "first\n")
 
 
 def test_a_program_that_fails_is_told_by_its_last_words() -> None:
     trial = try_program(program("raise ValueError('so')"), timeout_s=20.0)
-    assert trial.told == "failed: ValueError: so"
+    assert trial.outcome == "failed: ValueError: so"
 
 
 def test_a_program_that_hangs_is_killed_and_what_it_said_is_kept() -> None:
     trial = try_program(("sh", "-c", "echo so far; exec sleep 60"), timeout_s=1.0)
-    assert (trial.end, trial.said) == ("timed out", "so far\n")
+    assert (trial.end, trial.stdout) == ("timed out", "so far\n")
 
 
 def test_what_libraries_print_beside_a_programs_json_is_passed_over() -> None:
     said = "print('[Error] shared memory'); print('{\"a\": 1}'); print('{\"b\": 2}')"
-    assert told_in_json(try_program(program(said), timeout_s=20.0)) == {"a": 1, "b": 2}
+    assert json_output(try_program(program(said), timeout_s=20.0)) == {"a": 1, "b": 2}
 
 
 def test_a_compiler_that_the_user_chose_and_that_fails_is_to_be_unset(
@@ -76,8 +76,8 @@ def test_a_module_in_the_working_folder_takes_no_ones_place(
 ) -> None:
     (tmp_path / "json.py").write_text("raise SystemExit('not me')\n")
     monkeypatch.chdir(tmp_path)
-    command = python_command("obk_cli.adapters.probes.interfaces_program", "no_such_msgs")
-    assert "no_such_msgs" in try_program(command, timeout_s=20.0).said
+    command = python_command("obk_cli.doctor.interfaces_program", "no_such_msgs")
+    assert "no_such_msgs" in try_program(command, timeout_s=20.0).stdout
 
 
 def test_a_message_package_that_is_not_there_has_a_fault() -> None:
@@ -164,7 +164,7 @@ def test_a_domain_that_is_none_is_a_fault_of_the_middlewares(
 
 
 def test_a_folder_without_packages_is_no_workspace(tmp_path: Path) -> None:
-    assert look_at_workspace(tmp_path, {}).folder is None
+    assert probe_workspace(tmp_path, {}).folder is None
 
 
 def test_a_workspaces_packages_are_told_with_what_is_wrong_with_them(tmp_path: Path) -> None:
@@ -172,6 +172,6 @@ def test_a_workspaces_packages_are_told_with_what_is_wrong_with_them(tmp_path: P
         package = tmp_path / "src" / folder
         package.mkdir(parents=True)
         (package / "package.xml").write_text(f"<package>{name}</package>")
-    facts = look_at_workspace(tmp_path / "src/one", {})
+    facts = probe_workspace(tmp_path / "src/one", {})
     assert (facts.folder, facts.packages, facts.doubled) == (str(tmp_path), ("a",), ("a",))
     assert facts.broken == (str(tmp_path / "src/three/package.xml"),)

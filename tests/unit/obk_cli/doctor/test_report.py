@@ -2,9 +2,9 @@
 
 import json
 
-from obk_cli.doctor.examination import Answer
 from obk_cli.doctor.finding import error, note, ok, warning
-from obk_cli.report.doctor import doctor_json, doctor_text
+from obk_cli.doctor.report import doctor_json, doctor_text
+from obk_cli.doctor.runner import Answer
 
 ANSWERS = (
     Answer(check="ros", findings=(ok("jazzy"), note("humble, too")), seconds=0.1),
@@ -18,9 +18,9 @@ def test_each_finding_is_a_line_with_its_cure_below_it() -> None:
         "ros  ok       jazzy\n"
         "     note     humble, too\n"
         "rmw  error    none\n"
-        "              cure: install one\n"
+        "              fix: install one\n"
         "cpu  warning  one\n"
-        "              cure: buy another\n"
+        "              fix: buy another\n"
         "\n"
         "3 checks: 1 error, 1 warning, 1 note"
     )
@@ -28,7 +28,7 @@ def test_each_finding_is_a_line_with_its_cure_below_it() -> None:
 
 def test_the_sum_of_nothing_but_good_is_short() -> None:
     text = doctor_text(ANSWERS[:0], colour=False)
-    assert text.endswith("0 checks: all is well")
+    assert text.endswith("0 checks: no problems")
 
 
 def test_only_a_coloured_report_has_colours() -> None:

@@ -8,11 +8,12 @@ import pytest
 
 from obk_cli.emit.dot import emit_dot
 from obk_cli.emit.graph import graph_of
-from obk_cli.emit.graph_json import emit_graph_json
-from obk_cli.emit.letters import columns_of, shortened
+from obk_cli.emit.json import emit_graph_json
 from obk_cli.emit.mermaid import emit_mermaid
 from obk_cli.emit.svg import emit_svg
 from obk_cli.emit.terminal import emit_terminal
+from obk_cli.emit.text_width import columns_of, shortened
+from obk_cli.errors import CommandFailedError
 from obk_cli.plan import Endpoint, Plan
 
 from .plans import loop, node
@@ -60,15 +61,33 @@ def test_a_live_picture_has_a_line_for_what_is_measured_in_every_box() -> None:
         for kind in ("node", "topic")
         if (name := group.get(f"data-{kind}"))
     }
-    wanted = {("node", n.name) for n in GRAPH.nodes} | {("topic", t.name) for t in GRAPH.topics}
-    assert set(named) == wanted
+    expected = {("node", n.name) for n in GRAPH.nodes} | {("topic", t.name) for t in GRAPH.topics}
+    assert set(named) == expected
     for group in named.values():
-        (box,) = group.iter(f"{SVG}rect")
-        (live,) = (text for text in group.iter(f"{SVG}text") if text.get("class") == "live")
-        others = [text for text in group.iter(f"{SVG}text") if text is not live]
-        bottom = float(box.attrib["y"]) + float(box.attrib["height"])
-        assert max(float(text.attrib["y"]) for text in others) < float(live.attrib["y"]) < bottom
+        *others, live = group.iter(f"{SVG}text")
+        assert (live.get("class"), live.text) == ("live", None)
+        assert max(float(text.attrib["y"]) for text in others) < float(live.attrib["y"])
     assert 'class="live"' not in emit_svg(GRAPH)
+
+
+def test_boxes_of_a_picture_carry_their_section_or_topic_as_a_class() -> None:
+    groups = ElementTree.fromstring(emit_svg(GRAPH)).iter(f"{SVG}g")
+    classes = {group.get("data-node"): group.get("class") for group in groups}
+    assert classes["/obelisk_robot_a"] == "node robot"
+    assert classes["/obelisk_joystick"] == "node joystick"
+
+
+def test_without_graphviz_a_picture_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(CommandFailedError) as failed:
+        emit_svg(GRAPH)
+    assert "obelisk-cli[graph]" in failed.value.help
+
+
+def test_a_graphviz_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("obk_cli.emit.svg.emit_dot", lambda *_, **__: "digraph {")
+    with pytest.raises(CommandFailedError, match="Graphviz"):
+        emit_svg(GRAPH)
 
 
 def test_mermaid_names_what_it_cannot_write() -> None:

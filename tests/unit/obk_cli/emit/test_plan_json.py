@@ -8,7 +8,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from obk_cli.emit.plan_json import emit_plan
+from obk_cli.emit.json import emit_plan
 from obk_cli.plan import Endpoint, Origin, Plan, Process, Promise, SensorGroup
 from obk_cli.resources import resource_folder
 

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from math import inf
 from pathlib import Path
 
-from obk_cli.emit.plan_json import emit_plan
+from obk_cli.emit.json import emit_plan
 from obk_cli.plan import Endpoint, Plan, SensorGroup
 from obk_cli.record.recorder_job import RecorderJob, job_from_json, job_to_json
 from obk_cli.record.run_metadata import (

@@ -1,0 +1,174 @@
+"""Run the cases of a rehearsal on launched stacks, with a verdict for each.
+
+Starts a launcher for the cases, and a new one after each case that left the stack incomplete.
+Ends every process that it started.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from obk_cli.clock import wall_s
+from obk_cli.faultinject.expectations import Case
+from obk_cli.faultinject.launched_stack import LaunchedStack
+from obk_cli.faultinject.observation import Observation, TimedEvent
+from obk_cli.faultinject.verdict import Verdict, has_concluded, incompleteness, verdict_of
+from obk_cli.launch.events import AnswersAgain, Ended, Phase
+from obk_cli.launch.transitions import ACTIVE
+from obk_cli.process.signals import freeze, kill, thaw
+
+__all__ = ["LaunchSettings", "run_cases"]
+
+UP_S: Final = 60.0
+"""How long a bring-up may take; the launcher's own limits are shorter [s]."""
+END_S: Final = 20.0
+"""How long a clean shutdown may take [s]."""
+DELAY_S: Final = 1.0
+"""Shorter than what a launcher treats as a hang [s]."""
+QUIET_S: Final = 1.5
+"""How long a stack is watched after its reaction, or when none is expected [s]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LaunchSettings:
+    """How the stack of a rehearsal is launched."""
+
+    command: tuple[str, ...]
+    """`obk launch CONFIG --format json ...`"""
+    environment: Mapping[str, str]
+    """The complete environment of the launcher."""
+    runs: Path
+    """The folder in which that launcher creates its run folder."""
+
+
+def run_cases(
+    cases: Iterable[Case],
+    settings: LaunchSettings,
+    on_case: Callable[[Case], None] = lambda _: None,
+) -> tuple[Verdict, ...]:
+    """Run cases, one after another.
+
+    Args:
+        cases: what is done to the stack, ideally those that leave it complete first.
+        settings: how the stack is launched.
+        on_case: called before each case.
+    """
+    verdicts: list[Verdict] = []
+    with _session(settings) as session:
+        for case in cases:
+            on_case(case)
+            verdict = session.run(case)
+            verdicts.append(verdict)
+            if not (verdict.is_right and case.leaves_stack_complete):
+                verdicts[-1] = _with(verdict, session.clear())
+        if verdicts:
+            verdicts[-1] = _with(verdicts[-1], session.clear())
+    return tuple(verdicts)
+
+
+def _with(verdict: Verdict, faults: tuple[str, ...]) -> Verdict:
+    return replace(verdict, faults=(*verdict.faults, *faults))
+
+
+@contextmanager
+def _session(settings: LaunchSettings) -> Iterator["_Session"]:
+    session = _Session(settings)
+    try:
+        yield session
+    finally:
+        session.clear()
+
+
+class _Session:
+    """The current launcher, if any."""
+
+    def __init__(self, settings: LaunchSettings) -> None:
+        self._settings = settings
+        self._stack: LaunchedStack | None = None
+
+    def run(self, case: Case) -> Verdict:
+        """Run a case on a stack that is up, launching one if necessary."""
+        settings = self._settings
+        if self._stack is None:
+            self._stack = LaunchedStack(settings.command, settings.environment, settings.runs)
+        stack = self._stack
+        is_up = stack.wait_until(_is_up, UP_S)
+        before = stack.status()
+        faults = (*([] if is_up else _start_faults(stack)), *incompleteness(before))
+        if faults or before is None or stack.run is None:
+            return Verdict(case=case, seen="not tried", faults=faults, run=stack.run)
+        pid = next(node.pid for node in before.nodes if node.process == case.unit.name)
+        assert pid is not None, "a complete stack has all of its processes"
+        count = len(stack.events)
+        injected_s = _inject(case, pid, stack, count)
+        code = stack.outcome(END_S)
+        return verdict_of(
+            case,
+            Observation(
+                injected_s=injected_s,
+                run=stack.run,
+                before=before,
+                events=stack.events[count:],
+                after=stack.status() if code is None else None,
+                exit_code=code,
+                ended_s=stack.over_s,
+                left=stack.clear_up() if code is not None else (),
+            ),
+        )
+
+    def clear(self) -> tuple[str, ...]:
+        """End the launcher; returns what went wrong."""
+        if self._stack is None:
+            return ()
+        stack, self._stack = self._stack, None
+        was_over = stack.exit_code is not None
+        code = stack.end(END_S)
+        left = tuple(f"left running: {command}" for command in stack.clear_up())
+        if was_over or code == 0:
+            return left
+        how = f"still running after {END_S:g} s" if code is None else f"exit {code}"
+        causes = [m.event.cause for m in stack.events if isinstance(m.event, Ended)]
+        return (f"the stop after the case failed: {': '.join((how, *causes))}", *left)
+
+
+def _is_up(events: tuple[TimedEvent, ...]) -> bool:
+    return any(isinstance(m.event, Phase) and m.event.name == ACTIVE for m in events)
+
+
+def _start_faults(stack: LaunchedStack) -> tuple[str, ...]:
+    causes = [m.event.cause for m in stack.events if isinstance(m.event, Ended)]
+    return (f"the stack did not start: {' '.join(causes or stack.other_output) or 'no output'}",)
+
+
+def _inject(case: Case, pid: int, stack: LaunchedStack, count: int) -> float:
+    """Inject the fault and wait for the reaction; returns the time of the fault [s since 1970]."""
+    injected_s = wall_s()
+    (kill if case.fault == "kill" else freeze)(pid)
+    try:
+        if case.fault == "delay":
+            stack.wait_until(_never, DELAY_S)
+            thaw(pid)
+        limit_s = QUIET_S if case.expectation.reaction == "nothing" else case.expectation.settled_s
+        stack.wait_until(lambda events: has_concluded(case, events), limit_s, since=count)
+        if case.expectation.reaction == "stop":
+            stack.wait_for_end(case.expectation.settled_s - (wall_s() - injected_s))
+        elif case.expectation.reaction != "nothing":
+            stack.wait_until(_never, QUIET_S)
+    finally:
+        if case.fault != "kill":
+            thaw(pid)
+    if case.fault == "freeze" and case.expectation.reaction in ("go on", "nothing"):
+        nodes = {node.full_name for node in case.unit.nodes if node.has_lifecycle}
+        limit_s = case.expectation.noticed_s
+        stack.wait_until(lambda events: nodes <= _responding(events), limit_s, since=count)
+    return injected_s
+
+
+def _never(_: tuple[TimedEvent, ...]) -> bool:
+    return False
+
+
+def _responding(events: tuple[TimedEvent, ...]) -> set[str]:
+    return {m.event.node for m in events if isinstance(m.event, AnswersAgain)}

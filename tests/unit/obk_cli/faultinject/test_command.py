@@ -1,0 +1,70 @@
+"""`obk rehearse` as a person meets it, as far as nothing has to be started."""
+
+from pathlib import Path
+
+import pytest
+
+from obk_cli.cli.main import main
+
+DUMMY = Path(__file__).parents[4] / "examples" / "dummy" / "dummy.yaml"
+HARDWARE = """\
+config: real
+robot:
+  - is_simulated: false
+    pkg: arm
+    executable: driver
+"""
+
+
+def obk(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[object, str]:
+    """The exit code, and what is said to stderr."""
+    with pytest.raises(SystemExit) as ended:
+        main(["rehearse", *arguments])
+    return ended.value.code, capsys.readouterr().err
+
+
+def test_the_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["rehearse", "--help"])
+    assert "Example: obk rehearse examples/dummy/dummy.yaml" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message", "help_"),
+    [
+        (("-",), "give a file", ""),
+        ((str(DUMMY), "--fault", "kil"), "`--fault kil`: expected one of `delay`,", "`kill`?"),
+        ((str(DUMMY), "--on-crash", "stpo"), "`--on-crash stpo`: expected one of", "`stop`?"),
+        ((str(DUMMY), "--node", "contrl_0"), "no such node", "`control_0`"),
+    ],
+)
+def test_what_cannot_be_meant_is_misuse_and_says_what_can(
+    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], message: str, help_: str
+) -> None:
+    code, said = obk(capsys, *arguments)
+    assert code == 2
+    assert message in said
+    assert help_ in said
+
+
+def test_a_config_with_errors_starts_nothing(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OBK_HOME", str(tmp_path))
+    code, said = obk(capsys, str(DUMMY), "--set", "onboard.control[0].publishers[0].topic=/x")
+    assert code == 1
+    assert "error[OBK" in said
+    assert not list(tmp_path.iterdir())
+
+
+def test_hardware_is_refused_and_told_how_it_is_simulated(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
+    config = tmp_path / "real.yaml"
+    config.write_text(HARDWARE)
+    code, said = obk(capsys, str(config), "--ignore", "OBK")
+    assert code == 1
+    assert f"error: {config}:3:19: the robot /obelisk_robot_0 is hardware" in said
+    assert "help: `is_simulated: true` and a `sim` block" in said
+    assert not (tmp_path / "home").exists()

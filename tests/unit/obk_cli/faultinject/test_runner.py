@@ -1,0 +1,89 @@
+"""What a rehearsal does around its cases, with launchers that are no stacks."""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from obk_cli.adapters.claims import claim_run
+from obk_cli.clock import local_time
+from obk_cli.errors import CommandFailedError
+from obk_cli.faultinject.launched_stack import LaunchedStack
+from obk_cli.faultinject.runner import LaunchSettings, run_cases
+from obk_cli.faultinject.setup import make_rehearsal_folder, refuse_hardware, refuse_running
+from obk_cli.launch.runs import Run
+from obk_cli.pipeline import Options, compile_config
+from obk_cli.process.identity import this_process
+
+from .made_up import case
+
+DUMMY = Path(__file__).parents[4] / "examples" / "dummy" / "dummy.yaml"
+
+
+def test_a_launch_that_fails_is_told_in_its_own_words_and_tried_again(tmp_path: Path) -> None:
+    refuse = "import sys; print('error: no room', file=sys.stderr); sys.exit(1)"
+    settings = LaunchSettings(
+        command=(sys.executable, "-c", refuse), environment=dict(os.environ), runs=tmp_path
+    )
+    begun: list[str] = []
+    verdicts = run_cases(
+        [case("kill", "stop"), case("freeze", "stop")], settings, lambda c: begun.append(c.fault)
+    )
+    assert begun == ["kill", "freeze"]
+    assert [verdict.seen for verdict in verdicts] == ["not tried", "not tried"]
+    assert verdicts[0].faults[0].endswith("error: no room")
+
+
+def test_a_launcher_that_has_said_its_last_word_is_waited_for(tmp_path: Path) -> None:
+    leave = "import os, time; os.close(1); os.close(2); time.sleep(0.3); os._exit(1)"
+    stack = LaunchedStack((sys.executable, "-c", leave), dict(os.environ), tmp_path)
+    assert not stack.wait_until(lambda _: False, 20.0)
+    assert stack.over_s is not None
+    assert stack.outcome(20.0) == 1
+    stack.end(0.0)
+
+
+def test_a_launcher_that_may_still_say_something_is_not_waited_for(tmp_path: Path) -> None:
+    stack = LaunchedStack(("sleep", "60"), dict(os.environ), tmp_path)
+    assert stack.outcome(20.0) is None
+    stack.end(0.0)
+
+
+def compiled(*overrides: str) -> Options:
+    return Options(environment={}, working_folder=DUMMY.parent, overrides=overrides)
+
+
+def test_a_robot_that_is_hardware_is_refused_with_its_place() -> None:
+    outcome = compile_config(str(DUMMY), compiled("onboard.robot[0].is_simulated=false"))
+    assert outcome.config is not None
+    with pytest.raises(CommandFailedError, match=r"<command line>:1:1: .*/obelisk_robot_0"):
+        refuse_hardware(outcome.config)
+
+
+def test_a_robot_that_is_simulated_is_not_refused() -> None:
+    outcome = compile_config(str(DUMMY), compiled())
+    assert outcome.config is not None
+    refuse_hardware(outcome.config)
+
+
+def test_a_stack_that_runs_is_refused_with_its_process(tmp_path: Path) -> None:
+    pid, started = this_process()
+    run = Run(name="s", pid=pid, started=started, domain=7, config="c.yaml", nodes=("/a",))
+    claim_run(tmp_path, run, local_time())
+    refuse_running(tmp_path, "another")
+    with pytest.raises(CommandFailedError, match=rf"domain 7 .*{pid}") as refused:
+        refuse_running(tmp_path, "s")
+    assert refused.value.help.startswith("`obk stop s`")
+
+
+def test_ten_rehearsals_keep_their_logs(tmp_path: Path) -> None:
+    first, *later = [make_rehearsal_folder(tmp_path, "s") for _ in range(11)]
+    assert not first.exists()
+    assert all(home.exists() for home in later)
+
+
+def test_where_no_logs_can_be_kept_nothing_is_rehearsed(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CommandFailedError, match="logs of a rehearsal"):
+        make_rehearsal_folder(tmp_path / "file", "s")
