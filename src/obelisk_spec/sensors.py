@@ -1,7 +1,7 @@
 """The sensor groups of a `sim` block: what each `msg_type` takes and publishes, and its noise.
 
-The tables are `SENSOR_GROUPS` and `NOISY_FIELDS`; `check_disturbances` checks the noise and delay of
-a group. A group written `JointEncoders` publishes the seeds' message of that name, see
+The tables are `SENSOR_GROUPS` and `NOISY_FIELDS`; `check_disturbances` checks the noise and the
+delay of a group. A group written `JointEncoders` publishes the seeds' message of that name, see
 `obelisk_spec.messages`.
 """
 
