@@ -27,7 +27,7 @@ from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output, Stepper
 from obelisk_py.core.sim.mujoco.stepping import MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.viewing.film_robot import film_outputs
-from obelisk_spec.video import FilmSettings, read_film
+from obelisk_spec.video import VideoSettings, read_video
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "films.json"
@@ -37,7 +37,7 @@ SWING_S = 1.0
 """Time constant of the command, so that there is something to see [s]."""
 
 
-def run(seconds: float, settings: FilmSettings | None) -> dict[str, Any]:
+def run(seconds: float, settings: VideoSettings | None) -> dict[str, Any]:
     """Step for some time; what was seen of it."""
     model = mujoco.MjModel.from_xml_path(str(DUMMY))
     simulation = Simulation(model, ControlInbox(field="u", size=1, monotonic_s=time.monotonic))
@@ -115,7 +115,7 @@ def main() -> int:
         for number in range(options.rounds):
             without.append(run(options.seconds, None))
             path = f"{folder}/{number}.mp4"
-            filmed.append(run(options.seconds, read_film(path, "overview", "", 0)))
+            filmed.append(run(options.seconds, read_video(path, "overview", "", 0)))
     result = {
         "cases": [case("no film", without), case("film, 640x480, 30 frames per second", filmed)],
         "load_average": os.getloadavg()[0],

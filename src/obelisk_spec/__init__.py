@@ -1,5 +1,5 @@
-"""Facts of the language that the tool and the run time share.
+"""Facts of the config language that the tool and the run time share.
 
-Message names, component identity, the sensor table, names that ROS takes, model checks.
-Needs only the standard library and PyYAML; never reads a file and never talks to ROS.
+Message and component names, the table of sensor groups, checks of a `sim` block, and what the tool
+and running nodes agree on. Needs the standard library and PyYAML only; reads no file and no topic.
 """

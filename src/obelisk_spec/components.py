@@ -21,8 +21,7 @@ __all__ = [
 ]
 
 TIERS: Final = ("robot", "sensing", "estimation", "control", "viz", "joystick")
-"""Sections in bring-up order: data flows downstream, so nobody activates into a void."""
-
+"""Sections that hold nodes, in bring-up order: publishers activate before their subscribers."""
 
 SETTING_SUFFIX: Final = "_setting"
 DEFAULT_HISTORY_DEPTH: Final = 10

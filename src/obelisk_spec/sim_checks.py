@@ -27,7 +27,7 @@ __all__ = ["SimFault", "SimPath", "check_group_against_model", "check_group_rule
 _CAMERA = "camera"
 """What stands for a sensor type where a camera of the model is named."""
 _MOST_COMPARED = 100
-"""Findings about a group's sensors with a near name; of further ones only the name is told."""
+"""Findings of a group that suggest a similar name; further ones do not."""
 _ONE_PLACE = 2
 """From this many sensors on they can disagree about where they sit."""
 
@@ -149,12 +149,12 @@ def check_group_against_model(
     """Findings about names, types and places of the model's sensors and sites."""
     names: Mapping[str, str] = group.get("sensor_names") or {}
     rule = sensor_group(str(group["msg_type"]))
-    told = 0
+    reported = 0
     for name, sensor_type in names.items():
         place = (*path, "sensor_names", name)
-        is_compared = told < _MOST_COMPARED
+        is_compared = reported < _MOST_COMPARED
         for fault in _check_sensor(name, sensor_type, place, facts, rule, is_compared=is_compared):
-            told += 1
+            reported += 1
             yield fault
     if rule is not None:
         # Of a type that is given too often, which is reported, only the first counts.
@@ -186,7 +186,7 @@ def _check_sensor(
     sensor = facts.sensors.get(name)
     if sensor is None:
         if rule is not None and _CAMERA in rule.takes and name in facts.cameras:
-            return  # told as a type that the message does not carry
+            return  # reported as a type that the message does not carry
         sensors = facts.sensors.values() if is_compared else ()
         same_type = [sensor.name for sensor in sensors if sensor.type == written]
         yield SimFault(
@@ -200,7 +200,7 @@ def _check_sensor(
         )
     elif sensor.type != written:
         if rule is not None and rule.reads_sensors and written not in rule.takes:
-            return  # told as a type that the message does not carry
+            return  # reported as a type that the message does not carry
         yield SimFault(
             code="OBK304",
             severity="error",

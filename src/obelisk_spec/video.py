@@ -1,6 +1,6 @@
 """Settings of a video of a simulated robot: kind of file, size, frame rate.
 
-`read_film` checks what a user wrote and raises `FilmError` with what is expected. No file is read.
+`read_video` checks what a user wrote; `VideoError` says what is expected. No file is read.
 """
 
 import re
@@ -10,10 +10,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-__all__ = ["FILM_RATES", "FilmError", "FilmSettings", "check_film_size", "read_film"]
+__all__ = ["VIDEO_RATES", "VideoError", "VideoSettings", "check_video_size", "read_video"]
 
-FILM_RATES: Final[Mapping[str, int]] = MappingProxyType({".mp4": 30, ".gif": 15, ".png": 30})
-"""Ending of the file -> frames in a second of simulation time, where nothing else is asked for."""
+VIDEO_RATES: Final[Mapping[str, int]] = MappingProxyType({".mp4": 30, ".gif": 15, ".png": 30})
+"""File suffix -> default frames per second of simulation time."""
 _HIGHEST_RATES: Final = MappingProxyType({".mp4": 240, ".gif": 50, ".png": 240})
 """A GIF counts hundredths of a second, and browsers slow down frames of a single one."""
 _SIZE: Final = re.compile(r"([0-9]{1,5})x([0-9]{1,5})")
@@ -21,13 +21,13 @@ _SMALLEST, _LARGEST = 16, 4096
 """Width and height [pixels]."""
 
 
-class FilmError(ValueError):
-    """A film that cannot be made; the message says what can."""
+class VideoError(ValueError):
+    """A video that cannot be made; the message says what can."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FilmSettings:
-    """A film that is asked for."""
+class VideoSettings:
+    """A requested video."""
 
     path: Path
     camera: str | None
@@ -35,58 +35,58 @@ class FilmSettings:
     size: tuple[int, int] | None
     """Width and height [pixels]; None: the camera's."""
     rate_hz: int
-    """Frames in a second of simulation time."""
+    """Frames per second of simulation time."""
 
 
-def read_film(path: str, camera: str, size: str, rate_hz: int) -> FilmSettings:
-    """The film that is meant.
+def read_video(path: str, camera: str, size: str, rate_hz: int) -> VideoSettings:
+    """The video that a user requests.
 
     Args:
         path: the file.
-        camera: its name; empty for none.
+        camera: its name; empty for a view of the whole model.
         size: `640x480`; empty for the camera's own.
         rate_hz: 0 for that of the kind of file.
 
     Raises:
-        FilmError: there is no such film.
+        VideoError: a value is not possible.
     """
     ending = Path(path).suffix
-    if ending not in FILM_RATES:
-        *most, last = FILM_RATES
-        raise FilmError(f"`{path}`: expected a file named {', '.join(most)} or {last}")
+    if ending not in VIDEO_RATES:
+        *most, last = VIDEO_RATES
+        raise VideoError(f"`{path}`: expected a file named {', '.join(most)} or {last}")
     if not 0 <= rate_hz <= _HIGHEST_RATES[ending]:
-        raise FilmError(
+        raise VideoError(
             f"{rate_hz} frames per second; expected 1 to {_HIGHEST_RATES[ending]} for {ending}"
         )
     pixels = None
     if size:
         found = _SIZE.fullmatch(size)
         if found is None:
-            raise FilmError(f"the size `{size}`; expected width and height in pixels, `640x480`")
+            raise VideoError(f"the size `{size}`; expected width and height in pixels, `640x480`")
         pixels = int(found[1]), int(found[2])
-        check_film_size(ending, pixels)
-    return FilmSettings(
+        check_video_size(ending, pixels)
+    return VideoSettings(
         path=Path(path),
         camera=camera or None,
         size=pixels,
-        rate_hz=rate_hz or FILM_RATES[ending],
+        rate_hz=rate_hz or VIDEO_RATES[ending],
     )
 
 
-def check_film_size(ending: str, size: tuple[int, int]) -> None:
-    """Make sure that a kind of file takes pictures of a size [pixels].
+def check_video_size(ending: str, size: tuple[int, int]) -> None:
+    """Check that a kind of file supports a size [pixels].
 
     Raises:
-        FilmError: it does not.
+        VideoError: it does not support the size.
     """
     width, height = size
     if not (_SMALLEST <= width <= _LARGEST and _SMALLEST <= height <= _LARGEST):
-        raise FilmError(
+        raise VideoError(
             f"a picture of {width}x{height}; expected {_SMALLEST} to {_LARGEST} pixels each way"
         )
     if ending == ".mp4" and (width % 2 or height % 2):
         # H.264 keeps one colour for two by two pixels.
-        raise FilmError(
+        raise VideoError(
             f"a picture of {width}x{height}; .mp4 wants even numbers, "
             f"{width + width % 2}x{height + height % 2}"
         )

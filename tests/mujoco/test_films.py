@@ -16,7 +16,7 @@ from obelisk_py.core.sim.mujoco.cameras import CameraView, choose_back_end
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.viewing.film_robot import film_order, film_outputs, film_wanted
-from obelisk_spec.video import read_film
+from obelisk_spec.video import read_video
 
 from ..waiting import eventually  # noqa: TID252 - shared by folders of tests
 
@@ -57,7 +57,7 @@ def made(simulation, path, show, *, camera="above", rate_hz=10, told=None):
         told: takes what is told, while it is.
     """
     told = [] if told is None else told
-    settings = read_film(str(path), camera, "", rate_hz)
+    settings = read_video(str(path), camera, "", rate_hz)
     with ExitStack() as closing:
         try:
             (output,) = film_outputs(
@@ -184,7 +184,7 @@ def test_a_folder_that_is_not_there_is_told_before_anything_is_simulated(simulat
     with pytest.raises(ObeliskConfigError) as caught:
         film_outputs(
             simulation,
-            read_film(str(path), "above", "", 0),
+            read_video(str(path), "above", "", 0),
             tell=lambda *_: None,
             on_close=lambda _: None,
         )
@@ -195,14 +195,14 @@ def test_a_folder_that_is_not_there_is_told_before_anything_is_simulated(simulat
 
 def test_a_camera_that_is_not_there_is_told_with_those_that_are(simulation):
     with pytest.raises(ObeliskConfigError) as caught:
-        film_order(simulation.model, read_film("out.mp4", "abvoe", "", 0))
+        film_order(simulation.model, read_video("out.mp4", "abvoe", "", 0))
     assert str(caught.value) == ("the camera `abvoe` is not in the model; did you mean `above`?")
 
 
 def test_size_and_rate_are_those_that_are_asked_for_or_the_cameras(simulation):
-    order = film_order(simulation.model, read_film("out.mp4", "above", "", 0))
+    order = film_order(simulation.model, read_video("out.mp4", "above", "", 0))
     assert (order.width, order.height, order.rate_hz) == (64, 48, 30)
-    order = film_order(simulation.model, read_film("out.mp4", "", "320x200", 200))
+    order = film_order(simulation.model, read_video("out.mp4", "", "320x200", 200))
     assert order.camera is None
     # Of steps of 10 ms no more can be seen.
     assert (order.width, order.height, order.rate_hz) == (320, 200, 100)
@@ -210,11 +210,11 @@ def test_size_and_rate_are_those_that_are_asked_for_or_the_cameras(simulation):
 
 def test_a_camera_whose_pictures_do_not_fit_is_told_with_a_size_that_does(simulation):
     with pytest.raises(ObeliskConfigError) as caught:
-        film_order(simulation.model, read_film("out.mp4", "odd", "", 0))
+        film_order(simulation.model, read_video("out.mp4", "odd", "", 0))
     assert str(caught.value) == (
         "camera `odd`: a picture of 65x49; .mp4 wants even numbers, 66x50; set `render_size`"
     )
-    assert film_order(simulation.model, read_film("out.gif", "odd", "", 0)).width == 65
+    assert film_order(simulation.model, read_video("out.gif", "odd", "", 0)).width == 65
 
 
 def test_without_a_camera_the_whole_model_is_seen(simulation):

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from obelisk_spec.suggestions import did_you_mean, list_names
-from obelisk_spec.video import FilmError, FilmSettings, read_film
+from obelisk_spec.video import VideoError, VideoSettings, read_video
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.devices import Share
 from obk_cli.optional_deps import require_extra
@@ -102,12 +102,12 @@ def _refuse_the_rest(words: FilmWords) -> None:
             raise MisuseError(f"`{option}` says how a film is made; `--render FILE` asks for one")
 
 
-def _settings(path: Path, words: FilmWords) -> FilmSettings:
+def _settings(path: Path, words: FilmWords) -> VideoSettings:
     if words.rate_hz is not None and words.rate_hz < 1:
         raise MisuseError(f"`--render-fps {words.rate_hz}`: expected a number of at least 1")
     try:
-        return read_film(str(path), words.camera or "", words.size or "", words.rate_hz or 0)
-    except FilmError as error:
+        return read_video(str(path), words.camera or "", words.size or "", words.rate_hz or 0)
+    except VideoError as error:
         raise MisuseError(f"`--render`: {error}") from error
 
 

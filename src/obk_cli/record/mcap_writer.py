@@ -72,8 +72,8 @@ class BagWriter:
     ) -> None:
         """Write key-value records and texts, each by its name, at the time [ns since 1970]."""
         for name, values in metadata.items():
-            told = {_as_utf8(key): _as_utf8(value) for key, value in values.items()}
-            self._writer.add_metadata(_as_utf8(name), told)
+            escaped = {_as_utf8(key): _as_utf8(value) for key, value in values.items()}
+            self._writer.add_metadata(_as_utf8(name), escaped)
         for name, text in attachments.items():
             media = _MEDIA.get(Path(name).suffix, "text/plain")
             data = _as_utf8(text).encode()

@@ -4,18 +4,18 @@ from pathlib import Path
 
 import pytest
 
-from obelisk_spec.video import FilmError, FilmSettings, read_film
+from obelisk_spec.video import VideoError, VideoSettings, read_video
 
 
 @pytest.mark.parametrize(("ending", "rate_hz"), [(".mp4", 30), (".gif", 15), (".png", 30)])
 def test_a_film_has_the_rate_of_its_kind(ending, rate_hz):
-    assert read_film(f"a/out{ending}", "", "", 0) == FilmSettings(
+    assert read_video(f"a/out{ending}", "", "", 0) == VideoSettings(
         path=Path(f"a/out{ending}"), camera=None, size=None, rate_hz=rate_hz
     )
 
 
 def test_all_may_be_chosen():
-    assert read_film("out.gif", "side", "321x240", 50) == FilmSettings(
+    assert read_video("out.gif", "side", "321x240", 50) == VideoSettings(
         path=Path("out.gif"), camera="side", size=(321, 240), rate_hz=50
     )
 
@@ -46,6 +46,6 @@ def test_all_may_be_chosen():
     ],
 )
 def test_a_film_that_cannot_be_is_told_with_what_can(words, sentence):
-    with pytest.raises(FilmError) as caught:
-        read_film(*words)
+    with pytest.raises(VideoError) as caught:
+        read_video(*words)
     assert str(caught.value) == sentence

@@ -92,6 +92,20 @@ def test_a_file_that_breaks_off_anywhere_is_read_up_to_there(tmp_path: Path, par
     assert bag.count % 10 == 0
 
 
+def test_a_damaged_chunk_is_an_error_of_the_file(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.mcap")
+    with path.open("r+b") as file:
+        summary = make_reader(file).get_summary()
+        assert summary is not None
+        chunk = summary.chunk_indexes[0]
+        end = chunk.chunk_start_offset + chunk.chunk_length
+        file.seek(end - 40)
+        file.write(b"\xff" * 40)
+    assert read_bag(path).count == COUNT
+    with pytest.raises(CommandFailedError, match=r"a\.mcap"):
+        list(messages_of(path, {"/speed"}))
+
+
 def test_what_was_flushed_is_there_without_an_end(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     writer = BagWriter(path)
@@ -107,7 +121,7 @@ def test_what_was_flushed_is_there_without_an_end(tmp_path: Path) -> None:
 def test_a_file_that_is_there_is_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("mine")
-    with pytest.raises(CommandFailedError, match="is there already"):
+    with pytest.raises(CommandFailedError, match=r"a\.mcap"):
         BagWriter(path)
     assert path.read_text() == "mine"
 
@@ -115,9 +129,9 @@ def test_a_file_that_is_there_is_left_alone(tmp_path: Path) -> None:
 def test_what_is_no_recording_is_told(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("some text that is no recording")
-    with pytest.raises(CommandFailedError, match="is no MCAP file"):
+    with pytest.raises(CommandFailedError, match="MCAP"):
         read_bag(path)
-    with pytest.raises(CommandFailedError, match="there is no such file"):
+    with pytest.raises(CommandFailedError, match=r"b\.mcap"):
         read_bag(tmp_path / "b.mcap")
 
 

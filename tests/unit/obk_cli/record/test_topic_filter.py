@@ -43,7 +43,7 @@ def test_a_topic_of_several_types_is_none() -> None:
     assert "/odd" not in matching_topics(RecordRequest(patterns=("*",)), GRAPH)
 
 
-def test_a_topic_of_several_types_is_told_unless_one_is_wished_for() -> None:
+def test_a_topic_of_several_types_is_reported_unless_the_request_names_one() -> None:
     request = RecordRequest(topics={"/arm/imu": None, "/odd": None})
     assert clashing_topics(request, GRAPH) == {"/odd": ["std_msgs/msg/Bool", "std_msgs/msg/Int8"]}
     assert clashing_topics(RecordRequest(patterns=("/o*",)), GRAPH) == clashing_topics(
@@ -53,11 +53,12 @@ def test_a_topic_of_several_types_is_told_unless_one_is_wished_for() -> None:
     assert not clashing_topics(RecordRequest(patterns=("*",), excludes=("/odd",)), GRAPH)
 
 
-def test_what_nothing_was_recorded_of_is_told() -> None:
+def test_requests_that_match_no_topic_are_reported() -> None:
     request = RecordRequest(
         topics={"/arm/imu": None, "/typo": None, "/out": None},
         patterns=("/arm/*", "/amr/*"),
         excludes=("/out",),
     )
-    told = ["/typo was not there", "no topic fitted `/amr/*`"]
-    assert list(unmatched_requests(request, {"/arm/imu"})) == told
+    topic, pattern = unmatched_requests(request, {"/arm/imu"})
+    assert "/typo" in topic
+    assert "`/amr/*`" in pattern

@@ -22,7 +22,7 @@ from obelisk_py.core.sim.mujoco.viewing.child import Onlooker
 from obelisk_py.core.sim.mujoco.viewing.film_order import FilmOrder
 from obelisk_py.core.sim.mujoco.viewing.words import Severity, Tell
 from obelisk_spec.suggestions import did_you_mean
-from obelisk_spec.video import FilmError, FilmSettings, check_film_size, read_film
+from obelisk_spec.video import VideoError, VideoSettings, check_video_size, read_video
 
 __all__ = ["FILM_PARAMETERS", "film_order", "film_outputs", "film_wanted"]
 
@@ -39,7 +39,7 @@ _END_S: Final = 2.5
 """For the last picture and the end of the file; a node has 3 s for a transition on its way down."""
 
 
-def film_wanted(parameter: Callable[[str], Any]) -> FilmSettings | None:
+def film_wanted(parameter: Callable[[str], Any]) -> VideoSettings | None:
     """The film that a node's parameters ask for; None: none.
 
     Args:
@@ -52,14 +52,14 @@ def film_wanted(parameter: Callable[[str], Any]) -> FilmSettings | None:
     if not path:
         return None
     try:
-        return read_film(path, camera, size, rate_hz)
-    except FilmError as error:
+        return read_video(path, camera, size, rate_hz)
+    except VideoError as error:
         raise ObeliskConfigError(f"the film that `render` asks for: {error}") from error
 
 
 def film_outputs(
     simulation: Simulation,
-    settings: FilmSettings | None,
+    settings: VideoSettings | None,
     *,
     tell: Tell,
     on_close: Callable[[Callable[[], None]], object],
@@ -89,7 +89,7 @@ def film_outputs(
     return (Output(times=times, publish=publish, restart=film.send),)
 
 
-def film_order(model: mujoco.MjModel, settings: FilmSettings) -> FilmOrder:
+def film_order(model: mujoco.MjModel, settings: VideoSettings) -> FilmOrder:
     """What the process is to draw of a model.
 
     Raises:
@@ -98,8 +98,8 @@ def film_order(model: mujoco.MjModel, settings: FilmSettings) -> FilmOrder:
     camera = None if settings.camera is None else _camera(model, settings.camera)
     size = settings.size or picture_size(model, camera)
     try:
-        check_film_size(settings.path.suffix, size)
-    except FilmError as error:
+        check_video_size(settings.path.suffix, size)
+    except VideoError as error:
         raise ObeliskConfigError(
             f"camera `{settings.camera}`: {error}; set `render_size`"
         ) from error
