@@ -145,7 +145,7 @@ def _align_left(cluster: ElementTree.Element) -> None:
 def _bounds(group: ElementTree.Element) -> tuple[float, float, float, float]:
     """Left, top, right and bottom of the outline of a group."""
     outline = next(shape for shape in group if shape.tag in ("path", "polygon"))
-    text = outline.get("d") or outline.get("points", "")
+    text = outline.get("d", "") or outline.get("points", "")
     points = [point.split(",") for point in text.replace("M", " ").replace("C", " ").split()]
     xs, ys = [float(x) for x, _ in points], [float(y) for _, y in points]
     return min(xs), min(ys), max(xs), max(ys)
