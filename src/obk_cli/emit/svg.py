@@ -4,31 +4,43 @@ Every box is a `<g>` with the item's full name as `data-node` or `data-topic`, a
 or `topic` as a class. A live picture has an empty `text.live` in each for what a page measures.
 """
 
+import os
 import subprocess
 import sys
-from typing import Final
-from xml.etree import ElementTree
-
-from obk_cli.emit.dot import FONT_SIZE, emit_dot
-from obk_cli.emit.graph import SECTION_COLOURS, Graph, GraphNode, GraphTopic
+import tempfile
+from obk_cli.emit.dot import FONT_SIZE
+from obk_cli.emit.dot import emit_dot
+from obk_cli.emit.graph import Graph
+from obk_cli.emit.graph import GraphNode
+from obk_cli.emit.graph import GraphTopic
+from obk_cli.emit.graph import SECTION_COLOURS
 from obk_cli.emit.text_width import printable
 from obk_cli.errors import CommandFailedError
 from obk_cli.optional_deps import require_extra
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree
 
 __all__ = ["emit_svg"]
 
-# Graphviz is C, and prints warnings about fonts: both stay in a process of their own.
+# Graphviz is C, and prints warnings about fonts: both stay in a process of their own. Without fonts
+# it lays out the same on every machine; boxes have the sizes of the DOT text.
 _PROGRAM: Final = """
 import sys, pygraphviz
-text = sys.stdin.buffer.read().decode()
-sys.stdout.buffer.write(pygraphviz.AGraph(string=text).draw(format="svg", prog="dot"))
+graph = pygraphviz.AGraph(string=sys.stdin.buffer.read().decode())
+graph.node_attr["fixedsize"] = "true"
+sys.stdout.buffer.write(graph.draw(format="svg", prog="dot"))
 """
+_NO_FONTS: Final = "<fontconfig></fontconfig>\n"
 _DRAW_S: Final = 60.0
 _FONT: Final = "ui-monospace, 'DejaVu Sans Mono', Menlo, Consolas, monospace"
 _NAMESPACE: Final = ' xmlns="http://www.w3.org/2000/svg"'
 _SPARE_LINE: Final = "1000 of 1000 Hz stale"
 """As long as the longest text that a page fills in."""
 _PADDING: Final = 12
+_LINE_PX: Final = 1.2 * FONT_SIZE
+_BASELINE: Final = 0.35
+"""From the middle of a line to its baseline, as part of the font size."""
 
 
 def emit_svg(graph: Graph, *, is_live: bool = False) -> str:
@@ -63,14 +75,18 @@ def emit_svg(graph: Graph, *, is_live: bool = False) -> str:
 def _draw(dot: str) -> str:
     """The SVG of a DOT text, as Graphviz writes it."""
     try:
-        ended = subprocess.run(
-            (sys.executable, "-P", "-c", _PROGRAM),
-            capture_output=True,
-            check=False,
-            encoding="utf-8",
-            input=dot,
-            timeout=_DRAW_S,
-        )
+        with tempfile.TemporaryDirectory(prefix="obk-graph-") as folder:
+            fonts = Path(folder, "fonts.conf")
+            fonts.write_text(_NO_FONTS, encoding="utf-8")
+            ended = subprocess.run(
+                (sys.executable, "-P", "-c", _PROGRAM),
+                capture_output=True,
+                check=False,
+                encoding="utf-8",
+                env={**os.environ, "FONTCONFIG_FILE": str(fonts)},
+                input=dot,
+                timeout=_DRAW_S,
+            )
     except subprocess.TimeoutExpired as error:
         raise CommandFailedError(
             f"Graphviz did not finish within {_DRAW_S:.0f} s", help="`--to dot` needs no layout"
@@ -102,6 +118,10 @@ def _finish_box(group: ElementTree.Element, item: GraphNode | GraphTopic, *, is_
     group.set("data-node" if isinstance(item, GraphNode) else "data-topic", printable(item.name))
     group.findall("title")[0].text = _tooltip(item)
     title, *lines = group.findall("text")
+    _, top, _, bottom = _bounds(group)
+    for i, text in enumerate((title, *lines)):
+        y = (top + bottom) / 2 + (i - len(lines) / 2) * _LINE_PX + _BASELINE * FONT_SIZE
+        text.set("y", f"{y:.2f}")
     title.set("font-weight", "600")
     if is_live:
         live = lines.pop()
@@ -116,15 +136,22 @@ def _finish_box(group: ElementTree.Element, item: GraphNode | GraphTopic, *, is_
 
 def _align_left(cluster: ElementTree.Element) -> None:
     """Put a frame's heading at its left edge, wherever the fonts of the machine had it."""
-    path = cluster.findall("path")[0].get("d", "")
-    corners = path.replace("M", " ").replace("C", " ").split()
-    left = min(float(corner.partition(",")[0]) for corner in corners)
+    left, *_ = _bounds(cluster)
     for text in cluster.findall("text"):
         text.set("text-anchor", "start")
         text.set("x", f"{left + _PADDING:g}")
         text.set("font-size", str(FONT_SIZE + 1))
         text.set("font-weight", "600")
         text.set("fill", "#57606a")
+
+
+def _bounds(group: ElementTree.Element) -> tuple[float, float, float, float]:
+    """Left, top, right and bottom of the outline of a group."""
+    outline = next(shape for shape in group if shape.tag in ("path", "polygon"))
+    text = outline.get("d", "") or outline.get("points", "")
+    points = [point.split(",") for point in text.replace("M", " ").replace("C", " ").split()]
+    xs, ys = [float(x) for x, _ in points], [float(y) for _, y in points]
+    return min(xs), min(ys), max(xs), max(ys)
 
 
 def _tooltip(item: GraphNode | GraphTopic) -> str:
