@@ -10,9 +10,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from obelisk_py.core.codecs import codec_for
 from obelisk_py.core.exceptions import ObeliskMsgError
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
+from obelisk_py.core.serialization.codec import codec_for
 
 from .executor_world import World, eventually, world
 

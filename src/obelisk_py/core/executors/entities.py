@@ -21,11 +21,11 @@ from rclpy.logging import get_logger
 from rclpy.subscription import Subscription
 from rclpy.task import Task
 
-from obelisk_py.core.codecs import codec_for
 from obelisk_py.core.exceptions import ObeliskMsgError
 from obelisk_py.core.executors.lane import Handler, Lane
 from obelisk_py.core.executors.listeners import EntityKind, open_signal, signal_off, signal_on
 from obelisk_py.core.local_delivery.exchange import inbox_of, local_topic
+from obelisk_py.core.serialization.codec import codec_for
 
 __all__ = ["ClientRunner", "EventRunner", "Runner", "ServiceRunner", "SubscriptionRunner"]
 

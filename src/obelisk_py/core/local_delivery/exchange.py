@@ -12,9 +12,9 @@ from typing import Any
 from rclpy.context import Context
 from rclpy.subscription import Subscription
 
-from obelisk_py.core.codecs import codec_for
 from obelisk_py.core.local_delivery.inbox import Inbox
 from obelisk_py.core.local_delivery.matching import is_plain, middleware_is_known
+from obelisk_py.core.serialization.codec import codec_for
 
 __all__ = ["LocalTopic", "inbox_of", "local_topic"]
 

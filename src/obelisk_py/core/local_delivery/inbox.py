@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from rclpy.qos import QoSProfile
 
-from obelisk_py.core.codecs import Codec
+from obelisk_py.core.serialization.codec import Codec
 
 __all__ = ["Inbox"]
 

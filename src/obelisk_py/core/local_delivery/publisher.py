@@ -7,10 +7,10 @@ from rclpy.context import Context
 from rclpy.lifecycle.publisher import LifecyclePublisher
 from rclpy.publisher import Publisher
 
-from obelisk_py.core.codecs import codec_for
 from obelisk_py.core.local_delivery.exchange import LocalTopic, local_topic
 from obelisk_py.core.local_delivery.inbox import Inbox
 from obelisk_py.core.local_delivery.matching import is_compatible, is_plain, middleware_is_known
+from obelisk_py.core.serialization.codec import codec_for
 
 __all__ = ["LocalPublisher"]
 

@@ -7,8 +7,8 @@ import pytest
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Int64
 
-from obelisk_py.core.codecs import codec_for
 from obelisk_py.core.local_delivery.inbox import Inbox
+from obelisk_py.core.serialization.codec import codec_for
 
 
 def inbox(depth: int = 3) -> Inbox:

@@ -11,11 +11,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Float64MultiArray, Int64
 
-from obelisk_py.core.codecs import codec_for
 from obelisk_py.core.exceptions import ObeliskMsgError
 from obelisk_py.core.local_delivery.exchange import local_topic
 from obelisk_py.core.local_delivery.inbox import Inbox
 from obelisk_py.core.local_delivery.publisher import LocalPublisher
+from obelisk_py.core.serialization.codec import codec_for
 
 RELIABLE = QoSProfile(depth=10)
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -20,12 +20,12 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
-from obelisk_py.core.cdr import PackedMessage
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameters import Getter
 from obelisk_py.core.rates.counter import TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
+from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.block import PARAMETER, read_block
 from obelisk_py.core.sim.mujoco.control import ControlInbox, make_inbox
 from obelisk_py.core.sim.mujoco.drive import WhenStale

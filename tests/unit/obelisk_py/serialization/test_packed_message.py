@@ -4,21 +4,22 @@ import importlib
 import re
 from pathlib import Path
 from random import Random
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from obelisk_sensor_msgs.msg import ObkImu, ObkJointEncoders
+from rcl_interfaces.msg import ParameterValue
 from rclpy.serialization import deserialize_message, serialize_message
+from rosidl_parser.definition import UnboundedWString
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Empty, Header, String
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obelisk_py.core.cdr import PackedMessage
 from obelisk_py.core.exceptions import ObeliskMsgError
+from obelisk_py.core.serialization.codec import PackedMessage
 
-INTERFACES = Path(__file__).resolve().parents[3] / "interfaces"
+INTERFACES = Path(__file__).resolve().parents[4] / "interfaces"
 OWN = sorted(f"{f.parents[1].name}/{f.stem}" for f in INTERFACES.glob("obelisk_*/msg/*.msg"))
 OTHERS = [
     "builtin_interfaces/Duration",
@@ -176,6 +177,17 @@ def test_messages_without_numbers_are_packed_too():
 
 
 def test_wide_strings_are_refused():
-    wide = SimpleNamespace(data="a", get_fields_and_field_types=lambda: {"data": "wstring"})
-    with pytest.raises(ObeliskMsgError, match="the field `data` is a wstring, which cannot be"):
-        PackedMessage(wide)
+    class WithWideString(Header):
+        SLOT_TYPES = (*Header.SLOT_TYPES[:1], UnboundedWString())
+
+    with pytest.raises(ObeliskMsgError, match="`frame_id`"):
+        PackedMessage(WithWideString())
+
+
+def test_several_octets_or_booleans_are_one_field():
+    message = ParameterValue(byte_array_value=[b"a", b"b"], bool_array_value=[True, False, True])
+    packed = PackedMessage(message)
+    assert packed.numbers("byte_array_value").tolist() == [97, 98]
+    packed.numbers("bool_array_value")[1] = True
+    message.bool_array_value[1] = True
+    _assert_same(packed.to_bytes(0), message)

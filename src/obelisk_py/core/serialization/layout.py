@@ -1,11 +1,11 @@
-"""A message class as kinds of fields one after another, and as the messages that they are in.
+"""A message class as a row of parts, each of one CDR type.
 
-Fields of messages within a message stand on the wire as if they were its own, so they are its own
-here: a message is a row of values. Only messages in lists have rows of their own.
+Fields of nested messages stand on the wire as if they belonged to the outer message, so they do
+here: a message is one row of values. Only messages in lists have rows of their own.
 
-Source is generated for one function, which makes a message of its row. To pack and unpack an
-EstimatedState, an ObkJointEncoders and a PositionSetpoint of 30 joints took 22 us with functions
-alone, 19 us with that one, 13 us with everything generated, and 80 us with rclpy.
+Source code is generated for one function, which builds a message from its row. To pack and unpack
+an EstimatedState, an ObkJointEncoders and a PositionSetpoint of 30 joints took 22 us with functions
+alone, 19 us with that one generated, 13 us with everything generated, and 80 us with rclpy.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,6 +15,7 @@ from itertools import groupby
 from operator import attrgetter
 from typing import Any, Final, NamedTuple, cast
 
+from builtin_interfaces.msg import Time
 from rosidl_parser.definition import (
     AbstractNestedType,
     AbstractString,
@@ -27,41 +28,48 @@ from rosidl_parser.definition import (
     UnboundedString,
 )
 
-from obelisk_py.core.codecs.kinds import (
+from obelisk_py.core.serialization.cdr_types import (
+    BYTE_DTYPES,
     FORMATS,
-    filler,
+    UNLIMITED,
+    CdrType,
+    NumberField,
+    empty_struct,
     flag,
+    list_of,
     numbers,
     numbers_array,
     numbers_sequence,
     octet,
+    strings,
     text,
 )
-from obelisk_py.core.codecs.lists import list_of, strings
-from obelisk_py.core.codecs.wire import UNLIMITED, Kind
 
-__all__ = ["Layout", "Part", "UnsupportedError", "layout_of"]
+__all__ = ["Layout", "Part", "UnsupportedError", "layout_of", "locate_numbers"]
 
 _OCTET: Final = "octet"
 _BOOLEAN: Final = "boolean"
 _ARRAY_TYPES: Final = FORMATS.keys() - {_OCTET}
+_SECONDS: Final = "_sec"
 
 
 class UnsupportedError(Exception):
-    """A field's type has no kind."""
+    """A message class has a field whose type is not supported (`wstring`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """Fields that are written by one kind."""
+    """Fields that are written together, by one CDR type."""
 
     fields: tuple[str, ...]
-    """Their names from the message on, `header.stamp.sec`; one, but for numbers."""
+    """Their names from the message on, `header.stamp.sec`; one, except for numbers."""
     types: tuple[str, ...]
     """As the definition writes them, `int32`, `sequence<string>`."""
-    kind: Kind
+    stamps: tuple[int, ...]
+    """Which of the fields are the `sec` of a `builtin_interfaces/Time`."""
+    cdr_type: CdrType
     get: Callable[[Any], Any]
-    """What the kind writes, from the message."""
+    """Gets the value to write from the message."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +78,7 @@ class Layout:
 
     parts: tuple[Part, ...]
     build: Callable[[Sequence[Any]], Any]
-    """The message that holds these values, in the order of the parts."""
+    """Builds the message from its values, in the order of the parts."""
 
 
 def layout_of(message_class: type[Any]) -> Layout:
@@ -89,38 +97,68 @@ def layout_of(message_class: type[Any]) -> Layout:
     return Layout(parts=tuple(parts), build=_builder(message_class))
 
 
-def _message(message_class: type[Any]) -> Kind:
+def locate_numbers(
+    parts: Sequence[Part], data: bytes, at: int, prefix: str, found: list[NumberField]
+) -> int:
+    """Find the numbers of a serialized message.
+
+    Args:
+        parts: of its class.
+        data: the whole message.
+        at: position of the first part.
+        prefix: of the names, `markers.2.`.
+        found: gets a `NumberField` for each field that holds numbers.
+
+    Returns:
+        The position behind the last part.
+    """
+    for part in parts:
+        before = len(found)
+        at = part.cdr_type.locate(data, at, [prefix + field for field in part.fields], found)
+        for index in part.stamps:
+            found[before + index] = found[before + index]._replace(is_stamp=True)
+    return at
+
+
+def _message(message_class: type[Any]) -> CdrType:
     """A message within a list."""
     layout = layout_of(message_class)
     build = layout.build
-    steps = tuple((*part.kind, part.get) for part in layout.parts)
+    writes = tuple((part.cdr_type.write, part.get) for part in layout.parts)
+    reads = tuple(part.cdr_type.read for part in layout.parts)
+    copies = tuple((part.cdr_type.copy, part.get) for part in layout.parts)
 
     def write(out: bytearray, value: Any) -> None:
-        for write_part, _, _, get in steps:
+        for write_part, get in writes:
             write_part(out, get(value))
 
     def read(data: bytes, at: int, values: list[Any]) -> int:
         row: list[Any] = []
-        for _, read_part, _, _ in steps:
+        for read_part in reads:
             at = read_part(data, at, row)
         values.append(build(row))
         return at
 
     def copy(value: Any, values: list[Any]) -> None:
         row: list[Any] = []
-        for _, _, copy_part, get in steps:
+        for copy_part, get in copies:
             copy_part(get(value), row)
         values.append(build(row))
 
-    return Kind(write, read, copy)
+    def locate(data: bytes, at: int, names: Sequence[str], found: list[NumberField]) -> int:
+        return locate_numbers(layout.parts, data, at, f"{names[0]}.", found)
+
+    return CdrType(write, read, copy, locate)
 
 
 class _Field(NamedTuple):
     path: str
-    """With slots for names, `_header._stamp._sec`."""
+    """By the names of slots, `_header._stamp._sec`."""
     kind: AbstractType | None
-    """None for what fills an empty message."""
+    """None for the byte of a message without fields."""
     spelling: str
+    is_stamp: bool = False
+    """Whether it is the `sec` of a `builtin_interfaces/Time`."""
 
     @property
     def name(self) -> str:
@@ -129,7 +167,7 @@ class _Field(NamedTuple):
 
 
 def _fields(message_class: type[Any], prefix: str) -> Iterator[_Field]:
-    """Every field, those of a message within the message in its place."""
+    """Every field; a nested message is replaced by its fields."""
     fields = _slots(message_class)
     if not fields:
         yield _Field(prefix.removesuffix("."), None, "")
@@ -137,11 +175,12 @@ def _fields(message_class: type[Any], prefix: str) -> Iterator[_Field]:
         if isinstance(field.kind, NamespacedType):
             yield from _fields(_class_of(field.kind), f"{prefix}{field.path}.")
         else:
-            yield field._replace(path=prefix + field.path)
+            is_stamp = message_class is Time and field.path == _SECONDS
+            yield field._replace(path=prefix + field.path, is_stamp=is_stamp)
 
 
 def _slots(message_class: type[Any]) -> list[_Field]:
-    # Behind the fields is a slot of rclpy's own.
+    # The last slot is rclpy's own.
     types = message_class.get_fields_and_field_types().values()
     columns = zip(message_class.__slots__, message_class.SLOT_TYPES, types, strict=False)
     return [_Field(*column) for column in columns]
@@ -155,11 +194,12 @@ def _is_number(field: _Field) -> bool:
     return isinstance(field.kind, BasicType) and field.kind.typename in FORMATS
 
 
-def _part(fields: Sequence[_Field], kind: Kind, get: Callable[[Any], Any]) -> Part:
+def _part(fields: Sequence[_Field], cdr_type: CdrType, get: Callable[[Any], Any]) -> Part:
     return Part(
         fields=tuple(field.name for field in fields),
         types=tuple(field.spelling for field in fields),
-        kind=kind,
+        stamps=tuple(index for index, field in enumerate(fields) if field.is_stamp),
+        cdr_type=cdr_type,
         get=get,
     )
 
@@ -176,13 +216,17 @@ def _alone(get: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 def _other_part(field: _Field) -> Part:
     if field.kind is None:
-        return _part((), filler(), lambda _message: None)
-    return _part((field,), _kind(field.kind), attrgetter(field.path))
+        return _part((), empty_struct(), lambda _message: None)
+    try:
+        kind = _cdr_type(field.kind)
+    except UnsupportedError as error:
+        raise UnsupportedError(f"the field `{field.name}`: {error}") from error
+    return _part((field,), kind, attrgetter(field.path))
 
 
-def _kind(kind: AbstractType) -> Kind:
+def _cdr_type(kind: AbstractType) -> CdrType:
     if isinstance(kind, AbstractNestedType):
-        return _kind_of_many(kind)
+        return _cdr_type_of_list(kind)
     if isinstance(kind, NamespacedType):
         return _message(_class_of(kind))
     if isinstance(kind, AbstractString):
@@ -191,10 +235,10 @@ def _kind(kind: AbstractType) -> Kind:
         return flag()
     if isinstance(kind, BasicType) and kind.typename == _OCTET:
         return octet()
-    raise UnsupportedError(str(kind))
+    raise UnsupportedError(f"{type(kind).__name__} is not supported")
 
 
-def _kind_of_many(kind: AbstractNestedType) -> Kind:
+def _cdr_type_of_list(kind: AbstractNestedType) -> CdrType:
     element = kind.value_type
     most = kind.maximum_size if isinstance(kind, BoundedSequence) else UNLIMITED
     if isinstance(element, BasicType) and element.typename in _ARRAY_TYPES:
@@ -204,11 +248,12 @@ def _kind_of_many(kind: AbstractNestedType) -> Kind:
             if isinstance(kind, Array)
             else numbers_sequence(code, most)
         )
+    byte_dtype = BYTE_DTYPES.get(element.typename) if isinstance(element, BasicType) else None
     if isinstance(kind, Array):
-        return list_of(_kind(element), least=kind.size, most=kind.size)
+        return list_of(_cdr_type(element), least=kind.size, most=kind.size, byte_dtype=byte_dtype)
     if isinstance(element, UnboundedString):
         return strings(most)
-    return list_of(_kind(element), most=most)
+    return list_of(_cdr_type(element), most=most, byte_dtype=byte_dtype)
 
 
 def _builder(message_class: type[Any]) -> Callable[[Sequence[Any]], Any]:
@@ -226,7 +271,7 @@ def _builder(message_class: type[Any]) -> Callable[[Sequence[Any]], Any]:
         names[f"{name}_new"], names[f"{name}_class"] = kind.__new__, kind
         lines.append(f"{name} = {name}_new({name}_class)")
         lines.append(f"{name}._check_fields = {kind()._check_fields}")
-        for slot, field, _ in _slots(kind):
+        for slot, field, *_ in _slots(kind):
             if isinstance(field, NamespacedType):
                 lines.append(f"{name}.{slot} = {add(_class_of(field))}")
             else:

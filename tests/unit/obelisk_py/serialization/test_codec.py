@@ -25,8 +25,8 @@ from std_msgs.msg import (
 )
 from type_description_interfaces.msg import FieldType
 
-from obelisk_py.core.codecs import codec_for
 from obelisk_py.core.exceptions import ObeliskMsgError
+from obelisk_py.core.serialization.codec import codec_for
 
 
 def test_a_big_endian_message_is_left_to_rclpy():
