@@ -15,7 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Int64
 
-from obelisk_py.core.executors import EventLoopExecutor
+from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.local_delivery.inbox import Inbox
 from obelisk_py.core.local_delivery.publisher import LocalPublisher

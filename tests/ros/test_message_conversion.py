@@ -46,7 +46,7 @@ def test_bytes_that_are_no_message_are_told_of_and_reach_no_callback(
 def test_drops_are_told_now_and_then_of_each_topic_for_itself(
     one: World, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("obelisk_py.core.executors.entities._DROPS_TOLD_EVERY_S", 3600.0)
+    monkeypatch.setattr("obelisk_py.core.executor.handlers._DROP_LOG_PERIOD_S", 3600.0)
     node = one.node()
     received: list[str] = []
     for topic in ("left", "right"):

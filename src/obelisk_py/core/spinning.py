@@ -18,7 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from obelisk_py.core.end_signals import EndSignals
-from obelisk_py.core.executors import EventLoopExecutor
+from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.faults import Fault
 from obelisk_py.core.gate import wait_at_gate
 from obelisk_py.core.lifecycle import GuardedLifecycleNode

@@ -18,7 +18,7 @@ from rclpy.logging import get_logger, get_logging_severity_from_string, set_logg
 
 from obelisk_py.core.composition.programs import Program, logger_name
 from obelisk_py.core.end_signals import EndSignals
-from obelisk_py.core.executors import EventLoopExecutor
+from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.faults import Fault, fault_of
 from obelisk_py.core.gate import wait_at_gate
 from obelisk_py.core.lifecycle import GuardedLifecycleNode, node_arguments

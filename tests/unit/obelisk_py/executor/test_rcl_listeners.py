@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from obelisk_py.core.executors.listeners import arm_timer, open_timer
+from obelisk_py.core.executor.rcl_listeners import arm_timer, open_timer
 
 PERIOD_NS = 1_000_000
 

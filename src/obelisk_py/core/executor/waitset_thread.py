@@ -1,8 +1,8 @@
-"""What rcl has no listener for: guard conditions, actions and other waitables.
+"""The thread that waits for guard conditions, actions and other waitables.
 
-One thread waits for them in a small wait set and posts what is ready to the lanes of their
-callback groups. It costs nothing while nothing happens, and it is how an executor learns that a
-signal ended the context. It never calls the user.
+rcl has no listener for these. One thread waits for them in a small wait set and posts what is ready
+to the workers of their callback groups. It costs nothing while nothing happens, and it notices that
+a signal ended the context. It never calls the user.
 """
 
 import threading
@@ -20,77 +20,77 @@ from rclpy.signals import SignalHandlerGuardCondition
 from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities, Waitable
 
-from obelisk_py.core.executors.entities import ExecutorReference
-from obelisk_py.core.executors.lane import Job, Lane
+from obelisk_py.core.executor.handlers import ExecutorReference
+from obelisk_py.core.executor.worker import Job, Worker
 
-__all__ = ["AuxiliaryRunner", "AuxiliaryThread", "GuardRunner", "WaitableRunner"]
+__all__ = ["GuardConditionHandler", "WaitSetHandler", "WaitSetThread", "WaitableHandler"]
 
 _END_AFTER_SIGNAL_S = 2.0
-_LOOK_EVERY_S = 0.002
+_POLL_PERIOD_S = 0.002
 
 
-class AuxiliaryRunner(ABC):
-    """An entity that the thread waits for, and what a lane does when it is ready."""
+class WaitSetHandler(ABC):
+    """An entity that the thread waits for, and what a worker runs when it is ready."""
 
     def __init__(
         self,
         entity: Any,
         post: Callable[[Job], None],
         executor: ExecutorReference,
-        rewatch: Callable[[], None],
+        update_wait: Callable[[], None],
     ) -> None:
         """Prepare.
 
         Args:
             entity: of rclpy.
-            post: hands a job to the lane, or lanes, of the entity's callback group.
-            executor: for futures and coroutines that the entity's callbacks make.
-            rewatch: lets the thread look again at what to wait for.
+            post: gives a job to the worker, or workers, of the entity's callback group.
+            executor: runs futures and coroutines of the entity's callbacks.
+            update_wait: makes the thread check again what to wait for.
         """
         self.entity = entity
         self.is_waited_for = True
-        self.is_gone = False
-        """The node has it no longer."""
+        self.is_destroyed = False
+        """Whether the node has destroyed it."""
         self._post = post
         self._executor = executor
-        self._rewatch = rewatch
+        self._update_wait = update_wait
 
     def post(self) -> None:
-        """Let a lane do what is to be done."""
-        self._post(self._run_unless_gone)
+        """Have a worker run it."""
+        self._post(self._run_unless_destroyed)
 
-    def _run_unless_gone(self, lane: Lane) -> bool:
-        return not self.is_gone and self._run(lane)
+    def _run_unless_destroyed(self, worker: Worker) -> bool:
+        return not self.is_destroyed and self._run(worker)
 
     @abstractmethod
-    def _run(self, lane: Lane) -> bool: ...
+    def _run(self, worker: Worker) -> bool: ...
 
-    def _begin(self, lane: Lane, callback: Callable[..., Any], *args: Any) -> None:
+    def _run_task(self, worker: Worker, callback: Callable[..., Any], *args: Any) -> None:
         task = Task(callback, args, None, executor=self._executor())
-        lane.begin(task, self.entity.callback_group)
+        worker.run_task(task, self.entity.callback_group)
 
 
-class GuardRunner(AuxiliaryRunner):
+class GuardConditionHandler(WaitSetHandler):
     """Calls the user when a guard condition was triggered."""
 
     entity: GuardCondition
 
-    def _run(self, lane: Lane) -> bool:
-        self._begin(lane, self.entity.callback)
+    def _run(self, worker: Worker) -> bool:
+        self._run_task(worker, self.entity.callback)
         return True
 
 
-class WaitableRunner(AuxiliaryRunner):
-    """Lets a waitable take what it has and execute; until it has taken it, it stays ready."""
+class WaitableHandler(WaitSetHandler):
+    """Makes a waitable take its data and execute; until it has taken them, it stays ready."""
 
     entity: Waitable
 
     def post(self) -> None:
-        """Let a lane take the data and execute."""
+        """Have a worker take the data and execute."""
         self.is_waited_for = False
         super().post()
 
-    def _run(self, lane: Lane) -> bool:
+    def _run(self, worker: Worker) -> bool:
         for future in self.entity._futures:
             future._set_executor(self._executor())
         try:
@@ -99,25 +99,25 @@ class WaitableRunner(AuxiliaryRunner):
             return False
         finally:
             self.is_waited_for = True
-            self._rewatch()
-        self._begin(lane, self.entity.execute, data)
+            self._update_wait()
+        self._run_task(worker, self.entity.execute, data)
         return True
 
 
-class AuxiliaryThread:
+class WaitSetThread:
     """Waits for guard conditions and waitables."""
 
     def __init__(self, context: Context, on_event: Callable[[BaseException | None], None]) -> None:
-        """Prepare; the thread begins with `start`.
+        """Prepare; `start` starts the thread.
 
         Args:
-            context: whose end is watched.
+            context: its end is reported.
             on_event: called by the thread when the context has ended, or with the fault that
                 ended the thread.
         """
         self._context = context
         self._on_event = on_event
-        self._runners: Sequence[AuxiliaryRunner] = ()
+        self._handlers: Sequence[WaitSetHandler] = ()
         self._is_stopped = False
         self._thread: threading.Thread | None = None
         self._change = GuardCondition(None, None, context=context)
@@ -125,23 +125,23 @@ class AuxiliaryThread:
         context.on_shutdown(self.wake)
 
     def start(self) -> None:
-        """Begin to wait, if it did not begin before."""
+        """Start the thread, unless it is running."""
         if self._thread is None:
-            self._thread = threading.Thread(target=self._main, name="auxiliary", daemon=True)
+            self._thread = threading.Thread(target=self._main, name="wait set", daemon=True)
             self._thread.start()
 
-    def watch(self, runners: Sequence[AuxiliaryRunner]) -> None:
+    def watch(self, handlers: Sequence[WaitSetHandler]) -> None:
         """Wait for these from now on."""
-        self._runners = runners
+        self._handlers = handlers
         self.wake()
 
     def wake(self) -> None:
-        """Look again at what to wait for."""
+        """Check again what to wait for."""
         with suppress(InvalidHandle):  # stopped meanwhile
             self._change.trigger()
 
     def stop(self, timeout_s: float | None) -> bool:
-        """End the thread; false if it has not ended after `timeout_s` [s]."""
+        """Stop the thread; false if it is still running after `timeout_s` [s]."""
         self._is_stopped = True
         self.wake()
         if self._thread is not None and self._thread is not threading.current_thread():
@@ -171,37 +171,38 @@ class AuxiliaryThread:
             own = [self._change, self._signal]
             for guard in own:
                 held.enter_context(guard.handle)
-            waiting = [runner for runner in self._runners if runner.is_waited_for]
+            waiting = [handler for handler in self._handlers if handler.is_waited_for]
             guards = [
-                runner
-                for runner in waiting
-                if isinstance(runner, GuardRunner) and _entered(held, runner.entity.handle)
+                handler
+                for handler in waiting
+                if isinstance(handler, GuardConditionHandler)
+                and _entered(held, handler.entity.handle)
             ]
             waitables = [
-                runner
-                for runner in waiting
-                if isinstance(runner, WaitableRunner) and _entered(held, runner.entity)
+                handler
+                for handler in waiting
+                if isinstance(handler, WaitableHandler) and _entered(held, handler.entity)
             ]
-            wait_set = self._wait_set([*own, *(runner.entity for runner in guards)], waitables)
+            wait_set = self._wait_set([*own, *(handler.entity for handler in guards)], waitables)
             wait_set.wait(-1)
             triggered = set(wait_set.get_ready_entities("guard_condition"))
-            ready: list[AuxiliaryRunner] = [
-                *(runner for runner in guards if runner.entity.handle.pointer in triggered),
-                *(runner for runner in waitables if runner.entity.is_ready(wait_set)),
+            ready: list[WaitSetHandler] = [
+                *(handler for handler in guards if handler.entity.handle.pointer in triggered),
+                *(handler for handler in waitables if handler.entity.is_ready(wait_set)),
             ]
-        for runner in ready:
-            runner.post()
+        for handler in ready:
+            handler.post()
         if self._signal.handle.pointer in triggered:
             self._await_end_of_context()
 
     def _await_end_of_context(self) -> None:
-        """Be patient: the signal handler triggers first and ends the context a little later."""
+        """Be patient: the signal callback triggers first and ends the context a little later."""
         end_s = time.monotonic() + _END_AFTER_SIGNAL_S
         while self._context.ok() and not self._is_stopped and time.monotonic() < end_s:
-            time.sleep(_LOOK_EVERY_S)
+            time.sleep(_POLL_PERIOD_S)
 
     def _wait_set(
-        self, guards: Sequence[GuardCondition], waitables: Sequence[WaitableRunner]
+        self, guards: Sequence[GuardCondition], waitables: Sequence[WaitableHandler]
     ) -> Any:
         size = sum((w.entity.get_num_entities() for w in waitables), NumberOfEntities())
         wait_set = rclpy_implementation.WaitSet(
@@ -222,7 +223,7 @@ class AuxiliaryThread:
 
 
 def _entered(held: ExitStack, destroyable: Any) -> bool:
-    """Keep it from being destroyed while `held` is; false if it is destroyed already."""
+    """Keep it from being destroyed while `held` is open; false if it is destroyed already."""
     try:
         held.enter_context(destroyable)
     except InvalidHandle:

@@ -1,4 +1,4 @@
-"""A lane calls handlers in turn, comes back when called, and keeps exclusive groups exclusive."""
+"""A worker runs callbacks in turn, returns when interrupted, and blocks exclusive groups."""
 
 import os
 import threading
@@ -14,9 +14,8 @@ from rclpy.callback_groups import (
 )
 from rclpy.task import Future, Task
 
-from obelisk_py.core.executors.jobs import JobQueue
-from obelisk_py.core.executors.lane import Handler, Lane
-from obelisk_py.core.executors.listeners import open_signal
+from obelisk_py.core.executor.rcl_listeners import open_eventfd
+from obelisk_py.core.executor.worker import ReadyCallback, TaskQueue, Worker
 
 
 class Source:
@@ -24,54 +23,54 @@ class Source:
 
     def __init__(
         self,
-        action: Callable[[Lane], Any],
+        action: Callable[[Worker], Any],
         group: CallbackGroup | None = None,
         *,
         waits_for_group: bool = True,
     ) -> None:
-        self.fd = open_signal()
+        self.fd = open_eventfd()
         self.group = group
         self.waits_for_group = waits_for_group
         self._action = action
 
-    def handlers(self, lane: Lane) -> Mapping[int, Handler]:
-        return {self.fd: partial(self._run, lane)}
+    def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
+        return {self.fd: partial(self._run, worker)}
 
     def signal(self) -> None:
         os.eventfd_write(self.fd, 1)
 
-    def _run(self, lane: Lane) -> bool:
-        self._action(lane)
+    def _run(self, worker: Worker) -> bool:
+        self._action(worker)
         return True
 
 
 class World:
-    """A lane, what is watched, and a log."""
+    """A worker, what is source, and a log."""
 
     def __init__(self) -> None:
-        self.lane = Lane()
+        self.worker = Worker()
         self.log: list[str] = []
         self._fds: list[int] = []
 
-    def source(self, action: str | Callable[[Lane], Any], **options: Any) -> Source:
+    def source(self, action: str | Callable[[Worker], Any], **options: Any) -> Source:
         if isinstance(action, str):
             name = action
-            source = Source(lambda _lane: self.log.append(name), **options)
+            source = Source(lambda _worker: self.log.append(name), **options)
         else:
             source = Source(action, **options)
         self._fds.append(source.fd)
-        self.lane.add(source, shared=False)
+        self.worker.add(source, shared=False)
         return source
 
     def rounds(self, number: int) -> None:
         for _ in range(number):
-            if self.lane.attention:
-                self.lane.attention = False
-                self.lane.attend()
-            self.lane.run_ready(0)
+            if self.worker.is_interrupted:
+                self.worker.is_interrupted = False
+                self.worker.run_posted()
+            self.worker.run_ready(0)
 
     def close(self) -> None:
-        self.lane.close()
+        self.worker.close()
         for fd in self._fds:
             os.close(fd)
 
@@ -96,11 +95,11 @@ def test_a_signalled_descriptor_is_handled_once_per_signal(world: World) -> None
 
 
 def test_a_signal_from_before_it_was_watched_counts(world: World) -> None:
-    source = Source(lambda _lane: world.log.append("early"))
+    source = Source(lambda _worker: world.log.append("early"))
     source.signal()
-    world.lane.add(source, shared=False)
+    world.worker.add(source, shared=False)
     world.rounds(1)
-    world.lane.remove(source)
+    world.worker.remove(source)
     os.close(source.fd)
     assert world.log == ["early"]
 
@@ -108,8 +107,8 @@ def test_a_signal_from_before_it_was_watched_counts(world: World) -> None:
 @pytest.mark.parametrize("is_own", [True, False])
 def test_only_other_threads_signal_by_the_kernel(world: World, is_own: bool) -> None:
     source = world.source("a")
-    world.lane.thread_id = threading.get_ident() if is_own else None
-    world.lane.signal(source.fd)
+    world.worker.thread_id = threading.get_ident() if is_own else None
+    world.worker.signal(source.fd)
     world.rounds(2)
     assert world.log == ["a"]
     if is_own:
@@ -119,14 +118,14 @@ def test_only_other_threads_signal_by_the_kernel(world: World, is_own: bool) -> 
         assert os.eventfd_read(source.fd) == 1
 
 
-def test_called_upon_within_a_callback_it_leaves_the_others_for_the_next_round(
+def test_interrupted_within_a_callback_it_leaves_the_others_for_the_next_round(
     world: World,
 ) -> None:
-    first = world.source(lambda lane: (world.log.append("first"), lane.call()))
+    first = world.source(lambda worker: (world.log.append("first"), worker.interrupt()))
     second = world.source("second")
     first.signal()
     second.signal()
-    world.lane.run_ready(0)
+    world.worker.run_ready(0)
     assert world.log == ["first"]
     world.rounds(1)
     assert world.log == ["first", "second"]
@@ -134,18 +133,18 @@ def test_called_upon_within_a_callback_it_leaves_the_others_for_the_next_round(
 
 def test_what_a_callback_removes_is_not_handled_although_it_was_signalled(world: World) -> None:
     second = world.source("second")
-    first = world.source(lambda lane: lane.remove(second))
+    first = world.source(lambda worker: worker.remove(second))
     first.signal()
     second.signal()
-    world.lane.again(first.fd)  # before the other, in whatever order the kernel tells
+    world.worker.requeue(first.fd)  # before the other, in whatever order the kernel tells
     world.rounds(2)
     assert "second" not in world.log
 
 
 def test_one_that_always_has_more_does_not_keep_others_from_their_turn(world: World) -> None:
-    def flood(lane: Lane) -> None:
+    def flood(worker: Worker) -> None:
         world.log.append("flood")
-        lane.again(flooding.fd)
+        worker.requeue(flooding.fd)
 
     flooding = world.source(flood)
     other = world.source("other")
@@ -157,28 +156,28 @@ def test_one_that_always_has_more_does_not_keep_others_from_their_turn(world: Wo
 
 
 def test_run_one_runs_one_callback_and_no_other_is_starved(world: World) -> None:
-    def flood(lane: Lane) -> None:
+    def flood(worker: Worker) -> None:
         world.log.append("flood")
-        lane.again(flooding.fd)
+        worker.requeue(flooding.fd)
 
     flooding = world.source(flood)
     other = world.source("other")
     flooding.signal()
-    assert world.lane.run_one(0)
+    assert world.worker.run_one(0)
     assert world.log == ["flood"]
     other.signal()
     for _ in range(2):
-        world.lane.run_one(0)
+        world.worker.run_one(0)
     assert "other" in world.log
 
 
 def test_run_one_tells_that_nothing_was_ready(world: World) -> None:
     world.source("a")
-    assert not world.lane.run_one(0)
+    assert not world.worker.run_one(0)
 
 
 def test_what_raises_is_handled_once_more_for_what_it_left(world: World) -> None:
-    def fail(_lane: Lane) -> None:
+    def fail(_worker: Worker) -> None:
         world.log.append("fail")
         if len(world.log) == 1:
             raise ValueError("boom")
@@ -191,9 +190,9 @@ def test_what_raises_is_handled_once_more_for_what_it_left(world: World) -> None
     assert world.log == ["fail", "fail"]
 
 
-def test_a_posted_job_runs_at_the_next_attention(world: World) -> None:
-    world.lane.post(lambda _lane: bool(world.log.append("job")))
-    assert world.lane.attention
+def test_a_posted_job_runs_after_an_interrupt(world: World) -> None:
+    world.worker.post(lambda _worker: bool(world.log.append("job")))
+    assert world.worker.is_interrupted
     world.rounds(1)
     assert world.log == ["job"]
 
@@ -204,7 +203,7 @@ def coroutine_of(world: World, future: Future, group: CallbackGroup) -> Source:
         await future
         world.log.append("over")
 
-    return world.source(lambda lane: lane.begin(Task(wait), group), group=group)
+    return world.source(lambda worker: worker.run_task(Task(wait), group), group=group)
 
 
 def test_a_suspended_coroutine_goes_on_when_its_future_is_done(world: World) -> None:
@@ -225,7 +224,7 @@ def test_an_exclusive_group_waits_for_its_suspended_coroutine(world: World) -> N
     world.rounds(1)
     same.signal()
     other.signal()
-    world.lane.post(lambda _lane: bool(world.log.append("same job")), group)
+    world.worker.post(lambda _worker: bool(world.log.append("same job")), group)
     world.rounds(5)
     assert world.log == ["begun", "other"]
     future.set_result(None)
@@ -237,7 +236,7 @@ def test_an_exclusive_group_waits_for_its_suspended_coroutine(world: World) -> N
 def test_one_that_need_not_wait_runs_while_its_group_is_held(world: World) -> None:
     future, group = Future(), MutuallyExclusiveCallbackGroup()
     response = world.source(
-        lambda _lane: future.set_result(None), group=group, waits_for_group=False
+        lambda _worker: future.set_result(None), group=group, waits_for_group=False
     )
     coroutine_of(world, future, group).signal()
     world.rounds(1)
@@ -276,7 +275,7 @@ def test_what_a_coroutine_raises_comes_out_of_the_round_and_frees_its_group(worl
         raise ValueError("boom")
 
     same = world.source("same", group=group)
-    world.source(lambda lane: lane.begin(Task(fail), group), group=group).signal()
+    world.source(lambda worker: worker.run_task(Task(fail), group), group=group).signal()
     world.rounds(1)
     future.set_result(None)
     with pytest.raises(ValueError, match="boom"):
@@ -293,9 +292,9 @@ def test_a_cancelled_coroutine_frees_its_group(world: World) -> None:
     async def wait() -> None:
         await Future()
 
-    def begin(lane: Lane) -> None:
+    def begin(worker: Worker) -> None:
         tasks.append(Task(wait))
-        lane.begin(tasks[0], group)
+        worker.run_task(tasks[0], group)
 
     same = world.source("same", group=group)
     world.source(begin, group=group).signal()
@@ -306,40 +305,40 @@ def test_a_cancelled_coroutine_frees_its_group(world: World) -> None:
     assert world.log == ["same"]
 
 
-def test_a_closed_lane_can_still_be_called() -> None:
-    lane = Lane()
-    lane.close()
-    lane.call()
+def test_a_closed_worker_can_still_be_called() -> None:
+    worker = Worker()
+    worker.close()
+    worker.interrupt()
 
 
-def test_jobs_of_no_lane_are_run_one_per_turn_in_order(world: World) -> None:
-    jobs = JobQueue()
-    world.lane.add(jobs, shared=False)
+def test_jobs_of_no_worker_are_run_one_per_turn_in_order(world: World) -> None:
+    jobs = TaskQueue()
+    world.worker.add(jobs, shared=False)
     for name in ("a", "b", "c"):
-        jobs.put(lambda _lane, name=name: bool(world.log.append(name)))
+        jobs.put(lambda _worker, name=name: bool(world.log.append(name)))
     world.rounds(1)
     assert world.log == ["a"]
     world.rounds(2)
     assert world.log == ["a", "b", "c"]
-    world.lane.remove(jobs)
+    world.worker.remove(jobs)
     jobs.close()
-    jobs.put(lambda _lane: True)
+    jobs.put(lambda _worker: True)
 
 
-def test_a_second_lane_takes_the_next_job_while_the_first_is_busy(world: World) -> None:
-    jobs, other = JobQueue(), Lane()
-    for lane in (world.lane, other):
-        lane.add(jobs, shared=True)
+def test_a_second_worker_takes_the_next_job_while_the_first_is_busy(world: World) -> None:
+    jobs, other = TaskQueue(), Worker()
+    for worker in (world.worker, other):
+        worker.add(jobs, shared=True)
 
-    def long(_lane: Lane) -> bool:
+    def long(_worker: Worker) -> bool:
         other.run_ready(0)
         return True
 
     jobs.put(long)
-    jobs.put(lambda lane: bool(world.log.append("other" if lane is other else "first")))
-    world.lane.run_ready(0)
+    jobs.put(lambda worker: bool(world.log.append("other" if worker is other else "first")))
+    world.worker.run_ready(0)
     assert world.log == ["other"]
-    for lane in (world.lane, other):
-        lane.remove(jobs)
+    for worker in (world.worker, other):
+        worker.remove(jobs)
     jobs.close()
     other.close()

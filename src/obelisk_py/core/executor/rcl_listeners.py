@@ -1,9 +1,9 @@
-"""The door to what Python and rclpy do not offer: rcl's listeners and the kernel's timers.
+"""What Python and rclpy do not offer: rcl's listeners and the kernel's timers.
 
-A listener is told by the middleware that data came. Here it is libc's `eventfd_write` itself, whose
-shape `int (int, uint64_t)` fits `rcl_event_callback_t`, `void (const void *, size_t)`, with the
-descriptor as user data. So the middleware's threads signal without ever taking the interpreter
-lock. Nothing here keeps state or waits.
+The middleware calls a listener when data arrives. Here the listener is libc's `eventfd_write`
+itself: its shape `int (int, uint64_t)` fits `rcl_event_callback_t`, `void (const void *, size_t)`,
+with the descriptor as user data. So the middleware's threads signal without ever taking the
+interpreter lock. This module keeps no state and never waits.
 
 Source: rcl/event_callback.h, rcl/timer.h of ROS 2 Jazzy; eventfd(3), timerfd_create(2).
 """
@@ -12,11 +12,18 @@ import ctypes
 import os
 from enum import Enum
 
-__all__ = ["EntityKind", "arm_timer", "open_signal", "open_timer", "signal_off", "signal_on"]
+__all__ = [
+    "EntityKind",
+    "arm_timer",
+    "clear_listener",
+    "open_eventfd",
+    "open_timer",
+    "set_listener",
+]
 
 
 class EntityKind(Enum):
-    """Kinds of entities that rcl lets one listen to, by the name of the function that does it."""
+    """Kinds of entities that have a listener; the value is the rcl function that sets it."""
 
     SUBSCRIPTION = "rcl_subscription_set_on_new_message_callback"
     SERVICE = "rcl_service_set_on_new_request_callback"
@@ -36,7 +43,7 @@ class _TimerSpec(ctypes.Structure):
     )
 
 
-# Loaded already, by rclpy; the loader finds it by name and gives the same one.
+# rclpy has loaded it already; the loader finds the same one by name.
 _RCL = ctypes.CDLL("librcl.so")
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _EVENTFD_WRITE = ctypes.cast(_LIBC.eventfd_write, ctypes.c_void_p)
@@ -48,18 +55,18 @@ _ABSOLUTE = 1
 _S_IN_NS = 10**9
 
 
-def open_signal() -> int:
+def open_eventfd() -> int:
     """A new eventfd, closed by the caller."""
     return os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
 
 
-def signal_on(kind: EntityKind, pointer: int, signal_fd: int) -> None:
-    """Let the middleware write to `signal_fd` whenever the entity has something to take.
+def set_listener(kind: EntityKind, pointer: int, signal_fd: int) -> None:
+    """Make the middleware write to `signal_fd` when the entity has something to take.
 
     Args:
         kind: what `pointer` points to.
         pointer: the entity's rcl structure.
-        signal_fd: an eventfd that stays open until `signal_off`.
+        signal_fd: an eventfd; stays open until `clear_listener`.
 
     Raises:
         RuntimeError: the middleware has no listeners.
@@ -67,13 +74,13 @@ def signal_on(kind: EntityKind, pointer: int, signal_fd: int) -> None:
     code = _SETTERS[kind](pointer, _EVENTFD_WRITE, signal_fd)
     if code != 0:
         raise RuntimeError(
-            f"{kind.value} answers {code}: the middleware cannot tell of new data, which "
+            f"{kind.value} returned {code}: the middleware does not signal new data, which "
             "EventLoopExecutor needs; use rmw_fastrtps_cpp, or another executor"
         )
 
 
-def signal_off(kind: EntityKind, pointer: int) -> None:
-    """End what `signal_on` began; when this returns, nothing writes to the eventfd any more."""
+def clear_listener(kind: EntityKind, pointer: int) -> None:
+    """Remove the listener; when this returns, nothing writes to the eventfd any more."""
     _SETTERS[kind](pointer, None, None)
 
 
@@ -84,7 +91,7 @@ def open_timer(clock_id: int) -> int:
         clock_id: `time.CLOCK_MONOTONIC` or `time.CLOCK_REALTIME`.
 
     Raises:
-        OSError: the kernel gives none.
+        OSError: the kernel refuses.
     """
     timer_fd = int(_LIBC.timerfd_create(clock_id, os.O_NONBLOCK | os.O_CLOEXEC))
     if timer_fd < 0:
@@ -93,7 +100,7 @@ def open_timer(clock_id: int) -> int:
 
 
 def arm_timer(timer_fd: int, first_ns: int, period_ns: int) -> None:
-    """Let a timerfd expire at `first_ns` of its clock [ns] and then each `period_ns` [ns].
+    """Make a timerfd expire at `first_ns` of its clock [ns] and then each `period_ns` [ns].
 
     With `first_ns` 0 it never expires; with `period_ns` 0 it expires once.
     """
