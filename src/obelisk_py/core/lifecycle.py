@@ -31,7 +31,7 @@ from obelisk_py.core.faults import (
     guard_service,
     wrong_answer,
 )
-from obelisk_py.core.local_delivery.publisher import LocalPublisher
+from obelisk_py.core.intra_process import IntraProcessPublisher
 from obelisk_py.core.parameters import GuardedCheck, ParameterRules, guard_setting_service
 
 __all__ = ["Fault", "GuardedLifecycleNode", "node_arguments"]
@@ -122,7 +122,7 @@ class GuardedLifecycleNode(LifecycleNode):
     def create_lifecycle_publisher(self, *args: Any, **kwargs: Any) -> LifecyclePublisher:
         """As rclpy's, but DDS is left out where only this process listens."""
         # Not by way of rclpy's, which lets nobody choose the class.
-        make: Any = functools.partial(LocalPublisher, self.context)
+        make: Any = functools.partial(IntraProcessPublisher, self.context)
         publisher: Any = super().create_publisher(*args, **kwargs, publisher_class=make)
         self._managed_entities.add(publisher)
         return publisher  # type: ignore[no-any-return]

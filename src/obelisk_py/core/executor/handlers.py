@@ -38,7 +38,7 @@ from obelisk_py.core.executor.rcl_listeners import (
     set_listener,
 )
 from obelisk_py.core.executor.worker import ReadyCallback, Worker
-from obelisk_py.core.local_delivery.exchange import inbox_of, local_topic
+from obelisk_py.core.intra_process import buffer_of, intra_process_topic
 from obelisk_py.core.serialization.codec import codec_for
 
 __all__ = [
@@ -141,36 +141,36 @@ class SubscriptionHandler(EntityHandler):
         self._callback: Callable[..., Any] | None = None
         self._is_plain = False
         self._next_drop_log_s = -float("inf")
-        self._inbox = inbox_of(entity)
-        self._local_topic = local_topic(context, self._handle.get_topic_name())
+        self._buffer = buffer_of(entity)
+        self._topic = intra_process_topic(context, self._handle.get_topic_name())
 
     def enable(self) -> None:
         """Set the listener, and open the buffer to publishers of this process."""
         super().enable()
-        if self._inbox is not None:
+        if self._buffer is not None:
             # DDS may already hold messages, which no later one may overtake.
-            self._inbox.mark_dds()
-            self._local_topic.open(self._inbox)
+            self._buffer.mark_dds()
+            self._topic.open(self._buffer)
 
     def disable(self) -> None:
         """Clear the listener."""
-        if self._inbox is not None:
-            self._local_topic.close(self._inbox)
+        if self._buffer is not None:
+            self._topic.close(self._buffer)
         super().disable()
 
     def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
         """What a worker calls when DDS or the buffer has a message."""
-        inbox = self._inbox
-        if inbox is None:
+        buffer = self._buffer
+        if buffer is None:
             return super().ready_callbacks(worker)
-        inbox.wake = inbox.signal if self.is_shared else partial(worker.signal, inbox.signal_fd)
-        run_local = partial(self._deliver, worker, inbox.take, inbox.signal_fd)
-        return {**super().ready_callbacks(worker), inbox.signal_fd: run_local}
+        buffer.wake = buffer.signal if self.is_shared else partial(worker.signal, buffer.signal_fd)
+        run_buffered = partial(self._deliver, worker, buffer.take, buffer.signal_fd)
+        return {**super().ready_callbacks(worker), buffer.signal_fd: run_buffered}
 
     def close(self) -> None:
         """Release the subscription; messages in its buffer wait for the next handler."""
-        if self._inbox is not None:
-            self._inbox.wake = self._inbox.signal
+        if self._buffer is not None:
+            self._buffer.wake = self._buffer.signal
         super().close()
 
     def _run(self, worker: Worker) -> bool:
@@ -207,15 +207,15 @@ class SubscriptionHandler(EntityHandler):
 
     def _next(self) -> tuple[Any, Any] | None:
         """The oldest message: those in the buffer were published before those in DDS."""
-        inbox = self._inbox
-        if inbox is None:
+        buffer = self._buffer
+        if buffer is None:
             return self._take_from_dds()
-        taken = inbox.take()
+        taken = buffer.take()
         if taken is None:
-            mark = inbox.dds_mark
+            mark = buffer.dds_mark
             taken = self._take_from_dds()
             if taken is None:
-                inbox.mark_dds_empty(mark)
+                buffer.mark_dds_empty(mark)
         return taken
 
     def _take_from_dds(self) -> tuple[Any, Any] | None:

@@ -196,7 +196,7 @@ class WaitSetThread:
             self._await_end_of_context()
 
     def _await_end_of_context(self) -> None:
-        """Be patient: the signal callback triggers first and ends the context a little later."""
+        """Be patient: the signal handler triggers first and ends the context a little later."""
         end_s = time.monotonic() + _END_AFTER_SIGNAL_S
         while self._context.ok() and not self._is_stopped and time.monotonic() < end_s:
             time.sleep(_POLL_PERIOD_S)

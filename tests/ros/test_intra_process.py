@@ -16,9 +16,8 @@ from rclpy.node import Node
 from std_msgs.msg import Int64
 
 from obelisk_py.core.executor import EventLoopExecutor
+from obelisk_py.core.intra_process import IntraProcessPublisher, MessageBuffer
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
-from obelisk_py.core.local_delivery.inbox import Inbox
-from obelisk_py.core.local_delivery.publisher import LocalPublisher
 
 from .executor_world import DEADLINE_S, World, eventually, world
 from .numbers_peer import DEPTH
@@ -33,13 +32,13 @@ PERIOD_S = 0.001
 def sent(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The numbers that the library's publishers sent by DDS."""
     numbers: list[int] = []
-    send = LocalPublisher._send
+    send = IntraProcessPublisher._send
 
-    def note(publisher: LocalPublisher, message: Any) -> None:
+    def note(publisher: IntraProcessPublisher, message: Any) -> None:
         numbers.append(message.data)
         send(publisher, message)
 
-    monkeypatch.setattr(LocalPublisher, "_send", note)
+    monkeypatch.setattr(IntraProcessPublisher, "_send", note)
     return numbers
 
 
@@ -53,9 +52,9 @@ class Numbered:
         self.publisher.on_activate(None)
 
     @property
-    def inboxes(self) -> tuple[Inbox, ...]:
+    def buffers(self) -> tuple[MessageBuffer, ...]:
         """Of the subscriptions that need no DDS."""
-        return self.publisher._local_topic.inboxes
+        return self.publisher._topic.buffers
 
     def publish(self, count: int = 1) -> None:
         """The next ones."""
@@ -104,8 +103,8 @@ def settle(made: World, source: Numbered, count: int = 1) -> None:
 
 def is_read(source: Numbered, count: int = 1) -> bool:
     """Whether there are so many subscriptions that need no DDS, and DDS holds nothing for them."""
-    inboxes = source.inboxes
-    return len(inboxes) == count and not any(inbox.waits_in_dds for inbox in inboxes)
+    buffers = source.buffers
+    return len(buffers) == count and not any(buffer.dds_may_hold_messages for buffer in buffers)
 
 
 def test_without_a_listener_outside_no_message_goes_by_dds(sent: list[int]) -> None:
@@ -185,7 +184,7 @@ def test_nothing_overtakes_what_was_sent_before_the_executor_knew_the_subscripti
         heard = listener(made.node())
         source.publish(3)
         made.executor.remove_node(made.node("passing"))  # has it look at what its nodes have
-        assert source.inboxes
+        assert source.buffers
         source.publish(3)
         made.run_until(lambda: len(heard) == 6, "all messages")
     assert heard == sent == list(range(6))
@@ -314,7 +313,7 @@ def test_what_waits_while_no_executor_has_the_node_comes_when_one_has_it() -> No
         settle(made, source)
         source.publish(5)
         made.executor.remove_node(node)
-        assert not source.inboxes
+        assert not source.buffers
         source.publish(5)
         made.executor.add_node(node)
         settle(made, source)
