@@ -23,7 +23,7 @@ from rclpy.timer import Timer
 from obelisk_py.core.components import Component, ComponentKind, ComponentTable, spellings
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.parameters import Getter
-from obelisk_py.core.rates.node import RatedNode
+from obelisk_py.core.rate_monitor.diagnostics import RateMonitoredNode
 from obelisk_py.core.settings import (
     NodeSettings,
     check_component,
@@ -49,7 +49,7 @@ SETTINGS: Final = "obelisk_settings"
 Default = str | Mapping[str, Any] | None
 
 
-class ObeliskNode(RatedNode):
+class ObeliskNode(RateMonitoredNode):
     """A life-cycle node wired by a config: `obk_publishers`, `obk_subscriptions`, `obk_timers`.
 
     `opened`, an `ExitStack`, is closed at cleanup, shutdown and error, before the publishers go.
@@ -343,7 +343,7 @@ class ObeliskNode(RatedNode):
     def _timer(self, name: str, component: Component, raw: Mapping[str, Any]) -> Timer:
         settings = timer_settings(component, raw)
         assert component.callback is not None
-        return self.create_promised_timer(
+        return self.create_monitored_timer(
             component_identity(str(raw.get("ros_parameter") or name)),
             settings.period_s,
             component.callback,

@@ -23,7 +23,7 @@ from std_msgs.msg import Float64
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameters import Getter
-from obelisk_py.core.rates.counter import TickCounter
+from obelisk_py.core.rate_monitor.counting import TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
 from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.block import PARAMETER, read_block
@@ -277,12 +277,12 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         rtf = self._own_publisher(Float64, "~/rtf", _DEPTH)
         ticks = TickCounter()
         if factor:
-            self.rates.promise(STEPS, factor / simulation.step_s, ticks, self._time_of_steps_ns)
+            self.rates.expect(STEPS, factor / simulation.step_s, ticks, self._time_of_steps_ns)
 
         def report(measured: StepReport) -> None:
             ticks.overruns += measured.overruns
             rtf.publish(Float64(data=measured.realtime_factor))
-            self.rates.tell(REALTIME_FACTOR, measured.realtime_factor)
+            self.rates.add_value(REALTIME_FACTOR, measured.realtime_factor)
             self._report(measured)
 
         return Stepper(
@@ -304,7 +304,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         simulation = self._simulation
         assert simulation is not None
         name = self.resolve_topic_name(topic)
-        return self.rates.promise_samples(name, period_s, lambda: simulation.time_ns)
+        return self.rates.expect_samples(name, period_s, lambda: simulation.time_ns)
 
     def _every_step(self, simulation: Simulation) -> list[Output]:
         """What follows each step, before the sensors: the clock, the copy for `TrueSimState`."""

@@ -1,12 +1,18 @@
-"""A promise read once a second, with ticks and a clock that the test moves."""
+"""Ticks, their lateness and the expected rate, with a clock that the test moves."""
 
 from collections.abc import Iterable
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from obelisk_py.core.rates.counter import TickCounter
-from obelisk_py.core.rates.promise import Promise
-from obelisk_py.core.rates.ticks import SampleTicks, TimerTicks
+from obelisk_py.core.rate_monitor.counting import (
+    ExpectedRate,
+    SampleTicks,
+    TickCounter,
+    TimerTicks,
+    late_ns_of,
+)
 from obelisk_spec.rates import Rate
 
 S = 1_000_000_000
@@ -14,15 +20,15 @@ MS = 1_000_000
 
 
 class _World:
-    """A clock, a counter, a promise; the ticks of a second come before it is read."""
+    """A clock, a counter, an expected rate; the ticks of a second come before it is read."""
 
-    def __init__(self, wanted_hz: float) -> None:
+    def __init__(self, expected_hz: float) -> None:
         self.now_ns: int | None = 10 * S
         self.steady_s = 3.0
         self.counter = TickCounter()
-        self.promise = Promise(
+        self.rate = ExpectedRate(
             name="timer_ctrl",
-            wanted_hz=wanted_hz,
+            expected_hz=expected_hz,
             counter=self.counter,
             clock=lambda: self.now_ns,
             steady_s=lambda: self.steady_s,
@@ -33,13 +39,13 @@ class _World:
         return self.after(1.0, ticks_ms, late_ns)
 
     def after(self, seconds: float, ticks_ms: Iterable[float] = (), late_ns: int = 0) -> Rate:
-        """The promise read after another time than a second."""
+        """The rate read after another time than a second."""
         assert self.now_ns is not None
         for tick_ms in ticks_ms:
             self.counter.tick(self.now_ns + round(tick_ms * MS), late_ns)
         self.now_ns += round(seconds * S)
         self.steady_s += seconds
-        return self.promise.read()
+        return self.rate.read()
 
 
 def every(period_ms: float, first_ms: float | None = None) -> list[float]:
@@ -49,7 +55,7 @@ def every(period_ms: float, first_ms: float | None = None) -> list[float]:
     return [first + n * period_ms for n in range(count)]
 
 
-def test_a_timer_on_its_schedule_keeps_its_promise() -> None:
+def test_a_timer_on_its_schedule_keeps_its_rate() -> None:
     world = _World(100.0)
     for _ in range(5):
         rate = world.second(every(10), late_ns=500_000)
@@ -86,7 +92,7 @@ def test_what_is_broken_was_off_for_two_seconds_however_the_reads_come(
     assert [world.after(read_s).standing for read_s in reads_s] == standings
 
 
-def test_one_good_second_is_enough_to_keep_a_promise_again() -> None:
+def test_one_good_second_is_enough_to_keep_a_rate_again() -> None:
     world = _World(100.0)
     for _ in range(3):
         broken = world.second(every(20))
@@ -138,12 +144,12 @@ def test_what_catches_up_is_not_off() -> None:
     assert world.second([300, 500, 600, 700]).standing == "kept"
 
 
-def test_while_nothing_is_promised_nothing_is_broken_and_a_second_after_it_is_forgiven() -> None:
+def test_while_no_rate_is_expected_none_is_broken_and_the_next_second_is_ignored() -> None:
     world = _World(100.0)
     for _ in range(3):
         world.second(every(20))
     now_ns, world.now_ns = world.now_ns, None
-    assert world.promise.read().standing == "kept"
+    assert world.rate.read().standing == "kept"
     world.now_ns = now_ns
     standings = [world.second(every(20)).standing for _ in range(3)]
     assert standings == ["kept", "kept", "off"]
@@ -153,25 +159,25 @@ def test_while_simulated_time_stands_still_nothing_is_broken() -> None:
     world = _World(100.0)
     for _ in range(3):
         world.second(every(20))
-    world.promise.read()
-    assert {world.promise.read().standing for _ in range(5)} == {"kept"}
+    world.rate.read()
+    assert {world.rate.read().standing for _ in range(5)} == {"kept"}
 
 
-def test_simulated_time_that_goes_back_begins_the_promise_anew() -> None:
+def test_simulated_time_that_goes_back_restarts_the_rate() -> None:
     world = _World(100.0)
     for _ in range(3):
         world.second(every(20))
     world.now_ns = 0
-    rate = world.promise.read()
+    rate = world.rate.read()
     assert (rate.standing, rate.measured_hz) == ("kept", 100.0), "no half of it is told as kept"
     assert [world.second(every(10)).measured_hz for _ in range(2)] == pytest.approx([100.0] * 2)
 
 
-def test_a_promise_begun_again_knows_nothing_of_before() -> None:
+def test_a_restarted_rate_ignores_ticks_before() -> None:
     world = _World(100.0)
     for _ in range(3):
         world.second(every(20), late_ns=MS)
-    world.promise.begin()
+    world.rate.restart()
     rate = world.second(every(10))
     assert (rate.ticks, rate.standing, rate.late_max_us) == (100, "kept", 0.0)
 
@@ -222,7 +228,7 @@ def test_a_timer_that_starts_anew_has_skipped_nothing() -> None:
     timer = _Timer(MS)
     timer.call_at(MS)
     timer._next_ns = 5 * S + MS
-    timer.ticks.begin()
+    timer.ticks.restart()
     timer.call_at(5 * S + MS)
     assert timer.counter.overruns == 0
 
@@ -234,3 +240,46 @@ def test_samples_that_do_not_come_are_counted() -> None:
     for _ in times_ns:
         ticks.tick()
     assert (counter.ticks, counter.overruns) == (5, 2)
+
+
+US = 1_000
+SHARES = (0.5, 0.99, 1.0)
+LATE_NS = st.integers(2 * US, 60_000_000 * US)
+
+
+def counted(late_ns: list[int]) -> TickCounter:
+    counter = TickCounter()
+    for number, late in enumerate(late_ns):
+        counter.tick(number, late)
+    return counter
+
+
+@given(st.lists(LATE_NS, min_size=1, max_size=300))
+def test_what_is_read_is_never_too_little_and_at_most_a_sixteenth_too_much(
+    late_ns: list[int],
+) -> None:
+    ordered = sorted(late_ns)
+    read = late_ns_of(counted(late_ns).buckets, SHARES)
+    for share, found in zip(SHARES, read, strict=True):
+        exact = next(x for n, x in enumerate(ordered, start=1) if n >= share * len(ordered))
+        assert exact <= found <= exact * 17 / 16
+
+
+def test_less_than_a_microsecond_is_nothing_and_ahead_of_time_too() -> None:
+    assert late_ns_of(counted([-5, 0, 999]).buckets, SHARES) == (0.0, 0.0, 0.0)
+
+
+def test_hours_of_lateness_are_counted_as_the_longest_there_is() -> None:
+    (longest,) = late_ns_of(counted([10**13]).buckets, (1.0,))
+    assert longest > 120e9
+
+
+def test_without_ticks_nothing_is_late() -> None:
+    assert late_ns_of(TickCounter().buckets, SHARES) == (0.0, 0.0, 0.0)
+
+
+def test_ticks_and_those_left_out_are_summed_up() -> None:
+    counter = TickCounter()
+    counter.tick(1_000, 0)
+    counter.tick(5_000, 0, skipped=3)
+    assert (counter.ticks, counter.overruns, counter.newest_ns) == (2, 3, 5_000)
