@@ -219,7 +219,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             return False
         is_taken = inbox.offer(control_msg)
         for refusal in inbox.reports():
-            self._tell_refusal(refusal)
+            self._log_rejection(refusal)
         return is_taken
 
     def publish_true_sim_state(self) -> TrueSimState:
@@ -262,13 +262,13 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             return None
         return WhenStale(action=self._age.policy.action, is_stale=self._is_stale)
 
-    def _look_out(self) -> None:
+    def _start_watchdog(self) -> None:
         """The stepping thread looks before each step; no other thread could be sooner."""
 
     def _can_damp(self) -> bool:
         return True  # by the actuators
 
-    def _refusal_of(self, _control_msg: ObeliskControlMsg) -> None:
+    def _rejection_of(self, _control_msg: ObeliskControlMsg) -> None:
         """The inbox refuses, by what the simulation reads."""
 
     def _make_stepper(
@@ -356,7 +356,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def _report(self, report: StepReport) -> None:
         for refusal in self._inbox.reports() if self._inbox is not None else ():
-            self._tell_refusal(refusal)
+            self._log_rejection(refusal)
         if report.overruns:
             self._warn(
                 f"the simulation fell behind ({report.overruns}x in the last second) and gave up "

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM as requests: the first asks for an end in order, the second ends the process.
+"""SIGINT and SIGTERM: the first requests a clean shutdown, the second ends the process.
 
 The interpreter runs a signal handler only when the main thread is back in Python, which an executor
 that waits in C++ never is; the wake-up descriptor is written at once.
@@ -12,13 +12,13 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Self
 
-__all__ = ["EndSignals"]
+__all__ = ["ShutdownSignals"]
 
-END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SHUTDOWN_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-class EndSignals:
-    """While entered, the first end signal calls back from a thread, the second ends the process."""
+class ShutdownSignals:
+    """While entered, the first signal calls back from a thread, the second ends the process."""
 
     def __init__(self) -> None:
         self._on_signal: Callable[[], object] | None = None
@@ -29,7 +29,7 @@ class EndSignals:
         self._read_fd, self._write_fd = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)
         os.set_blocking(self._read_fd, True)
         self._old_fd = signal.set_wakeup_fd(self._write_fd, warn_on_full_buffer=False)
-        self._old = {number: signal.signal(number, _left_to_the_thread) for number in END_SIGNALS}
+        self._old = {number: signal.signal(number, _ignore) for number in SHUTDOWN_SIGNALS}
         self._thread = threading.Thread(target=self._watch, name="end signals", daemon=True)
         self._thread.start()
         return self
@@ -42,8 +42,8 @@ class EndSignals:
         self._thread.join()
         os.close(self._read_fd)
 
-    def hand_to(self, on_signal: Callable[[], object]) -> None:
-        """Call back from now on, and at once if a signal has come already."""
+    def call_back(self, on_signal: Callable[[], object]) -> None:
+        """Call back at the first signal, or now if it has come already."""
         with self._lock:
             self._on_signal = on_signal
             if self._seen:
@@ -51,7 +51,7 @@ class EndSignals:
 
     def _watch(self) -> None:
         while number := os.read(self._read_fd, 1):
-            if number[0] not in END_SIGNALS:
+            if number[0] not in SHUTDOWN_SIGNALS:
                 continue
             with self._lock:
                 self._seen += 1
@@ -61,5 +61,5 @@ class EndSignals:
                     self._on_signal()
 
 
-def _left_to_the_thread(_number: int, _frame: FrameType | None) -> None:
-    """The wake-up descriptor has told the thread."""
+def _ignore(_number: int, _frame: FrameType | None) -> None:
+    """The thread learns of the signal by the wake-up descriptor."""

@@ -1,7 +1,6 @@
-"""The numbers in a message of any type: whether they are finite, and a copy with zeros for them.
+"""Check that the numbers of a message are finite, or replace them with zeros; for any type.
 
-In: a ROS message as rclpy has it. Knows no message type by name but the header, which is about the
-message and not of it.
+Only the header is known by its type: it describes the message and is left as it is.
 """
 
 import copy
