@@ -172,7 +172,7 @@ def test_a_controller_that_is_ended_before_its_robot_is_no_error() -> None:
         eventually(lambda: node.applied, "the command")
         node.destroy_publisher(publisher)
         eventually(lambda: node.told, "what is told of the silence")
-        assert node.told[0].endswith("(`stale_action: zero`); nobody publishes /ctrl any more")
+        assert node.told[0].endswith("(`stale_action: zero`); no node publishes /ctrl any more")
         assert node.errors == []
 
 

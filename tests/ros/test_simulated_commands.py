@@ -13,7 +13,7 @@ from obelisk_control_msgs.msg import ExecutionFSM, PDFeedForward, PositionSetpoi
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
-from obelisk_py.core import refusals
+from obelisk_py.core import command_watchdog
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
 from obelisk_spec.settings import format_setting
 
@@ -243,7 +243,7 @@ def test_refused_commands_do_not_count(tmp_path: Path, wrong: PositionSetpoint) 
 def test_a_simulator_that_gets_nothing_but_refused_commands_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(refusals, "LASTING_S", 0.0)
+    monkeypatch.setattr(command_watchdog, "LASTING_S", 0.0)
     with simulator(tmp_path, PositionSetpoint) as node:
         active(node, PositionSetpoint)
         node._take_control(setpoint(NAN, 0.0))

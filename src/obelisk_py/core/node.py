@@ -202,7 +202,7 @@ class ObeliskNode(RateMonitoredNode):
         self.obk_callback_groups = {
             name: CALLBACK_GROUPS[kind]() for name, kind in node.callback_groups.items()
         }
-        self._warn_of_strangers(node)
+        self._warn_of_unknown_components(node)
         faults: list[str] = []
         for component in self._components:
             try:
@@ -265,7 +265,7 @@ class ObeliskNode(RateMonitoredNode):
                 timer.reset()
 
     def _hold(self, state: LifecycleState) -> None:
-        """Nothing that configure built acts any more; an override may have forgotten it."""
+        """Stop everything that configure built; a user's override may not have done so."""
         for timer in self.obk_timers.values():
             timer.cancel()
         for entity in self._managed_entities:
@@ -316,7 +316,7 @@ class ObeliskNode(RateMonitoredNode):
         )
         if component.required:
             raise ObeliskConfigError(f"the {component} has no settings: set {where}")
-        # The checks of the config tell it; at each launch it would be no news.
+        # `obk validate` reports it; at each launch it would be noise.
         self.get_logger().debug(f"the optional {component} is left out: {where} is not set")
 
     def _publisher(self, component: Component, raw: Mapping[str, Any]) -> LifecyclePublisher:
@@ -369,8 +369,8 @@ class ObeliskNode(RateMonitoredNode):
             )
         return self.obk_callback_groups[name]
 
-    def _warn_of_strangers(self, node: NodeSettings) -> None:
-        """Tell of settings for components that the code does not have."""
+    def _warn_of_unknown_components(self, node: NodeSettings) -> None:
+        """Warn about settings of components that the code does not register."""
         for kind, entries in node.components.items():
             known = [c for c in self._components if c.kind is kind]
             for entry in entries:

@@ -169,7 +169,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         topic = self.obk_subscriptions[CONTROL_SUBSCRIPTION].topic_name
         if silent_s is not None and self.count_publishers(topic) == 0:
             # The controller was stopped, perhaps on purpose; the launcher reports a crash.
-            self.get_logger().warning(f"{text}; nobody publishes {topic} any more")
+            self.get_logger().warning(f"{text}; no node publishes {topic} any more")
         else:
             self.get_logger().error(text)
 
