@@ -240,6 +240,12 @@ def test_refused_commands_do_not_count(tmp_path: Path, wrong: PositionSetpoint) 
         assert node._age.deadline_s > deadline_s
 
 
+def test_no_thread_but_the_stepping_one_watches_the_commands_of_a_simulator(tmp_path: Path) -> None:
+    with simulator(tmp_path, PositionSetpoint, max_age_sec=100.0) as node:
+        active(node, PositionSetpoint)
+        assert "command watchdog" not in {thread.name for thread in threading.enumerate()}
+
+
 def test_a_simulator_that_gets_nothing_but_refused_commands_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -260,7 +260,7 @@ class GuardedLifecycleNode(LifecycleNode):
             if result != SUCCESS and not self.is_failing():
                 self._keep(
                     f"`{method}` returned {result.name} and did not say why; "
-                    "what it raises in place of that is told here",
+                    "raise an exception with the reason instead",
                     where,
                 )
             return result
