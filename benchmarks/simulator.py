@@ -36,7 +36,7 @@ from rclpy.serialization import deserialize_message
 
 from benchmarks.listener import listener
 from benchmarks.stolen import StolenTime, warn_of_stolen_time
-from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.loading import load_model
 from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of

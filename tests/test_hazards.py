@@ -18,7 +18,7 @@ CALLS = frozenset(
 KEYWORDS = frozenset({"allow_pickle", "shell"})
 NAMED = {
     # Its text is made of slots of generated classes.
-    "obelisk_py/core/codecs/layout.py: exec(source, names)",
+    "obelisk_py/core/serialization/layout.py: exec(source, names)",
 }
 """The exceptions; SECURITY.md gives the reasons."""
 

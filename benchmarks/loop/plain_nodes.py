@@ -12,7 +12,7 @@ from rclpy.task import Future
 from benchmarks.loop.cases import BASELINE
 from benchmarks.loop.record import NodeRecord, record_of
 from benchmarks.loop.work import HISTORY_DEPTH, work_of
-from obelisk_py.core.executors import EventLoopExecutor
+from obelisk_py.core.executor import EventLoopExecutor
 
 __all__ = ["PlainNodes"]
 

@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 import obelisk_py  # noqa: F401  (gives the messages their older field names, `u` and `x_hat`)
-from obelisk_py.core.executors import EventLoopExecutor
+from obelisk_py.core.executor import EventLoopExecutor
 from obk_cli.ros.environment import ros_environment
 
 TOPICS = {

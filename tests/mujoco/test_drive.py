@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from obelisk_py.core.command_age import CommandAge, StalePolicy
+from obelisk_py.core.command_watchdog import CommandAge, StalePolicy
 from obelisk_py.core.sim.mujoco.actuators import BRAKING_TIME_S, Actuators, Brake
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.drive import WhenStale

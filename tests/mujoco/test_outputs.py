@@ -3,7 +3,7 @@
 import pytest
 from rclpy.serialization import deserialize_message
 
-from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.loading import load_model
 from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of

@@ -9,7 +9,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 
-from obelisk_py.core.executors import EventLoopExecutor
+from obelisk_py.core.executor import EventLoopExecutor
 
 from ..waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
 

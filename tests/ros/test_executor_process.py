@@ -14,7 +14,7 @@ PREPARE = """
 import rclpy, threading, time
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
-from obelisk_py.core.executors import EventLoopExecutor
+from obelisk_py.core.executor import EventLoopExecutor
 """
 SPIN = """
 rclpy.init()

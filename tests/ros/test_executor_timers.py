@@ -13,9 +13,9 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
-from obelisk_py.core.executors.lane import Lane
-from obelisk_py.core.executors.listeners import arm_timer
-from obelisk_py.core.executors.timers import TimerRunner
+from obelisk_py.core.executor.handlers import TimerHandler
+from obelisk_py.core.executor.rcl_listeners import arm_timer
+from obelisk_py.core.executor.worker import Worker
 
 from .executor_world import DEADLINE_S, World, eventually, world
 
@@ -97,7 +97,7 @@ def test_a_timer_that_another_thread_cancels_when_it_is_due_is_not_called(one: W
     node = one.node()
     ticks: list[int] = []
     timer = node.create_timer(0.001, lambda: ticks.append(1))
-    runner = TimerRunner(timer, lambda: one.executor)
+    handler = TimerHandler(timer, lambda: one.executor)
 
     class Cancelling:
         """The timer's handle; the cancel comes between the question and the call."""
@@ -109,12 +109,12 @@ def test_a_timer_that_another_thread_cancels_when_it_is_due_is_not_called(one: W
             timer.cancel()
             return True
 
-    arm_timer(runner._timer_fd, 1, 0)
-    select.select([runner._timer_fd], [], [], DEADLINE_S)
-    handle, runner._handle = runner._handle, Cancelling()
-    assert not runner._run(Lane())
-    runner._handle = handle
-    runner.close()
+    arm_timer(handler._timer_fd, 1, 0)
+    select.select([handler._timer_fd], [], [], DEADLINE_S)
+    handle, handler._handle = handler._handle, Cancelling()
+    assert not handler._run(Worker())
+    handler._handle = handle
+    handler.close()
     assert not ticks
 
 

@@ -10,9 +10,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from obelisk_py.core.codecs import codec_for
 from obelisk_py.core.exceptions import ObeliskMsgError
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
+from obelisk_py.core.serialization.codec import codec_for
 
 from .executor_world import World, eventually, world
 
@@ -46,7 +46,7 @@ def test_bytes_that_are_no_message_are_told_of_and_reach_no_callback(
 def test_drops_are_told_now_and_then_of_each_topic_for_itself(
     one: World, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("obelisk_py.core.executors.entities._DROPS_TOLD_EVERY_S", 3600.0)
+    monkeypatch.setattr("obelisk_py.core.executor.handlers._DROP_LOG_PERIOD_S", 3600.0)
     node = one.node()
     received: list[str] = []
     for topic in ("left", "right"):

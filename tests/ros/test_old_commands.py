@@ -10,7 +10,7 @@ import pytest
 from obelisk_control_msgs.msg import PDFeedForward
 from std_srvs.srv import Trigger
 
-from obelisk_py.core import refusals, silences
+from obelisk_py.core import command_watchdog
 from obelisk_py.core.robot import ObeliskRobot
 
 from .stack import DEADLINE_S, eventually, parameters, request, spinning
@@ -113,7 +113,7 @@ def test_no_command_at_all_is_not_an_old_one_and_neither_is_that_of_the_last_run
         assert not node._age.is_stale
         assert request(node, "deactivate")
         assert len(node.applied) == 2
-        assert not [thread for thread in threading.enumerate() if thread.name == "lookout"]
+        assert "command watchdog" not in {thread.name for thread in threading.enumerate()}
 
 
 def test_a_busy_executor_does_not_keep_the_robot_from_being_made_safe() -> None:
@@ -136,7 +136,7 @@ def test_a_call_that_does_not_return_holds_the_action_up_and_is_told() -> None:
         with node._applying:  # as apply_control is called under it
             node._newest_control = COMMAND
             node._age.accept(time.monotonic())
-            node._lookout.wake()
+            node._watchdog.wake()
             eventually(lambda: node.errors, "what is told of the silence")
             assert node.errors[0].endswith("; apply_control has not returned, which holds that up")
             assert node.applied == []
@@ -172,14 +172,14 @@ def test_a_controller_that_is_ended_before_its_robot_is_no_error() -> None:
         eventually(lambda: node.applied, "the command")
         node.destroy_publisher(publisher)
         eventually(lambda: node.told, "what is told of the silence")
-        assert node.told[0].endswith("(`stale_action: zero`); nobody publishes /ctrl any more")
+        assert node.told[0].endswith("(`stale_action: zero`); no node publishes /ctrl any more")
         assert node.errors == []
 
 
 def test_a_robot_that_is_deactivated_soon_after_the_last_command_says_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(silences, "GRACE_S", 1000.0)
+    monkeypatch.setattr(command_watchdog, "SILENCE_GRACE_S", 1000.0)
     with arm(max_age_sec=0.01) as node:
         active(node).publish(COMMAND)
         eventually(lambda: len(node.applied) == 2, "the command and the zeros")
@@ -190,7 +190,7 @@ def test_a_robot_that_is_deactivated_soon_after_the_last_command_says_nothing(
 def test_a_robot_that_gets_nothing_but_refused_commands_says_so_as_an_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(refusals, "LASTING_S", 0.0)
+    monkeypatch.setattr(command_watchdog, "LASTING_S", 0.0)
     with arm() as node:
         active(node)
         node._take_control(PDFeedForward(kp=[1.0, float("nan")]))
@@ -204,7 +204,7 @@ def test_refusals_that_were_a_warning_become_an_error_in_rclpys_own_log(
 ) -> None:
     with spinning(lambda: Arm(**parameters(sub_ctrl_setting="{topic: /ctrl}"))) as node:
         for is_lasting in (False, True, False):
-            node._tell_refusal(refusals.Report("control refused", is_lasting))
+            node._log_rejection(command_watchdog.RejectionReport("control refused", is_lasting))
     told = [line.split()[0] for line in capfd.readouterr().err.splitlines() if "refused" in line]
     assert told == ["[WARN]", "[ERROR]", "[WARN]"]
 

@@ -19,7 +19,7 @@ from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecu
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 
-from obelisk_py.core.executors import EventLoopExecutor
+from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.node import ObeliskNode
 from obelisk_spec.runtime_protocol import DIAGNOSTICS_TOPIC, Rate
 from obk_cli.adapters.ros_rates import listen_to_rates, rates_told

@@ -16,7 +16,7 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
 from obelisk_py.core.control import ObeliskController
-from obelisk_py.core.executors import EventLoopExecutor
+from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.robot import ObeliskRobot, ObeliskSimRobot
 

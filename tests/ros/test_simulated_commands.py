@@ -13,7 +13,7 @@ from obelisk_control_msgs.msg import ExecutionFSM, PDFeedForward, PositionSetpoi
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
-from obelisk_py.core import refusals
+from obelisk_py.core import command_watchdog
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
 from obelisk_spec.settings import format_setting
 
@@ -240,10 +240,16 @@ def test_refused_commands_do_not_count(tmp_path: Path, wrong: PositionSetpoint) 
         assert node._age.deadline_s > deadline_s
 
 
+def test_no_thread_but_the_stepping_one_watches_the_commands_of_a_simulator(tmp_path: Path) -> None:
+    with simulator(tmp_path, PositionSetpoint, max_age_sec=100.0) as node:
+        active(node, PositionSetpoint)
+        assert "command watchdog" not in {thread.name for thread in threading.enumerate()}
+
+
 def test_a_simulator_that_gets_nothing_but_refused_commands_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(refusals, "LASTING_S", 0.0)
+    monkeypatch.setattr(command_watchdog, "LASTING_S", 0.0)
     with simulator(tmp_path, PositionSetpoint) as node:
         active(node, PositionSetpoint)
         node._take_control(setpoint(NAN, 0.0))

@@ -1,6 +1,6 @@
-"""The errors that the run-time library raises, and those that nodes raise for it to tell.
+"""The errors that the run-time library raises, and that nodes may raise themselves.
 
-What a callback raises of these is told by its sentence, without a traceback.
+If a callback raises one of these, its sentence is logged, without a traceback.
 """
 
 __all__ = ["ObeliskConfigError", "ObeliskError", "ObeliskHardwareError", "ObeliskMsgError"]

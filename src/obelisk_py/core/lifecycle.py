@@ -1,8 +1,8 @@
-"""A life-cycle node that tells what went wrong and survives it.
+"""A life-cycle node that reports what went wrong and survives it.
 
 rclpy's own swallows what a transition callback raises, dies of a transition that is not allowed,
 and is left half-way by a callback that returns nothing. Here each of these is logged, kept (the
-service `~/last_error` tells the newest) and ends in a defined state. What runs in a state is
+service `~/last_error` returns the newest) and ends in a defined state. What runs in a state is
 decided by the state that a transition ended in, not by what a user's override remembered to do.
 Source: https://design.ros2.org/articles/node_lifecycle.html (states, transitions, errors).
 """
@@ -31,7 +31,7 @@ from obelisk_py.core.faults import (
     guard_service,
     wrong_answer,
 )
-from obelisk_py.core.local_delivery.publisher import LocalPublisher
+from obelisk_py.core.intra_process import IntraProcessPublisher
 from obelisk_py.core.parameters import GuardedCheck, ParameterRules, guard_setting_service
 
 __all__ = ["Fault", "GuardedLifecycleNode", "node_arguments"]
@@ -79,7 +79,7 @@ class GuardedLifecycleNode(LifecycleNode):
         if own is not None:
             kwargs = {"cli_args": list(own), "use_global_arguments": False, **kwargs}
         super().__init__(node_name, **kwargs)
-        # rclpy has no door for this: the callbacks that it calls by state stand in this table.
+        # rclpy has no method for this; it calls the callbacks in this table, by state.
         self._callbacks = {
             state: self._guarded_transition(callback) for state, callback in self._callbacks.items()
         }
@@ -120,9 +120,9 @@ class GuardedLifecycleNode(LifecycleNode):
         return guard_callback(callback, self.is_failing, self.fail)
 
     def create_lifecycle_publisher(self, *args: Any, **kwargs: Any) -> LifecyclePublisher:
-        """As rclpy's, but DDS is left out where only this process listens."""
-        # Not by way of rclpy's, which lets nobody choose the class.
-        make: Any = functools.partial(LocalPublisher, self.context)
+        """As rclpy's, but past DDS if only this process subscribes."""
+        # Not through rclpy's method, which does not let its caller choose the class.
+        make: Any = functools.partial(IntraProcessPublisher, self.context)
         publisher: Any = super().create_publisher(*args, **kwargs, publisher_class=make)
         self._managed_entities.add(publisher)
         return publisher  # type: ignore[no-any-return]
@@ -212,23 +212,23 @@ class GuardedLifecycleNode(LifecycleNode):
     def _enter_error_processing(self) -> None:
         # The state machine has no edge from a resting state to error processing, so a transition
         # is begun whose callback answers ERROR at once (see _guarded_transition).
-        begin = {"active": self.trigger_deactivate, "inactive": self.trigger_cleanup}
+        triggers = {"active": self.trigger_deactivate, "inactive": self.trigger_cleanup}
         with self._transition_lock:
             if not self._is_failing:
                 return
-            if self.state_label in begin:
-                begin[self.state_label]()
+            if self.state_label in triggers:
+                triggers[self.state_label]()
             else:
                 self._forget_fault_at_rest()
 
     def _forget_fault_at_rest(self) -> None:
-        """Where nothing runs there is no error processing that a fault could wait for."""
+        """Forget a fault in a state in which nothing runs: no error processing follows."""
         if self.state_label in ("unconfigured", "finalized"):
             self._is_failing = False
 
     def _keep(self, cause: BaseException | str, where: str) -> None:
         self.last_fault = fault_of(cause, where)
-        # Indented, so that whoever reads the output of several nodes knows whose the lines are.
+        # Indented, so that in the output of several nodes the lines are seen to belong together.
         self.get_logger().error(str(self.last_fault).replace("\n", "\n  "))
 
     def _guarded_transition(self, callback: TransitionCallback) -> TransitionCallback:
@@ -256,11 +256,11 @@ class GuardedLifecycleNode(LifecycleNode):
             if not isinstance(result, TransitionCallbackReturn):
                 self._keep(wrong_answer(method, result, "TransitionCallbackReturn"), where)
                 return failed
-            # A callback that told what is wrong by `fail` has said more than its answer does.
+            # A callback that called `fail` has reported more than its return value does.
             if result != SUCCESS and not self.is_failing():
                 self._keep(
                     f"`{method}` returned {result.name} and did not say why; "
-                    "what it raises in place of that is told here",
+                    "raise an exception with the reason instead",
                     where,
                 )
             return result
@@ -270,7 +270,7 @@ class GuardedLifecycleNode(LifecycleNode):
     def _on_change_state(
         self, request: ChangeState.Request, response: ChangeState.Response
     ) -> ChangeState.Response:
-        wanted = request.transition
+        requested = request.transition
         with self._transition_lock:
             allowed = {
                 edge[0]: edge[1]
@@ -278,12 +278,16 @@ class GuardedLifecycleNode(LifecycleNode):
                 if edge[0] in self._triggers
             }
             by_label = {label: number for number, label in allowed.items()}
-            number = by_label.get(wanted.label, NO_TRANSITION) if wanted.label else int(wanted.id)
+            number = (
+                by_label.get(requested.label, NO_TRANSITION)
+                if requested.label
+                else int(requested.id)
+            )
             if number in allowed:
                 response.success = self._triggers[number]() == SUCCESS
                 return response
         self.get_logger().warning(
-            f"refused the transition `{wanted.label or wanted.id}` in the state "
+            f"refused the transition `{requested.label or requested.id}` in the state "
             f"`{self.state_label}`; possible here: {', '.join(by_label) or 'none'}"
         )
         response.success = False

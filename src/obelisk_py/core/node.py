@@ -23,7 +23,7 @@ from rclpy.timer import Timer
 from obelisk_py.core.components import Component, ComponentKind, ComponentTable, spellings
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.parameters import Getter
-from obelisk_py.core.rates.node import RatedNode
+from obelisk_py.core.rate_monitor.diagnostics import RateMonitoredNode
 from obelisk_py.core.settings import (
     NodeSettings,
     check_component,
@@ -49,7 +49,7 @@ SETTINGS: Final = "obelisk_settings"
 Default = str | Mapping[str, Any] | None
 
 
-class ObeliskNode(RatedNode):
+class ObeliskNode(RateMonitoredNode):
     """A life-cycle node wired by a config: `obk_publishers`, `obk_subscriptions`, `obk_timers`.
 
     `opened`, an `ExitStack`, is closed at cleanup, shutdown and error, before the publishers go.
@@ -202,7 +202,7 @@ class ObeliskNode(RatedNode):
         self.obk_callback_groups = {
             name: CALLBACK_GROUPS[kind]() for name, kind in node.callback_groups.items()
         }
-        self._warn_of_strangers(node)
+        self._warn_of_unknown_components(node)
         faults: list[str] = []
         for component in self._components:
             try:
@@ -265,7 +265,7 @@ class ObeliskNode(RatedNode):
                 timer.reset()
 
     def _hold(self, state: LifecycleState) -> None:
-        """Nothing that configure built acts any more; an override may have forgotten it."""
+        """Stop everything that configure built; a user's override may not have done so."""
         for timer in self.obk_timers.values():
             timer.cancel()
         for entity in self._managed_entities:
@@ -316,7 +316,7 @@ class ObeliskNode(RatedNode):
         )
         if component.required:
             raise ObeliskConfigError(f"the {component} has no settings: set {where}")
-        # The checks of the config tell it; at each launch it would be no news.
+        # `obk validate` reports it; at each launch it would be noise.
         self.get_logger().debug(f"the optional {component} is left out: {where} is not set")
 
     def _publisher(self, component: Component, raw: Mapping[str, Any]) -> LifecyclePublisher:
@@ -343,7 +343,7 @@ class ObeliskNode(RatedNode):
     def _timer(self, name: str, component: Component, raw: Mapping[str, Any]) -> Timer:
         settings = timer_settings(component, raw)
         assert component.callback is not None
-        return self.create_promised_timer(
+        return self.create_monitored_timer(
             component_identity(str(raw.get("ros_parameter") or name)),
             settings.period_s,
             component.callback,
@@ -369,8 +369,8 @@ class ObeliskNode(RatedNode):
             )
         return self.obk_callback_groups[name]
 
-    def _warn_of_strangers(self, node: NodeSettings) -> None:
-        """Tell of settings for components that the code does not have."""
+    def _warn_of_unknown_components(self, node: NodeSettings) -> None:
+        """Warn about settings of components that the code does not register."""
         for kind, entries in node.components.items():
             known = [c for c in self._components if c.kind is kind]
             for entry in entries:

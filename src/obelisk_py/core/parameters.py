@@ -1,8 +1,8 @@
-"""What others may set a node's parameters to: values that make sense, and when they are read.
+"""Which values a node's parameters may be set to, and in which states.
 
-In: requests of the ROS services `~/set_parameters`, of anybody who reaches them. Out: parameters
-that are set, or a sentence that says what would be right. Whatever is asked, the node goes on, and
-of what is set at once either all is taken or nothing.
+Any node may call the services `~/set_parameters`. The parameters are set, or the answer says what
+would be right. No request stops the node, and of parameters that are set together either all are
+accepted or none.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,8 +46,8 @@ class GuardedCheck:
         if isinstance(result, SetParametersResult):
             return result
         method = getattr(self.callback, "__qualname__", repr(self.callback))
-        told = wrong_answer(method, result, SetParametersResult.__name__)
-        return _refused(f"the node's check of {names}: {told}")
+        reason = wrong_answer(method, result, SetParametersResult.__name__)
+        return _refused(f"the node's check of {names}: {reason}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,7 +93,7 @@ class ParameterRules:
         self._rules.append(rule)
 
     def _decide(self, parameters: list[Parameter]) -> SetParametersResult:
-        # What is only being declared is told of at configure, with all else that is wrong.
+        # Parameters that are being declared are checked at configure, together with all others.
         new = {p.name: p.value for p in parameters if self._node.has_parameter(p.name)}
 
         def value(name: str) -> Any:
@@ -139,10 +139,10 @@ def guard_setting_service(
 
     def set_together(request: Any, response: Any) -> Any:
         refusals = [_refusal_of(node, message) for message in request.parameters]
-        told = [refusal for refusal in refusals if refusal is not None]
-        if not told:
+        reasons = [refusal for refusal in refusals if refusal is not None]
+        if not reasons:
             return callback(request, response)
-        response.result = _refused("; ".join(told))
+        response.result = _refused("; ".join(reasons))
         return response
 
     return set_each if srv_type is SetParameters else set_together

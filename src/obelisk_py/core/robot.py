@@ -10,16 +10,22 @@ from obelisk_sensor_msgs.msg import TrueSimState
 from rclpy.lifecycle import LifecycleState
 from rclpy.subscription import Subscription
 
-from obelisk_py.core.command_age import CommandAge, StalePolicy
+from obelisk_py.core.command_watchdog import (
+    ONLY_REJECTIONS,
+    SILENCE_GRACE_S,
+    CommandAge,
+    RejectionLog,
+    RejectionReport,
+    SilenceLog,
+    StalePolicy,
+    WatchdogThread,
+)
 from obelisk_py.core.components import Component
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
-from obelisk_py.core.lookout import Lookout
-from obelisk_py.core.message_numbers import non_finite_number, zeroed
+from obelisk_py.core.finite_check import non_finite_number, zeroed
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
-from obelisk_py.core.refusals import REFUSED_ON_END, Refusals, Report
 from obelisk_py.core.settings import stale_policy
-from obelisk_py.core.silences import GRACE_S, Silences
 from obelisk_spec.components import CONTROL_SUBSCRIPTION
 
 __all__ = ["ObeliskRobot", "ObeliskSimRobot"]
@@ -27,7 +33,7 @@ __all__ = ["ObeliskRobot", "ObeliskSimRobot"]
 LONGEST_STOP_S = 5.0
 """How long `run_simulator`, or a robot's action on old commands, may take to return [s]."""
 
-_TOLD: Final = {
+_ACTIONS: Final = {
     "zero": "every number of the control is set to zero",
     "hold": "the last one stays",
     "damp": "the robot brakes",
@@ -56,11 +62,11 @@ class ObeliskRobot(ABC, ObeliskNode):
         """
         super().__init__(node_name, **kwargs)
         self._age: CommandAge | None = None
-        self._silences = Silences()
-        self._lookout: Lookout | None = None
+        self._silence_log = SilenceLog()
+        self._watchdog: WatchdogThread | None = None
         self._newest_control: Any = None
-        self._refused_controls = Refusals("control refused", time.monotonic, REFUSED_ON_END)
-        # apply_control has one caller at a time: the executor's thread or the lookout's.
+        self._rejections = RejectionLog("control refused", time.monotonic, ONLY_REJECTIONS)
+        # apply_control has one caller at a time: the executor's thread or the watchdog.
         self._applying = threading.Lock()
         # The key is written out: `obk validate` reads constructors, it does not run them.
         self.register_obk_subscription(
@@ -94,18 +100,18 @@ class ObeliskRobot(ABC, ObeliskNode):
         )
 
     def _take_control(self, control_msg: ObeliskControlMsg) -> None:
-        # A robot that is not active must not move, whoever still publishes.
+        # A robot that is not active must not move, even if a node still publishes.
         if self.state_label != "active":
             return
         if self._age is None:
             self.apply_control(control_msg)
             return
-        refusal = self._refusal_of(control_msg)
-        if refusal is not None:
-            self._refused_controls.add(refusal)
-            told = self._refused_controls.report()
-            if told is not None:
-                self._tell_refusal(told)
+        rejection = self._rejection_of(control_msg)
+        if rejection is not None:
+            self._rejections.add(rejection)
+            report = self._rejections.report()
+            if report is not None:
+                self._log_rejection(report)
             return
         with self._applying:
             if self.apply_control(control_msg) is False:
@@ -113,20 +119,20 @@ class ObeliskRobot(ABC, ObeliskNode):
             self._newest_control = control_msg
             was_idle = self._age.deadline_s is None
             silent_s = self._age.accept(time.monotonic())
-        self._refused_controls.accept()
-        if was_idle and self._lookout is not None:
-            self._lookout.wake()
-        if silent_s is not None and self._silences.end(silent_s):
+        self._rejections.accept()
+        if was_idle and self._watchdog is not None:
+            self._watchdog.wake()
+        if silent_s is not None and self._silence_log.end(silent_s):
             self.get_logger().warning(f"commands come again, after {silent_s:.3f} s without")
 
-    def _refusal_of(self, control_msg: ObeliskControlMsg) -> str | None:
-        """Why a command is kept from `apply_control` and does not count."""
+    def _rejection_of(self, control_msg: ObeliskControlMsg) -> str | None:
+        """Why a command does not reach `apply_control` and does not count; None if it does."""
         return non_finite_number(control_msg)
 
     def _can_damp(self) -> bool:
         return type(self).apply_damping is not ObeliskRobot.apply_damping
 
-    def _tell_refusal(self, report: Report) -> None:
+    def _log_rejection(self, report: RejectionReport) -> None:
         # Two calls: rclpy lets no call change its severity from one time to the next.
         if report.is_lasting:
             self.get_logger().error(report.text)
@@ -140,30 +146,30 @@ class ObeliskRobot(ABC, ObeliskNode):
         return self._age.is_stale
 
     def _becomes_stale(self) -> bool:
-        """Whether the newest command has just become too old; tells of silences when it is time."""
+        """Whether the newest command has just become too old; logs stopped commands when due."""
         assert self._age is not None
         now_s = time.monotonic()
         is_new = self._age.look(now_s) is not None
         if is_new:
-            self._silences.begin(now_s)
-        due_s = self._silences.due_s
+            self._silence_log.begin(now_s)
+        due_s = self._silence_log.due_s
         if due_s is not None and now_s >= due_s:
-            self._tell_silence(now_s)
+            self._log_silence(now_s)
         return is_new
 
-    def _tell_silence(self, now_s: float) -> None:
+    def _log_silence(self, now_s: float) -> None:
         assert self._age is not None
         silent_s, policy = self._age.silence_s(now_s), self._age.policy
         text = (
-            f"{self._silences.report(now_s, silent_s)}, more than `max_age_sec` of "
-            f"{policy.max_age_s:g} s: {_TOLD[policy.action]} (`stale_action: {policy.action}`)"
+            f"{self._silence_log.report(now_s, silent_s)}, more than `max_age_sec` of "
+            f"{policy.max_age_s:g} s: {_ACTIONS[policy.action]} (`stale_action: {policy.action}`)"
         )
-        if self._lookout is not None and self._applying.locked():
+        if self._watchdog is not None and self._applying.locked():
             text += "; apply_control has not returned, which holds that up"
         topic = self.obk_subscriptions[CONTROL_SUBSCRIPTION].topic_name
         if silent_s is not None and self.count_publishers(topic) == 0:
-            # A controller that was ended, in order perhaps; of one that crashed its launcher tells.
-            self.get_logger().warning(f"{text}; nobody publishes {topic} any more")
+            # The controller was stopped, perhaps on purpose; the launcher reports a crash.
+            self.get_logger().warning(f"{text}; no node publishes {topic} any more")
         else:
             self.get_logger().error(text)
 
@@ -172,8 +178,8 @@ class ObeliskRobot(ABC, ObeliskNode):
             self.guarded(self._act_on_old_commands)()
 
     def _act_on_old_commands(self) -> None:
-        # A call of apply_control that hangs is told of while it is waited for.
-        while not self._applying.acquire(timeout=GRACE_S):
+        # A call of apply_control that hangs is logged while this waits for it.
+        while not self._applying.acquire(timeout=SILENCE_GRACE_S):
             if not self._has_to_act():
                 return
             self._becomes_stale()
@@ -184,7 +190,7 @@ class ObeliskRobot(ABC, ObeliskNode):
             self._applying.release()
 
     def _has_to_act(self) -> bool:
-        """False once a command has come meanwhile, or the node is on its way down."""
+        """False if a command has come meanwhile, or the node is no longer active."""
         assert self._age is not None
         return self._age.is_stale and self.state_label == "active"
 
@@ -207,52 +213,52 @@ class ObeliskRobot(ABC, ObeliskNode):
         if policy is None:
             return None
         if policy.action == "damp" and not self._can_damp():
-            self.apply_damping()  # the one that says what is missing
+            self.apply_damping()  # raises with what is missing
         return CommandAge(policy)
 
     def _start(self) -> None:
         super()._start()
-        self._look_out()
+        self._start_watchdog()
 
     def _hold(self, state: LifecycleState) -> None:
-        self._stop_lookout()
+        self._stop_watchdog()
         super()._hold(state)
 
     def destroy_node(self) -> None:
-        """Stop the lookout before what it may act on goes; one that goes on is told of."""
+        """Stop the watchdog before what it uses is destroyed; log it if it goes on."""
         try:
-            self._stop_lookout()
+            self._stop_watchdog()
         except ObeliskError as error:
             self.get_logger().error(str(error))
         super().destroy_node()
 
-    def _look_out(self) -> None:
-        if self._age is not None and self._lookout is None:
+    def _start_watchdog(self) -> None:
+        if self._age is not None and self._watchdog is None:
             self._forget_commands()
-            self._lookout = Lookout(self._next_look_s, self._act_if_stale)
-            self._lookout.start()
+            self._watchdog = WatchdogThread(self._next_deadline_s, self._act_if_stale)
+            self._watchdog.start()
 
-    def _next_look_s(self) -> float | None:
+    def _next_deadline_s(self) -> float | None:
         assert self._age is not None
-        times_s = (self._age.deadline_s, self._silences.due_s)
+        times_s = (self._age.deadline_s, self._silence_log.due_s)
         return min((time_s for time_s in times_s if time_s is not None), default=None)
 
     def _forget_commands(self) -> None:
-        """Begin with no command again."""
-        self._refused_controls.accept()
-        self._silences.forget()
+        """Return to the state before the first command."""
+        self._rejections.accept()
+        self._silence_log.forget()
         if self._age is not None:
             self._age.forget()
 
-    def _stop_lookout(self) -> None:
-        if self._lookout is None:
+    def _stop_watchdog(self) -> None:
+        if self._watchdog is None:
             return
-        if not self._lookout.stop(LONGEST_STOP_S):
+        if not self._watchdog.stop(LONGEST_STOP_S):
             raise ObeliskError(
                 f"the robot's action on old commands went on for {LONGEST_STOP_S:g} s after "
                 "it was to stop"
             )
-        self._lookout = None
+        self._watchdog = None
 
 
 class ObeliskSimRobot(ObeliskRobot):
@@ -277,8 +283,8 @@ class ObeliskSimRobot(ObeliskRobot):
         self.simulator_stop = threading.Event()
         """Set when `run_simulator` is to return."""
         self._simulator: threading.Thread | None = None
-        self._is_deaf = False
-        """Whether `run_simulator` went on when it was to return; it is waited for only once."""
+        self._is_stuck = False
+        """Whether `run_simulator` did not return when it had to; that is waited for only once."""
         self.register_obk_timer(
             "timer_true_sim_state_setting",
             self.publish_true_sim_state,
@@ -311,7 +317,7 @@ class ObeliskSimRobot(ObeliskRobot):
         )
 
     def destroy_node(self) -> None:
-        """Stop the simulator's thread before the publishers go; one that goes on is told of."""
+        """Stop the simulator's thread before the publishers are destroyed; log it if it goes on."""
         try:
             self._stop_simulator()
         except ObeliskError as error:
@@ -321,7 +327,7 @@ class ObeliskSimRobot(ObeliskRobot):
     def _start(self) -> None:
         super()._start()
         if self._simulator is None:
-            # A stop of its own for each run, so that an old one cannot come back to life.
+            # A new event for each run, so that an old thread cannot run again.
             self.simulator_stop = threading.Event()
             self._simulator = threading.Thread(
                 target=self._simulate, args=[self.simulator_stop], name="simulator", daemon=True
@@ -343,9 +349,9 @@ class ObeliskSimRobot(ObeliskRobot):
         self.simulator_stop.set()
         if self._simulator is None:
             return
-        self._simulator.join(0 if self._is_deaf else LONGEST_STOP_S)
-        self._is_deaf = self._simulator.is_alive()
-        if self._is_deaf:
+        self._simulator.join(0 if self._is_stuck else LONGEST_STOP_S)
+        self._is_stuck = self._simulator.is_alive()
+        if self._is_stuck:
             raise ObeliskError(
                 f"run_simulator went on for {LONGEST_STOP_S:g} s after simulator_stop was set"
             )

@@ -12,7 +12,7 @@ from typing import Any, Final, TypeVar
 
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 
-from obelisk_py.core.command_age import StalePolicy
+from obelisk_py.core.command_watchdog import StalePolicy
 from obelisk_py.core.components import Component, ComponentKind, spellings
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskMsgError
 from obelisk_py.core.messages import message_class, message_name

@@ -1,10 +1,12 @@
-"""Nodes spun from their first callback to their end: what a process of one and of many share.
+"""Spin nodes from the start of their process to a clean shutdown, and return its exit code.
 
-In: what `spin_obelisk` was asked for. Out: an exit code, after every node was brought down in
-order. Who spins is the process itself, unless a host has taken its place (see `composition`).
+A process of one node and one of many share this. `spin_obelisk` makes a `SpinRequest`, which the
+process serves itself, unless the host of a composed process takes it (see `composition`).
 """
 
 import faulthandler
+import fcntl
+import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -17,22 +19,30 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from obelisk_py.core.end_signals import EndSignals
-from obelisk_py.core.executors import EventLoopExecutor
+from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.faults import Fault
-from obelisk_py.core.gate import wait_at_gate
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
+from obelisk_py.core.signals import ShutdownSignals
+from obelisk_spec.runtime_protocol import GATE_VARIABLE
 
-__all__ = ["NodeDied", "Wanted", "ros_process", "spin_nodes", "spin_wanted", "spun_by"]
+__all__ = [
+    "NodeDied",
+    "SpinRequest",
+    "ros_process",
+    "serve_spin_request",
+    "spin_nodes",
+    "spin_requests_served_by",
+    "wait_at_startup_barrier",
+]
 
-NEARLY_FOR_EVER_S = 3e8
+LONGEST_SPIN_S = 3e8
 """Ten years [s]: without a timeout rclpy's EventsExecutor overflows and runs no callback at all."""
 STDERR_FD = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wanted:
-    """What `spin_obelisk` was asked for."""
+class SpinRequest:
+    """The arguments of `spin_obelisk`."""
 
     args: tuple[str, ...]
     """The command line, `--ros-args ...` somewhere in it."""
@@ -48,14 +58,14 @@ class NodeDied:
     fault: Fault
 
 
-def spin_wanted(wanted: Wanted) -> int:
+def serve_spin_request(request: SpinRequest) -> int:
     """Spin a node until its end; the exit code of its process."""
-    return _spinner.get()(wanted)
+    return _spinner.get()(request)
 
 
 @contextmanager
-def spun_by(spinner: Callable[[Wanted], int]) -> Iterator[None]:
-    """While entered, `spin_obelisk` hands what it was asked for to this host."""
+def spin_requests_served_by(spinner: Callable[[SpinRequest], int]) -> Iterator[None]:
+    """While entered, `spin_obelisk` gives its requests to this host."""
     token = _spinner.set(spinner)
     try:
         yield
@@ -64,15 +74,15 @@ def spun_by(spinner: Callable[[Wanted], int]) -> Iterator[None]:
 
 
 @contextmanager
-def ros_process(args: Sequence[str]) -> Iterator[EndSignals]:
-    """A process that runs nodes: its ROS context, its signals, and its stacks when asked for.
+def ros_process(args: Sequence[str]) -> Iterator[ShutdownSignals]:
+    """A process that runs nodes: its ROS context, its signals, and its stack dumps.
 
     SIGUSR1 writes the stack of every thread to the standard error, and so does a crash.
     """
     faulthandler.enable(STDERR_FD)
     faulthandler.register(signal.SIGUSR1, STDERR_FD)
-    with EndSignals() as signals:
-        # rclpy's own handlers end the context before the nodes could be brought down in order.
+    with ShutdownSignals() as signals:
+        # rclpy's own handlers end the context before the nodes could be shut down.
         rclpy.init(args=list(args), signal_handler_options=SignalHandlerOptions.NO)
         try:
             yield signals
@@ -81,39 +91,39 @@ def ros_process(args: Sequence[str]) -> Iterator[EndSignals]:
 
 
 def spin_nodes(
-    executor: Executor, nodes: Sequence[GuardedLifecycleNode], signals: EndSignals
+    executor: Executor, nodes: Sequence[GuardedLifecycleNode], signals: ShutdownSignals
 ) -> NodeDied | None:
-    """Spin until a signal, or until a node cannot go on; then bring all down, the last one first.
+    """Spin until a signal, or until a node cannot go on; then shut all down, the last one first.
 
     Raises:
-        BaseException: what came out of a callback that is no node's own; the nodes are down.
+        BaseException: a callback that belongs to no node raised it; the nodes are shut down.
 
     Returns:
-        Of the nodes that cannot go on the first.
+        The first node that cannot go on, if any.
     """
     died: list[NodeDied] = []
     over = Future()
 
-    def bring_down() -> None:
-        executor.create_task(_bring_all_down, nodes)
+    def shut_down() -> None:
+        executor.create_task(_shut_down_all, nodes)
 
     def note(node: GuardedLifecycleNode) -> None:
         fault = node.ended.result()
         if fault is not None:
             died.append(NodeDied(node=node, fault=fault))
-            bring_down()
+            shut_down()
         if all(other.ended.done() for other in nodes) and not over.done():
             over.set_result(None)
 
     for node in nodes:
         executor.add_node(node)
         node.ended.add_done_callback(lambda _, node=node: note(node))
-    signals.hand_to(bring_down)
+    signals.call_back(shut_down)
     try:
-        executor.spin_until_future_complete(over, timeout_sec=NEARLY_FOR_EVER_S)
+        executor.spin_until_future_complete(over, timeout_sec=LONGEST_SPIN_S)
     except BaseException:
-        # Not a callback of a node's own, those are guarded; they still do not just vanish.
-        _bring_all_down(nodes)
+        # Callbacks of nodes are guarded, so this is another one; the nodes are shut down as well.
+        _shut_down_all(nodes)
         raise
     for node in nodes:
         executor.remove_node(node)
@@ -121,26 +131,41 @@ def spin_nodes(
     return died[0] if died else None
 
 
-def _spin_alone(wanted: Wanted) -> int:
-    # Before the handlers of signals are there: a process that waits ends at once.
-    wait_at_gate()
-    with ros_process(wanted.args) as signals:
-        executor = (wanted.executor_type or EventLoopExecutor)()
+def wait_at_startup_barrier() -> None:
+    """Wait until the launcher lets nodes be made, if it started this process before that."""
+    path = os.environ.get(GATE_VARIABLE)
+    if path is None:
+        return
+    try:
+        barrier = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except FileNotFoundError:  # the run's folder was cleared since: this is a late restart
+        return
+    try:
+        fcntl.flock(barrier, fcntl.LOCK_SH)
+    finally:
+        os.close(barrier)
+
+
+def _spin_alone(request: SpinRequest) -> int:
+    # Before signal handlers are installed: a signal ends a waiting process at once.
+    wait_at_startup_barrier()
+    with ros_process(request.args) as signals:
+        executor = (request.executor_type or EventLoopExecutor)()
         try:
-            died = spin_nodes(executor, [wanted.make()], signals)
+            died = spin_nodes(executor, [request.make()], signals)
         finally:
             executor.shutdown()
     return int(died is not None)
 
 
-def _bring_all_down(nodes: Sequence[GuardedLifecycleNode]) -> None:
+def _shut_down_all(nodes: Sequence[GuardedLifecycleNode]) -> None:
     for node in reversed(nodes):
         if not node.ended.done():
-            _bring_down(node)
+            _shut_down(node)
 
 
-def _bring_down(node: GuardedLifecycleNode) -> None:
-    """Deactivate, clean up and shut down, or straight from where a step does not get further."""
+def _shut_down(node: GuardedLifecycleNode) -> None:
+    """Deactivate, clean up and shut down; if a step fails, shut down from there."""
     steps = {
         "active": node.trigger_deactivate,
         "inactive": node.trigger_cleanup,
@@ -157,4 +182,4 @@ def _bring_down(node: GuardedLifecycleNode) -> None:
         node.ended.set_result(fault)
 
 
-_spinner: ContextVar[Callable[[Wanted], int]] = ContextVar("spinner", default=_spin_alone)
+_spinner: ContextVar[Callable[[SpinRequest], int]] = ContextVar("spinner", default=_spin_alone)

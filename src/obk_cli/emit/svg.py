@@ -8,18 +8,15 @@ import os
 import subprocess
 import sys
 import tempfile
-from obk_cli.emit.dot import FONT_SIZE
-from obk_cli.emit.dot import emit_dot
-from obk_cli.emit.graph import Graph
-from obk_cli.emit.graph import GraphNode
-from obk_cli.emit.graph import GraphTopic
-from obk_cli.emit.graph import SECTION_COLOURS
-from obk_cli.emit.text_width import printable
-from obk_cli.errors import CommandFailedError
-from obk_cli.optional_deps import require_extra
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
+
+from obk_cli.emit.dot import FONT_SIZE, emit_dot
+from obk_cli.emit.graph import SECTION_COLOURS, Graph, GraphNode, GraphTopic
+from obk_cli.emit.text_width import printable
+from obk_cli.errors import CommandFailedError
+from obk_cli.optional_deps import require_extra
 
 __all__ = ["emit_svg"]
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from rclpy.qos import QoSReliabilityPolicy
 
-from obelisk_py.core.command_age import StalePolicy
+from obelisk_py.core.command_watchdog import StalePolicy
 from obelisk_py.core.components import Component, ComponentKind, ComponentTable
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.settings import (

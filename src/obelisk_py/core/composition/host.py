@@ -1,10 +1,9 @@
 """The host of a composed process: runs programs inside one another and spins all their nodes.
 
-Each program is run until it asks for its node to be spun; the next one is run within that request.
-The last request makes the nodes and spins them until the end, and then each program goes on after
-its own, last one first. So a program's `with open_robot(): spin_obelisk(...)` holds as it does in
-a process of its own, and a program or a node that fails is known by its name. No node is made
-before every program has come to its request.
+Each program runs until it calls `spin_obelisk`; the next one runs within that call. The last call
+makes the nodes and spins them until the end; then the programs continue, the last one first. So a
+program's `with open_robot(): spin_obelisk(...)` works as in a process of its own, and a program or
+node that fails is known by its name. No node is made before every program has made its call.
 """
 
 import sys
@@ -17,19 +16,24 @@ from itertools import pairwise
 from rclpy.logging import get_logger, get_logging_severity_from_string, set_logger_level
 
 from obelisk_py.core.composition.programs import Program, logger_name
-from obelisk_py.core.end_signals import EndSignals
-from obelisk_py.core.executors import EventLoopExecutor
+from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.faults import Fault, fault_of
-from obelisk_py.core.gate import wait_at_gate
 from obelisk_py.core.lifecycle import GuardedLifecycleNode, node_arguments
-from obelisk_py.core.spinning import Wanted, ros_process, spin_nodes, spun_by
+from obelisk_py.core.signals import ShutdownSignals
+from obelisk_py.core.spinning import (
+    SpinRequest,
+    ros_process,
+    spin_nodes,
+    spin_requests_served_by,
+    wait_at_startup_barrier,
+)
 
 __all__ = ["run_composed"]
 
 ROS_ARGUMENTS = "--ros-args"
 LOG_LEVEL = "--log-level"
 HOST = "composed"
-"""The logger for what is no node's."""
+"""The logger of messages that belong to no node."""
 SWITCH_INTERVAL_S = 1e-4
 """How long one thread may keep the interpreter while another waits for it [s].
 
@@ -42,8 +46,8 @@ OWN_CONTEXT = "; in a composed process the ROS context and the spinning are spin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Culprit:
-    """Why the process ends, and for which node where that is known."""
+class _Failure:
+    """Why the process ends, and of which node, if known."""
 
     node: str | None
     fault: Fault
@@ -56,66 +60,66 @@ class _Culprit:
 def run_composed(programs: Sequence[Program]) -> int:
     """Run programs and their nodes until the end; the exit code.
 
-    The last thing written to the standard error is whose fault the end was, `/node: what`.
+    If it failed, the last line on the standard error names the cause, `/node: what`.
     """
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     with ros_process([]) as signals:
         host = _Host(signals)
         host.run(programs)
-    if host.culprit is None:
+    if host.failure is None:
         return 0
-    sys.stderr.write(f"{host.culprit}\n")
+    sys.stderr.write(f"{host.failure}\n")
     return 1
 
 
 class _Host:
-    """Holds what the programs asked for until all have."""
+    """Collects the requests of the programs, and spins when it has all."""
 
-    def __init__(self, signals: EndSignals) -> None:
-        self.culprit: _Culprit | None = None
+    def __init__(self, signals: ShutdownSignals) -> None:
+        self.failure: _Failure | None = None
         self._signals = signals
-        self._asked: list[tuple[Program, Wanted]] = []
+        self._requests: list[tuple[Program, SpinRequest]] = []
 
     def run(self, programs: Sequence[Program]) -> None:
-        """Run the first program and, when it asks for its node to be spun, the others."""
+        """Run the first program and, within its call of `spin_obelisk`, the others."""
         if not programs:
             self._spin()
             return
         program, *others = programs
-        asked_before = len(self._asked)
+        requests_before = len(self._requests)
 
-        def take(wanted: Wanted) -> int:
-            if len(self._asked) == asked_before:
-                self._asked.append((program, wanted))
+        def take(request: SpinRequest) -> int:
+            if len(self._requests) == requests_before:
+                self._requests.append((program, request))
                 self.run(others)
-            return int(self.culprit is not None)
+            return int(self.failure is not None)
 
         try:
-            with spun_by(take):
+            with spin_requests_served_by(take):
                 program.run()
         except SystemExit as end:
-            if len(self._asked) == asked_before:
-                self._blame(
+            if len(self._requests) == requests_before:
+                self._fail(
                     program, fault_of("it ended without a call of spin_obelisk", str(program))
                 )
-            elif end.code and self.culprit is None:
-                self._blame(
+            elif end.code and self.failure is None:
+                self._fail(
                     program, fault_of(f"it ended with the exit code {end.code}", str(program))
                 )
         except Exception as error:
             fault = fault_of(error, str(program))
             if "Context.init()" in fault.text:
                 fault = replace(fault, text=fault.text + OWN_CONTEXT)
-            self._blame(program, fault)
+            self._fail(program, fault)
 
     def _spin(self) -> None:
-        wait_at_gate()
+        wait_at_startup_barrier()
         executor = EventLoopExecutor()
         with ExitStack() as stack:
             stack.callback(executor.shutdown)
             nodes: dict[GuardedLifecycleNode, Program] = {}
-            for program, wanted in self._asked:
-                node = self._make(program, wanted)
+            for program, request in self._requests:
+                node = self._make(program, request)
                 if node is None:
                     for made in nodes:
                         made.destroy_node()
@@ -124,31 +128,31 @@ class _Host:
             try:
                 died = spin_nodes(executor, list(nodes), self._signals)
             except BaseException as error:
-                self._blame(_owner(error, nodes), fault_of(error, "a callback"))
+                self._fail(_owner(error, nodes), fault_of(error, "a callback"))
                 return
             if died is not None:
-                self.culprit = _Culprit(node=nodes[died.node].node, fault=died.fault)
+                self.failure = _Failure(node=nodes[died.node].node, fault=died.fault)
 
-    def _make(self, program: Program, wanted: Wanted) -> GuardedLifecycleNode | None:
+    def _make(self, program: Program, request: SpinRequest) -> GuardedLifecycleNode | None:
         try:
-            arguments = _ros_arguments(wanted.args)
+            arguments = _ros_arguments(request.args)
             _set_log_levels(logger_name(program.node), arguments)
             with program.command_line(), node_arguments(arguments):
-                return wanted.make()
+                return request.make()
         except BaseException as error:
-            self._blame(program, fault_of(error, "the node cannot be made"))
+            self._fail(program, fault_of(error, "the node cannot be made"))
             return None
 
-    def _blame(self, program: Program | None, fault: Fault) -> None:
-        """Tell on the node's own log; the first one is the culprit."""
+    def _fail(self, program: Program | None, fault: Fault) -> None:
+        """Log it on the node's own logger; the first fault is the cause of the end."""
         node = program.node if program else None
         get_logger(logger_name(node or HOST)).error(str(fault).replace("\n", "\n  "))
-        if self.culprit is None:
-            self.culprit = _Culprit(node=node, fault=fault)
+        if self.failure is None:
+            self.failure = _Failure(node=node, fault=fault)
 
 
 def _ros_arguments(args: Sequence[str]) -> tuple[str, ...]:
-    """The part of a command line that is ROS's."""
+    """The ROS arguments of a command line."""
     return tuple(args[args.index(ROS_ARGUMENTS) :]) if ROS_ARGUMENTS in args else ()
 
 
@@ -161,7 +165,7 @@ def _set_log_levels(own: str, arguments: Sequence[str]) -> None:
 
 
 def _owner(error: BaseException, nodes: dict[GuardedLifecycleNode, Program]) -> Program | None:
-    """The program of the innermost node in whose method an exception came up."""
+    """The program of the innermost node in whose method an exception was raised."""
     frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
     known = {id(node): program for node, program in nodes.items()}
     selves = (id(frame.f_locals.get("self")) for frame in reversed(frames))

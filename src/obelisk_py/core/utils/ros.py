@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.executors import Executor
 
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
-from obelisk_py.core.spinning import Wanted, spin_wanted
+from obelisk_py.core.spinning import SpinRequest, serve_spin_request
 
 __all__ = ["spin_obelisk"]
 
@@ -34,8 +34,8 @@ def spin_obelisk(
     Raises:
         SystemExit: with code 1, the node died of an error.
     """
-    code = spin_wanted(
-        Wanted(
+    code = serve_spin_request(
+        SpinRequest(
             args=tuple(sys.argv if args is None else args),
             make=partial(node_type, **(node_kwargs or {})),
             executor_type=executor_type,

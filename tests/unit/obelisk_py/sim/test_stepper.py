@@ -2,7 +2,7 @@
 
 import pytest
 
-from obelisk_py.core.rates.counter import TickCounter, late_ns_of
+from obelisk_py.core.rate_monitor.counting import TickCounter, late_ns_of
 from obelisk_py.core.sim.mujoco.stepper import Output, Stepper
 from obelisk_py.core.sim.mujoco.stepping import Pace, SampleTimes
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from obelisk_control_msgs.msg import PDFeedForward
 
+from obelisk_py.core.command_watchdog import ONLY_REJECTIONS, RejectionLog, RejectionReport
 from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_py.core.refusals import REFUSED_ON_END, Refusals, Report
 from obelisk_py.core.sim.mujoco.bounds import out_of_bounds
 from obelisk_py.core.sim.mujoco.stamps import DEFAULT_LATENESS_S, StampOrder
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S
@@ -70,8 +70,8 @@ class ControlInbox:
         self._size = size
         self._torques = torques
         self._stamps = stamps
-        self._refused = Refusals("control refused", monotonic_s, REFUSED_ON_END)
-        self._late = Refusals("control applied though late", monotonic_s)
+        self._refused = RejectionLog("control refused", monotonic_s, ONLY_REJECTIONS)
+        self._late = RejectionLog("control applied though late", monotonic_s)
         self.newest: Control | None = None
         """The control to apply; None until there is one."""
 
@@ -98,7 +98,7 @@ class ControlInbox:
         self.newest = control
         return True
 
-    def reports(self) -> list[Report]:
+    def reports(self) -> list[RejectionReport]:
         """What no log line has told yet, each kind at most once per second."""
         told = (self._refused.report(), self._late.report())
         return [report for report in told if report is not None]

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from visualization_msgs.msg import Marker, MarkerArray
 
-from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.sensors.fields import Copy, in_turn, set_quaternion
 from obelisk_py.core.sim.mujoco.sensors.kind import WORLD, Sampler
 

@@ -20,12 +20,12 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
-from obelisk_py.core.cdr import PackedMessage
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameters import Getter
-from obelisk_py.core.rates.counter import TickCounter
+from obelisk_py.core.rate_monitor.counting import TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
+from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.block import PARAMETER, read_block
 from obelisk_py.core.sim.mujoco.control import ControlInbox, make_inbox
 from obelisk_py.core.sim.mujoco.drive import WhenStale
@@ -38,11 +38,7 @@ from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output, Stepper, StepReport
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.true_state import StateCopy, TrueStateReader
-from obelisk_py.core.sim.mujoco.viewing.film_robot import (
-    FILM_PARAMETERS,
-    film_outputs,
-    film_wanted,
-)
+from obelisk_py.core.sim.mujoco.viewing.film_robot import FILM_PARAMETERS, film_outputs, film_wanted
 from obelisk_py.core.sim.mujoco.viewing.onlookers import PARAMETERS, onlooker_outputs, wishes_of
 from obelisk_py.core.sim.mujoco.viewing.words import Severity
 from obelisk_spec.runtime_protocol import STEPS
@@ -219,7 +215,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             return False
         is_taken = inbox.offer(control_msg)
         for refusal in inbox.reports():
-            self._tell_refusal(refusal)
+            self._log_rejection(refusal)
         return is_taken
 
     def publish_true_sim_state(self) -> TrueSimState:
@@ -262,13 +258,13 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             return None
         return WhenStale(action=self._age.policy.action, is_stale=self._is_stale)
 
-    def _look_out(self) -> None:
+    def _start_watchdog(self) -> None:
         """The stepping thread looks before each step; no other thread could be sooner."""
 
     def _can_damp(self) -> bool:
         return True  # by the actuators
 
-    def _refusal_of(self, _control_msg: ObeliskControlMsg) -> None:
+    def _rejection_of(self, _control_msg: ObeliskControlMsg) -> None:
         """The inbox refuses, by what the simulation reads."""
 
     def _make_stepper(
@@ -277,12 +273,12 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         rtf = self._own_publisher(Float64, "~/rtf", _DEPTH)
         ticks = TickCounter()
         if factor:
-            self.rates.promise(STEPS, factor / simulation.step_s, ticks, self._time_of_steps_ns)
+            self.rates.expect(STEPS, factor / simulation.step_s, ticks, self._time_of_steps_ns)
 
         def report(measured: StepReport) -> None:
             ticks.overruns += measured.overruns
             rtf.publish(Float64(data=measured.realtime_factor))
-            self.rates.tell(REALTIME_FACTOR, measured.realtime_factor)
+            self.rates.add_value(REALTIME_FACTOR, measured.realtime_factor)
             self._report(measured)
 
         return Stepper(
@@ -304,7 +300,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         simulation = self._simulation
         assert simulation is not None
         name = self.resolve_topic_name(topic)
-        return self.rates.promise_samples(name, period_s, lambda: simulation.time_ns)
+        return self.rates.expect_samples(name, period_s, lambda: simulation.time_ns)
 
     def _every_step(self, simulation: Simulation) -> list[Output]:
         """What follows each step, before the sensors: the clock, the copy for `TrueSimState`."""
@@ -356,7 +352,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     def _report(self, report: StepReport) -> None:
         for refusal in self._inbox.reports() if self._inbox is not None else ():
-            self._tell_refusal(refusal)
+            self._log_rejection(refusal)
         if report.overruns:
             self._warn(
                 f"the simulation fell behind ({report.overruns}x in the last second) and gave up "

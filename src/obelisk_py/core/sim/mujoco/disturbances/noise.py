@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.disturbances.chance import Chance
 from obelisk_py.core.sim.mujoco.disturbances.settings import Disturbances, FieldNoise
 from obelisk_py.core.sim.mujoco.sensors.fields import set_quaternion

@@ -8,7 +8,7 @@ their numbers one after another in the order of the config, `frames` their sites
 import numpy as np
 from obelisk_sensor_msgs.msg import ObkForceSensor
 
-from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.sensors.fields import copy_picked
 from obelisk_py.core.sim.mujoco.sensors.kind import Sampler, SensorKind, SensorSource
 

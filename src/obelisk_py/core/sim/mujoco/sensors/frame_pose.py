@@ -10,7 +10,7 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped
 from obelisk_sensor_msgs.msg import ObkFramePose
 
-from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.sensors.fields import copy_all, copy_quaternion, in_turn
 from obelisk_py.core.sim.mujoco.sensors.kind import Sampler, SensorKind, SensorSource
 

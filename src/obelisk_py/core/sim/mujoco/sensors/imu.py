@@ -13,7 +13,7 @@ from typing import Any
 from obelisk_sensor_msgs.msg import ObkImu
 from sensor_msgs.msg import Imu
 
-from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.sensors.fields import copy_all, copy_quaternion, in_turn
 from obelisk_py.core.sim.mujoco.sensors.kind import WORLD, Sampler, SensorKind, SensorSource
 

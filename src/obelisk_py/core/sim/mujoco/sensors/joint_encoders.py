@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obelisk_sensor_msgs.msg import JointEncoders, ObkJointEncoders
 
-from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.sensors.fields import Copy, copy_picked, in_turn
 from obelisk_py.core.sim.mujoco.sensors.kind import WORLD, Sampler, SensorKind, SensorSource
 

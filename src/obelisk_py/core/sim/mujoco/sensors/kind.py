@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.scans import RayCaster
 from obelisk_py.core.sim.mujoco.scans.frames import WORLD
 

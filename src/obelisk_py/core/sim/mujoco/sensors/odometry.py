@@ -18,7 +18,7 @@ import numpy as np
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 
-from obelisk_py.core.cdr import PackedMessage
+from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.sensors.fields import Copy, copy_all, copy_quaternion, in_turn
 from obelisk_py.core.sim.mujoco.sensors.frame_pose import pose_reference
 from obelisk_py.core.sim.mujoco.sensors.kind import (

@@ -14,8 +14,8 @@ import numpy as np
 from obelisk_sensor_msgs.msg import ObkScan
 from sensor_msgs.msg import Image, PointCloud2, PointField
 
-from obelisk_py.core.cdr import PackedMessage
 from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.scans import RayCaster, Scan, make_caster
 from obelisk_py.core.sim.mujoco.scans.frames import find_frame
 from obelisk_py.core.sim.mujoco.scans.settings import DepthCamera

@@ -1,0 +1,549 @@
+"""`EventLoopExecutor`: runs the callbacks of nodes, driven by events instead of by wait sets.
+
+It runs the nodes' callbacks on the thread that spins, and on further threads if `num_threads` is
+above 1. A callback's exception comes out of the spin function. With one thread it does what rclpy's
+`SingleThreadedExecutor` does, at a fraction of the cost of a callback; a custom callback group is
+treated as mutually exclusive.
+
+Behind it stand a `_WorkerPool` (threads, started, paused and stopped as one) and a
+`_HandlerRegistry` (which handler stands for which entity, and on which workers).
+"""
+
+import threading
+import time
+import weakref
+from collections.abc import Callable, Coroutine, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
+from rclpy.context import Context
+from rclpy.event_handler import EventHandler
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import Executor, ExternalShutdownException, TimeoutObject
+from rclpy.node import Node
+from rclpy.task import Future, Task
+from rclpy.utilities import get_default_context
+
+from obelisk_py.core.executor.handlers import (
+    ClientHandler,
+    EntityHandler,
+    ExecutorReference,
+    QosEventHandler,
+    ServiceHandler,
+    SubscriptionHandler,
+    TimerHandler,
+)
+from obelisk_py.core.executor.waitset_thread import (
+    GuardConditionHandler,
+    WaitableHandler,
+    WaitSetHandler,
+    WaitSetThread,
+)
+from obelisk_py.core.executor.worker import Job, TaskQueue, Worker
+
+__all__ = ["EventLoopExecutor"]
+
+# epoll's timeout is bounded; a longer wait is repeated.
+_LONGEST_WAIT_S = 3600.0
+_END_OF_PROCESS_S = 2.0
+
+
+class EventLoopExecutor(Executor):
+    """An rclpy executor for loops at high rates."""
+
+    def __init__(self, num_threads: int = 1, *, context: Context | None = None) -> None:
+        """Make an executor without nodes.
+
+        Args:
+            num_threads: at least 1; a mutually exclusive callback group keeps to one of them, a
+                reentrant one runs on all.
+            context: None takes the default one.
+
+        Raises:
+            ValueError: `num_threads` below 1.
+        """
+        context = get_default_context() if context is None else context
+        # Before the base, whose constructor may call `wake`.
+        self._pool = _WorkerPool(num_threads, context, weakref.ref(self))
+        super().__init__(context=context)
+        if num_threads < 1:
+            raise ValueError(f"num_threads is {num_threads}, expected at least 1")
+        # Also at the end of the process, for a program that shuts nothing down.
+        self._finalizer = weakref.finalize(self, self._pool.stop, _END_OF_PROCESS_S)
+
+    def wake(self) -> None:
+        """Check what changed: entities of a node, or the awaited future."""
+        self._pool.interrupt(entities_changed=True)
+
+    def add_node(self, node: Node) -> bool:
+        """Run a node's callbacks from now on; false if they are run already."""
+        added = bool(super().add_node(node))
+        self.wake()
+        return added
+
+    def remove_node(self, node: Node) -> None:
+        """Stop running a node's callbacks."""
+        super().remove_node(node)
+        self.wake()
+        self._pool.sync()
+
+    def create_task(
+        self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any
+    ) -> Task:
+        """Run a function or coroutine while this executor spins; from any thread.
+
+        Returns:
+            A future of its result.
+        """
+        task = Task(callback, args, kwargs, executor=self)
+        self._pool.task_queue.put(partial(_run_task, task))
+        return task
+
+    def spin(self) -> None:
+        """Run callbacks until `shutdown`, or until the context ends."""
+        with self._spinning() as worker:
+            self._run(worker, None, None)
+
+    def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
+        """Run callbacks until a future is done or cancelled.
+
+        Args:
+            future: what is waited for.
+            timeout_sec: no longer than this [s]; without end if None or below 0.
+        """
+        with self._spinning() as worker, self._woken_by(future):
+            self._run(worker, future, _end_s(timeout_sec))
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Wait for one callback and run it.
+
+        Args:
+            timeout_sec: wait no longer than this [s]; without end if None or below 0.
+
+        Raises:
+            ExternalShutdownException: the context has ended.
+        """
+        with self._spinning() as worker:
+            self._run_once(worker, None, _end_s(timeout_sec))
+
+    def spin_once_until_future_complete(
+        self, future: Future, timeout_sec: float | TimeoutObject | None = None
+    ) -> None:
+        """As `spin_once`, but wait no longer than until the future is done.
+
+        Raises:
+            ExternalShutdownException: the context has ended.
+        """
+        timeout_s = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec
+        with self._spinning() as worker, self._woken_by(future):
+            self._run_once(worker, future, _end_s(timeout_s))
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """Stop spinning and release all nodes.
+
+        Called within a callback it returns at once, and the executor stops after the callback.
+
+        Args:
+            timeout_sec: wait no longer than this for callbacks that run [s]; without end if None
+                or below 0.
+
+        Returns:
+            Whether nothing runs any more.
+        """
+        timeout_s = None if timeout_sec is None or timeout_sec < 0 else timeout_sec
+        self._is_shutdown = True
+        ended = self._pool.stop(timeout_s)
+        if ended:
+            # Not the base's, which destroys a guard condition that a thread of rclpy may be about
+            # to trigger after a signal; that crashes.
+            with self._nodes_lock:
+                self._nodes = set()
+        return ended
+
+    def _run(self, worker: Worker, future: Future | None, end_s: float | None) -> None:
+        wait_s = -1.0
+        while True:
+            if worker.is_interrupted:
+                worker.is_interrupted = False
+                if not self._should_continue():
+                    return
+                self._pool.run_posted(worker)
+            if future is not None and _is_done(future):
+                return
+            if end_s is not None:
+                wait_s = _wait_s(end_s)
+                if wait_s == 0:
+                    return
+            worker.run_ready(wait_s)
+
+    def _run_once(self, worker: Worker, future: Future | None, end_s: float | None) -> None:
+        ran = False
+        while not ran:
+            if worker.is_interrupted:
+                worker.is_interrupted = False
+                if not self._should_continue():
+                    if not self._context.ok():
+                        raise ExternalShutdownException
+                    return
+                ran = self._pool.run_posted(worker)
+            wait_s = -1.0 if end_s is None else _wait_s(end_s)
+            ran = ran or (future is not None and _is_done(future)) or worker.run_one(wait_s)
+            if wait_s == 0:
+                return
+
+    def _should_continue(self) -> bool:
+        pool = self._pool
+        if pool.fault is not None:
+            fault, pool.fault = pool.fault, None
+            raise fault
+        return not pool.is_stopped and bool(self._context.ok())
+
+    @contextmanager
+    def _spinning(self) -> Iterator[Worker]:
+        pool = self._pool
+        if not pool.spinning.acquire(blocking=False):
+            raise RuntimeError("this executor is spinning already")
+        try:
+            pool.start()
+            yield pool.worker
+        finally:
+            pool.pause()
+            if pool.is_stopped:
+                pool.close()
+            pool.spinning.release()
+
+    @contextmanager
+    def _woken_by(self, future: Future) -> Iterator[None]:
+        def wake(_future: Future) -> None:
+            self._pool.interrupt(entities_changed=False)
+
+        if not _is_done(future):
+            future.add_done_callback(wake)
+        try:
+            yield
+        finally:
+            future.remove_done_callback(wake)
+
+
+def _run_task(task: Task, worker: Worker) -> bool:
+    worker.run_task(task, None)
+    return True
+
+
+def _is_done(future: Future) -> bool:
+    return bool(future.done() or future.cancelled())
+
+
+def _end_s(timeout_s: float | None) -> float | None:
+    """When a wait is over, on the monotonic clock [s]; None for never."""
+    return None if timeout_s is None or timeout_s < 0 else time.monotonic() + timeout_s
+
+
+def _wait_s(end_s: float) -> float:
+    return min(max(0.0, end_s - time.monotonic()), _LONGEST_WAIT_S)
+
+
+class _WorkerPool:
+    """The workers of an executor; the thread that spins runs the first one.
+
+    The others have threads of their own, which run while the executor spins and rest otherwise.
+    """
+
+    def __init__(
+        self,
+        num_threads: int,
+        context: Context,
+        executor: ExecutorReference,
+    ) -> None:
+        """Put the parts together; nothing runs yet.
+
+        Args:
+            num_threads: workers.
+            context: its end is reported.
+            executor: its nodes are run.
+        """
+        self.spinning = threading.Lock()
+        """Held by the thread that spins."""
+        self.is_stopped = False
+        self.fault: BaseException | None = None
+        """What a callback raised on a worker other than the first, or what ended the wait set."""
+        self.task_queue = TaskQueue()
+        self._is_closed = False
+        self._executor = executor
+        self._workers = tuple(Worker() for _ in range(num_threads))
+        for worker in self._workers:
+            worker.add(self.task_queue, shared=num_threads > 1)
+        self._waitset = WaitSetThread(context, self._on_event)
+        self._registry = _HandlerRegistry(self._workers, self.task_queue, self._waitset, executor)
+        self._may_run = threading.Event()
+        self._threads: tuple[threading.Thread, ...] = ()
+
+    @property
+    def worker(self) -> Worker:
+        """The worker of the thread that spins."""
+        return self._workers[0]
+
+    def interrupt(self, *, entities_changed: bool) -> None:
+        """Make all workers return to `run_posted`."""
+        if entities_changed:
+            self._registry.is_outdated = True
+        for worker in self._workers:
+            worker.interrupt()
+
+    def run_posted(self, worker: Worker) -> bool:
+        """What a worker does when interrupted; true if a callback of the user ran."""
+        if self._registry.is_outdated:
+            self._update()
+        return worker.run_posted()
+
+    def sync(self) -> None:
+        """Follow a change of the nodes now, unless a thread spins, which then does it."""
+        with self._registry.lock:
+            if self.worker.thread_id is None and not self.is_stopped:
+                self._update()
+
+    def start(self) -> None:
+        """The calling thread, which holds `spinning`, becomes the first worker's."""
+        self._own(self.worker)
+        self.worker.is_interrupted = True
+        if self.is_stopped:
+            return
+        self._waitset.start()
+        if len(self._workers) > 1 and not self._threads:
+            self._threads = tuple(
+                threading.Thread(target=self._work, args=(worker,), name=f"worker {n}", daemon=True)
+                for n, worker in enumerate(self._workers[1:], start=1)
+            )
+            for thread in self._threads:
+                thread.start()
+        self._may_run.set()
+
+    def pause(self) -> None:
+        """The calling thread leaves; the other workers rest after their callbacks."""
+        self._may_run.clear()
+        for worker in self._workers[1:]:
+            worker.interrupt()
+        self._disown(self.worker)
+
+    def stop(self, timeout_s: float | None) -> bool:
+        """Stop all threads and release everything; false if that takes longer than `timeout_s`.
+
+        Called within a callback it only requests the stop, which follows after the callback.
+        """
+        self.is_stopped = True
+        self._may_run.set()
+        self.interrupt(entities_changed=False)
+        if threading.get_ident() in [worker.thread_id for worker in self._workers]:
+            return True
+        end_s = None if timeout_s is None else time.monotonic() + timeout_s
+        if not self.spinning.acquire(timeout=-1 if timeout_s is None else timeout_s):
+            return False
+        try:
+            return self.close(end_s)
+        finally:
+            self.spinning.release()
+
+    def close(self, end_s: float | None = None) -> bool:
+        """Release everything, on the thread that holds `spinning`, once stopped.
+
+        Args:
+            end_s: do not wait for threads beyond this time of the monotonic clock [s].
+
+        Returns:
+            Whether all threads had ended.
+        """
+        for thread in self._threads:
+            thread.join(_left_s(end_s))
+        if any(thread.is_alive() for thread in self._threads):
+            return False
+        if not self._is_closed:
+            if not self._waitset.stop(_left_s(end_s)):
+                return False
+            self._is_closed = True
+            self._registry.clear()
+            for worker in self._workers:
+                worker.remove(self.task_queue)
+                worker.close()
+            self.task_queue.close()
+        return True
+
+    def _update(self) -> None:
+        executor = self._executor()
+        self._registry.update(executor.get_nodes() if executor is not None else ())
+
+    def _work(self, worker: Worker) -> None:
+        while not self.is_stopped:
+            self._may_run.wait()
+            self._own(worker)
+            try:
+                while self._may_run.is_set() and not self.is_stopped:
+                    if worker.is_interrupted:
+                        worker.is_interrupted = False
+                        self.run_posted(worker)
+                    worker.run_ready(-1)
+            except BaseException as fault:  # raised by the thread that spins
+                worker.is_interrupted = True
+                self._on_event(fault)
+            finally:
+                self._disown(worker)
+
+    def _own(self, worker: Worker) -> None:
+        with self._registry.lock:
+            worker.thread_id = threading.get_ident()
+
+    def _disown(self, worker: Worker) -> None:
+        with self._registry.lock:
+            worker.thread_id = None
+            self._registry.release(worker)
+
+    def _on_event(self, fault: BaseException | None) -> None:
+        self.fault = self.fault or fault
+        self.worker.interrupt()
+
+
+def _left_s(end_s: float | None) -> float | None:
+    return None if end_s is None else max(0.0, end_s - time.monotonic())
+
+
+class _HandlerRegistry:
+    """The handlers of all entities, kept equal to what the nodes have.
+
+    A mutually exclusive callback group stays on one worker, so that exclusion costs nothing; a
+    reentrant one runs on all. A handler that has to go is disabled at once, is removed from each
+    worker on that worker's own thread, and is closed when it was removed from the last.
+    """
+
+    def __init__(
+        self,
+        workers: Sequence[Worker],
+        task_queue: TaskQueue,
+        waitset: WaitSetThread,
+        executor: ExecutorReference,
+    ) -> None:
+        self.is_outdated = False
+        """Whether entities were added or destroyed since the last `update`."""
+        self.lock = threading.RLock()
+        """Held while a worker gets or loses its thread, so that `update` sees one or the other."""
+        self._workers = workers
+        self._task_queue = task_queue
+        self._waitset = waitset
+        self._executor = executor
+        # By identity; a handler keeps its entity, so the number is not given to another one.
+        self._handlers: dict[int, EntityHandler] = {}
+        self._retiring: dict[EntityHandler, set[Worker]] = {}
+        self._waitset_handlers: dict[int, WaitSetHandler] = {}
+        self._groups: weakref.WeakKeyDictionary[CallbackGroup, Worker] = weakref.WeakKeyDictionary()
+
+    def update(self, nodes: Iterable[Any]) -> None:
+        """Add handlers for new entities and remove those whose entity was destroyed."""
+        with self.lock:
+            self.is_outdated = False
+            listed = {id(entity): (make, entity) for make, entity in _entities(nodes)}
+            for key in self._handlers.keys() - listed.keys():
+                self._retire(self._handlers.pop(key))
+            for key in listed.keys() - self._handlers.keys():
+                self._add(key, *listed[key])
+            self._update_waitset(nodes)
+
+    def clear(self) -> None:
+        """Remove every handler; only while no worker has a thread."""
+        self.update(())
+        for worker in self._workers:
+            self.release(worker)
+
+    def release(self, worker: Worker) -> None:
+        """Remove from a worker, which no thread runs, the handlers that have to go."""
+        with self.lock:
+            for handler in list(self._retiring):
+                self._remove(handler, worker)
+
+    def _add(self, key: int, make: Callable[..., EntityHandler], entity: Any) -> None:
+        try:
+            handler = make(entity, self._executor)
+        except InvalidHandle:  # destroyed meanwhile
+            return
+        try:
+            handler.enable()
+        except RuntimeError:
+            handler.close()
+            raise
+        workers = self._workers_of(handler.group)
+        handler.is_shared = len(workers) > 1
+        for worker in workers:
+            worker.add(handler, shared=handler.is_shared)
+        self._handlers[key] = handler
+
+    def _retire(self, handler: EntityHandler) -> None:
+        handler.disable()
+        workers = self._workers_of(handler.group)
+        self._retiring[handler] = set(workers)
+        for worker in workers:
+            if worker.thread_id in (None, threading.get_ident()):
+                self._remove(handler, worker)
+            else:
+                worker.post(partial(self._remove, handler))
+
+    def _remove(self, handler: EntityHandler, worker: Worker) -> bool:
+        with self.lock:
+            workers = self._retiring.get(handler, set())
+            if worker in workers:
+                worker.remove(handler)
+                workers.remove(worker)
+                if not workers:
+                    del self._retiring[handler]
+                    handler.close()
+        return False
+
+    def _workers_of(self, group: CallbackGroup) -> Sequence[Worker]:
+        if isinstance(group, ReentrantCallbackGroup):
+            return self._workers
+        return [self._worker_of(group)]
+
+    def _worker_of(self, group: CallbackGroup) -> Worker:
+        """A group's worker; a new group's is the one with the fewest."""
+        if group not in self._groups:
+            taken = list(self._groups.values())
+            self._groups[group] = min(self._workers, key=taken.count)
+        return self._groups[group]
+
+    def _update_waitset(self, nodes: Iterable[Any]) -> None:
+        listed = {id(entity): (make, entity) for make, entity in _waitset_entities(nodes)}
+        missing = self._waitset_handlers.keys() - listed.keys()
+        new = listed.keys() - self._waitset_handlers.keys()
+        for key in missing:
+            self._waitset_handlers.pop(key).is_destroyed = True
+        for key in new:
+            make, entity = listed[key]
+            post = self._post_to(entity.callback_group)
+            self._waitset_handlers[key] = make(entity, post, self._executor, self._waitset.wake)
+        if missing or new:
+            self._waitset.watch(tuple(self._waitset_handlers.values()))
+
+    def _post_to(self, group: CallbackGroup) -> Callable[[Job], None]:
+        if isinstance(group, ReentrantCallbackGroup):
+            return self._task_queue.put
+        return partial(self._worker_of(group).post, group=group)
+
+
+def _waitset_entities(nodes: Iterable[Any]) -> Iterator[tuple[type[WaitSetHandler], Any]]:
+    for node in nodes:
+        for guard in list(node.guards):
+            yield GuardConditionHandler, guard
+        for waitable in list(node.waitables):
+            if not isinstance(waitable, EventHandler):
+                yield WaitableHandler, waitable
+
+
+def _entities(nodes: Iterable[Any]) -> Iterator[tuple[Callable[..., EntityHandler], Any]]:
+    for node in nodes:
+        for make, entities in (
+            (TimerHandler, node.timers),
+            (partial(SubscriptionHandler, context=node.context), node.subscriptions),
+            (ServiceHandler, node.services),
+            (ClientHandler, node.clients),
+            (QosEventHandler, [w for w in node.waitables if isinstance(w, EventHandler)]),
+        ):
+            for entity in list(entities):
+                yield make, entity

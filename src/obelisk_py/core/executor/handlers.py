@@ -1,0 +1,422 @@
+"""Handlers of timers, subscriptions, services, clients and QoS events: they call the user.
+
+A handler keeps its entity's rcl structure alive and has one eventfd, to which the middleware writes
+when there is something to take. A timer's handler has a kernel timer too. A handler stops after any
+callback during which its worker was interrupted, because that callback may have destroyed the
+entity.
+"""
+
+import inspect
+import os
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import partial
+from typing import Any, ClassVar
+
+from rclpy.clock import JumpThreshold
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import Executor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.logging import get_logger
+from rclpy.subscription import Subscription
+from rclpy.task import Task
+from rclpy.timer import Timer
+
+from obelisk_py.core.exceptions import ObeliskMsgError
+from obelisk_py.core.executor.rcl_listeners import (
+    EntityKind,
+    arm_timer,
+    clear_listener,
+    open_eventfd,
+    open_timer,
+    set_listener,
+)
+from obelisk_py.core.executor.worker import ReadyCallback, Worker
+from obelisk_py.core.intra_process import buffer_of, intra_process_topic
+from obelisk_py.core.serialization.codec import codec_for
+
+__all__ = [
+    "ClientHandler",
+    "EntityHandler",
+    "ExecutorReference",
+    "QosEventHandler",
+    "ServiceHandler",
+    "SubscriptionHandler",
+    "TimerHandler",
+]
+
+ExecutorReference = Callable[[], Executor | None]
+"""Gives the executor; None when it was garbage-collected."""
+
+RCLError: Any = rclpy_implementation.RCLError
+_IMMEDIATELY_NS = 1
+_ANY_JUMP = JumpThreshold(
+    min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1), on_clock_change=True
+)
+
+_MESSAGES_PER_TURN = 32
+"""After so many messages the other handlers get a turn."""
+_DROP_LOG_PERIOD_S = 1.0
+
+
+class EntityHandler(ABC):
+    """An entity, and the eventfd that is signalled when it has something to take."""
+
+    entity: Any
+    kind: ClassVar[EntityKind]
+    waits_for_group = True
+
+    def __init__(self, entity: Any, executor: ExecutorReference) -> None:
+        """Keep the entity from being destroyed until `close`.
+
+        Args:
+            entity: of rclpy.
+            executor: runs futures and coroutines of the entity's callbacks.
+
+        Raises:
+            InvalidHandle: it is destroyed already.
+        """
+        self.entity = entity
+        self.group = entity.callback_group
+        self.is_shared = False
+        """Whether several workers watch it, which may run it at the same time."""
+        self._executor = executor
+        self._handle = self._handle_of(entity)
+        self._handle.__enter__()
+        self._signal_fd = open_eventfd()
+
+    def enable(self) -> None:
+        """Set the listener, and signal once for what arrived before."""
+        set_listener(self.kind, self._handle.pointer, self._signal_fd)
+        os.eventfd_write(self._signal_fd, 1)
+
+    def disable(self) -> None:
+        """Clear the listener."""
+        clear_listener(self.kind, self._handle.pointer)
+
+    def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
+        """What a worker calls, by descriptor."""
+        return {self._signal_fd: partial(self._run, worker)}
+
+    def close(self) -> None:
+        """Release the entity, after it was disabled and no worker watches it."""
+        os.close(self._signal_fd)
+        self._handle.__exit__(None, None, None)
+
+    @abstractmethod
+    def _run(self, worker: Worker) -> bool: ...
+
+    def _handle_of(self, entity: Any) -> Any:
+        return entity.handle
+
+    def _requeue(self, worker: Worker, signal_fd: int) -> None:
+        """Have the rest taken: later, or meanwhile by another worker."""
+        if self.is_shared:
+            os.eventfd_write(signal_fd, 1)
+        else:
+            worker.requeue(signal_fd)
+
+    def _run_task(self, worker: Worker, callback: Callable[..., Any], *args: Any) -> None:
+        worker.run_task(Task(callback, args, None, executor=self._executor()), self.group)
+
+
+class SubscriptionHandler(EntityHandler):
+    """Calls the user with each message, from DDS or from a publisher of this process."""
+
+    kind = EntityKind.SUBSCRIPTION
+
+    def __init__(
+        self, entity: Subscription, executor: ExecutorReference, *, context: Context
+    ) -> None:
+        """Args as in the base; `context` is that of the subscription's node."""
+        super().__init__(entity, executor)
+        self._take = self._handle.take_message
+        self._codec = codec_for(entity.msg_type)
+        self._callback: Callable[..., Any] | None = None
+        self._is_plain = False
+        self._next_drop_log_s = -float("inf")
+        self._buffer = buffer_of(entity)
+        self._topic = intra_process_topic(context, self._handle.get_topic_name())
+
+    def enable(self) -> None:
+        """Set the listener, and open the buffer to publishers of this process."""
+        super().enable()
+        if self._buffer is not None:
+            # DDS may already hold messages, which no later one may overtake.
+            self._buffer.mark_dds()
+            self._topic.open(self._buffer)
+
+    def disable(self) -> None:
+        """Clear the listener."""
+        if self._buffer is not None:
+            self._topic.close(self._buffer)
+        super().disable()
+
+    def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
+        """What a worker calls when DDS or the buffer has a message."""
+        buffer = self._buffer
+        if buffer is None:
+            return super().ready_callbacks(worker)
+        buffer.wake = buffer.signal if self.is_shared else partial(worker.signal, buffer.signal_fd)
+        run_buffered = partial(self._deliver, worker, buffer.take, buffer.signal_fd)
+        return {**super().ready_callbacks(worker), buffer.signal_fd: run_buffered}
+
+    def close(self) -> None:
+        """Release the subscription; messages in its buffer wait for the next handler."""
+        if self._buffer is not None:
+            self._buffer.wake = self._buffer.signal
+        super().close()
+
+    def _run(self, worker: Worker) -> bool:
+        return self._deliver(worker, self._next, self._signal_fd)
+
+    def _deliver(
+        self, worker: Worker, take: Callable[[], tuple[Any, Any] | None], signal_fd: int
+    ) -> bool:
+        """Call the user with each message that can be taken; `signal_fd` announced them."""
+        subscription = self.entity
+        ran = False
+        for _ in range(_MESSAGES_PER_TURN):
+            try:
+                taken = take()
+            except ObeliskMsgError as error:
+                self._log_drop(error)
+                continue
+            if taken is None:
+                return ran
+            callback = subscription.callback
+            if callback is not self._callback:
+                self._inspect(callback)
+            if self.is_shared:
+                self._requeue(worker, signal_fd)
+            if self._is_plain:
+                callback(taken[0])
+            else:
+                self._call(worker, callback, taken)
+            ran = True
+            if worker.is_interrupted:
+                break
+        self._requeue(worker, signal_fd)
+        return ran
+
+    def _next(self) -> tuple[Any, Any] | None:
+        """The oldest message: those in the buffer were published before those in DDS."""
+        buffer = self._buffer
+        if buffer is None:
+            return self._take_from_dds()
+        taken = buffer.take()
+        if taken is None:
+            mark = buffer.dds_mark
+            taken = self._take_from_dds()
+            if taken is None:
+                buffer.mark_dds_empty(mark)
+        return taken
+
+    def _take_from_dds(self) -> tuple[Any, Any] | None:
+        subscription, codec = self.entity, self._codec
+        taken: tuple[Any, Any] | None
+        if codec is None or subscription.raw:
+            taken = self._take(subscription.msg_type, subscription.raw)
+            return taken
+        taken = self._take(subscription.msg_type, True)
+        return None if taken is None else (codec.unpack(taken[0]), taken[1])
+
+    def _log_drop(self, error: ObeliskMsgError) -> None:
+        # rclpy's throttle belongs to a logger, and `get_logger` makes a new one each time.
+        now_s = time.monotonic()
+        if now_s >= self._next_drop_log_s:
+            self._next_drop_log_s = now_s + _DROP_LOG_PERIOD_S
+            text = f"dropped a message on `{self.entity.topic_name}`: {error}"
+            get_logger(self.entity.logger_name).error(text)
+
+    def _inspect(self, callback: Callable[..., Any]) -> None:
+        """Find out once, instead of at every message, how to call a callback."""
+        self._callback = callback
+        self._is_coroutine = inspect.iscoroutinefunction(callback)
+        self._takes_info = self.entity._callback_type is Subscription.CallbackType.WithMessageInfo
+        self._is_plain = not (self._is_coroutine or self._takes_info)
+
+    def _call(self, worker: Worker, callback: Callable[..., Any], taken: tuple[Any, Any]) -> None:
+        args = taken if self._takes_info else taken[:1]
+        if self._is_coroutine:
+            self._run_task(worker, callback, *args)
+        else:
+            callback(*args)
+
+
+class ServiceHandler(EntityHandler):
+    """Answers requests."""
+
+    kind = EntityKind.SERVICE
+
+    def _run(self, worker: Worker) -> bool:
+        service = self.entity
+        request, header = self._handle.service_take_request(service.srv_type.Request)
+        if header is None:
+            return False
+        self._requeue(worker, self._signal_fd)
+        if inspect.iscoroutinefunction(service.callback):
+            self._run_task(worker, self._answer_later, request, header)
+        else:
+            self._answer(service.callback(request, service.srv_type.Response()), header)
+        return True
+
+    async def _answer_later(self, request: Any, header: Any) -> None:
+        self._answer(await self.entity.callback(request, self.entity.srv_type.Response()), header)
+
+    def _answer(self, response: Any, header: Any) -> None:
+        # A callback that destroys its own service cannot answer any more.
+        with suppress(InvalidHandle):
+            self.entity.send_response(response, header)
+
+
+class ClientHandler(EntityHandler):
+    """Completes the futures of requests.
+
+    A response calls no code of the user, so it is taken even while a coroutine of the group is
+    suspended: that coroutine may be what waits for it.
+    """
+
+    kind = EntityKind.CLIENT
+    waits_for_group = False
+
+    def _run(self, worker: Worker) -> bool:
+        client = self.entity
+        header, response = self._handle.take_response(client.srv_type.Response)
+        if header is None:
+            return False
+        self._requeue(worker, self._signal_fd)
+        # A request that was cancelled is not pending any more.
+        with suppress(KeyError):
+            future = client.get_pending_request(header.request_id.sequence_number)
+            future._set_executor(self._executor())
+            future.set_result(response)
+        return True
+
+
+class QosEventHandler(EntityHandler):
+    """Calls the user with QoS events, such as an incompatible publisher.
+
+    In a wait set these events would wake it at every message of their subscription.
+    """
+
+    kind = EntityKind.EVENT
+
+    def enable(self) -> None:
+        """Set the listener; the middleware itself reports earlier events."""
+        set_listener(self.kind, self._handle.pointer, self._signal_fd)
+
+    def _handle_of(self, entity: Any) -> Any:
+        # rclpy exposes it to its wait set only.
+        return entity._EventHandler__event
+
+    def _run(self, worker: Worker) -> bool:
+        try:
+            os.eventfd_read(self._signal_fd)
+        except BlockingIOError:  # taken by another worker
+            return False
+        event = self._handle.take_event()
+        if not event:
+            return False
+        callback = self.entity.callback
+        if inspect.iscoroutinefunction(callback):
+            self._run_task(worker, callback, event)
+        else:
+            callback(event)
+        return True
+
+
+class TimerHandler(EntityHandler):
+    """Calls the user at each period: the rcl timer's schedule, kept by a kernel timer.
+
+    The kernel timer is set to the rcl timer's next call and period, and set again when the rcl
+    timer is reset, cancelled or given another period, and when simulated time moves. The eventfd of
+    the base is signalled at a reset.
+    """
+
+    kind = EntityKind.TIMER_RESET
+
+    def __init__(self, entity: Timer, executor: ExecutorReference) -> None:
+        super().__init__(entity, executor)
+        clock = entity.clock
+        steady = clock.clock_type == ClockType.STEADY_TIME
+        self._kernel_clock = time.CLOCK_MONOTONIC if steady else time.CLOCK_REALTIME
+        self._ros_clock = clock if clock.clock_type == ClockType.ROS_TIME else None
+        self._timer_fd = open_timer(self._kernel_clock)
+        self._arming = threading.Lock()
+        self._is_closed = False
+        self._period_ns = 0
+        self._callback: Callable[[], Any] | None = None
+        self._jump = self._ros_clock and self._ros_clock.create_jump_callback(
+            _ANY_JUMP, post_callback=lambda _jump: self._arm()
+        )
+
+    def enable(self) -> None:
+        """Set the listener and the kernel timer."""
+        super().enable()
+        self._arm()
+
+    def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
+        """What a worker calls when the timer is due, and when it was reset."""
+        return {self._timer_fd: partial(self._run, worker), self._signal_fd: self._follow}
+
+    def close(self) -> None:
+        """Release the timer, its clock and the kernel timer."""
+        if self._jump is not None:
+            self._jump.unregister()
+        with self._arming:
+            self._is_closed = True
+            os.close(self._timer_fd)
+        super().close()
+
+    def _follow(self) -> bool:
+        self._arm()
+        return False
+
+    def _arm(self) -> None:
+        """Set the kernel's timer to the schedule that the rcl timer has now."""
+        with self._arming:
+            if self._is_closed:
+                return
+            self._period_ns = self._handle.get_timer_period()
+            left_ns = self._handle.time_until_next_call()
+            if left_ns is None:  # cancelled
+                first_ns, period_ns = 0, 0
+            elif self._ros_clock is not None and self._ros_clock.ros_time_is_active:
+                # Simulated time: due now, or checked again when time has moved.
+                first_ns, period_ns = (_IMMEDIATELY_NS if left_ns <= 0 else 0), 0
+            else:
+                # The clock is read after the time left, so that the timer is due when it expires.
+                now_ns = time.clock_gettime_ns(self._kernel_clock)
+                first_ns, period_ns = max(now_ns + left_ns, _IMMEDIATELY_NS), self._period_ns
+            arm_timer(self._timer_fd, first_ns, period_ns)
+
+    def _run(self, worker: Worker) -> bool:
+        try:
+            os.read(self._timer_fd, 8)  # acknowledges the expiry
+        except BlockingIOError:
+            return False  # set again meanwhile, or taken by another worker
+        handle = self._handle
+        if not handle.is_timer_ready():
+            return self._follow()
+        try:
+            handle.call_timer()
+        except RCLError:  # another thread has just cancelled it
+            return self._follow()
+        callback = self.entity.callback
+        if callback is not self._callback:
+            self._callback = callback
+            self._is_coroutine = inspect.iscoroutinefunction(callback)
+        if self._is_coroutine:
+            self._run_task(worker, callback)
+        else:
+            callback()
+        if handle.get_timer_period() != self._period_ns:
+            self._arm()
+        return True

@@ -1,0 +1,289 @@
+"""One thread's share of an executor's work: an epoll over descriptors, each with a callback.
+
+Other threads post jobs and interrupt a worker; everything it runs, it runs on its own thread, one
+after another. A worker waits for nothing but its epoll and starts no thread. The `TaskQueue` holds
+work that belongs to no worker: any worker that is free takes it.
+"""
+
+import os
+import select
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Protocol
+
+from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
+from rclpy.task import Task
+
+from obelisk_py.core.executor.rcl_listeners import open_eventfd
+
+__all__ = ["EventSource", "Job", "ReadyCallback", "TaskQueue", "Worker"]
+
+ReadyCallback = Callable[[], bool]
+"""Runs what is ready; true if a callback of the user ran."""
+
+Job = Callable[["Worker"], bool]
+"""What another thread asks a worker to run; true if a callback of the user ran."""
+
+_EDGE = select.EPOLLIN | select.EPOLLET
+_SHORTEST_POLL_S, _LONGEST_POLL_S = 0.001, 0.016
+
+
+class EventSource(Protocol):
+    """What a worker watches: descriptors and callbacks that belong together."""
+
+    group: CallbackGroup | None
+    waits_for_group: bool
+    """Does not run while a coroutine of its mutually exclusive group is suspended."""
+
+    def ready_callbacks(self, worker: "Worker") -> Mapping[int, ReadyCallback]:
+        """What the worker calls when a descriptor is signalled, by descriptor."""
+
+
+class Worker:
+    """The callbacks of one thread."""
+
+    def __init__(self) -> None:
+        self.is_interrupted = False
+        """Set by `interrupt` and cleared before `run_posted`; callbacks that are running return
+        after the current message."""
+        self.thread_id: int | None = None
+        """The thread that runs the worker, or None."""
+        self._epoll = select.epoll()
+        self._callbacks: dict[int, ReadyCallback] = {}
+        self._sources: dict[int, tuple[EventSource, ReadyCallback]] = {}
+        self._ready: deque[int] = deque()
+        self._posted: deque[tuple[CallbackGroup | None, Job]] = deque()
+        self._suspended: list[tuple[Task, CallbackGroup | None]] = []
+        self._blocked: dict[CallbackGroup, set[int]] = {}
+        self._poll_s = _SHORTEST_POLL_S
+        self._closing = threading.Lock()
+        self._wake_fd = open_eventfd()
+        self._epoll.register(self._wake_fd, _EDGE)
+
+    # --- from any thread
+
+    def interrupt(self) -> None:
+        """Make the worker return to `run_posted` after its current callback."""
+        self.is_interrupted = True
+        with self._closing:
+            if not self._epoll.closed:
+                os.eventfd_write(self._wake_fd, 1)
+
+    def post(self, job: Job, group: CallbackGroup | None = None) -> None:
+        """Queue a job, to run when no coroutine of its exclusive group is suspended."""
+        self._posted.append((group, job))
+        self.interrupt()
+
+    def signal(self, fd: int) -> None:
+        """Call the callback of an eventfd; on the worker's own thread without a system call."""
+        if self.thread_id == threading.get_ident():
+            self._ready.append(fd)
+        else:
+            os.eventfd_write(fd, 1)
+
+    def add(self, source: EventSource, *, shared: bool) -> None:
+        """Watch a source; a `shared` one wakes only one of the waiting workers."""
+        flags = _EDGE | select.EPOLLEXCLUSIVE if shared else _EDGE
+        for fd, callback in source.ready_callbacks(self).items():
+            self._sources[fd] = (source, callback)
+            self._callbacks[fd] = self._callback_of(fd)
+            self._epoll.register(fd, flags)
+
+    # --- from the worker's own thread, or from any thread while none runs the worker
+
+    def remove(self, source: EventSource) -> None:
+        """Stop watching a source."""
+        for fd in [fd for fd, (other, _) in list(self._sources.items()) if other is source]:
+            del self._sources[fd], self._callbacks[fd]
+            self._epoll.unregister(fd)
+
+    def requeue(self, fd: int) -> None:
+        """Call the callback of this descriptor again, after the others had a turn."""
+        self._ready.append(fd)
+
+    def run_posted(self) -> bool:
+        """Run the posted jobs; true if a callback of the user ran."""
+        ran = False
+        for _ in range(len(self._posted)):
+            group, job = self._posted.popleft()
+            if group in self._blocked:
+                self._posted.append((group, job))
+            else:
+                ran = job(self) or ran
+        return ran
+
+    def run_ready(self, timeout_s: float) -> bool:
+        """Wait until a descriptor is signalled, then run the callbacks of all that are.
+
+        Returns early when interrupted; the remaining callbacks run the next time.
+
+        Args:
+            timeout_s: longest wait [s]; no limit if below 0.
+
+        Returns:
+            Whether a callback of the user ran.
+        """
+        if self._suspended:
+            timeout_s = self._resume(timeout_s)
+        ready = self._ready
+        for fd, _ in self._epoll.poll(0 if ready or self.is_interrupted else timeout_s):
+            ready.append(fd)
+        ran = False
+        # Only those that are ready now: one that requeues itself has its turn after a new poll.
+        for _ in range(len(ready)):
+            if self.is_interrupted:
+                break
+            if self._handle(ready.popleft()):
+                ran = True
+        return ran
+
+    def run_one(self, timeout_s: float) -> bool:
+        """As `run_ready`, but at most one callback."""
+        if self._suspended:
+            timeout_s = self._resume(timeout_s)
+        ready = self._ready
+        events = self._epoll.poll(0 if ready or self.is_interrupted else timeout_s)
+        ready.extend(fd for fd, _ in events)
+        ran = False
+        while ready and not ran:
+            # Makes a callback stop after one message.
+            self.is_interrupted = True
+            ran = self._handle(ready.popleft())
+        return ran
+
+    def run_task(self, task: Task, group: CallbackGroup | None) -> None:
+        """Run a task; a coroutine that suspends itself is resumed from time to time.
+
+        Its group, if it is mutually exclusive, is blocked until the task is done.
+
+        Raises:
+            BaseException: what the task raised.
+        """
+        task()
+        if _is_done(task):
+            _raise_exception(task)
+            return
+        if isinstance(group, ReentrantCallbackGroup):
+            group = None
+        self._suspended.append((task, group))
+        self._poll_s = _SHORTEST_POLL_S
+        if group is not None:
+            self._block(group)
+
+    def close(self) -> None:
+        """Close the epoll; `interrupt` does nothing from then on."""
+        with self._closing:
+            self._epoll.close()
+            os.close(self._wake_fd)
+
+    def _handle(self, fd: int) -> bool:
+        callback = self._callbacks.get(fd)
+        try:
+            return callback is not None and callback()
+        except BaseException:
+            # Something may be left to take, for which no new signal comes.
+            self._ready.append(fd)
+            raise
+
+    # --- suspended coroutines
+
+    def _resume(self, timeout_s: float) -> float:
+        """Resume suspended coroutines; returns how long the worker may wait [s].
+
+        Another thread may complete what a coroutine awaits without waking the worker, so they are
+        polled after every round, and at intervals while nothing happens.
+        """
+        before = len(self._suspended)
+        for task, group in list(self._suspended):
+            if not _is_done(task):
+                task()
+            if _is_done(task):
+                self._suspended.remove((task, group))
+                if group is not None:
+                    self._unblock(group)
+                _raise_exception(task)
+        if len(self._suspended) != before:
+            self._poll_s = _SHORTEST_POLL_S
+            return 0
+        poll_s, self._poll_s = self._poll_s, min(self._poll_s * 2, _LONGEST_POLL_S)
+        return poll_s if timeout_s < 0 else min(poll_s, timeout_s)
+
+    def _block(self, group: CallbackGroup) -> None:
+        self._blocked.setdefault(group, set())
+        for fd in list(self._sources):
+            self._callbacks[fd] = self._callback_of(fd)
+        self.is_interrupted = True
+
+    def _unblock(self, group: CallbackGroup) -> None:
+        if any(other is group for _, other in self._suspended):
+            return
+        self._ready.extend(self._blocked.pop(group))
+        for fd in list(self._sources):
+            self._callbacks[fd] = self._callback_of(fd)
+        self.is_interrupted = True
+
+    def _callback_of(self, fd: int) -> ReadyCallback:
+        source, callback = self._sources[fd]
+        if source.waits_for_group and source.group in self._blocked:
+            return partial(_defer, self._blocked[source.group], fd)
+        return callback
+
+
+def _defer(blocked: set[int], fd: int) -> bool:
+    blocked.add(fd)
+    return False
+
+
+def _is_done(task: Task) -> bool:
+    return bool(task.done() or task.cancelled())
+
+
+def _raise_exception(task: Task) -> None:
+    exception = task.exception()
+    if exception is not None:
+        raise exception
+
+
+class TaskQueue:
+    """Jobs that any worker may run: tasks of the executor, and jobs of reentrant groups."""
+
+    group: CallbackGroup | None = None
+    waits_for_group = False
+
+    def __init__(self) -> None:
+        self._jobs: deque[Job] = deque()
+        self._closing = threading.Lock()
+        self._signal_fd = open_eventfd()
+        self._closed = False
+
+    def put(self, job: Job) -> None:
+        """Let a worker run the job."""
+        self._jobs.append(job)
+        self._signal()
+
+    def ready_callbacks(self, worker: Worker) -> Mapping[int, ReadyCallback]:
+        """The queue's one descriptor."""
+        return {self._signal_fd: partial(self._run_one, worker)}
+
+    def close(self) -> None:
+        """Close the descriptor; jobs that come later are never run."""
+        with self._closing:
+            self._closed = True
+            os.close(self._signal_fd)
+
+    def _signal(self) -> None:
+        with self._closing:
+            if not self._closed:
+                os.eventfd_write(self._signal_fd, 1)
+
+    def _run_one(self, worker: Worker) -> bool:
+        try:
+            job = self._jobs.popleft()
+        except IndexError:
+            return False
+        if self._jobs:
+            # The job may take long: another worker that waits takes the next one.
+            self._signal()
+        return job(worker)

@@ -1,0 +1,328 @@
+"""Delivery within one process, past DDS: from publisher to subscription with one copy.
+
+Each subscription that the library's executor runs has a buffer, registered by context and topic. A
+publisher puts its messages into the buffers of those subscriptions that DDS would match, as long as
+DDS counts no other subscription: then nothing is sent. As soon as another process subscribes, all
+subscriptions get the messages through DDS.
+
+What holds for a publisher and a subscription, whichever others are added and removed:
+
+- No message is delivered twice: each goes to the buffers or to DDS, never to both.
+- None is lost that DDS would not lose. A subscription in another process gets what is published
+  after the publisher has found it, as with DDS alone. A buffer keeps as many messages as the
+  subscription's history and then drops the oldest; if some wait in DDS too, both keep that many.
+- Their order is that of publishing, as long as DDS delivers within `publish`, as Fast DDS does in
+  one process: a publisher that has sent through DDS continues so until the subscription has taken
+  all that DDS held for it. With `RMW_FASTRTPS_PUBLICATION_MODE=ASYNCHRONOUS`, messages may change
+  places around the moment when a subscription of another process is added or removed. Between
+  publishers there is no order.
+- Messages that wait when a subscription is destroyed are dropped, as with DDS. Those that wait when
+  its node is removed from an `EventLoopExecutor` are delivered once such an executor runs it again;
+  another executor does not see them.
+"""
+
+import functools
+import os
+import threading
+import weakref
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final
+
+from rclpy.context import Context
+from rclpy.lifecycle.publisher import LifecyclePublisher
+from rclpy.publisher import Publisher
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from rclpy.subscription import Subscription
+from rclpy.utilities import get_rmw_implementation_identifier
+
+from obelisk_py.core.serialization.codec import Codec, codec_for
+
+__all__ = [
+    "IntraProcessPublisher",
+    "IntraProcessTopic",
+    "MessageBuffer",
+    "buffer_of",
+    "intra_process_topic",
+]
+
+_RELIABILITIES: Final = (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT)
+_LIVELINESSES: Final = (LivelinessPolicy.SYSTEM_DEFAULT, LivelinessPolicy.AUTOMATIC)
+_UNSET: Final = QoSProfile(depth=1)
+
+
+@functools.cache
+def middleware_is_known() -> bool:
+    """Whether endpoints of one context are matched before the call that makes one returns.
+
+    In Fast DDS they are, and the profile in Python is the one in use, unless the process takes
+    profiles from XML.
+    """
+    return (
+        get_rmw_implementation_identifier() == "rmw_fastrtps_cpp"
+        and os.environ.get("RMW_FASTRTPS_USE_QOS_FROM_XML") != "1"
+    )
+
+
+def is_plain(qos: QoSProfile) -> bool:
+    """Whether a profile requests history, depth and reliability only.
+
+    All else is left to DDS: late joiners (transient local), deadlines, lifespans, liveliness.
+    """
+    return bool(
+        qos.history == HistoryPolicy.KEEP_LAST
+        and qos.depth > 0
+        and qos.reliability in _RELIABILITIES
+        and qos.durability == DurabilityPolicy.VOLATILE
+        and qos.liveliness in _LIVELINESSES
+        and qos.deadline == _UNSET.deadline
+        and qos.lifespan == _UNSET.lifespan
+        and qos.liveliness_lease_duration == _UNSET.liveliness_lease_duration
+        # Otherwise it is another topic of DDS.
+        and not qos.avoid_ros_namespace_conventions
+    )
+
+
+def is_compatible(publisher: QoSProfile, subscription: QoSProfile) -> bool:
+    """Whether DDS matches two plain profiles: a reliable subscription needs a reliable publisher.
+
+    Source: OMG DDS 1.4, 2.2.3.14 (RELIABILITY, offered against requested).
+    """
+    return bool(
+        publisher.reliability == ReliabilityPolicy.RELIABLE
+        or subscription.reliability == ReliabilityPolicy.BEST_EFFORT
+    )
+
+
+_INFO: Final = {
+    "source_timestamp": 0,
+    "received_timestamp": 0,
+    "publication_sequence_number": None,
+    "reception_sequence_number": None,
+}
+"""Empty: callbacks that take infos get their messages from DDS, unless replaced meanwhile."""
+
+
+class MessageBuffer:
+    """The messages of one subscription that did not go through DDS, and an eventfd for them.
+
+    Any thread puts messages in; the threads that run the subscription take them out. The buffer
+    also knows whether DDS may hold messages of the same publishers, so that none overtakes those.
+    """
+
+    def __init__(self, message_class: type[Any], qos: QoSProfile, codec: Codec) -> None:
+        """Make an empty buffer.
+
+        Args:
+            message_class: of the subscription.
+            qos: of the subscription; plain.
+            codec: of the message class.
+        """
+        self.message_class = message_class
+        self.qos = qos
+        self.dds_mark = object()
+        """Replaced each time that DDS may have got a message for it from this process."""
+        self._empty_mark: object = None
+        self.signal_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        # Publishers may signal after the handler was closed, so the buffer itself owns the eventfd.
+        # At the end of the process workers may still watch it.
+        weakref.finalize(self, os.close, self.signal_fd).atexit = False
+        self.signal: Callable[[], object] = partial(os.eventfd_write, self.signal_fd, 1)
+        """Writes to the eventfd."""
+        self.wake: Callable[[], object] = self.signal
+        """Makes the executor take what waits; called from any thread."""
+        self._codec = codec
+        self._waiting: deque[Any] = deque(maxlen=qos.depth)
+
+    @property
+    def dds_may_hold_messages(self) -> bool:
+        """Whether DDS may hold messages, which no later one may overtake."""
+        return self._empty_mark is not self.dds_mark
+
+    def mark_dds(self) -> None:
+        """Note that DDS may have got a message."""
+        self.dds_mark = object()
+
+    def mark_dds_empty(self, mark: object) -> None:
+        """Note that DDS was empty after `dds_mark` had been `mark`."""
+        self._empty_mark = mark
+
+    def put(self, message: Any) -> None:
+        """Add a message that no other code holds, or its bytes."""
+        self._waiting.append(message)
+        self.wake()
+
+    def take(self) -> tuple[Any, Any] | None:
+        """The oldest message with its info, as rclpy returns them; None if the buffer is empty."""
+        if not self._waiting:  # after every message; an exception costs ten times as much
+            return None
+        try:
+            message = self._waiting.popleft()
+        except IndexError:  # taken by another worker
+            return None
+        if isinstance(message, bytes):
+            message = self._codec.unpack(message)
+        return message, _INFO
+
+
+class IntraProcessTopic:
+    """The open buffers of a topic.
+
+    A buffer is open while an executor's handler takes from it. Then DDS matches the subscription
+    with every publisher of its context that fits: it was created before, and its handle is held
+    until the buffer is closed.
+    """
+
+    def __init__(self) -> None:
+        self.buffers: tuple[MessageBuffer, ...] = ()
+        """Another tuple after each change, so that a change is found by identity."""
+        self._changing = threading.Lock()
+
+    def open(self, buffer: MessageBuffer) -> None:
+        """Let publishers use it from now on."""
+        with self._changing:
+            self.buffers = (*self.buffers, buffer)
+
+    def close(self, buffer: MessageBuffer) -> None:
+        """Stop publishers from using it; those that have begun a `publish` still may."""
+        with self._changing:
+            self.buffers = tuple(other for other in self.buffers if other is not buffer)
+
+
+_topics: weakref.WeakKeyDictionary[Context, dict[str, IntraProcessTopic]] = (
+    weakref.WeakKeyDictionary()
+)
+_buffers: weakref.WeakKeyDictionary[Subscription, MessageBuffer] = weakref.WeakKeyDictionary()
+_making = threading.Lock()
+
+
+def intra_process_topic(context: Context, name: str) -> IntraProcessTopic:
+    """The one topic of this full name in a context."""
+    with _making:
+        return _topics.setdefault(context, {}).setdefault(name, IntraProcessTopic())
+
+
+def buffer_of(subscription: Subscription) -> MessageBuffer | None:
+    """The one buffer of a subscription; None if it takes everything from DDS.
+
+    It does if it wants bytes or message infos, or a quality of service that only DDS has.
+    """
+    message_class: Any = subscription.msg_type
+    codec = codec_for(message_class)
+    if (
+        codec is None
+        or subscription.raw
+        or subscription._callback_type is not Subscription.CallbackType.MessageOnly
+        or not is_plain(subscription.qos_profile)
+        or not middleware_is_known()
+    ):
+        return None
+    with _making:
+        if subscription not in _buffers:
+            _buffers[subscription] = MessageBuffer(message_class, subscription.qos_profile, codec)
+        return _buffers[subscription]
+
+
+class IntraProcessPublisher(LifecyclePublisher):
+    """Puts messages into the matching buffers, or sends them to all through DDS."""
+
+    def __init__(self, context: Context, *args: Any, **kwargs: Any) -> None:
+        """Make a publisher.
+
+        Args:
+            context: of its node.
+            args: of `rclpy.publisher.Publisher`.
+            kwargs: of `rclpy.publisher.Publisher`.
+        """
+        super().__init__(*args, **kwargs)
+        self._message_class: Any = self.msg_type
+        codec = codec_for(self._message_class)
+        may_bypass_dds = codec is not None and is_plain(self.qos_profile) and middleware_is_known()
+        self._copy = None if codec is None else codec.copy
+        self._pack = None if codec is None else codec.pack
+        # A topic that is not registered stays empty: everything goes through DDS.
+        self._topic = (
+            intra_process_topic(context, self.topic_name) if may_bypass_dds else IntraProcessTopic()
+        )
+        self._match: tuple[tuple[MessageBuffer, ...], tuple[MessageBuffer, ...]] = ((), ())
+        """The open buffers at the last check, and those of them that match."""
+        # rclpy's methods take some microseconds to keep the handle from being destroyed; these
+        # raise if it is.
+        self._count = self.handle.get_subscription_count
+        self._send_bytes: Callable[[bytes], None] | None = self.handle.publish_raw
+
+    def publish(self, msg: Any) -> None:
+        """Send a message, or the bytes of a packed one, if the publisher is enabled.
+
+        Raises:
+            TypeError: it is neither.
+            ObeliskMsgError: a field holds what its type cannot.
+        """
+        if not self._enabled:
+            return
+        buffers = self._topic.buffers
+        seen, matched = self._match
+        if seen is not buffers:
+            matched = self._find_matches(buffers)
+        if (
+            matched
+            and self._count() == len(matched)
+            # Otherwise the count may include a new subscription in place of a destroyed one.
+            and self._topic.buffers is buffers
+            and self._deliver_locally(msg, matched)
+        ):
+            return
+        self._send(msg)
+        if self._topic.buffers is not buffers:
+            matched = self._find_matches(self._topic.buffers)
+        for buffer in matched:
+            buffer.mark_dds()
+
+    def destroy(self) -> None:
+        """Destroy the publisher; for `Node.destroy_publisher`."""
+        self._topic = IntraProcessTopic()
+        self._send_bytes = None
+        super().destroy()
+
+    def _send(self, message: Any) -> None:
+        """Send to all through DDS."""
+        if self._pack is not None and isinstance(message, self._message_class):
+            message = self._pack(message)
+        if isinstance(message, bytes) and self._send_bytes is not None:
+            self._send_bytes(message)
+        else:
+            Publisher.publish(self, message)  # raises with the reason
+
+    def _find_matches(self, buffers: tuple[MessageBuffer, ...]) -> tuple[MessageBuffer, ...]:
+        """The buffers whose subscriptions DDS matches with this publisher."""
+        matched = tuple(
+            buffer
+            for buffer in buffers
+            if buffer.message_class is self._message_class
+            and is_compatible(self.qos_profile, buffer.qos)
+        )
+        self._match = (buffers, matched)
+        return matched
+
+    def _deliver_locally(self, message: Any, buffers: tuple[MessageBuffer, ...]) -> bool:
+        """Give each buffer a copy of its own; false if DDS has to deliver."""
+        for buffer in buffers:
+            if buffer.dds_may_hold_messages:
+                return False
+        if isinstance(message, self._message_class):
+            assert self._copy is not None
+            for buffer in buffers:
+                buffer.put(self._copy(message))
+        elif isinstance(message, bytes):
+            for buffer in buffers:
+                buffer.put(message)
+        else:
+            return False
+        return True

@@ -1,0 +1,289 @@
+"""Count ticks, how late they were, and whether their rate is the expected one.
+
+A `TickCounter` uses memory that does not grow. Lateness is counted in buckets, 16 for each factor
+of two: what is read out is at most 1/16 too much, and never too little; below a microsecond it is
+0. A timer's or a sensor group's calls feed it, and an `ExpectedRate` reads it once a second.
+"""
+
+import functools
+import inspect
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+from rclpy.timer import Timer
+
+from obelisk_spec.runtime_protocol import REPORT_PERIOD_S, TOLERANCE, Rate, Standing
+
+__all__ = ["NS_PER_S", "ExpectedRate", "SampleTicks", "TickCounter", "TimerTicks", "late_ns_of"]
+
+NS_PER_S: Final = 1_000_000_000
+NS_PER_US: Final = 1000
+BROKEN_S: Final = 2.0
+"""A rate that is too low for so long, without a break, is broken [s]."""
+EARLY_S: Final = 0.1
+"""How early a read may come, because the one before it was late [s]."""
+SHARES: Final = (0.5, 0.99, 1.0)
+
+_SUB_BITS: Final = 4
+_SUB_BUCKETS: Final = 1 << _SUB_BITS
+_SHORTEST_NS: Final = 1 << 10
+_LONGEST_NS: Final = (1 << 37) - 1
+"""More than two minutes."""
+
+
+def _bucket(late_ns: int) -> int:
+    shift = late_ns.bit_length() - _SUB_BITS - 1
+    return (shift << _SUB_BITS) + (late_ns >> shift)
+
+
+_FIRST: Final = _bucket(_SHORTEST_NS)
+_BUCKETS: Final = _bucket(_LONGEST_NS) + 1
+
+
+class TickCounter:
+    """Ticks and their lateness; read by one thread while another one counts."""
+
+    __slots__ = ("buckets", "newest_ns", "overruns", "ticks")
+
+    def __init__(self) -> None:
+        """Make a counter without ticks."""
+        self.ticks = 0
+        self.overruns = 0
+        """Ticks that were skipped, or came as one with the next."""
+        self.newest_ns = 0
+        """When the newest tick came [ns], on the clock of the caller of `tick`."""
+        self.buckets = [0] * _BUCKETS
+        """Ticks by lateness; they only grow, so that a reader need not stop the counting."""
+
+    def tick(self, now_ns: int, late_ns: int, skipped: int = 0) -> None:
+        """Count a tick.
+
+        Args:
+            now_ns: when it came [ns].
+            late_ns: how much later than it was due [ns].
+            skipped: ticks that were due since the one before it and did not come.
+        """
+        if late_ns < _SHORTEST_NS:
+            late_ns = _SHORTEST_NS
+        elif late_ns > _LONGEST_NS:
+            late_ns = _LONGEST_NS
+        shift = late_ns.bit_length() - _SUB_BITS - 1  # `_bucket`, without the call
+        # No call from here on: CPython switches threads between calls only, so that a reader never
+        # sees half a tick.
+        self.buckets[(shift << _SUB_BITS) + (late_ns >> shift)] += 1
+        self.ticks += 1
+        self.overruns += skipped
+        self.newest_ns = now_ns
+
+
+def late_ns_of(buckets: Sequence[int], shares: Sequence[float]) -> tuple[float, ...]:
+    """For each share (0 to 1, ascending): the lateness [ns] that so many ticks do not exceed.
+
+    All are 0 if there is no tick.
+    """
+    total = sum(buckets)
+    found: list[float] = []
+    seen = 0
+    for place, count in enumerate(buckets):
+        seen += count
+        while count and len(found) < len(shares) and seen >= shares[len(found)] * total:
+            found.append(_upper_edge_ns(place))
+    return (*found, *(0.0,) * (len(shares) - len(found)))
+
+
+def _upper_edge_ns(place: int) -> float:
+    if place == _FIRST:
+        return 0.0
+    shift = (place >> _SUB_BITS) - 1
+    return float(((place % _SUB_BUCKETS + _SUB_BUCKETS + 1) << shift) - 1)
+
+
+class TimerTicks:
+    """Counts the calls of one timer.
+
+    An rcl timer knows its schedule, whatever executor calls it and whatever clock it uses: after a
+    call it returns the time until the next one, which is one period after this one was due.
+    """
+
+    def __init__(self, counter: TickCounter, *, period_ns: int, clock: Callable[[], int]) -> None:
+        """Count from now on.
+
+        Args:
+            counter: takes the ticks.
+            period_ns: the timer's [ns].
+            clock: the present time of the timer's clock [ns].
+        """
+        self._counter = counter
+        self._period_ns = period_ns
+        self._skips_above_ns = period_ns + period_ns // 2
+        self._clock = clock
+        self._until_due: Callable[[], int | None] = lambda: None
+        self._due_ns: int | None = None
+        """When the next tick is due; None at the start of the timer."""
+
+    def counted(self, callback: Callable[[], Any]) -> Callable[[], Any]:
+        """The same callback of a timer, with its calls counted."""
+
+        @functools.wraps(callback)
+        async def wait() -> Any:
+            self.tick()
+            return await callback()
+
+        @functools.wraps(callback)
+        def call() -> Any:
+            self.tick()
+            return callback()
+
+        return wait if inspect.iscoroutinefunction(callback) else call
+
+    def follow(self, timer: Timer) -> None:
+        """Set the timer whose callback is counted."""
+        self._until_due = timer.handle.time_until_next_call
+
+    def restart(self) -> None:
+        """Note that the timer starts again."""
+        self._due_ns = None
+
+    def tick(self) -> None:
+        """Count a call of the timer."""
+        now_ns = self._clock()
+        left_ns = self._until_due()
+        if left_ns is None:  # stopped meanwhile
+            return
+        next_ns = now_ns + left_ns
+        due_ns = self._due_ns
+        self._due_ns = next_ns
+        late_ns, skipped = self._period_ns - left_ns, 0
+        if due_ns is not None and next_ns - due_ns > self._skips_above_ns:
+            skipped = round((next_ns - due_ns) / self._period_ns) - 1
+            late_ns += skipped * self._period_ns
+        self._counter.tick(now_ns, late_ns, skipped)
+
+
+class SampleTicks:
+    """Counts samples in simulation time; they are due when they come, so none is late.
+
+    How late the steps are by wall time is counted with the steps.
+    """
+
+    def __init__(self, counter: TickCounter, *, period_ns: int, clock: Callable[[], int]) -> None:
+        """Count from now on.
+
+        Args:
+            counter: takes the samples.
+            period_ns: simulation time between two of them [ns].
+            clock: the present simulation time [ns].
+        """
+        self._counter = counter
+        self._period_ns = period_ns
+        self._skips_above_ns = period_ns + period_ns // 2
+        self._clock = clock
+
+    def tick(self) -> None:
+        """Count a sample that was taken, or that was dropped because the config says so."""
+        now_ns = self._clock()
+        skipped = 0
+        if self._counter.ticks:
+            passed_ns = now_ns - self._counter.newest_ns
+            if passed_ns > self._skips_above_ns:
+                skipped = round(passed_ns / self._period_ns) - 1
+        self._counter.tick(now_ns, 0, skipped)
+
+
+class ExpectedRate:
+    """A rate that the config sets, and whether it is reached: read once a second.
+
+    Only too low is wrong: a timer on a schedule cannot be ahead of it, and a tick that comes on
+    time after a late one is no fault.
+    """
+
+    def __init__(
+        self,
+        *,
+        name: str,
+        expected_hz: float,
+        counter: TickCounter,
+        clock: Callable[[], int | None],
+        steady_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Start to monitor a rate.
+
+        Args:
+            name: as in `Rate`.
+            expected_hz: ticks per second of `clock` [Hz].
+            counter: counts the ticks, by `clock`.
+            clock: the present time [ns]; None while no rate is expected.
+            steady_s: the time by which it is read, independent of `clock` [s].
+        """
+        self.name = name
+        self._expected_hz = expected_hz
+        self._counter = counter
+        self._clock = clock
+        self._steady_s = steady_s
+        self.restart()
+
+    def restart(self) -> None:
+        """Expect the rate from now on; ticks counted before are ignored."""
+        counter = self._counter
+        self._first_tick = self._last_tick = counter.ticks
+        self._first_overrun = counter.overruns
+        self._buckets = counter.buckets.copy()
+        self._since_ns = self._clock()
+        """The newest tick at the last read, or the start."""
+        self._measured_hz = self._expected_hz
+        self._read_s = self._steady_s()
+        self._off_s: float | None = None
+        """For how long it has been too low [s]; None: the next read is ignored, because the whole
+        node is starting then."""
+
+    def read(self) -> Rate:
+        """The figures since the last read."""
+        counter = self._counter
+        buckets = counter.buckets.copy()
+        newest_ns, ticks = counter.newest_ns, counter.ticks
+        self._measure(newest_ns, ticks)
+        of_this_read = [now - before for now, before in zip(buckets, self._buckets, strict=True)]
+        self._buckets = buckets
+        p50_us, p99_us, max_us = (ns / NS_PER_US for ns in late_ns_of(of_this_read, SHARES))
+        return Rate(
+            name=self.name,
+            wanted_hz=self._expected_hz,
+            measured_hz=self._measured_hz,
+            ticks=ticks - self._first_tick,
+            overruns=counter.overruns - self._first_overrun,
+            late_p50_us=p50_us,
+            late_p99_us=p99_us,
+            late_max_us=max_us,
+            standing=self._standing,
+        )
+
+    @property
+    def _standing(self) -> Standing:
+        if not self._off_s:
+            return "kept"
+        return "broken" if self._off_s >= BROKEN_S - EARLY_S else "off"
+
+    def _measure(self, newest_ns: int, ticks: int) -> None:
+        now_ns, since_ns = self._clock(), self._since_ns
+        new = ticks - self._last_tick
+        self._last_tick = ticks
+        read_s, self._read_s = self._read_s, self._steady_s()
+        last_ns = newest_ns if new else now_ns
+        if now_ns is None or since_ns is None or last_ns is None or last_ns <= since_ns:
+            # No rate was expected, or simulated time stood still or went back.
+            self._since_ns = now_ns
+            self._off_s = None
+            self._measured_hz = self._expected_hz
+            return
+        if new:
+            # From tick to tick: a second holds one more at times, and one less at others.
+            self._measured_hz = new * NS_PER_S / max(1, newest_ns - since_ns)
+            self._since_ns = newest_ns
+        # The rate if one more tick came right now.
+        most_hz = (new + 1) * NS_PER_S / max(1, now_ns - since_ns)
+        self._measured_hz = min(self._measured_hz, most_hz)
+        is_off = self._measured_hz < (1 - TOLERANCE) * self._expected_hz
+        # A late read covers no more than the second before it.
+        shown_s = min(self._read_s - read_s, REPORT_PERIOD_S)
+        self._off_s = 0.0 if self._off_s is None or not is_off else self._off_s + shown_s

@@ -1,1 +1,0 @@
-"""Rates as promises: ticks counted, their lateness, and a status a second on `/diagnostics`."""

@@ -1,0 +1,233 @@
+"""The codec of a message class, and messages that stay packed while their numbers change.
+
+A codec packs, unpacks and copies. It replaces rclpy's conversion through C structs, which looks up
+classes by name and runs the constructors of all nested messages. Bytes that are not little-endian
+CDR are left to rclpy.
+
+A `PackedMessage` is for a message that is published over and over with the same strings and
+lengths: it is packed once, and its numbers are changed in place, with no conversion at all.
+"""
+
+import functools
+import reprlib
+import struct
+import sys
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+from operator import attrgetter
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.serialization import deserialize_message
+
+from obelisk_py.core.exceptions import ObeliskMsgError
+from obelisk_py.core.messages import message_name
+from obelisk_py.core.serialization.cdr_types import (
+    CONVERSION_ERRORS,
+    FORMATS,
+    HEADER_SIZE,
+    CdrType,
+    NumberField,
+    numbers,
+)
+from obelisk_py.core.serialization.layout import (
+    Layout,
+    Part,
+    UnsupportedError,
+    layout_of,
+    locate_numbers,
+)
+
+__all__ = ["Codec", "PackedMessage", "codec_for"]
+
+_LITTLE_ENDIAN: Final = b"\0\1"
+_HEADER: Final = _LITTLE_ENDIAN + b"\0\0"
+_ALIGNMENT: Final = 8
+_STAMP: Final = struct.Struct("<iI")
+_NS_PER_S: Final = 1_000_000_000
+
+
+class Codec:
+    """Packs, unpacks and copies messages of one class; several threads may use it."""
+
+    def __init__(self, message_class: type[Any], layout: Layout) -> None:
+        self._class = message_class
+        self._parts = layout.parts
+        self._build = layout.build
+        self._writes = tuple((part.cdr_type.write, part.get) for part in layout.parts)
+        self._reads = tuple(part.cdr_type.read for part in layout.parts)
+        self._copies = tuple((part.cdr_type.copy, part.get) for part in layout.parts)
+
+    def pack(self, message: Any) -> bytes:
+        """The message as it goes over the wire.
+
+        Raises:
+            ObeliskMsgError: a field holds what its type cannot.
+        """
+        out = bytearray(_HEADER)
+        try:
+            for write, get in self._writes:
+                write(out, get(message))
+        except CONVERSION_ERRORS as error:
+            raise self._pack_error(message) from error
+        return bytes(out)
+
+    def unpack(self, data: bytes) -> Any:
+        """The message that these bytes hold.
+
+        Raises:
+            ObeliskMsgError: they hold no message of the class.
+        """
+        if not data.startswith(_LITTLE_ENDIAN):
+            return self._unpack_other(data)
+        values: list[Any] = []
+        at = HEADER_SIZE
+        try:
+            for read in self._reads:
+                at = read(data, at, values)
+        except CONVERSION_ERRORS as error:
+            raise self._unpack_error(data) from error
+        return self._build(values)
+
+    def copy(self, message: Any) -> Any:
+        """What `unpack(pack(message))` gives: a message that shares no mutable data.
+
+        Raises:
+            ObeliskMsgError: a field holds what its type cannot.
+        """
+        values: list[Any] = []
+        try:
+            for copy, get in self._copies:
+                copy(get(message), values)
+        except CONVERSION_ERRORS as error:
+            raise self._pack_error(message) from error
+        return self._build(values)
+
+    def locate_numbers(self, data: bytes) -> list[NumberField]:
+        """Where the numbers are in a message that `pack` wrote, in the order of its fields."""
+        found: list[NumberField] = []
+        locate_numbers(self._parts, data, HEADER_SIZE, "", found)
+        return found
+
+    def _unpack_other(self, data: bytes) -> Any:
+        try:
+            return deserialize_message(data, self._class)
+        except Exception as error:
+            raise ObeliskMsgError(
+                f"{len(data)} bytes are no {message_name(self._class)}: {error}"
+            ) from error
+
+    def _pack_error(self, message: Any) -> ObeliskMsgError:
+        """Name the field at fault: each one is tried on its own."""
+        name = message_name(self._class)
+        for field, spelling, kind in _fields(self._parts):
+            try:
+                value = attrgetter(field)(message)
+            except AttributeError as error:
+                return ObeliskMsgError(f"{name} has no field `{field}`: {error}")
+            try:
+                kind.write(bytearray(_HEADER), (value,) if spelling in FORMATS else value)
+            except CONVERSION_ERRORS as error:
+                return ObeliskMsgError(
+                    f"the field `{field}` of {name} is {reprlib.repr(value)}, "
+                    f"expected {spelling}: {error}"
+                )
+        return ObeliskMsgError(f"{name} cannot be packed: it changed meanwhile")
+
+    def _unpack_error(self, data: bytes) -> ObeliskMsgError:
+        beginning = f"{len(data)} bytes are no {message_name(self._class)}"
+        at = HEADER_SIZE
+        for part in self._parts:
+            field = part.fields[-1] if part.fields else "its only byte"
+            try:
+                at = part.cdr_type.read(data, at, [])
+            except struct.error:
+                return ObeliskMsgError(f"{beginning}: they end before `{field}` does")
+            except CONVERSION_ERRORS as error:
+                return ObeliskMsgError(f"{beginning}: at `{field}`, {error}")
+        return ObeliskMsgError(beginning)
+
+
+def _fields(parts: Iterable[Part]) -> Iterator[tuple[str, str, CdrType]]:
+    """Each field with its type's name and a CDR type for it alone."""
+    for part in parts:
+        for field, spelling in zip(part.fields, part.types, strict=True):
+            alone = numbers([FORMATS[spelling]]) if spelling in FORMATS else part.cdr_type
+            yield field, spelling, alone
+
+
+@functools.cache
+def codec_for(message_class: type[Any]) -> Codec | None:
+    """The codec of a message class; None if it has a field that is not supported (`wstring`)."""
+    if sys.byteorder != "little":
+        return None
+    try:
+        return Codec(message_class, layout_of(message_class))
+    except UnsupportedError:
+        return None
+
+
+def _why_unsupported(message_class: type[Any]) -> str:
+    reason = "this machine is big-endian"
+    try:
+        layout_of(message_class)
+    except UnsupportedError as error:
+        reason = str(error)
+    return f"{message_name(message_class)} cannot be packed: {reason}"
+
+
+class PackedMessage:
+    """The bytes of one message; its strings and lengths are final."""
+
+    def __init__(self, message: Any) -> None:
+        """Pack a message.
+
+        Raises:
+            ObeliskMsgError: a field is of a type that is not supported (`wstring`), or holds what
+                its type cannot.
+        """
+        message_class: Any = type(message)
+        codec = codec_for(message_class)
+        if codec is None:
+            raise ObeliskMsgError(_why_unsupported(message_class))
+        packed = codec.pack(message)
+        # Aligned in memory as in the message: behind the header a double may begin.
+        self._data = np.zeros(_ALIGNMENT + len(packed), np.uint8)[_ALIGNMENT - HEADER_SIZE :][
+            : len(packed)
+        ]
+        self._data[:] = np.frombuffer(packed, np.uint8)
+        self._bytes = self._data.data
+        self._fields = tuple(codec.locate_numbers(packed))
+        self._stamps = tuple(field.start for field in self._fields if field.is_stamp)
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """The fields that hold numbers, in the message's order."""
+        return tuple(field.name for field in self._fields)
+
+    def numbers(self, name: str) -> NDArray[Any]:
+        """A field's numbers in the message's own memory, shape `(n,)`.
+
+        Args:
+            name: `joint_pos`, `pose.position` (x, y, z), `markers.2.scale`.
+
+        Raises:
+            KeyError: the message has no such numbers, or they are not all of one type.
+        """
+        inner = f"{name}."
+        fields = [f for f in self._fields if f.name == name or f.name.startswith(inner)]
+        are_one_array = all(
+            one.end == following.start and one.dtype == following.dtype
+            for one, following in pairwise(fields)
+        )
+        if not fields or not are_one_array:
+            raise KeyError(name)
+        return self._data[fields[0].start : fields[-1].end].view(fields[0].dtype)
+
+    def to_bytes(self, stamp_ns: int) -> bytes:
+        """The message as it is now; each `builtin_interfaces/Time` in it is `stamp_ns` [ns]."""
+        seconds, nanoseconds = divmod(stamp_ns, _NS_PER_S)
+        for start in self._stamps:
+            _STAMP.pack_into(self._bytes, start, seconds, nanoseconds)
+        return self._bytes.tobytes()

@@ -1,0 +1,285 @@
+"""The age of commands, the thread that watches it, and what the log reports of it."""
+
+import threading
+import time
+
+import pytest
+
+from obelisk_py.core.command_watchdog import (
+    ONLY_REJECTIONS,
+    SILENCE_GRACE_S,
+    SILENCE_PERIOD_S,
+    CommandAge,
+    RejectionLog,
+    SilenceLog,
+    StalePolicy,
+    WatchdogThread,
+)
+
+from ...waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
+
+
+@pytest.fixture
+def age():
+    return CommandAge(StalePolicy(max_age_s=0.5, action="zero"))
+
+
+def test_nothing_is_counted_before_the_first_command(age):
+    assert age.deadline_s is None
+    assert age.look(1e9) is None
+    assert not age.is_stale
+
+
+def test_a_command_is_too_old_right_after_its_deadline_and_not_at_it(age):
+    age.accept(10.0)
+    assert age.deadline_s == 10.5
+    assert age.look(10.5) is None
+    assert age.look(10.5001) == pytest.approx(0.5001)
+    assert age.is_stale
+
+
+def test_it_is_told_once(age):
+    age.accept(10.0)
+    assert age.look(11.0) == pytest.approx(1.0)
+    assert age.deadline_s is None
+    assert age.look(12.0) is None
+    assert age.is_stale
+
+
+def test_each_command_counts_anew(age):
+    for tenth in range(100, 200):
+        assert age.accept(tenth / 10) is None
+        assert age.look(tenth / 10 + 0.4) is None
+    assert age.look(19.9 + 0.6) == pytest.approx(0.6)
+
+
+def test_the_command_that_ends_the_silence_tells_how_long_it_was(age):
+    age.accept(10.0)
+    age.look(10.6)
+    assert age.accept(12.5) == pytest.approx(2.5)
+    assert not age.is_stale
+    assert age.accept(12.6) is None
+    assert age.look(13.2) == pytest.approx(0.6)
+
+
+def test_how_long_none_has_come_is_known_while_the_newest_is_too_old(age):
+    assert age.silence_s(9.0) is None
+    age.accept(10.0)
+    assert age.silence_s(11.0) is None
+    age.look(11.0)
+    assert age.silence_s(12.0) == pytest.approx(2.0)
+    age.accept(12.5)
+    assert age.silence_s(13.5) is None
+
+
+def test_a_command_that_is_late_but_comes_before_anybody_looks_is_in_time(age):
+    age.accept(10.0)
+    assert age.accept(11.0) is None
+    assert age.look(11.4) is None
+
+
+def test_a_command_that_comes_while_somebody_looks_is_in_time():
+    class Overtaken(CommandAge):
+        """Another thread's command comes right after the first look at the deadline."""
+
+        is_overtaken = False
+
+        @property
+        def deadline_s(self):
+            deadline_s = super().deadline_s
+            if not self.is_overtaken:
+                self.is_overtaken = True
+                self.accept(11.0)
+            return deadline_s
+
+    age = Overtaken(StalePolicy(max_age_s=0.5, action="zero"))
+    age.accept(10.0)
+    assert age.look(11.0) is None
+    assert not age.is_stale
+
+
+def test_time_that_is_nobodys_fault_does_not_count(age):
+    age.postpone(5.0)
+    assert age.deadline_s is None
+    age.accept(10.0)
+    age.postpone(20.0)
+    assert age.look(20.4) is None
+    assert age.look(20.6) == pytest.approx(0.6)
+    age.postpone(30.0)
+    assert age.is_stale
+    assert age.accept(31.0) == pytest.approx(11.0)
+
+
+def test_after_forgetting_nothing_is_counted_until_a_command_comes(age):
+    age.accept(10.0)
+    age.look(11.0)
+    age.forget()
+    assert not age.is_stale
+    assert age.look(99.0) is None
+    assert age.accept(100.0) is None
+    assert age.look(100.6) is not None
+
+
+def _watchdog(max_age_s):
+    age = CommandAge(StalePolicy(max_age_s=max_age_s, action="zero"))
+    told = threading.Event()
+
+    def check():
+        if age.look(time.monotonic()) is not None:
+            told.set()
+
+    return age, WatchdogThread(lambda: age.deadline_s, check), told
+
+
+def test_it_tells_of_a_command_that_none_follows():
+    age, watchdog, told = _watchdog(0.01)
+    watchdog.start()
+    age.accept(time.monotonic())
+    watchdog.wake()
+    assert told.wait(DEADLINE_S)
+    assert watchdog.stop(DEADLINE_S)
+
+
+def test_it_tells_again_after_commands_have_come_again():
+    age, watchdog, told = _watchdog(0.01)
+    age.accept(time.monotonic())
+    watchdog.start()
+    assert told.wait(DEADLINE_S)
+    told.clear()
+    age.accept(time.monotonic())
+    watchdog.wake()
+    assert told.wait(DEADLINE_S)
+    assert watchdog.stop(DEADLINE_S)
+
+
+def test_it_ends_at_once_although_its_deadline_is_far():
+    age, watchdog, told = _watchdog(1e9)
+    age.accept(time.monotonic())
+    watchdog.start()
+    assert watchdog.stop(DEADLINE_S)
+    assert not told.is_set()
+
+
+def test_it_ends_although_no_command_ever_came():
+    _, watchdog, told = _watchdog(0.01)
+    watchdog.start()
+    assert watchdog.stop(DEADLINE_S)
+    assert not told.is_set()
+
+
+@pytest.fixture
+def silences():
+    return SilenceLog()
+
+
+def test_a_silence_is_told_once_a_grace_is_over(silences):
+    assert silences.due_s is None
+    silences.begin(100.0)
+    assert silences.due_s == 100.0 + SILENCE_GRACE_S
+    assert silences.report(100.5, 0.55) == "no command for 0.550 s"
+    assert silences.due_s is None
+
+
+def test_that_commands_come_again_is_news_only_after_it_was_told_that_none_came(silences):
+    silences.begin(100.0)
+    assert not silences.end(0.2)
+    assert silences.report(100.5, None) == "commands stopped 1x, for 0.200 s at most"
+    silences.begin(200.0)
+    silences.report(200.5, 0.55)
+    assert silences.end(3.0)
+    silences.begin(300.0)
+    assert not silences.end(0.3)
+
+
+def test_silences_now_and_then_are_counted_and_told_each_ten_seconds(silences):
+    told = []
+    for tenth in range(1000, 1300, 2):
+        now_s = tenth / 10
+        if silences.due_s is not None and now_s >= silences.due_s:
+            told.append((now_s, silences.report(now_s, None)))
+        silences.begin(now_s)
+        silences.end(0.1)
+    assert [now_s for now_s, _ in told] == pytest.approx([100.6, 110.6, 120.6])
+    assert told[1][1] == "commands stopped 50x, for 0.100 s at most"
+
+
+def test_a_silence_that_lasts_is_told_as_such_among_others(silences):
+    silences.begin(100.0)
+    silences.report(100.5, 0.55)
+    silences.end(0.6)
+    for second in (101.0, 102.0):
+        silences.begin(second)
+    assert silences.due_s == 100.5 + SILENCE_PERIOD_S
+    text = silences.report(110.5, 8.55)
+    assert text == "commands stopped 2x, and none has come for 8.550 s"
+
+
+def test_what_is_forgotten_is_not_told(silences):
+    silences.begin(100.0)
+    silences.forget()
+    assert silences.due_s is None
+    silences.begin(200.0)
+    assert silences.report(201.0, 1.05) == "no command for 1.050 s"
+
+
+class World:
+    """RejectionLog at one rate, and what is told of them."""
+
+    def __init__(self):
+        self.now_s = 50.0
+        self.refusals = RejectionLog("control refused", lambda: self.now_s, ONLY_REJECTIONS)
+
+    def refuse(self, seconds, *, accept_each=None):
+        """What is told while one is refused each tenth of a second, as (time, report)."""
+        told = []
+        for count in range(1, round(seconds * 10) + 1):
+            self.refusals.add("`u[0]` is nan")
+            report = self.refusals.report()
+            if report is not None:
+                told.append((round(self.now_s, 1), report))
+            if accept_each is not None and count % accept_each == 0:
+                self.refusals.accept()
+            self.now_s += 0.1
+        return told
+
+
+@pytest.fixture
+def world():
+    return World()
+
+
+def test_nothing_but_refusals_is_an_error_after_a_second_and_then_told_rarely(world):
+    first, *errors = world.refuse(25.0)
+    assert first[0] == 50.0
+    assert first[1].text == "control refused: `u[0]` is nan (1x); 1 since the start"
+    assert not first[1].is_lasting
+    assert [time_s for time_s, _ in errors] == pytest.approx([51.0, 61.0, 71.0], abs=0.11)
+    assert all(report.is_lasting for _, report in errors)
+    assert errors[0][1].text.startswith("control refused: `u[0]` is nan (1")
+    assert "since the start; nothing else has come for 1." in errors[0][1].text
+    assert errors[0][1].text.endswith("`obk topic echo` shows what the controller sends")
+
+
+def test_one_that_is_accepted_now_and_then_leaves_it_a_warning(world):
+    told = world.refuse(5.0, accept_each=9)
+    assert len(told) == 5
+    assert not any(report.is_lasting for _, report in told)
+
+
+def test_of_what_has_no_cure_nothing_is_an_error():
+    now_s = 0.0
+    late = RejectionLog("control applied though late", lambda: now_s)
+    late.add("its stamp is old")
+    now_s = 100.0
+    assert not late.report().is_lasting
+
+
+def test_reasons_that_differ_each_time_make_no_endless_line():
+    refusals = RejectionLog("control refused", lambda: 0.0)
+    for value in range(1000):
+        refusals.add(f"`u[0]` is {value}")
+    text = refusals.report().text
+    assert text.startswith("control refused: `u[0]` is 0 (1x); `u[0]` is 1 (1x); ")
+    assert text.endswith("`u[0]` is 7 (1x); for further reasons (992x); 1000 since the start")
+    refusals.add("`u[0]` is 9")
+    assert refusals.report() is None

@@ -1,0 +1,446 @@
+"""Delivery past DDS: who gets a message, in which order, and when DDS takes over."""
+
+import gc
+import os
+import weakref
+from collections.abc import Callable
+from typing import Any, Self
+from unittest.mock import MagicMock
+
+import pytest
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_profile_sensor_data,
+    qos_profile_system_default,
+)
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.subscription import Subscription
+from std_msgs.msg import Float64MultiArray, Int64
+
+from obelisk_py.core import intra_process
+from obelisk_py.core.exceptions import ObeliskMsgError
+from obelisk_py.core.intra_process import (
+    IntraProcessPublisher,
+    IntraProcessTopic,
+    MessageBuffer,
+    buffer_of,
+    intra_process_topic,
+    is_compatible,
+    is_plain,
+)
+from obelisk_py.core.serialization.codec import codec_for
+
+RELIABLE = QoSProfile(depth=10)
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+class Dds:
+    """What rclpy's publisher stands on: notes what is sent."""
+
+    def __init__(self) -> None:
+        self.sent: list[Any] = []
+        self.listeners = 0
+        self.on_count: Callable[[], object] = lambda: None
+        self.on_send: Callable[[], object] = lambda: None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        pass
+
+    def get_logger_name(self) -> str:
+        return "node"
+
+    def get_topic_name(self) -> str:
+        return "/topic"
+
+    def get_subscription_count(self) -> int:
+        self.on_count()
+        return self.listeners
+
+    def publish_raw(self, data: bytes) -> None:
+        self.sent.append(deserialize_message(data, Int64))
+        self.on_send()
+
+    def destroy_when_not_in_use(self) -> None:
+        pass
+
+
+class World:
+    """A publisher, its DDS, and the buffers that are open."""
+
+    def __init__(self, qos: QoSProfile = RELIABLE, message_class: type[Any] = Int64) -> None:
+        self.message_class = message_class
+        self.context = Context()
+        self.dds = Dds()
+        self.topic = intra_process_topic(self.context, "/topic")
+        self.publisher = IntraProcessPublisher(
+            self.context,
+            self.dds,
+            message_class,
+            "topic",
+            qos,
+            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+            callback_group=MutuallyExclusiveCallbackGroup(),
+        )
+        self.publisher.on_activate(None)
+
+    def listen(
+        self, qos: QoSProfile = RELIABLE, message_class: type[Any] | None = None
+    ) -> MessageBuffer:
+        """Open a buffer; DDS knows it at once."""
+        kind = message_class or self.message_class
+        codec = codec_for(kind)
+        assert codec is not None
+        box = MessageBuffer(kind, qos, codec)
+        box.mark_dds_empty(box.dds_mark)
+        self.topic.open(box)
+        self.dds.listeners += 1
+        return box
+
+
+def taken(box: MessageBuffer) -> list[Any]:
+    """The messages that wait."""
+    messages = []
+    while (item := box.take()) is not None:
+        messages.append(item[0])
+    return messages
+
+
+def test_without_a_listener_outside_nothing_is_sent() -> None:
+    world = World()
+    one, other = world.listen(), world.listen(BEST_EFFORT)
+    world.publisher.publish(Int64(data=1))
+    world.publisher.publish(Int64(data=2))
+    assert taken(one) == taken(other) == [Int64(data=1), Int64(data=2)]
+    assert world.dds.sent == []
+
+
+def test_each_gets_a_copy_of_its_own() -> None:
+    world = World(message_class=Float64MultiArray)
+    one, other = world.listen(), world.listen()
+    message = Float64MultiArray(data=[1.0])
+    world.publisher.publish(message)
+    message.data[0] = 2.0
+    (got,) = taken(one)
+    got.data[0] = 3.0
+    assert taken(other) == [Float64MultiArray(data=[1.0])]
+
+
+def test_with_a_listener_outside_all_get_it_by_dds() -> None:
+    world = World()
+    box = world.listen()
+    world.dds.listeners += 1
+    world.publisher.publish(Int64(data=1))
+    assert world.dds.sent == [Int64(data=1)]
+    assert taken(box) == []
+
+
+def test_with_nobody_here_it_is_for_dds_to_know_who_listens() -> None:
+    world = World()
+    world.publisher.publish(Int64(data=1))
+    assert world.dds.sent == [Int64(data=1)]
+
+
+def test_a_publisher_that_is_not_active_is_silent() -> None:
+    world = World()
+    box = world.listen()
+    world.publisher.on_deactivate(None)
+    world.publisher.publish(Int64())
+    assert not taken(box)
+    assert not world.dds.sent
+
+
+@pytest.mark.parametrize(
+    ("publisher", "qos", "kind"),
+    [
+        (BEST_EFFORT, RELIABLE, Int64),
+        (RELIABLE, RELIABLE, Float64MultiArray),
+        (QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL), RELIABLE, Int64),
+    ],
+    ids=["reliability", "type", "late joiners"],
+)
+def test_a_buffer_that_dds_does_not_match_gets_nothing(
+    publisher: QoSProfile, qos: QoSProfile, kind: type[Any]
+) -> None:
+    world = World(publisher)
+    box = world.listen(qos, kind)
+    # One listener is counted, from outside; the buffer is not the one.
+    world.publisher.publish(Int64(data=1))
+    assert world.dds.sent == [Int64(data=1)]
+    assert taken(box) == []
+
+
+def test_nothing_overtakes_what_dds_still_holds_for_a_subscription() -> None:
+    world = World()
+    box = world.listen()
+    world.dds.listeners = 2
+    world.publisher.publish(Int64(data=1))
+    world.dds.listeners = 1
+    world.publisher.publish(Int64(data=2))
+    assert len(world.dds.sent) == 2
+    box.mark_dds_empty(box.dds_mark)
+    world.publisher.publish(Int64(data=3))
+    assert len(world.dds.sent) == 2
+    assert taken(box) == [Int64(data=3)]
+
+
+def test_nothing_overtakes_what_was_on_its_way_when_a_subscription_came() -> None:
+    world = World()
+    boxes: list[MessageBuffer] = []
+    world.dds.on_send = lambda: boxes.append(world.listen())
+    world.publisher.publish(Int64(data=1))
+    assert boxes[0].dds_may_hold_messages
+    world.dds.on_send = lambda: None
+    world.publisher.publish(Int64(data=2))
+    assert len(world.dds.sent) == 2
+
+
+def test_one_who_goes_while_one_comes_is_not_taken_for_the_other() -> None:
+    world = World()
+    box = world.listen()
+
+    def change() -> None:
+        world.topic.close(box)  # and the one that DDS counts is from outside
+
+    world.dds.on_count = change
+    world.publisher.publish(Int64(data=1))
+    assert world.dds.sent == [Int64(data=1)]
+    assert taken(box) == []
+
+
+def test_bytes_are_handed_over_too() -> None:
+    world = World()
+    box = world.listen()
+    world.publisher.publish(bytes(serialize_message(Int64(data=5))))
+    assert taken(box) == [Int64(data=5)]
+    assert not world.dds.sent
+
+
+def test_what_is_no_message_of_the_class_is_refused() -> None:
+    world = World()
+    box = world.listen()
+    with pytest.raises(TypeError, match="Expected"):
+        world.publisher.publish("five")
+    assert taken(box) == []
+
+
+def test_a_message_that_cannot_be_copied_reaches_nobody() -> None:
+    world = World()
+    boxes = world.listen(), world.listen()
+    bad = Int64()
+    bad._data = "five"
+    with pytest.raises(ObeliskMsgError, match=r"`data` of std_msgs/msg/Int64 is 'five'"):
+        world.publisher.publish(bad)
+    assert [taken(box) for box in boxes] == [[], []]
+
+
+def test_a_publisher_that_is_destroyed_leaves_the_answer_to_rclpy() -> None:
+    world = World()
+    box = world.listen()
+    world.publisher.destroy()
+    world.publisher.publish(Int64(data=1))
+    assert world.dds.sent == [Int64(data=1)]
+    assert taken(box) == []
+
+
+def buffer(depth: int = 3) -> MessageBuffer:
+    """An empty one."""
+    codec = codec_for(Int64)
+    assert codec is not None
+    return MessageBuffer(Int64, QoSProfile(depth=depth), codec)
+
+
+def numbers(box: MessageBuffer) -> list[int]:
+    """All that waits, taken."""
+    taken = []
+    while (item := box.take()) is not None:
+        taken.append(item[0].data)
+    return taken
+
+
+def test_messages_come_out_in_the_order_in_which_they_came_in() -> None:
+    box = buffer()
+    for number in range(3):
+        box.put(Int64(data=number))
+    assert numbers(box) == [0, 1, 2]
+
+
+def test_one_more_than_the_depth_drops_the_oldest() -> None:
+    box = buffer(depth=2)
+    for number in range(5):
+        box.put(Int64(data=number))
+    assert numbers(box) == [3, 4]
+
+
+def test_bytes_come_out_as_a_message() -> None:
+    codec = codec_for(Int64)
+    assert codec is not None
+    box = buffer()
+    box.put(codec.pack(Int64(data=7)))
+    assert numbers(box) == [7]
+
+
+def test_each_message_signals_unless_somebody_else_is_to_be_told() -> None:
+    box = buffer()
+    box.put(Int64())
+    assert os.eventfd_read(box.signal_fd) == 1
+    told: list[None] = []
+    box.wake = lambda: told.append(None)
+    box.put(Int64())
+    assert told == [None]
+    with pytest.raises(BlockingIOError):
+        os.eventfd_read(box.signal_fd)
+
+
+def test_dds_is_empty_only_as_of_the_mark_that_was_there_before_it_was_looked_at() -> None:
+    box = buffer()
+    mark = box.dds_mark
+    box.mark_dds_empty(mark)
+    assert not box.dds_may_hold_messages
+    box.mark_dds()
+    assert box.dds_may_hold_messages
+    box.mark_dds_empty(mark)
+    assert box.dds_may_hold_messages
+
+
+def test_the_eventfd_is_open_as_long_as_a_publisher_may_write_to_it() -> None:
+    box = buffer()
+    descriptor, publishers = box.signal_fd, [box]
+    del box
+    os.eventfd_write(descriptor, 1)
+    publishers.clear()
+    gc.collect()
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.eventfd_write(descriptor, 1)
+
+
+def subscription(
+    callback: Callable[..., None] = lambda _message: None,
+    qos: QoSProfile | None = None,
+    *,
+    raw: bool = False,
+) -> Subscription:
+    """One without a middleware."""
+    handle = MagicMock()
+    handle.get_logger_name.return_value = "node"
+    return Subscription(
+        handle,
+        Int64,
+        "topic",
+        callback,
+        MutuallyExclusiveCallbackGroup(),
+        qos or QoSProfile(depth=3),
+        raw,
+        SubscriptionEventCallbacks(use_default_callbacks=False),
+    )
+
+
+def test_a_topic_is_one_of_its_context_and_its_full_name() -> None:
+    here, there = Context(), Context()
+    assert intra_process_topic(here, "/a") is intra_process_topic(here, "/a")
+    assert intra_process_topic(here, "/a") is not intra_process_topic(here, "/b")
+    assert intra_process_topic(here, "/a") is not intra_process_topic(there, "/a")
+
+
+def test_no_context_is_kept_for_its_topics() -> None:
+    context = Context()
+    intra_process_topic(context, "/a")
+    reference = weakref.ref(context)
+    del context
+    gc.collect()
+    assert reference() is None
+
+
+def test_every_change_of_a_topic_is_another_tuple() -> None:
+    topic, box = IntraProcessTopic(), buffer_of(subscription())
+    assert box is not None
+    seen = [topic.buffers]
+    topic.open(box)
+    seen.append(topic.buffers)
+    topic.close(box)
+    seen.append(topic.buffers)
+    topic.open(box)
+    seen.append(topic.buffers)
+    assert seen == [(), (box,), (), (box,)]
+    assert seen[1] is not seen[3]
+
+
+def test_a_subscription_keeps_its_buffer_and_a_buffer_no_subscription() -> None:
+    heard = subscription()
+    box = buffer_of(heard)
+    assert box is not None
+    assert buffer_of(heard) is box
+    reference = weakref.ref(heard)
+    del heard
+    gc.collect()
+    assert reference() is None
+
+
+@pytest.mark.parametrize(
+    "by_dds",
+    [
+        subscription(raw=True),
+        subscription(lambda _message, _info: None),
+        subscription(qos=QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)),
+    ],
+    ids=["bytes", "infos", "late joining"],
+)
+def test_what_only_dds_gives_is_taken_from_dds(by_dds: Subscription) -> None:
+    assert buffer_of(by_dds) is None
+
+
+def test_messages_that_cannot_be_copied_are_taken_from_dds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(intra_process, "codec_for", lambda _message_class: None)
+    assert buffer_of(subscription()) is None
+
+
+@pytest.mark.parametrize("qos", [RELIABLE, BEST_EFFORT, qos_profile_sensor_data])
+def test_depth_and_reliability_need_no_dds(qos: QoSProfile) -> None:
+    assert is_plain(qos)
+
+
+@pytest.mark.parametrize(
+    "qos",
+    [
+        QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+        QoSProfile(depth=1, durability=DurabilityPolicy.SYSTEM_DEFAULT),
+        QoSProfile(depth=1, reliability=ReliabilityPolicy.SYSTEM_DEFAULT),
+        QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_AVAILABLE),
+        QoSProfile(depth=1, deadline=Duration(seconds=1)),
+        QoSProfile(depth=1, lifespan=Duration(seconds=1)),
+        QoSProfile(depth=1, liveliness_lease_duration=Duration(seconds=1)),
+        QoSProfile(depth=1, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC),
+        QoSProfile(depth=1, avoid_ros_namespace_conventions=True),
+        QoSProfile(history=HistoryPolicy.KEEP_ALL),
+        qos_profile_system_default,
+    ],
+)
+def test_what_else_a_profile_asks_for_is_left_to_dds(qos: QoSProfile) -> None:
+    assert not is_plain(qos)
+
+
+@pytest.mark.parametrize(
+    ("publisher", "subscription", "compatible"),
+    [
+        (RELIABLE, RELIABLE, True),
+        (RELIABLE, BEST_EFFORT, True),
+        (BEST_EFFORT, BEST_EFFORT, True),
+        (BEST_EFFORT, RELIABLE, False),
+    ],
+)
+def test_a_reliable_subscription_needs_a_reliable_publisher(
+    publisher: QoSProfile, subscription: QoSProfile, compatible: bool
+) -> None:
+    assert is_compatible(publisher, subscription) is compatible
