@@ -26,7 +26,7 @@ from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output, Stepper
 from obelisk_py.core.sim.mujoco.stepping import MonotonicClock, Pace, SampleTimes
-from obelisk_py.core.sim.mujoco.viewing.film_robot import film_outputs
+from obelisk_py.core.sim.mujoco.viewers.video import video_outputs
 from obelisk_spec.films import FilmSettings, read_film
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -51,10 +51,10 @@ def run(seconds: float, settings: FilmSettings | None) -> dict[str, Any]:
     step_s = simulation.step_s
     told: list[str] = []
     with ExitStack() as closing:
-        films = film_outputs(
+        films = video_outputs(
             simulation,
             settings,
-            tell=lambda _, text: told.append(text),
+            notify=lambda _, text: told.append(text),
             on_close=closing.callback,
         )
         film = [p for p in psutil.Process().children() if "film" in p.cmdline()]

@@ -26,25 +26,32 @@ from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameters import Getter
 from obelisk_py.core.rates.counter import TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
-from obelisk_py.core.sim.mujoco.block import PARAMETER, read_block
+from obelisk_py.core.sim.mujoco.actuation import WhenStale
 from obelisk_py.core.sim.mujoco.control import ControlInbox, make_inbox
-from obelisk_py.core.sim.mujoco.drive import WhenStale
 from obelisk_py.core.sim.mujoco.loading import check_keyframe, load_model
-from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of, promise_nothing
-from obelisk_py.core.sim.mujoco.realtime_factor import REALTIME_FACTOR, realtime_factor_of
-from obelisk_py.core.sim.mujoco.requests import Answer, StepRequests
-from obelisk_py.core.sim.mujoco.services import make_services
+from obelisk_py.core.sim.mujoco.outputs import OutputContext, no_rate_monitor, outputs_of
+from obelisk_py.core.sim.mujoco.sim_config import (
+    PARAMETER,
+    REALTIME_FACTOR,
+    read_block,
+    realtime_factor_of,
+)
 from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.step_queue import Answer, StepQueue, make_step_services
 from obelisk_py.core.sim.mujoco.stepper import Output, Stepper, StepReport
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.true_state import StateCopy, TrueStateReader
-from obelisk_py.core.sim.mujoco.viewing.film_robot import (
-    FILM_PARAMETERS,
-    film_outputs,
-    film_wanted,
+from obelisk_py.core.sim.mujoco.viewers.processes import (
+    PARAMETERS,
+    requested_viewers,
+    viewer_outputs,
 )
-from obelisk_py.core.sim.mujoco.viewing.onlookers import PARAMETERS, onlooker_outputs, wishes_of
-from obelisk_py.core.sim.mujoco.viewing.words import Severity
+from obelisk_py.core.sim.mujoco.viewers.video import (
+    VIDEO_PARAMETERS,
+    requested_video,
+    video_outputs,
+)
+from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Severity
 from obelisk_spec.rates import STEPS
 
 __all__ = ["ObeliskMujocoRobot"]
@@ -82,7 +89,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self.declare_parameter(KEYFRAME, "")
         # A config may write 0 or 1 as well as 0.5.
         self.declare_parameter(REALTIME_FACTOR, 1.0, ParameterDescriptor(dynamic_typing=True))
-        for name, default in {**PARAMETERS, **FILM_PARAMETERS}.items():
+        for name, default in {**PARAMETERS, **VIDEO_PARAMETERS}.items():
             self.declare_parameter(name, default)
         self._simulation: Simulation | None = None
         self._inbox: ControlInbox | None = None
@@ -93,13 +100,13 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._keyframe: str | None = None
         self._own_publishers: list[LifecyclePublisher] = []
         self._closing = ExitStack()
-        self._requests = StepRequests()
+        self._requests = StepQueue()
         self._request_services: list[Any] = []
         rules = self._parameter_rules
         rules.add((REALTIME_FACTOR,), lambda value: realtime_factor_of(value(REALTIME_FACTOR)))
         rules.add((PARAMETER,), lambda value: read_block(value(PARAMETER)))
-        rules.add(tuple(PARAMETERS), wishes_of)
-        rules.add(tuple(FILM_PARAMETERS), film_wanted)
+        rules.add(tuple(PARAMETERS), requested_viewers)
+        rules.add(tuple(VIDEO_PARAMETERS), requested_video)
         rules.add((KEYFRAME,), self._check_keyframe, is_read_at_configure=False)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -110,8 +117,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         """
         result = super().on_configure(state)
         factor = realtime_factor_of(self.get_parameter(REALTIME_FACTOR).value)
-        wishes = wishes_of(lambda name: self.get_parameter(name).value)
-        film = film_wanted(lambda name: self.get_parameter(name).value)
+        viewers = requested_viewers(lambda name: self.get_parameter(name).value)
+        video = requested_video(lambda name: self.get_parameter(name).value)
         loaded = load_model(
             str(self.get_parameter(PARAMETER).value),
             keyframe=str(self.get_parameter(KEYFRAME).value),
@@ -134,26 +141,28 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._simulation.reset(self._keyframe)
         is_simulated = self._uses_simulation_time()
         self._stamp_ns = self._simulation_time_ns if is_simulated else self._ros_time_ns
-        surroundings = Surroundings(
+        context = OutputContext(
             make_publisher=self._own_publisher,
             warn=self._warn,
             on_close=self._closing.callback,
             is_paced=factor > 0,
-            promise=self._promise_samples if factor else promise_nothing,
+            monitor_rate=self._monitor_samples if factor else no_rate_monitor,
         )
         outputs = (
-            *outputs_of(self._simulation, loaded.block, surroundings),
-            *onlooker_outputs(
+            *outputs_of(self._simulation, loaded.config, context),
+            *viewer_outputs(
                 self._simulation,
-                wishes,
-                loaded.block.steps_per_view,
-                tell=self._tell,
+                viewers,
+                loaded.config.steps_per_view,
+                notify=self._tell,
                 on_close=self._closing.callback,
             ),
-            *film_outputs(self._simulation, film, tell=self._tell, on_close=self._closing.callback),
+            *video_outputs(
+                self._simulation, video, notify=self._tell, on_close=self._closing.callback
+            ),
         )
         self._stepper = self._make_stepper(self._simulation, factor, outputs)
-        self._request_services = make_services(
+        self._request_services = make_step_services(
             self.create_service,
             self._requests,
             is_stepping=lambda: self.state_label == "active",
@@ -300,7 +309,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         """The clock of the promise to keep up; a paused simulation promises nothing."""
         return None if self._requests.is_paused else time.monotonic_ns()
 
-    def _promise_samples(self, topic: str, period_s: float) -> Callable[[], None]:
+    def _monitor_samples(self, topic: str, period_s: float) -> Callable[[], None]:
         simulation = self._simulation
         assert simulation is not None
         name = self.resolve_topic_name(topic)
