@@ -54,7 +54,7 @@ def run(seconds: float, settings: FilmSettings | None) -> dict[str, Any]:
         films = video_outputs(
             simulation,
             settings,
-            notify=lambda _, text: told.append(text),
+            report=lambda film: told.append(str(film)),
             on_close=closing.callback,
         )
         film = [p for p in psutil.Process().children() if "film" in p.cmdline()]

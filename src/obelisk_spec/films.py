@@ -1,7 +1,7 @@
-"""What a film of a simulated robot may be: kind of file, size, rate; read from what a user wrote.
+"""Films of a simulated robot: the settings that a user wrote, and the status that a robot reports.
 
-In: words and numbers. Out: `FilmSettings`, or a `FilmError` whose sentence says what is expected.
-Looks at no file.
+In: words and numbers. Out: `FilmSettings`, or a `FilmError` whose sentence says what is expected;
+`FilmStatus` to and from the keys and values of a `diagnostic_msgs/DiagnosticStatus`. Opens no file.
 """
 
 import re
@@ -9,9 +9,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Literal, cast, get_args
 
-__all__ = ["FILM_RATES", "FilmError", "FilmSettings", "check_film_size", "read_film"]
+__all__ = [
+    "FILM_RATES",
+    "FILM_STATUS",
+    "FilmError",
+    "FilmSettings",
+    "FilmState",
+    "FilmStatus",
+    "check_film_size",
+    "film_values",
+    "parse_film",
+    "read_film",
+]
 
 FILM_RATES: Final[Mapping[str, int]] = MappingProxyType({".mp4": 30, ".gif": 15, ".png": 30})
 """Ending of the file -> frames in a second of simulation time, where nothing else is asked for."""
@@ -20,6 +31,11 @@ _HIGHEST_RATES: Final = MappingProxyType({".mp4": 240, ".gif": 50, ".png": 240})
 _SIZE: Final = re.compile(r"([0-9]{1,5})x([0-9]{1,5})")
 _SMALLEST, _LARGEST = 16, 4096
 """Width and height [pixels]."""
+FILM_STATUS: Final = "film"
+"""Name of the status behind that of the node: `robot: film`."""
+_STATE, _PATH, _DETAIL = "state", "path", "detail"
+
+FilmState = Literal["recording", "finished", "failed"]
 
 
 class FilmError(ValueError):
@@ -91,3 +107,41 @@ def check_film_size(ending: str, size: tuple[int, int]) -> None:
             f"a picture of {width}x{height}; .mp4 wants even numbers, "
             f"{width + width % 2}x{height + height % 2}"
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilmStatus:
+    """How far the film of a robot is, and where."""
+
+    state: FilmState
+    path: str
+    """Absolute. While recording the requested one; a finished film may be beside it."""
+    detail: str = ""
+    """Frames, length and dropped frames of a finished film; the reason of a failed one."""
+
+    def __str__(self) -> str:
+        match self.state:
+            case "recording":
+                return f"a film goes to {self.path}"
+            case "finished":
+                return f"film: {self.path}, {self.detail}"
+            case "failed":
+                return self.detail
+
+
+def film_values(status: FilmStatus) -> tuple[tuple[str, str], ...]:
+    """Keys and values of a status."""
+    return ((_STATE, status.state), (_PATH, status.path), (_DETAIL, status.detail))
+
+
+def parse_film(name: str, values: Mapping[str, str]) -> FilmStatus | None:
+    """The film that a status is about; None if it is about something else.
+
+    Args:
+        name: of the status, as `rates.rate_name` makes it.
+        values: of the status, by key.
+    """
+    state, path = values.get(_STATE, ""), values.get(_PATH, "")
+    if not name.endswith(f": {FILM_STATUS}") or state not in get_args(FilmState) or not path:
+        return None
+    return FilmStatus(state=cast(FilmState, state), path=path, detail=values.get(_DETAIL, ""))

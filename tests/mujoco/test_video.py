@@ -16,7 +16,7 @@ from obelisk_py.core.sim.mujoco.cameras import CameraView, choose_back_end
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.viewers.video import requested_video, video_job, video_outputs
-from obelisk_spec.films import read_film
+from obelisk_spec.films import FilmStatus, read_film
 
 from ..waiting import eventually  # noqa: TID252 - shared by folders of tests
 
@@ -63,12 +63,12 @@ def made(simulation, path, show, *, camera="above", rate_hz=10, told=None):
             (output,) = video_outputs(
                 simulation,
                 settings,
-                notify=lambda *words: told.append(words),
+                report=told.append,
                 on_close=closing.callback,
             )
         except ObeliskConfigError as error:
             refused = str(error)
-            told.append(("refused", refused))
+            told.append(refused)
             return None if NO_OPENGL in refused else told
         show(SimpleNamespace(begin=output.restart, seen=lambda: output.publish(None)))
     return told
@@ -100,15 +100,15 @@ def test_a_film_shows_the_states_at_their_times_and_is_told(simulation, tmp_path
     if told is None:
         assert not path.exists()
         return
-    (begun, text), (severity, end) = told
-    assert (begun, text) == ("info", f"a film goes to {path}")
-    assert severity == "info"
-    assert end.startswith(f"film: {path}, ")
+    begun, ended = told
+    assert begun == FilmStatus(state="recording", path=str(path))
+    assert (ended.state, ended.path) == ("finished", str(path))
+    end = ended.detail
     assert ", 0.6 s, " in end
     seen, times = colours(path)
     assert (seen[0], seen[-1]) == (RED, BLUE)
     assert (times[0], times[-1]) == (0.0, pytest.approx(0.5))
-    assert f" {len(seen)} frames, " in end
+    assert end.startswith(f"{len(seen)} frames, ")
     assert f" {6 - len(seen)} dropped" in end
 
 
@@ -121,7 +121,7 @@ def test_a_picture_is_the_last_state(simulation, tmp_path):
     told = made(simulation, path, show)
     if told is None:
         return
-    assert told[-1] == ("info", f"film: {path}, the state at 0.250 s")
+    assert told[-1] == FilmStatus(state="finished", path=str(path), detail="the state at 0.250 s")
     with Image.open(path) as picture:
         assert picture.size == (64, 48)
         assert np.argmax(np.asarray(picture)[24, 32]) == BLUE
@@ -130,7 +130,9 @@ def test_a_picture_is_the_last_state(simulation, tmp_path):
 def test_a_robot_that_never_took_a_step_is_seen_where_it_stands(simulation, tmp_path):
     told = made(simulation, tmp_path / "out.gif", lambda film: None)
     if told is not None:
-        assert told[-1] == ("info", f"film: {tmp_path / 'out.gif'}, 1 frame, 0.1 s, 0 dropped")
+        assert told[-1] == FilmStatus(
+            state="finished", path=str(tmp_path / "out.gif"), detail="1 frame, 0.1 s, 0 dropped"
+        )
 
 
 def test_after_a_reset_the_film_goes_on(simulation, tmp_path):
@@ -151,7 +153,7 @@ def test_a_film_that_is_there_is_not_replaced(simulation, tmp_path):
     path.write_text("mine")
     told = made(simulation, path, lambda film: None)
     if told is not None:
-        assert f"film: {tmp_path / 'out-2.png'}, " in told[-1][1]
+        assert told[-1].path == str(tmp_path / "out-2.png")
         assert (tmp_path / "out-2.png").exists()
     assert path.read_text() == "mine"
 
@@ -166,16 +168,16 @@ def test_a_file_that_takes_no_more_is_told_at_once(simulation, tmp_path):
             number = next(frames)
             lift(simulation, time_s=number / 10, height=5.5 * (number % 2))
             film.seen()
-            return any("there is no film" in text for _, text in told)
+            return told[-1].state == "failed"
 
         eventually(is_told, "that the file takes no more")
 
     told = []
     if made(simulation, tmp_path / "full.gif", show, told=told) is None:
         return
-    assert told[1:] == [
-        ("warning", f"{tmp_path / 'full.gif'}: File too large; there is no film"),
-    ]
+    (failed,) = told[1:]
+    assert failed.path == str(tmp_path / "full.gif")
+    assert "File too large" in failed.detail
     assert list(tmp_path.iterdir()) == []
 
 
@@ -185,7 +187,7 @@ def test_a_folder_that_is_not_there_is_told_before_anything_is_simulated(simulat
         video_outputs(
             simulation,
             read_film(str(path), "above", "", 0),
-            notify=lambda *_: None,
+            report=lambda _: None,
             on_close=lambda _: None,
         )
     assert NO_OPENGL in str(caught.value) or str(caught.value) == (

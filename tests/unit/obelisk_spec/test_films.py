@@ -4,7 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from obelisk_spec.films import FilmError, FilmSettings, read_film
+from obelisk_spec.films import (
+    FILM_STATUS,
+    FilmError,
+    FilmSettings,
+    FilmStatus,
+    film_values,
+    parse_film,
+    read_film,
+)
+from obelisk_spec.rates import rate_name
 
 
 @pytest.mark.parametrize(("ending", "rate_hz"), [(".mp4", 30), (".gif", 15), (".png", 30)])
@@ -49,3 +58,22 @@ def test_a_film_that_cannot_be_is_told_with_what_can(words, sentence):
     with pytest.raises(FilmError) as caught:
         read_film(*words)
     assert str(caught.value) == sentence
+
+
+@pytest.mark.parametrize("state", ["recording", "finished", "failed"])
+def test_a_status_is_read_as_it_was_written(state):
+    status = FilmStatus(state=state, path="/here/out.mp4", detail="300 frames, 10.0 s")
+    assert parse_film(rate_name("/robot", FILM_STATUS), dict(film_values(status))) == status
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("robot: timer_film", {"state": "finished", "path": "/here/out.mp4"}),
+        ("robot: film", {"state": "lost", "path": "/here/out.mp4"}),
+        ("robot: film", {"state": "finished"}),
+        ("robot: film", {}),
+    ],
+)
+def test_a_status_about_something_else_is_no_film(name, values):
+    assert parse_film(name, values) is None

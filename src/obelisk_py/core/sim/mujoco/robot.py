@@ -48,10 +48,12 @@ from obelisk_py.core.sim.mujoco.viewers.processes import (
 )
 from obelisk_py.core.sim.mujoco.viewers.video import (
     VIDEO_PARAMETERS,
+    FilmDiagnostics,
     requested_video,
     video_outputs,
 )
 from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Severity
+from obelisk_spec.films import FilmStatus
 from obelisk_spec.rates import STEPS
 
 __all__ = ["ObeliskMujocoRobot"]
@@ -100,6 +102,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._keyframe: str | None = None
         self._own_publishers: list[LifecyclePublisher] = []
         self._closing = ExitStack()
+        self._film: FilmDiagnostics | None = None
         self._requests = StepQueue()
         self._request_services: list[Any] = []
         rules = self._parameter_rules
@@ -148,6 +151,9 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             is_paced=factor > 0,
             monitor_rate=self._monitor_samples if factor else no_rate_monitor,
         )
+        if video is not None:
+            self._film = FilmDiagnostics(self)
+            self._closing.callback(self._film.close)
         outputs = (
             *outputs_of(self._simulation, loaded.config, context),
             *viewer_outputs(
@@ -158,7 +164,10 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
                 on_close=self._closing.callback,
             ),
             *video_outputs(
-                self._simulation, video, notify=self._tell, on_close=self._closing.callback
+                self._simulation,
+                video,
+                report=self._report_film,
+                on_close=self._closing.callback,
             ),
         )
         self._stepper = self._make_stepper(self._simulation, factor, outputs)
@@ -385,6 +394,11 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             self.get_logger().info(text)
         else:
             self._warn(text)
+
+    def _report_film(self, film: FilmStatus) -> None:
+        self._tell("warning" if film.state == "failed" else "info", str(film))
+        if self._film is not None:
+            self._film.publish(film)
 
     def _free(self) -> None:
         self._closing.close()

@@ -1,10 +1,11 @@
 """The video of a run on the robot's side: from ROS parameters to a process that draws it.
 
-In: the node's parameters, the model. Out: an output that sends a state for each frame. A video that
-cannot be made fails before anything is simulated; if one breaks off, that is reported and the
-simulation goes on.
+In: the node's parameters, the model. Out: an output that sends a state for each frame, and the
+status of the video on `/diagnostics`. A video that cannot be made fails before anything is
+simulated; if one breaks off, that is reported and the simulation goes on.
 """
 
+import json
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from pathlib import Path
@@ -12,6 +13,9 @@ from types import MappingProxyType
 from typing import Any, Final
 
 import mujoco
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.duration import Duration
+from rclpy.node import Node
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.cameras import picture_size
@@ -19,24 +23,35 @@ from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output
 from obelisk_py.core.sim.mujoco.stepping import SampleTimes
 from obelisk_py.core.sim.mujoco.viewers.processes import ViewerProcess
-from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Notify, Severity, VideoJob
-from obelisk_spec.films import FilmError, FilmSettings, check_film_size, read_film
+from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Severity, VideoJob
+from obelisk_spec.films import (
+    FILM_STATUS,
+    FilmError,
+    FilmSettings,
+    FilmStatus,
+    check_film_size,
+    film_values,
+    read_film,
+)
 from obelisk_spec.near import did_you_mean
+from obelisk_spec.rates import DIAGNOSTICS_TOPIC, rate_name
 
-__all__ = ["VIDEO_PARAMETERS", "requested_video", "video_job", "video_outputs"]
+__all__ = ["VIDEO_PARAMETERS", "FilmDiagnostics", "requested_video", "video_job", "video_outputs"]
 
 
 VIDEO_PARAMETERS: Final[Mapping[str, str | int]] = MappingProxyType(
     {"render": "", "render_camera": "", "render_size": "", "render_fps": 0}
 )
 """ROS parameter -> its default, whose type it keeps."""
-_FILM: Final = "film: "
-"""Begins the sentence that tells of the finished video; the launcher looks for it."""
+ReportFilm = Callable[[FilmStatus], None]
 _LOSS: Final = "there is no film"
 _OPEN_S: Final = 30.0
 """OpenGL that takes longer to open will not open [s]."""
 _END_S: Final = 2.5
 """For the last picture and the end of the file; a node has 3 s for a transition on its way down."""
+_DEPTH: Final = 10
+_SENT_S: Final = 0.1
+"""For the last status to reach its subscribers [s]."""
 
 
 def requested_video(parameter: Callable[[str], Any]) -> FilmSettings | None:
@@ -61,7 +76,7 @@ def video_outputs(
     simulation: Simulation,
     settings: FilmSettings | None,
     *,
-    notify: Notify,
+    report: ReportFilm,
     on_close: Callable[[Callable[[], None]], object],
 ) -> tuple[Output, ...]:
     """Begin a video; the output that hands it the states.
@@ -69,7 +84,7 @@ def video_outputs(
     Args:
         simulation: what is recorded.
         settings: the video; None: none.
-        notify: takes what is to be known of it; called on a thread of its own.
+        report: takes each change of its status; called on several threads.
         on_close: takes what has to be called when the simulation is freed.
 
     Raises:
@@ -78,7 +93,7 @@ def video_outputs(
     if settings is None:
         return ()
     job = video_job(simulation.model, settings)
-    video = _Video(job, simulation, notify)
+    video = _Video(job, simulation, report)
     on_close(video.close)
 
     def publish(_stamp: Any) -> None:
@@ -123,19 +138,48 @@ def _camera(model: mujoco.MjModel, name: str) -> int:
     return int(number)
 
 
+class FilmDiagnostics:
+    """Publishes the status of a node's film on `/diagnostics`, where the launcher reads it."""
+
+    def __init__(self, node: Node) -> None:
+        """Make the publisher; a life-cycle publisher would be silent at configure and cleanup."""
+        self._node = node
+        self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS_TOPIC, _DEPTH)
+
+    def publish(self, film: FilmStatus) -> None:
+        """Publish a status; may be called on any thread."""
+        name = self._node.get_fully_qualified_name()
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.ERROR if film.state == "failed" else DiagnosticStatus.OK,
+            name=rate_name(name, FILM_STATUS),
+            message=str(film),
+            hardware_id=name,
+            values=[KeyValue(key=key, value=value) for key, value in film_values(film)],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(message)
+
+    def close(self) -> None:
+        """Remove the publisher once the last status has been sent."""
+        self._publisher.wait_for_all_acked(Duration(seconds=_SENT_S))
+        self._node.destroy_publisher(self._publisher)
+
+
 class _Video:
     """The process that makes a video."""
 
-    def __init__(self, job: VideoJob, simulation: Simulation, notify: Notify) -> None:
-        """Start it, and wait until it is sure that it can draw.
+    def __init__(self, job: VideoJob, simulation: Simulation, report: ReportFilm) -> None:
+        """Start it, and wait until it has drawn its first image.
 
         Raises:
-            ObeliskConfigError: it cannot; the sentence is its own.
+            ObeliskConfigError: it cannot draw; the sentence is its own.
         """
-        self._notify = notify
+        self._report = report
+        self._path = job.path
         self._first = Future[tuple[Severity, str]]()
-        self._is_reported = False
-        """Whether it is known what has become of the video."""
+        self._is_over = False
+        """Whether the end of the video was reported."""
         self._viewer = ViewerProcess(
             "video",
             job.to_arguments(),
@@ -146,7 +190,7 @@ class _Video:
             loss=_LOSS,
         )
         self.send = self._viewer.states.send
-        # A video has a first picture, whatever comes after it.
+        # A video has a first image, whatever comes after it.
         self.send()
         try:
             severity, text = self._first.result(_OPEN_S)
@@ -155,18 +199,27 @@ class _Video:
         if severity == "warning":
             self._viewer.close()
             raise ObeliskConfigError(text)
-        notify(severity, text)
+        report(FilmStatus(state="recording", path=job.path))
 
     def close(self) -> None:
-        """Have it finish the video with the state that was reached last."""
+        """Finish the video with the state that was reached last."""
         self.send()
         self._viewer.close()
-        if not self._is_reported:
-            self._notify("warning", f"{_LOSS}: it was not finished")
+        if not self._is_over:
+            self._fail("the video was not finished")
 
     def _on_message(self, severity: Severity, text: str) -> None:
+        """The first message says whether the video has begun, the last one how it ended."""
         if not self._first.done():
             self._first.set_result((severity, text))
-            return
-        self._is_reported |= text.startswith(_FILM) or _LOSS in text
-        self._notify(severity, text)
+        elif severity == "warning":
+            self._fail(text)
+        else:
+            self._is_over = True
+            path, detail = json.loads(text)
+            self._report(FilmStatus(state="finished", path=path, detail=detail))
+
+    def _fail(self, reason: str) -> None:
+        self._is_over = True
+        detail = reason if _LOSS in reason else f"{reason}; {_LOSS}"
+        self._report(FilmStatus(state="failed", path=self._path, detail=detail))

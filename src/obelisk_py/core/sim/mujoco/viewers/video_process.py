@@ -8,6 +8,7 @@ a busy machine it may stand in the middle of an image for seconds. The end does 
 last image is shown until the time of the last state.
 """
 
+import json
 import os
 import signal
 import threading
@@ -33,13 +34,11 @@ from obelisk_py.core.sim.mujoco.viewers.video_files import (
 )
 from obelisk_py.core.sim.mujoco.viewers.viewer_messages import NICENESS, Notify, States, VideoJob
 
-__all__ = ["BEGUN", "FrameCounter", "VideoRecording", "run"]
+__all__ = ["FrameCounter", "VideoRecording", "run"]
 
 _TOLERANCE: Final = 1e-6
 """Of a frame: time as a sum of steps may be a hair below it."""
 _WAIT_S: Final = 1.0
-BEGUN: Final = "a film goes to "
-"""Begins the first sentence; the launcher looks for it."""
 _LAST_S: Final = 0.7
 """For what is being drawn at the end [s]."""
 _LARGEST_SHADOW: Final = 2048
@@ -170,8 +169,8 @@ def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
     try:
         with unfinished(path.parent) as place:
             states.take_next()
-            told = make(states, view, job, place.file, thread, notify)
-            notify("info", f"film: {place.finish(path)}, {told}")
+            detail = make(states, view, job, place.file, thread, notify)
+            notify("info", json.dumps([str(place.finish(path)), detail]))
     except (BrokenPipeError, ConnectionResetError):
         raise
     except (OSError, av.FFmpegError) as error:
@@ -201,7 +200,7 @@ def _video(
     # The first picture takes longest; nothing is simulated before it.
     thread.submit(recording.draw_one, view).result()
     _make_way()
-    notify("info", f"{BEGUN}{job.path}")
+    notify("info", job.path)
     drawing = thread.submit(recording.draw_all, view)
     # Who draws is done before that only if the file takes no more.
     while not (states.wait_until_over(_WAIT_S) or drawing.done()):
@@ -226,7 +225,7 @@ def _picture(
         return view.draw()
 
     thread.submit(draw).result()
-    notify("info", f"{BEGUN}{job.path}")
+    notify("info", job.path)
     while not states.is_over:
         states.take_newest(_WAIT_S)
     video = PngFile(file, (job.width, job.height), job.rate_hz)
