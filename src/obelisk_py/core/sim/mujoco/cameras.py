@@ -24,7 +24,7 @@ __all__ = ["CameraView", "choose_back_end", "open_context", "picture_size"]
 _LIBRARIES: Final = {"egl": "EGL", "osmesa": "OSMesa"}
 """Back end -> the library it needs, the better one first."""
 _CURE: Final = (
-    "`obk doctor` tells which back ends draw on this machine; `apt install libegl1 "
+    "`obk doctor` reports which back ends draw on this machine; `apt install libegl1 "
     "libgl1-mesa-dri` brings one that needs neither a screen nor a graphics card"
 )
 _DEFAULT_SIZE = (640, 480)
@@ -143,7 +143,7 @@ class CameraView:
     def draw(self) -> NDArray[np.uint8]:
         """The picture of the last `update`, shape `(height, width, 3)`, the upper row first.
 
-        A view of memory that the next `draw` fills anew.
+        A view of memory that the next `draw` overwrites.
         """
         mujoco.mjr_render(self._area, self._scene, self._drawing)
         mujoco.mjr_readPixels(self._pixels, None, self._area, self._drawing)

@@ -31,11 +31,11 @@ __all__ = [
 ]
 
 DEFAULT_LATENESS_S: Final = 1.0
-"""How old a control may be when it comes before that is told, where the config names no age [s]."""
+"""Age at which an arriving control is reported as late, unless the config sets one [s]."""
 CONTROL_FIELDS: Final = ("u_mujoco", "u")
 """Fields of a control message that the simulator reads, the first that the type has."""
 Control = NDArray[np.float64] | TorqueLaw
-"""What is applied: the actuators' controls, shape (nu,), or torques anew at each step."""
+"""What is applied: the actuators' controls, shape (nu,), or a law for the torques of each step."""
 
 
 class StampOrder:
@@ -46,7 +46,7 @@ class StampOrder:
 
         Args:
             now_ns: the node's clock [ns].
-            lateness_s: age of a control that is told [s].
+            lateness_s: age at which a control is reported as late [s].
         """
         self._now_ns = now_ns
         self._lateness_s = lateness_s
@@ -145,9 +145,9 @@ class ControlInbox:
         return True
 
     def reports(self) -> list[Report]:
-        """What no log line has told yet, each kind at most once per second."""
-        told = (self._refused.report(), self._late.report())
-        return [report for report in told if report is not None]
+        """Reports that are not logged yet, each kind at most once per second."""
+        reports = (self._refused.report(), self._late.report())
+        return [report for report in reports if report is not None]
 
     def _read(self, message: Any) -> Control | str:
         """The control of a message, or why it is refused."""
@@ -168,7 +168,7 @@ def make_inbox(
         message_type: class of the control message.
         model: what is to be moved.
         now_ns: the clock that the messages' stamps are compared with [ns].
-        lateness_s: age of a control that is told when it comes [s]; None: the usual one.
+        lateness_s: age at which a control is reported as late [s]; None: the default.
 
     Raises:
         ObeliskConfigError: the message has nothing that could be written to the actuators.

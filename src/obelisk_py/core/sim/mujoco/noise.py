@@ -96,7 +96,10 @@ def _amount(value: Any) -> Amount:
 
 
 class RandomStream:
-    """A stream of random numbers that can be begun anew."""
+    """Random numbers that depend only on seed, topic and purpose, and can be restarted.
+
+    Noise on one field thus changes nothing in another, and a run can be repeated.
+    """
 
     def __init__(self, *, seed: int, topic: str, purpose: str) -> None:
         """Begin the stream."""
@@ -107,25 +110,25 @@ class RandomStream:
         """The stream, where it is."""
 
     def restart(self) -> None:
-        """Begin the stream anew."""
+        """Restart the stream."""
         self.numbers = np.random.Generator(np.random.PCG64(self._source))
 
 
 class Dropout:
     """Decides which messages are not published."""
 
-    def __init__(self, probability: float, chance: RandomStream) -> None:
-        """Decide by `chance`, with a probability from 0 to 1."""
+    def __init__(self, probability: float, stream: RandomStream) -> None:
+        """Decide by `stream`, with a probability from 0 to 1."""
         self._probability = probability
-        self._chance = chance
+        self._stream = stream
 
-    def strikes(self) -> bool:
-        """Whether the next message is lost."""
-        return bool(self._chance.numbers.random() < self._probability)
+    def is_dropped(self) -> bool:
+        """Whether the next message is dropped."""
+        return bool(self._stream.numbers.random() < self._probability)
 
     def restart(self) -> None:
-        """Begin the same decisions anew."""
-        self._chance.restart()
+        """Restart the same decisions."""
+        self._stream.restart()
 
 
 class DelayLine:
@@ -174,13 +177,13 @@ class NoiseGenerator:
         self, msg_type: str, settings: SensorNoise, topic: str, message: PackedMessage
     ) -> None:
         """Find the fields of a bare `msg_type` in the message."""
-        self._chances = []
+        self._streams = []
         self._adders: list[Callable[[], None]] = []
         for field, noise in settings.noise.items():
-            chance = RandomStream(seed=settings.seed, topic=topic, purpose=field)
+            stream = RandomStream(seed=settings.seed, topic=topic, purpose=field)
             numbers = message.numbers(field_place(msg_type, field))
-            draw = partial(_draw, noise, chance)
-            self._chances.append(chance)
+            draw = partial(_draw, noise, stream)
+            self._streams.append(stream)
             self._adders.append(_adder(NOISY_FIELDS[msg_type][field], numbers, draw))
 
     def add(self) -> None:
@@ -189,13 +192,13 @@ class NoiseGenerator:
             add()
 
     def restart(self) -> None:
-        """Begin the same noise anew."""
-        for chance in self._chances:
-            chance.restart()
+        """Restart the same noise."""
+        for stream in self._streams:
+            stream.restart()
 
 
-def _draw(noise: FieldNoise, chance: RandomStream, count: int) -> Array:
-    values = chance.numbers.standard_normal(count)
+def _draw(noise: FieldNoise, stream: RandomStream, count: int) -> Array:
+    values = stream.numbers.standard_normal(count)
     values *= noise.sigma
     values += noise.bias
     return values

@@ -18,7 +18,7 @@ from obelisk_py.core.sim.mujoco.geoms import marker_sampler
 from obelisk_py.core.sim.mujoco.noise import DelayLine, Dropout, NoiseGenerator, RandomStream
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, Sampler, SensorSource
 from obelisk_py.core.sim.mujoco.sensors.fields import in_turn
-from obelisk_py.core.sim.mujoco.sim_config import SensorGroup, SimConfig
+from obelisk_py.core.sim.mujoco.sim_config import SensorGroupConfig, SimConfig
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output
 from obelisk_py.core.sim.mujoco.stepping import SampleTimes
@@ -70,7 +70,7 @@ class SubscriberCheck:
 
 def group_outputs(
     simulation: Simulation,
-    group: SensorGroup,
+    group: SensorGroupConfig,
     sampler: Sampler,
     publish: Publish,
     *,
@@ -112,7 +112,7 @@ def group_outputs(
     disturbed = sampled(Sampler(message=sampler.message, take=take), send)
 
     def publish_unless_lost(stamp_ns: int) -> None:
-        if dropout.strikes():
+        if dropout.is_dropped():
             left_out()
         else:
             disturbed(stamp_ns)
@@ -217,7 +217,9 @@ def outputs_of(
     return tuple(outputs)
 
 
-def _group(simulation: Simulation, group: SensorGroup, context: OutputContext) -> Iterator[Output]:
+def _group(
+    simulation: Simulation, group: SensorGroupConfig, context: OutputContext
+) -> Iterator[Output]:
     kind = SENSOR_KINDS[group.msg_type]
     publisher = context.make_publisher(kind.message_type, group.topic, group.history_depth)
     publish = publisher.publish

@@ -362,5 +362,5 @@ def _group_flags(settings: RayCaster) -> NDArray[np.uint8] | None:
 
 
 def _drop_misses(distances: Array, farthest_m: float) -> None:
-    """NaN for what MuJoCo tells as -1, and for what is beyond."""
+    """NaN for rays that hit nothing (-1 in MuJoCo) and for hits beyond the maximum distance."""
     distances[(distances < 0.0) | (distances > farthest_m)] = np.nan

@@ -37,7 +37,7 @@ from obelisk_py.core.sim.mujoco.sim_config import (
     realtime_factor_of,
 )
 from obelisk_py.core.sim.mujoco.simulation import Simulation
-from obelisk_py.core.sim.mujoco.step_queue import Answer, StepQueue, make_step_services
+from obelisk_py.core.sim.mujoco.step_queue import StepQueue, StepResult, make_step_services
 from obelisk_py.core.sim.mujoco.stepper import Output, Stepper, StepReport
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.true_state import StateCopy, TrueStateReader
@@ -65,7 +65,7 @@ _PAUSE_S: Final = 0.05
 
 
 class ObeliskMujocoRobot(ObeliskSimRobot):
-    """A simulated robot, and whoever looks at it.
+    """A simulated robot and its viewers.
 
     ROS parameters: `mujoco_setting` (the sim block), `ic_keyframe` (default `ic` where the model
     has it), `realtime_factor` (simulation time over wall time; 0: as fast as possible), `viewer`
@@ -140,7 +140,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         # read from the state after each step.
         mujoco.set_mju_user_warning(_drop)
         self._simulation = Simulation(loaded.model, self._inbox, self._when_stale())
-        # Whoever looks at it before the first step sees where that step begins.
+        # Viewers see the start of the run before the first step.
         self._simulation.reset(self._keyframe)
         is_simulated = self._uses_simulation_time()
         self._stamp_ns = self._simulation_time_ns if is_simulated else self._ros_time_ns
@@ -203,7 +203,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
                     self._age.postpone(time.monotonic())
             else:
                 self._stepper.run(interrupted)
-            requests.carry_out()
+            requests.run_pending()
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Free the model."""
@@ -248,27 +248,27 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self.obk_publishers["pub_true_sim_state"].publish(message)
         return message
 
-    def _reset(self) -> Answer:
+    def _reset(self) -> StepResult:
         assert self._simulation is not None
         self._simulation.reset(self._keyframe)
         self._forget_commands()
         self._copy_state(self._stamp_ns())
-        return Answer(is_done=True, text=f"at {self._keyframe or 'the start of the model'}")
+        return StepResult(is_done=True, text=f"at {self._keyframe or 'the start of the model'}")
 
-    def _reset_to_parameter(self) -> Answer:
+    def _reset_to_parameter(self) -> StepResult:
         """Reset to the keyframe that `ic_keyframe` names now."""
         assert self._stepper is not None
         self._keyframe = str(self.get_parameter(KEYFRAME).value) or self._keyframe
         answer = self._reset()
-        # Whoever looks at a paused simulation sees it there.
+        # Viewers of a paused simulation show the reset state.
         self._stepper.begin()
         return answer
 
-    def _step(self) -> Answer:
+    def _step(self) -> StepResult:
         assert self._stepper is not None
         assert self._simulation is not None
         self._stepper.step()
-        return Answer(is_done=True, text=f"at {self._simulation.time_ns / NS_PER_S:.12g} s")
+        return StepResult(is_done=True, text=f"at {self._simulation.time_ns / NS_PER_S:.12g} s")
 
     def _check_keyframe(self, value: Getter) -> None:
         """A reset goes to the keyframe that is named by then; so it has to be there."""
@@ -331,15 +331,15 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         if self._uses_simulation_time():
             clock, message = self._own_publisher(Clock, "/clock", _DEPTH), PackedMessage(Clock())
 
-            def tell(stamp_ns: int) -> None:
+            def publish(stamp_ns: int) -> None:
                 clock.publish(message.to_bytes(stamp_ns))
 
             outputs.append(
                 Output(
                     times=SampleTimes(period_s=step_s, step_s=step_s),
-                    publish=tell,
+                    publish=publish,
                     # At a reset too: while the simulation is paused no step follows.
-                    restart=lambda: tell(simulation.time_ns),
+                    restart=lambda: publish(simulation.time_ns),
                 )
             )
         if "pub_true_sim_state" in self.obk_publishers:

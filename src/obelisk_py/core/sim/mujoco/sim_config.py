@@ -25,7 +25,7 @@ from obelisk_spec.values import PERIOD_WANTED, is_period
 __all__ = [
     "PARAMETER",
     "REALTIME_FACTOR",
-    "SensorGroup",
+    "SensorGroupConfig",
     "SimConfig",
     "findings_of",
     "not_given",
@@ -43,7 +43,7 @@ REALTIME_FACTOR: Final = "realtime_factor"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SensorGroup:
+class SensorGroupConfig:
     """Sensors that are published in one message."""
 
     topic: str
@@ -65,7 +65,7 @@ class SimConfig:
 
     time_step_s: float | None
     """Overrides the model's [s]."""
-    groups: tuple[SensorGroup, ...]
+    groups: tuple[SensorGroupConfig, ...]
     geoms: Mapping[str, str]
     """Geom name -> geom type, a key of `GEOM_KINDS`."""
     geoms_period_s: float
@@ -152,9 +152,9 @@ def typed_block(block: Mapping[str, Any]) -> SimConfig:
     )
 
 
-def _group(group: Mapping[str, Any]) -> SensorGroup:
+def _group(group: Mapping[str, Any]) -> SensorGroupConfig:
     scan = group.get("scan_config")
-    return SensorGroup(
+    return SensorGroupConfig(
         topic=group["topic"],
         period_s=float(group["dt"]),
         msg_type=bare_name(group["msg_type"]),

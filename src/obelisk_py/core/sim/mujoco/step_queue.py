@@ -13,13 +13,13 @@ from typing import Any, Final, NamedTuple
 
 from std_srvs.srv import SetBool, Trigger
 
-__all__ = ["Answer", "StepQueue", "make_step_services"]
+__all__ = ["StepQueue", "StepResult", "make_step_services"]
 
 _ANSWER_S: Final = 2.0
 """A simulation that steps answers between two steps [s]."""
 
 
-class Answer(NamedTuple):
+class StepResult(NamedTuple):
     """What came of an action."""
 
     is_done: bool
@@ -33,12 +33,12 @@ class StepQueue:
         """Make an empty queue of a simulation that is not paused."""
         self.is_paused = False
         """Whether steps are taken only when asked for; belongs to the stepping thread."""
-        self._waiting: deque[tuple[Callable[[], Answer], Future[Answer]]] = deque()
+        self._waiting: deque[tuple[Callable[[], StepResult], Future[StepResult]]] = deque()
         self._arrived = threading.Event()
 
-    def ask(self, action: Callable[[], Answer]) -> Future[Answer]:
+    def submit(self, action: Callable[[], StepResult]) -> Future[StepResult]:
         """Have an action carried out on the stepping thread."""
-        answer: Future[Answer] = Future()
+        answer: Future[StepResult] = Future()
         self._waiting.append((action, answer))
         self._arrived.set()
         return answer
@@ -51,10 +51,10 @@ class StepQueue:
         """Wait for an action, for `timeout_s` at most."""
         self._arrived.wait(timeout_s)
 
-    def carry_out(self) -> None:
+    def run_pending(self) -> None:
         """Carry out what waits.
 
-        Raises what an action raises, which the one who asked is told as well.
+        Raises what an action raises; the future of its caller gets the same exception.
         """
         self._arrived.clear()
         while self._waiting:
@@ -73,8 +73,8 @@ def make_step_services(
     requests: StepQueue,
     *,
     is_stepping: Callable[[], bool],
-    reset: Callable[[], Answer],
-    step: Callable[[], Answer],
+    reset: Callable[[], StepResult],
+    step: Callable[[], StepResult],
 ) -> list[Any]:
     """The services, made by `create` (type, name, callback).
 
@@ -86,7 +86,7 @@ def make_step_services(
         step: takes one step; called on the stepping thread, while the simulation is paused.
     """
 
-    def answered(action: Callable[[], Answer], response: Any) -> Any:
+    def answered(action: Callable[[], StepResult], response: Any) -> Any:
         if is_stepping():
             return _answered(requests, action, response)
         response.success, response.message = False, "the simulator is not active"
@@ -96,16 +96,16 @@ def make_step_services(
         return answered(reset, response)
 
     def on_pause(request: Any, response: Any) -> Any:
-        def pause() -> Answer:
+        def pause() -> StepResult:
             requests.is_paused = request.data
-            return Answer(is_done=True, text="paused" if request.data else "running")
+            return StepResult(is_done=True, text="paused" if request.data else "running")
 
         return answered(pause, response)
 
     def on_step(_request: Any, response: Any) -> Any:
-        def step_if_paused() -> Answer:
+        def step_if_paused() -> StepResult:
             if not requests.is_paused:
-                return Answer(is_done=False, text="the simulation is running; pause it first")
+                return StepResult(is_done=False, text="the simulation is running; pause it first")
             return step()
 
         return answered(step_if_paused, response)
@@ -117,8 +117,8 @@ def make_step_services(
     ]
 
 
-def _answered(requests: StepQueue, action: Callable[[], Answer], response: Any) -> Any:
-    asked = requests.ask(action)
+def _answered(requests: StepQueue, action: Callable[[], StepResult], response: Any) -> Any:
+    asked = requests.submit(action)
     try:
         response.success, response.message = asked.result(_ANSWER_S)
     except AnswerTimeoutError:

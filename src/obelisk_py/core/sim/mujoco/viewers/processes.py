@@ -57,7 +57,7 @@ class ViewerProcess:
         end_s: float | None = None,
         loss: str = _LOSS,
     ) -> None:
-        """Start it; what it draws and whether it can is told later.
+        """Start it; `notify` gets later what it draws, or why it cannot.
 
         Args:
             kind: a key of `program.VIEWER_KINDS`.

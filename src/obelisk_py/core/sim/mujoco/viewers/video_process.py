@@ -175,7 +175,7 @@ def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
         raise
     except (OSError, av.FFmpegError) as error:
         raise ObeliskError(f"{path}: {error.strerror or error}") from error
-    # OpenGL takes longer to close than a video, and nobody needs it any more.
+    # Closing OpenGL takes longer than closing a video, and serves no purpose here.
     os._exit(0)
 
 

@@ -57,7 +57,7 @@ def send_message(link: socket.socket, severity: Severity, text: str) -> None:
     """Send a sentence.
 
     Raises:
-        OSError: nobody is there any more.
+        OSError: the other side is closed.
     """
     link.send(severity.encode() + _SEPARATOR + text.encode()[: _LARGEST // 2])
 
@@ -66,7 +66,8 @@ def receive_message(link: socket.socket) -> tuple[Severity, str] | None:
     """Wait for a sentence; None: there will be no more."""
     try:
         packet = link.recv(_LARGEST)
-    # Whoever ends with packets unread resets the link, and Linux tells so before the last words.
+    # A process that ends with unread packets resets the link; Linux reports that before the last
+    # messages are read.
     except ConnectionResetError:
         packet = link.recv(_LARGEST)
     if not packet:
@@ -101,7 +102,7 @@ class StateSender:
         self._is_open = True
 
     def send(self) -> None:
-        """Send the present state, if there is room for it and somebody to take it."""
+        """Send the present state, if there is room for it and the viewer is alive."""
         if not self._is_open:
             return
         mujoco.mj_getState(self._model, self._data, self._state, SIGNATURE)
@@ -111,7 +112,7 @@ class StateSender:
             self.dropped += 1
         except OSError as error:
             self._is_open = False
-            # That the viewer is gone is told by who started it.
+            # `ViewerProcess` reports that the viewer is gone.
             if error.errno == errno.EMSGSIZE:
                 self._notify("warning", self._too_large())
         else:

@@ -77,7 +77,7 @@ def _guarded(look: Look) -> Look:
 
 
 class _Server(viser.ViserServer):
-    """A server whose page nobody can have tunnelled to another machine."""
+    """A server whose page cannot be tunnelled to another machine."""
 
     def request_share_url(self, verbose: bool = True) -> None:
         """Refuse."""
