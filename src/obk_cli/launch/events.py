@@ -3,6 +3,7 @@
 import signal
 from dataclasses import dataclass
 
+from obelisk_spec.films import FilmStatus
 from obelisk_spec.rates import Rate
 from obk_cli.launch.asks import ChangeAsked, Result, StatusAsked
 
@@ -12,6 +13,7 @@ __all__ = [
     "Ended",
     "Evidence",
     "Failed",
+    "FilmReported",
     "GoesOnWithout",
     "Heard",
     "Hung",
@@ -128,6 +130,14 @@ class RatesHeard:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class FilmReported:
+    """A simulated robot reported the status of its film."""
+
+    node: str
+    film: FilmStatus
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StrangerSeen:
     """A node that is not the stack's publishes on a topic that moves its robot."""
 
@@ -154,6 +164,7 @@ Heard = (
     | TransitionBegun
     | Failed
     | RatesHeard
+    | FilmReported
     | ChangeAsked
     | StatusAsked
     | StrangerSeen
@@ -316,6 +327,7 @@ Told = (
     | RateBroken
     | RateKept
     | RateMoved
+    | FilmReported
     | WaitingFor
     | Evidence
     | Ended

@@ -18,6 +18,7 @@ from obk_cli.launch.events import (
     AnswersAgain,
     Evidence,
     Failed,
+    FilmReported,
     Heard,
     Hung,
     ProcessEnded,
@@ -252,6 +253,8 @@ class Hearing:
                 self._failed(heard)
             case RatesHeard():
                 self._tell_rates(self._rates.heard(heard, self.clock()))
+            case FilmReported():
+                self.story.tell(heard)
             case _:
                 self._note_request(heard)
 

@@ -9,6 +9,7 @@ from obk_cli.launch.events import (
     Ended,
     Evidence,
     Failed,
+    FilmReported,
     GoesOnWithout,
     Hung,
     Phase,
@@ -106,6 +107,8 @@ class LaunchReport:
                 yield self._after_a_crash(event)
             case RateBroken() | RateKept() | RateMoved():
                 yield from self._rate(event)
+            case FilmReported():
+                return  # shown at the end of the run
             case _:
                 yield from self._node(event)
 
