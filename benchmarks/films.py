@@ -26,7 +26,7 @@ from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output, Stepper
 from obelisk_py.core.sim.mujoco.stepping import MonotonicClock, Pace, SampleTimes
-from obelisk_py.core.sim.mujoco.viewing.film_robot import film_outputs
+from obelisk_py.core.sim.mujoco.viewers.video import video_outputs
 from obelisk_spec.video import VideoSettings, read_video
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -51,10 +51,10 @@ def run(seconds: float, settings: VideoSettings | None) -> dict[str, Any]:
     step_s = simulation.step_s
     told: list[str] = []
     with ExitStack() as closing:
-        films = film_outputs(
+        films = video_outputs(
             simulation,
             settings,
-            tell=lambda _, text: told.append(text),
+            report=lambda film: told.append(str(film)),
             on_close=closing.callback,
         )
         film = [p for p in psutil.Process().children() if "film" in p.cmdline()]

@@ -39,7 +39,7 @@ from benchmarks.stolen import StolenTime, warn_of_stolen_time
 from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.loading import load_model
-from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of
+from obelisk_py.core.sim.mujoco.outputs import OutputContext, outputs_of
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Stepper
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace
@@ -116,7 +116,7 @@ class Rig:
         self.simulation = Simulation(loaded.model, inbox)
         self.simulation.reset(loaded.keyframe)
         self.publishers: dict[str, Counted] = {}
-        self.periods_s = {group.topic: group.period_s for group in loaded.block.groups}
+        self.periods_s = {group.topic: group.period_s for group in loaded.config.groups}
 
         def make_publisher(message: type[Any], topic: str, depth: int) -> Counted:
             publisher = node.create_lifecycle_publisher(
@@ -128,8 +128,8 @@ class Rig:
 
         self._outputs = outputs_of(
             self.simulation,
-            loaded.block,
-            Surroundings(
+            loaded.config,
+            OutputContext(
                 make_publisher=make_publisher,
                 warn=print,
                 on_close=lambda _: None,

@@ -31,7 +31,7 @@ from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Stepper
 from obelisk_py.core.sim.mujoco.stepping import MonotonicClock, Pace
-from obelisk_py.core.sim.mujoco.viewing.onlookers import Wish, onlooker_outputs
+from obelisk_py.core.sim.mujoco.viewers.processes import ViewerRequest, viewer_outputs
 
 Result = dict[str, Any]
 
@@ -83,7 +83,9 @@ class NotingClock(MonotonicClock):
         return now_ns
 
 
-def lateness(wishes: tuple[Wish, ...], seconds: float, folder: Path, *, is_open: bool) -> Result:
+def lateness(
+    wishes: tuple[ViewerRequest, ...], seconds: float, folder: Path, *, is_open: bool
+) -> Result:
     """How late the steps of the loop alone are, with these onlookers, once they have settled."""
     model = mujoco.MjModel.from_xml_path(str(DUMMY.with_name("dummy.xml")))
     simulation = Simulation(
@@ -93,11 +95,11 @@ def lateness(wishes: tuple[Wish, ...], seconds: float, folder: Path, *, is_open:
     clock = NotingClock()
     told: queue.Queue[str] = queue.Queue()
     with ExitStack() as closing:
-        outputs = onlooker_outputs(
+        outputs = viewer_outputs(
             simulation,
             wishes,
             STEPS_PER_VIEW,
-            tell=lambda _, text: told.put(text),
+            notify=lambda _, text: told.put(text),
             on_close=closing.callback,
         )
         stepper = Stepper(
@@ -231,7 +233,7 @@ def main() -> int:
     if options.listen:
         listen(options.listen)
         return 0
-    web = (Wish(kind="web", arguments=("0",)),)
+    web = (ViewerRequest(kind="web", arguments=("0",)),)
     seconds: float = options.seconds
     # A browser may still be writing when it is killed.
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:

@@ -1,6 +1,7 @@
-"""Settings of a video of a simulated robot: kind of file, size, frame rate.
+"""Films of a simulated robot: the settings that a user wrote, and the status that a robot reports.
 
-`read_video` checks what a user wrote; `VideoError` says what is expected. No file is read.
+In: words and numbers. Out: `VideoSettings`, or a `VideoError` whose sentence says what is expected;
+`VideoStatus` to and from the keys and values of a `diagnostic_msgs/DiagnosticStatus`. Opens none.
 """
 
 import re
@@ -8,9 +9,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Literal, cast, get_args
 
-__all__ = ["VIDEO_RATES", "VideoError", "VideoSettings", "check_video_size", "read_video"]
+__all__ = [
+    "VIDEO_RATES",
+    "VIDEO_STATUS",
+    "VideoError",
+    "VideoSettings",
+    "VideoState",
+    "VideoStatus",
+    "check_video_size",
+    "parse_video",
+    "read_video",
+    "video_values",
+]
 
 VIDEO_RATES: Final[Mapping[str, int]] = MappingProxyType({".mp4": 30, ".gif": 15, ".png": 30})
 """File suffix -> default frames per second of simulation time."""
@@ -19,6 +31,11 @@ _HIGHEST_RATES: Final = MappingProxyType({".mp4": 240, ".gif": 50, ".png": 240})
 _SIZE: Final = re.compile(r"([0-9]{1,5})x([0-9]{1,5})")
 _SMALLEST, _LARGEST = 16, 4096
 """Width and height [pixels]."""
+VIDEO_STATUS: Final = "film"
+"""Name of the status behind that of the node: `robot: film`."""
+_STATE, _PATH, _DETAIL = "state", "path", "detail"
+
+VideoState = Literal["recording", "finished", "failed"]
 
 
 class VideoError(ValueError):
@@ -90,3 +107,41 @@ def check_video_size(ending: str, size: tuple[int, int]) -> None:
             f"a picture of {width}x{height}; .mp4 wants even numbers, "
             f"{width + width % 2}x{height + height % 2}"
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VideoStatus:
+    """How far the film of a robot is, and where."""
+
+    state: VideoState
+    path: str
+    """Absolute. While recording the requested one; a finished film may be beside it."""
+    detail: str = ""
+    """Frames, length and dropped frames of a finished film; the reason of a failed one."""
+
+    def __str__(self) -> str:
+        match self.state:
+            case "recording":
+                return f"a film goes to {self.path}"
+            case "finished":
+                return f"film: {self.path}, {self.detail}"
+            case "failed":
+                return self.detail
+
+
+def video_values(status: VideoStatus) -> tuple[tuple[str, str], ...]:
+    """Keys and values of a status."""
+    return ((_STATE, status.state), (_PATH, status.path), (_DETAIL, status.detail))
+
+
+def parse_video(name: str, values: Mapping[str, str]) -> VideoStatus | None:
+    """The film that a status is about; None if it is about something else.
+
+    Args:
+        name: of the status, as `rates.rate_name` makes it.
+        values: of the status, by key.
+    """
+    state, path = values.get(_STATE, ""), values.get(_PATH, "")
+    if not name.endswith(f": {VIDEO_STATUS}") or state not in get_args(VideoState) or not path:
+        return None
+    return VideoStatus(state=cast(VideoState, state), path=path, detail=values.get(_DETAIL, ""))

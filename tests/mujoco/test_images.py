@@ -256,8 +256,8 @@ def test_the_back_end_is_the_users_choice_or_what_there_is(environment, librarie
 @pytest.mark.parametrize(
     ("environment", "part"),
     [
-        ({}, "there is neither libEGL nor libOSMesa; `obk doctor` tells "),
-        ({"MUJOCO_GL": "glfw"}, "MUJOCO_GL is `glfw`, which does not draw off screen"),
+        ({}, "`obk doctor`"),
+        ({"MUJOCO_GL": "glfw"}, "`glfw`"),
     ],
 )
 def test_no_back_end_is_told_with_what_would_help(environment, part):
@@ -273,7 +273,5 @@ def test_a_back_end_that_does_not_work_is_told_with_its_own_words():
 
     with pytest.raises(ObeliskConfigError) as caught:
         open_context("osmesa", 4, 4, load)
-    assert str(caught.value).startswith(
-        "cameras need OpenGL, and the back end `osmesa` does not work: AttributeError: 'NoneType' "
-        "object has no attribute 'glGetError'; `obk doctor` tells "
-    )
+    for part in ("`osmesa`", "AttributeError: 'NoneType' object", "`obk doctor`"):
+        assert part in str(caught.value)

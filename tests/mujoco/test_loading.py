@@ -44,10 +44,10 @@ def test_the_block_of_the_example_is_loaded(load):
         viz_geoms={"dt": 0.5, "dummy_box": "box"},
     )
     assert loaded.keyframe == "ic"
-    (group,) = loaded.block.groups
+    (group,) = loaded.config.groups
     assert (group.topic, group.period_s, group.history_depth) == ("/x", 0.001, 3)
-    assert loaded.block.geoms == {"dummy_box": "box"}
-    assert loaded.block.geoms_period_s == 0.5
+    assert loaded.config.geoms == {"dummy_box": "box"}
+    assert loaded.config.geoms_period_s == 0.5
     assert load.warnings == []
 
 
@@ -91,7 +91,7 @@ def test_a_ray_caster_is_read_from_its_file(load, tmp_path):
             _group(msg_type="ObkScan", config_path="wrapped.yaml"),
         ]
     )
-    bare, wrapped = (group.rays for group in loaded.block.groups)
+    bare, wrapped = (group.rays for group in loaded.config.groups)
     assert bare == wrapped
     assert (bare.site, bare.frame) == ("tip", "world")
 
@@ -104,7 +104,7 @@ def test_variables_in_the_file_of_a_ray_caster_are_replaced(load, tmp_path, monk
         "pattern: {type: height_scan, resolution: 1, size: [2, 2]}\n"
     )
     group = _group(msg_type="ObkScan", config_path="rays.yaml")
-    (loaded,) = load(sensor_settings=[group]).block.groups
+    (loaded,) = load(sensor_settings=[group]).config.groups
     assert (loaded.rays.site, loaded.rays.max_distance_m) == ("tip", 2.5)
 
 

@@ -6,7 +6,7 @@ from rclpy.serialization import deserialize_message
 from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.loading import load_model
-from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of
+from obelisk_py.core.sim.mujoco.outputs import OutputContext, outputs_of
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Stepper
 from obelisk_py.core.sim.mujoco.stepping import MonotonicClock
@@ -57,8 +57,8 @@ def example(repository):
             clock=MonotonicClock(),
             outputs=outputs_of(
                 simulation,
-                loaded.block,
-                Surroundings(
+                loaded.config,
+                OutputContext(
                     make_publisher=make_publisher,
                     warn=pytest.fail,
                     on_close=pytest.fail,

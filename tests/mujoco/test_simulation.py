@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from obelisk_py.core.sim.mujoco.control import ControlInbox
-from obelisk_py.core.sim.mujoco.model import compile_model, load_spec
+from obelisk_py.core.sim.mujoco.loading import compile_model, load_spec
 from obelisk_py.core.sim.mujoco.simulation import DivergenceError, Simulation
 
 pytestmark = pytest.mark.mujoco

@@ -8,7 +8,7 @@ import pytest
 __all__ = ["require_opengl"]
 
 OPEN = (
-    "from obelisk_py.core.sim.mujoco.cameras.back_end import choose_back_end, open_context\n"
+    "from obelisk_py.core.sim.mujoco.cameras import choose_back_end, open_context\n"
     "open_context(choose_back_end(), 16, 16)\n"
 )
 

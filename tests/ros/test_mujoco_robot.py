@@ -20,7 +20,7 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
 
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
-from obelisk_py.core.sim.mujoco.viewing import onlookers
+from obelisk_py.core.sim.mujoco.viewers import processes
 from obelisk_spec.settings import format_setting
 
 from .stack import DEADLINE_S, DUMMY, eventually, parameters, request, spinning
@@ -259,7 +259,7 @@ def test_it_pauses_steps_and_goes_back_to_the_start() -> None:
         eventually(lambda: len(clock) > heard + 20, "the clock of the next run")
 
 
-class _Onlooker:
+class _Viewer:
     """Keeps the times of the states that it is sent."""
 
     def __init__(self, _kind: str, _arguments: Any, _model: Any, data: Any, **_options: Any):
@@ -268,7 +268,7 @@ class _Onlooker:
         self._data = data
         self.made.append(self)
 
-    made: ClassVar[list["_Onlooker"]] = []
+    made: ClassVar[list["_Viewer"]] = []
 
     def send(self) -> None:
         self.times.append(self._data.time)
@@ -277,10 +277,10 @@ class _Onlooker:
 
 
 def test_a_reset_is_seen_though_the_simulation_is_paused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(onlookers, "Onlooker", _Onlooker)
+    monkeypatch.setattr(processes, "ViewerProcess", _Viewer)
     with simulator(viewer="web") as (node, _):
         assert request(node, "configure")
-        times = _Onlooker.made.pop().times
+        times = _Viewer.made.pop().times
         assert request(node, "activate")
         eventually(lambda: len(times) > 3, "states")
         assert _asked(node, SetBool, "pause", data=True).success

@@ -25,8 +25,7 @@ from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
 
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
-from obelisk_py.core.sim.mujoco.scans import typed_ray_caster
-from obelisk_py.core.sim.mujoco.scans.rays import lay_out
+from obelisk_py.core.sim.mujoco.raycast import lay_out, typed_ray_caster
 from obelisk_spec.settings import format_setting
 
 from .stack import eventually, parameters, request, spinning

@@ -124,7 +124,7 @@ class RosLifecycle:
         self._hear = hear
 
     def listen_to_rates(self, nodes: Iterable[str]) -> None:
-        """Hear of the rates of these nodes: `RatesHeard` once a second for each that tells."""
+        """Pass on `RatesHeard` and `VideoReported` of these nodes."""
         listen_to_rates(self._node, nodes, self._pass_on)
 
     def watch(self, nodes: Iterable[str]) -> None:

@@ -4,6 +4,7 @@ import signal
 from dataclasses import dataclass
 
 from obelisk_spec.runtime_protocol import Rate
+from obelisk_spec.video import VideoStatus
 from obk_cli.launch.asks import ChangeAsked, Result, StatusAsked
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "Told",
     "TransitionBegun",
     "TransitionEnded",
+    "VideoReported",
     "WaitingFor",
 ]
 
@@ -128,6 +130,14 @@ class RatesHeard:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class VideoReported:
+    """A simulated robot reported the status of its film."""
+
+    node: str
+    film: VideoStatus
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StrangerSeen:
     """A node that is not the stack's publishes on a topic that moves its robot."""
 
@@ -154,6 +164,7 @@ Heard = (
     | TransitionBegun
     | Failed
     | RatesHeard
+    | VideoReported
     | ChangeAsked
     | StatusAsked
     | StrangerSeen
@@ -316,6 +327,7 @@ Told = (
     | RateBroken
     | RateKept
     | RateMoved
+    | VideoReported
     | WaitingFor
     | Evidence
     | Ended

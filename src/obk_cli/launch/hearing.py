@@ -32,6 +32,7 @@ from obk_cli.launch.events import (
     Told,
     TransitionBegun,
     TransitionEnded,
+    VideoReported,
 )
 from obk_cli.launch.failures import Crash, Failure
 from obk_cli.launch.newer_lines import newer_lines
@@ -252,6 +253,8 @@ class Hearing:
                 self._failed(heard)
             case RatesHeard():
                 self._tell_rates(self._rates.heard(heard, self.clock()))
+            case VideoReported():
+                self.story.tell(heard)
             case _:
                 self._note_request(heard)
 

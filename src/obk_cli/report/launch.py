@@ -23,6 +23,7 @@ from obk_cli.launch.events import (
     StateSeen,
     Told,
     TransitionEnded,
+    VideoReported,
     WaitingFor,
 )
 from obk_cli.launch.transitions import ACTIVE, INACTIVE, UNCONFIGURED
@@ -106,6 +107,8 @@ class LaunchReport:
                 yield self._after_a_crash(event)
             case RateBroken() | RateKept() | RateMoved():
                 yield from self._rate(event)
+            case VideoReported():
+                return  # shown at the end of the run
             case _:
                 yield from self._node(event)
 

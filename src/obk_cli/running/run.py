@@ -29,7 +29,7 @@ from obk_cli.ros.environment import RosEnvironment
 from obk_cli.running.claim import claimed
 from obk_cli.running.commands import Executables, composable, find_executables, unit_commands
 from obk_cli.running.early import early_units, gate_variables, held_at_gate
-from obk_cli.running.film import Film
+from obk_cli.running.film import Films
 from obk_cli.running.neighbours import looking_on, refuse_strangers, refuse_taken_names
 from obk_cli.running.options import LaunchOptions
 from obk_cli.running.other_types import other_types_told
@@ -75,7 +75,7 @@ def run_plan(
         variables = {**environment.variables, **marks, **gate_variables(claim.folder)}
         commands = _commands(units, executables, claim.folder, variables, output, stack)
         recorder = Recorder(options.recording, claim.folder, output)
-        film = Film(plan, share, output)
+        output.also_to(Films(plan, share, output.note).on_event)
         # Before ROS is there: its threads have no business in the warden's fork.
         processes = stack.enter_context(
             WardenProcesses(
@@ -83,7 +83,7 @@ def run_plan(
                 folder=options.folder,
                 marks=marks,
                 hear=recorder.hearing(inbox.put),
-                on_line=recorder.lines(film.lines(output.line)),
+                on_line=recorder.lines(output.line),
             )
         )
         recorder.start(processes)
@@ -99,7 +99,7 @@ def run_plan(
             lifecycle=ros,
             inbox=inbox,
             clock=monotonic_s,
-            tell=recorder.telling(film.telling(output.event)),
+            tell=recorder.telling(output.event),
             limits=options.limits,
             on_crash=options.on_crash,
             strict_rates=options.strict_rates,

@@ -4,7 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from obelisk_spec.video import VideoError, VideoSettings, read_video
+from obelisk_spec.runtime_protocol import rate_name
+from obelisk_spec.video import (
+    VIDEO_STATUS,
+    VideoError,
+    VideoSettings,
+    VideoStatus,
+    parse_video,
+    read_video,
+    video_values,
+)
 
 
 @pytest.mark.parametrize(("ending", "rate_hz"), [(".mp4", 30), (".gif", 15), (".png", 30)])
@@ -49,3 +58,22 @@ def test_a_film_that_cannot_be_is_told_with_what_can(words, sentence):
     with pytest.raises(VideoError) as caught:
         read_video(*words)
     assert str(caught.value) == sentence
+
+
+@pytest.mark.parametrize("state", ["recording", "finished", "failed"])
+def test_a_status_is_read_as_it_was_written(state):
+    status = VideoStatus(state=state, path="/here/out.mp4", detail="300 frames, 10.0 s")
+    assert parse_video(rate_name("/robot", VIDEO_STATUS), dict(video_values(status))) == status
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("robot: timer_film", {"state": "finished", "path": "/here/out.mp4"}),
+        ("robot: film", {"state": "lost", "path": "/here/out.mp4"}),
+        ("robot: film", {"state": "finished"}),
+        ("robot: film", {}),
+    ],
+)
+def test_a_status_about_something_else_is_no_film(name, values):
+    assert parse_video(name, values) is None

@@ -5,8 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_py.core.sim.mujoco.control import ControlInbox, control_field
-from obelisk_py.core.sim.mujoco.stamps import StampOrder
+from obelisk_py.core.sim.mujoco.control import ControlInbox, StampOrder, control_field
 
 
 class _Time:

@@ -3,9 +3,10 @@
 from types import SimpleNamespace
 from typing import Any
 
-from obelisk_spec.runtime_protocol import Rate, rate_values
-from obk_cli.adapters.ros_rates import listen_to_rates, rates_told
-from obk_cli.launch.events import RatesHeard
+from obelisk_spec.runtime_protocol import Rate, rate_name, rate_values
+from obelisk_spec.video import VIDEO_STATUS, VideoStatus, video_values
+from obk_cli.adapters.ros_rates import film_reported, listen_to_rates, rates_told
+from obk_cli.launch.events import RatesHeard, VideoReported
 
 RATE = Rate(
     name="timer_ctrl",
@@ -44,3 +45,11 @@ def test_only_the_nodes_that_are_listened_to_are_heard() -> None:
     for name in ("/c", "/elsewhere", "/d"):
         callbacks[0](SimpleNamespace(status=[status("c: timer_ctrl", name, rate_values(RATE))]))
     assert [told.node for told in heard] == ["/c", "/d"]
+
+
+def test_a_film_is_found_among_other_diagnostics() -> None:
+    film = VideoStatus(state="finished", path="/here/out.mp4", detail="10.0 s")
+    own = status(rate_name("/c", VIDEO_STATUS), "/c", video_values(film))
+    rate = status("c: timer_ctrl", "/c", rate_values(RATE))
+    assert film_reported(SimpleNamespace(status=[rate, own])) == VideoReported(node="/c", film=film)
+    assert film_reported(SimpleNamespace(status=[rate])) is None

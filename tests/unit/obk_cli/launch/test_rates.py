@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from obelisk_spec.runtime_protocol import Rate
+from obelisk_spec.video import VideoStatus
 from obk_cli.launch.asks import StackStatus, StatusAsked
 from obk_cli.launch.events import (
     Heard,
@@ -17,10 +18,11 @@ from obk_cli.launch.events import (
     StateSeen,
     StopAsked,
     Told,
+    VideoReported,
 )
 from obk_cli.plan import Origin, Promise
 
-from .world import CONTROLLER, ESTIMATOR, PLAN, World, rates
+from .world import CONTROLLER, ESTIMATOR, PLAN, ROBOT, World, rates
 
 PERIOD = Promise(name="timer", period_s=0.01, origin=Origin(path="c.yaml", line=7, column=21))
 PROMISED = replace(
@@ -196,3 +198,10 @@ def test_who_asks_for_the_status_is_told_the_rates_of_active_nodes() -> None:
     world.run(duration_s=5)
     rates_told = [{n.node: n.rates for n in answer.nodes}[CONTROLLER] for answer in answers]
     assert rates_told == [OFF.rates, ()]
+
+
+def test_a_film_that_a_robot_reports_is_an_event_of_the_run() -> None:
+    film = VideoReported(node=ROBOT, film=VideoStatus(state="recording", path="/here/out.mp4"))
+    world = World(later=deque([film, 1.0]))
+    assert world.run(duration_s=1).exit_code == 0
+    assert film in world.told

@@ -1,27 +1,39 @@
-"""What a model's actuators make of a control: forces in, controls out, and controls that brake.
+"""What a model's actuators do with a control: force laws, brakes, and torques from gains.
 
-In: a compiled model and its state after mj_step1. Out: arrays of shape (nu,). Never writes to the
-state.
+In: a compiled model, its state after mj_step1, `PDFeedForward` messages with gains. Out: controls
+of shape (nu,), or the reason why a message is rejected. Never writes to the state.
 
 Source: https://mujoco.readthedocs.io/en/stable/computation/index.html (actuation model):
 force = gain * ctrl + b0 + b1 * length + b2 * velocity, for a fixed gain and an affine bias.
 """
 
-from typing import Final
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BRAKING_TIME_S", "Actuators", "Brake"]
+__all__ = [
+    "BRAKING_TIME_S",
+    "LARGEST",
+    "Actuators",
+    "Brake",
+    "JointTorques",
+    "TorqueLaw",
+    "has_gains",
+    "out_of_limits",
+]
 
+LARGEST: Final = 1e10
+"""MuJoCo takes a number beyond this for a fault and sets every control to zero (mjMAXVAL)."""
 BRAKING_TIME_S: Final = 0.1
 """In this time a braked motor loses 63 % of its speed [s], where nothing else moves it.
 
 Measured by the inertia that it feels with all others free: the least there can be, so that many
 motors that brake together never overshoot. Joints that move as one take longer.
 """
-
 _NONE: Final = int(mujoco.mjtDyn.mjDYN_NONE)
 _FOLLOWING: Final = (
     _NONE,
@@ -29,9 +41,21 @@ _FOLLOWING: Final = (
     int(mujoco.mjtDyn.mjDYN_FILTEREXACT),
 )
 """Dynamics of actuators whose activation goes to the control, at once or after a while."""
-
 Numbers = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+_FIELDS = ("pos_target", "vel_target", "feed_forward", "kp", "kd")
+_JOINT_DRIVES = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+_OF_ONE_NUMBER = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+
+
+def out_of_limits(field: str, values: NDArray[np.float64]) -> str | None:
+    """The first number that is not finite or too large, as "`u_mujoco[1]` is nan"; else None."""
+    # Written so that it is false for NaN too.
+    in_range = np.abs(values) <= LARGEST
+    if in_range.all():
+        return None
+    index = int(np.flatnonzero(~in_range)[0])
+    return f"`{field}[{index}]` is {values[index]:g}"
 
 
 class Actuators:
@@ -116,3 +140,103 @@ def _loads(model: mujoco.MjModel, data: mujoco.MjData) -> Numbers:
     loads = np.zeros(model.nu)
     np.divide(1.0, mobility, out=loads, where=mobility > mujoco.mjMINVAL)
     return loads
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorqueLaw:
+    """torque = kp (pos_target - position) + kd (vel_target - velocity) + feed_forward.
+
+    Each field has the shape (nu,), in the order of the actuators; units as in `PDFeedForward`.
+    """
+
+    pos_target: Numbers
+    vel_target: Numbers
+    feed_forward: Numbers
+    kp: Numbers
+    kd: Numbers
+
+
+def has_gains(message: Any) -> bool:
+    """Whether a `PDFeedForward` asks for torques; without gains its `u_mujoco` counts."""
+    return bool(len(message.kp) or len(message.kd))
+
+
+class JointTorques:
+    """The joints that a model's actuators drive."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Find the joint of each actuator."""
+        self._actuators = Actuators(model)
+        self._joints = model.actuator_trnid[:, 0].copy()
+        self._names = tuple(
+            mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, joint) or "" if joint >= 0 else ""
+            for joint in self._joints
+        )
+        self._unfit = self._why_unfit(model)
+        if self._unfit is None:
+            self._positions = model.jnt_qposadr[self._joints]
+            self._velocities = model.jnt_dofadr[self._joints]
+            self._gear = model.actuator_gear[:, 0].copy()
+
+    def read(self, message: Any) -> TorqueLaw | str:
+        """The law of a `PDFeedForward`, or why it is refused.
+
+        An empty `vel_target`, `feed_forward`, `kp` or `kd` is zero; `pos_target` may be empty where
+        `kp` is.
+        """
+        if self._unfit is not None:
+            return self._unfit
+        order = self._order_of(message.joint_names)
+        if isinstance(order, str):
+            return order
+        count = len(self._joints)
+        read: dict[str, Numbers] = {}
+        for field in _FIELDS:
+            values = np.array(getattr(message, field), dtype=np.float64)
+            may_be_empty = field != "pos_target" or len(message.kp) == 0
+            if values.size == 0 and may_be_empty:
+                values = np.zeros(count)
+            if values.size != count:
+                return f"`{field}` has the length {values.size}, the model has {count} joints"
+            fault = out_of_limits(field, values)
+            if fault is not None:
+                return fault
+            read[field] = values[order]
+        return TorqueLaw(**read)
+
+    def control(self, law: TorqueLaw, data: mujoco.MjData) -> Numbers:
+        """The control by which each joint has the torque that the law asks for in this state."""
+        torque = (
+            law.kp * (law.pos_target - data.qpos[self._positions])
+            + law.kd * (law.vel_target - data.qvel[self._velocities])
+            + law.feed_forward
+        )
+        control = self._actuators.control_for(
+            torque / self._gear, data.actuator_length, data.actuator_velocity
+        )
+        return np.clip(control, -LARGEST, LARGEST)
+
+    def _order_of(self, names: Sequence[str]) -> NDArray[np.intp] | str:
+        """Where each actuator's joint stands in the message."""
+        if not names:
+            return np.arange(len(self._joints))
+        if sorted(names) != sorted(self._names):
+            listed = ", ".join(f"`{name}`" for name in self._names)
+            return f"`joint_names` are not the joints that the model drives: {listed}"
+        places = {name: place for place, name in enumerate(names)}
+        return np.array([places[name] for name in self._names], dtype=np.intp)
+
+    def _why_unfit(self, model: mujoco.MjModel) -> str | None:
+        for index, joint in enumerate(self._joints):
+            name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, index) or index
+            if (
+                model.actuator_trntype[index] not in _JOINT_DRIVES
+                or model.jnt_type[joint] not in _OF_ONE_NUMBER
+                or model.actuator_gear[index, 0] == 0
+            ):
+                return f"gains are for joints, and the actuator `{name}` drives no hinge or slide"
+            if not self._actuators.take_forces[index]:
+                return f"the actuator `{name}` takes no torque"
+            if joint in self._joints[:index]:
+                return f"two actuators drive the joint `{self._names[index]}`"
+        return None

@@ -1,8 +1,9 @@
 """The control that the simulation applies next: the newest message that can be applied.
 
-In: control messages, on any thread. Out: an array of the actuators' size or a law of torques, and
-sentences about what was refused or late. A message of the wrong length, with a number that is not
-finite or too large for MuJoCo, or older than the one before, never gets through.
+In: control messages, on any thread. Out: an array of the actuators' size or a torque law, and
+reports of rejected and late messages. A message is rejected if it has the wrong length, a number
+that is not finite or too large for MuJoCo, or a stamp older than that of the applied control. A
+control without a stamp (zero) is never late.
 """
 
 import time
@@ -16,18 +17,63 @@ from obelisk_control_msgs.msg import PDFeedForward
 
 from obelisk_py.core.command_watchdog import ONLY_REJECTIONS, RejectionLog, RejectionReport
 from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_py.core.sim.mujoco.bounds import out_of_bounds
-from obelisk_py.core.sim.mujoco.stamps import DEFAULT_LATENESS_S, StampOrder
+from obelisk_py.core.sim.mujoco.actuators import JointTorques, TorqueLaw, has_gains, out_of_limits
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S
-from obelisk_py.core.sim.mujoco.torques import JointTorques, TorqueLaw, has_gains
 
-__all__ = ["CONTROL_FIELDS", "Control", "ControlInbox", "control_field", "make_inbox"]
+__all__ = [
+    "CONTROL_FIELDS",
+    "DEFAULT_LATENESS_S",
+    "Control",
+    "ControlInbox",
+    "StampOrder",
+    "control_field",
+    "make_inbox",
+]
 
+DEFAULT_LATENESS_S: Final = 1.0
+"""Age at which an arriving control is reported as late, unless the config sets one [s]."""
 CONTROL_FIELDS: Final = ("u_mujoco", "u")
 """Fields of a control message that the simulator reads, the first that the type has."""
-
 Control = NDArray[np.float64] | TorqueLaw
-"""What is applied: the actuators' controls, shape (nu,), or torques anew at each step."""
+"""What is applied: the actuators' controls, shape (nu,), or a law for the torques of each step."""
+
+
+class StampOrder:
+    """The stamp of the newest control."""
+
+    def __init__(self, now_ns: Callable[[], int], lateness_s: float) -> None:
+        """Begin with no control.
+
+        Args:
+            now_ns: the node's clock [ns].
+            lateness_s: age at which a control is reported as late [s].
+        """
+        self._now_ns = now_ns
+        self._lateness_s = lateness_s
+        self._newest_ns = 0
+
+    def restart(self) -> None:
+        """Begin with no control again."""
+        self._newest_ns = 0
+
+    def refusal(self, stamp_ns: int) -> str | None:
+        """Why a control is to be dropped: a newer one was applied.
+
+        A newest stamp that lies ahead of the clock orders nothing: the clock was set back, or it is
+        not the sender's.
+        """
+        if 0 < stamp_ns < self._newest_ns <= self._now_ns():
+            return "it is older than the one applied, by their stamps"
+        return None
+
+    def accept(self, stamp_ns: int) -> str | None:
+        """Take a control for the newest; a sentence where it is late."""
+        if stamp_ns == 0:
+            return None
+        self._newest_ns = stamp_ns
+        if self._now_ns() - stamp_ns > self._lateness_s * NS_PER_S:
+            return f"its stamp is more than {self._lateness_s:g} s old"
+        return None
 
 
 def control_field(message_type: type[Any]) -> str:
@@ -99,9 +145,9 @@ class ControlInbox:
         return True
 
     def reports(self) -> list[RejectionReport]:
-        """What no log line has told yet, each kind at most once per second."""
-        told = (self._refused.report(), self._late.report())
-        return [report for report in told if report is not None]
+        """Reports that are not logged yet, each kind at most once per second."""
+        reports = (self._refused.report(), self._late.report())
+        return [report for report in reports if report is not None]
 
     def _read(self, message: Any) -> Control | str:
         """The control of a message, or why it is refused."""
@@ -110,7 +156,7 @@ class ControlInbox:
         control = np.array(getattr(message, self._field), dtype=np.float64, ndmin=1)
         if control.shape != (self._size,):
             return f"`{self._field}` has the length {control.size}, the model takes {self._size}"
-        return out_of_bounds(self._field, control) or control
+        return out_of_limits(self._field, control) or control
 
 
 def make_inbox(
@@ -122,7 +168,7 @@ def make_inbox(
         message_type: class of the control message.
         model: what is to be moved.
         now_ns: the clock that the messages' stamps are compared with [ns].
-        lateness_s: age of a control that is told when it comes [s]; None: the usual one.
+        lateness_s: age at which a control is reported as late [s]; None: the default.
 
     Raises:
         ObeliskConfigError: the message has nothing that could be written to the actuators.

@@ -1,31 +1,145 @@
-"""From the text of a `sim` block to a compiled model, or to everything that is wrong with it.
+"""From the text of a `sim` block to a compiled model, or to every finding against it.
 
-In: the text, the keyframe that the config asks for. Out: model, block and keyframe. Reads the
-files of the model and of ray casters, and the environment where those name variables.
+In: the text, the keyframe that the config names. Out: model, config and keyframe. Reads the files
+of the model and of ray casters, and the environment variables that those name. A file that is
+missing or that MuJoCo rejects is an `ObeliskConfigError` with MuJoCo's own message.
 """
 
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import mujoco
 
 from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_py.core.sim.mujoco.block import (
-    SimBlock,
+from obelisk_py.core.sim.mujoco.sim_config import (
+    SimConfig,
     findings_of,
     not_given,
     read_block,
     typed_block,
 )
-from obelisk_py.core.sim.mujoco.model import DEFAULT_KEYFRAME, compile_model, find_file, load_spec
-from obelisk_py.core.sim.mujoco.scans.files import with_ray_casters
 from obelisk_spec.model import read_model_facts
 from obelisk_spec.suggestions import did_you_mean
+from obelisk_spec.yaml_core import YamlTextError, expand_variables, load_yaml_core
 
-__all__ = ["LoadedModel", "check_keyframe", "load_model"]
+__all__ = [
+    "DEFAULT_KEYFRAME",
+    "LoadedModel",
+    "check_keyframe",
+    "compile_model",
+    "find_file",
+    "load_model",
+    "load_spec",
+    "with_ray_casters",
+]
+
+DEFAULT_KEYFRAME: Final = "ic"
+"""The keyframe that a run starts from if the model has it and the config names none."""
+
+
+def find_file(
+    path: str, robot_pkg: str | None, folder: Path, share_of: Callable[[str], Path | None]
+) -> Path:
+    """A file of the sim block: absolute, else in `folder`, else in the package's `mujoco` folder.
+
+    Args:
+        path: as the settings have it.
+        robot_pkg: `robot_pkg`, None where not given.
+        folder: what a relative path is relative to.
+        share_of: share folder of a package, None if there is no such package.
+
+    Raises:
+        ObeliskConfigError: it is in none of these places; the message lists them.
+    """
+    places = [folder / path]
+    if robot_pkg is not None and not Path(path).is_absolute():
+        share = share_of(robot_pkg)
+        places += [share / "mujoco" / path] if share else []
+    for place in places:
+        if place.is_file():
+            return place.resolve()
+    looked = ", ".join(str(place) for place in places)
+    unknown = robot_pkg is not None and len(places) == 1 and not Path(path).is_absolute()
+    raise ObeliskConfigError(
+        f"`{path}` is not there; looked for {looked}"
+        + (f", and there is no package `{robot_pkg}`" if unknown else "")
+    )
+
+
+def load_spec(path: Path) -> mujoco.MjSpec:
+    """Read an MJCF file without compiling it.
+
+    Raises:
+        ObeliskConfigError: MuJoCo cannot read it.
+    """
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except (ValueError, mujoco.FatalError) as error:
+        raise ObeliskConfigError(f"model_xml_path: MuJoCo refuses {path}: {error}") from error
+
+
+def compile_model(spec: mujoco.MjSpec, time_step_s: float | None) -> mujoco.MjModel:
+    """Compile a model; autoreset is off, so that a divergence is seen and not wiped away.
+
+    Args:
+        spec: the model.
+        time_step_s: overrides the model's own time step [s].
+
+    Raises:
+        ObeliskConfigError: MuJoCo cannot compile it.
+    """
+    try:
+        model = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ObeliskConfigError(f"model_xml_path: MuJoCo cannot compile it: {error}") from error
+    if time_step_s is not None:
+        model.opt.timestep = time_step_s
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    return model
+
+
+def with_ray_casters(
+    block: Mapping[str, Any], find: Callable[[str], Path], environment: Mapping[str, str]
+) -> tuple[Mapping[str, Any], list[str]]:
+    """The block with its files put in place, and what is wrong with them.
+
+    Args:
+        block: as it came; one that is malformed is given back as it is.
+        find: the file of a path; raises ObeliskConfigError where there is none.
+        environment: what `${NAME}` stands for in the files.
+    """
+    groups, errors = block.get("sensor_settings"), []
+    if not isinstance(groups, list):
+        return block, []
+    filled = []
+    for index, group in enumerate(groups):
+        path = group.get("config_path") if isinstance(group, Mapping) else None
+        if isinstance(path, str) and not group.get("scan_config"):
+            try:
+                group = {**group, "scan_config": _read_ray_caster(find(path), environment)}
+            except ObeliskConfigError as error:
+                errors.append(f"sensor_settings[{index}].config_path: {error}")
+        filled.append(group)
+    return {**block, "sensor_settings": filled}, errors
+
+
+def _read_ray_caster(path: Path, environment: Mapping[str, str]) -> Mapping[str, Any]:
+    expand = partial(expand_variables, environment=environment)
+    try:
+        value = load_yaml_core(path.read_text(encoding="utf-8"), expand)
+    except (OSError, UnicodeDecodeError, YamlTextError) as error:
+        raise ObeliskConfigError(f"{path} cannot be read: {error}") from error
+    if isinstance(value, Mapping):
+        value = value.get("scan_config", value)
+    if not isinstance(value, Mapping):
+        raise ObeliskConfigError(
+            f"{path} holds no ray caster: a mapping with `site_name` and `pattern`"
+        )
+    return value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,7 +147,7 @@ class LoadedModel:
     """A model that passed every check."""
 
     model: mujoco.MjModel
-    block: SimBlock
+    config: SimConfig
     keyframe: str | None
     """Where a run starts; None: the model's own start."""
 
@@ -72,10 +186,10 @@ def load_model(
     errors += findings_of(raw, {"ic_keyframe": keyframe} if keyframe else {}, facts, warn)
     if spec is None or facts is None or errors:
         raise ObeliskConfigError("the sim block cannot be simulated:\n" + "\n".join(errors))
-    block = typed_block(raw)
+    config = typed_block(raw)
     default = DEFAULT_KEYFRAME if DEFAULT_KEYFRAME in facts.keyframes else None
     return LoadedModel(
-        model=compile_model(spec, block.time_step_s), block=block, keyframe=keyframe or default
+        model=compile_model(spec, config.time_step_s), config=config, keyframe=keyframe or default
     )
 
 

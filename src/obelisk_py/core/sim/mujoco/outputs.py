@@ -1,9 +1,12 @@
 """What a simulation publishes: from the `sim` block to outputs of the stepping thread.
 
-In: a simulation, its block, a way to make publishers. Out: one output per sensor group, one for the
-markers of geoms.
+In: a simulation, its config, a factory of publishers. Out: one output per sensor group, one more
+if its messages are delayed, one for the markers of geoms. Nothing is cast, drawn or sent without a
+subscriber, unless the group has noise or dropout: its random numbers must not depend on who
+subscribes. A group without noise, dropout and delay pays nothing for them.
 """
 
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
@@ -11,21 +14,150 @@ from typing import Any, Final, Protocol
 from visualization_msgs.msg import MarkerArray
 
 from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_py.core.sim.mujoco.audience import Audience
-from obelisk_py.core.sim.mujoco.block import SensorGroup, SimBlock
 from obelisk_py.core.sim.mujoco.geoms import marker_sampler
-from obelisk_py.core.sim.mujoco.groups import group_outputs, if_heard, sampled
+from obelisk_py.core.sim.mujoco.noise import DelayLine, Dropout, NoiseGenerator, RandomStream
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, Sampler, SensorSource
 from obelisk_py.core.sim.mujoco.sensors.fields import in_turn
+from obelisk_py.core.sim.mujoco.sim_config import SensorGroupConfig, SimConfig
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output
 from obelisk_py.core.sim.mujoco.stepping import SampleTimes
 
-__all__ = ["GEOM_TOPICS", "MakePublisher", "Surroundings", "outputs_of", "promise_nothing"]
+__all__ = [
+    "GEOM_TOPICS",
+    "MakePublisher",
+    "OutputContext",
+    "SubscriberCheck",
+    "group_outputs",
+    "if_subscribed",
+    "no_rate_monitor",
+    "outputs_of",
+    "sampled",
+]
 
+_CHECK_PERIOD_NS: Final = 5_000_000
+"""Wall time for which a count is used [ns]: asking the middleware for each sample is slow."""
+Publish = Callable[[Any], None]
+Sample = Callable[[int], None]
+"""Takes a sample and sends it, with a stamp [ns]."""
 GEOM_TOPICS: Final = ("~/viz_geoms", "obelisk/sim/mujoco_scene_viz")
 """Topics of the markers; the second is where a visualiser looks without knowing the node."""
 GEOM_DEPTH: Final = 10
+MonitorRate = Callable[[str, float], Callable[[], None]]
+"""Topic, simulation time between two samples [s] -> what is to be called at each sample."""
+
+
+class SubscriberCheck:
+    """Whether one publisher has subscribers, checked every few milliseconds."""
+
+    def __init__(
+        self, count: Callable[[], int], now_ns: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        """Count subscriptions by `count`, at times of the clock `now_ns` [ns]."""
+        self._count = count
+        self._now_ns = now_ns
+        self._check_at_ns: float = -float("inf")
+        self._has_subscribers = False
+
+    def has_subscribers(self) -> bool:
+        """Whether the topic has a subscriber; may be out of date by `_CHECK_PERIOD_NS`."""
+        now_ns = self._now_ns()
+        if now_ns >= self._check_at_ns:
+            self._check_at_ns = now_ns + _CHECK_PERIOD_NS
+            self._has_subscribers = self._count() > 0
+        return self._has_subscribers
+
+
+def group_outputs(
+    simulation: Simulation,
+    group: SensorGroupConfig,
+    sampler: Sampler,
+    publish: Publish,
+    *,
+    has_subscribers: Callable[[], bool],
+    left_out: Callable[[], None],
+) -> Iterator[Output]:
+    """The outputs of a group.
+
+    Args:
+        simulation: what is sampled.
+        group: the settings.
+        sampler: takes the samples.
+        publish: sends a message.
+        has_subscribers: whether the topic has a subscriber.
+        left_out: called for each sample that is dropped or has no subscriber.
+    """
+    times = SampleTimes(period_s=group.period_s, step_s=simulation.step_s)
+    settings = group.sensor_noise
+    line = None
+    if settings.delay_s > 0.0:
+        line = DelayLine(delay_s=settings.delay_s, step_s=simulation.step_s)
+        yield Output(times=line, publish=_release(line, publish), restart=line.restart)
+    send = publish if line is None else _hold(line, simulation)
+    if not settings.noise and settings.dropout == 0.0:
+        sample = sampled(sampler, send)
+        yield Output(times=times, publish=if_subscribed(has_subscribers, sample, left_out))
+        return
+    stream = RandomStream(seed=settings.seed, topic=group.topic, purpose="dropout")
+    dropout = Dropout(settings.dropout, stream)
+    noise = None
+    if sampler.message is not None:
+        noise = NoiseGenerator(group.msg_type, settings, group.topic, sampler.message)
+
+    def take() -> None:
+        sampler.take()
+        if noise is not None:
+            noise.add()
+
+    disturbed = sampled(Sampler(message=sampler.message, take=take), send)
+
+    def publish_unless_lost(stamp_ns: int) -> None:
+        if dropout.is_dropped():
+            left_out()
+        else:
+            disturbed(stamp_ns)
+
+    def restart() -> None:
+        dropout.restart()
+        if noise is not None:
+            noise.restart()
+
+    yield Output(times=times, publish=publish_unless_lost, restart=restart)
+
+
+def sampled(sampler: Sampler, send: Publish) -> Sample:
+    """Takes samples and sends them at once, but for those that come later."""
+    take, message = sampler.take, sampler.message
+    if message is None:
+        return lambda _stamp_ns: take()
+
+    def publish(stamp_ns: int) -> None:
+        take()
+        send(message.to_bytes(stamp_ns))
+
+    return publish
+
+
+def if_subscribed(
+    has_subscribers: Callable[[], bool], sample: Sample, left_out: Callable[[], None]
+) -> Sample:
+    """Takes samples while there is a subscriber; otherwise calls `left_out`."""
+
+    def publish(stamp_ns: int) -> None:
+        if has_subscribers():
+            sample(stamp_ns)
+        else:
+            left_out()
+
+    return publish
+
+
+def _hold(line: DelayLine, simulation: Simulation) -> Publish:
+    return lambda message: line.hold(message, simulation.steps)
+
+
+def _release(line: DelayLine, publish: Publish) -> Sample:
+    return lambda _stamp_ns: publish(line.release())
 
 
 class Publisher(Protocol):
@@ -35,67 +167,63 @@ class Publisher(Protocol):
         """Send a message, or the bytes of a packed one."""
 
     def get_subscription_count(self) -> int:
-        """How many listen."""
+        """The number of subscriptions."""
 
 
 MakePublisher = Callable[[type[Any], str, int], Publisher]
 """Message type, topic, history depth -> publisher."""
 
 
-Promise = Callable[[str, float], Callable[[], None]]
-"""Topic, simulation time between two samples [s] -> what is to be called at each sample."""
-
-
-def promise_nothing(_topic: str, _period_s: float) -> Callable[[], None]:
-    """Nobody counts."""
+def no_rate_monitor(_topic: str, _period_s: float) -> Callable[[], None]:
+    """Counts nothing."""
     return lambda: None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Surroundings:
+class OutputContext:
     """What outputs need of the node that has the simulation."""
 
     make_publisher: MakePublisher
     """Called once per topic."""
     warn: Callable[[str], None]
-    """Takes sentences about groups that say something odd; on any thread."""
+    """Takes warnings about sensor groups; called on any thread."""
     on_close: Callable[[Callable[[], None]], object]
     """Takes what has to be called when the simulation is freed."""
     is_paced: bool
     """Whether steps are due at times."""
-    promise: Promise = promise_nothing
+    monitor_rate: MonitorRate = no_rate_monitor
     """Called once per sensor group."""
 
 
 def outputs_of(
-    simulation: Simulation, block: SimBlock, surroundings: Surroundings
+    simulation: Simulation, config: SimConfig, context: OutputContext
 ) -> tuple[Output, ...]:
-    """The outputs that a block asks for.
+    """The outputs that the config defines.
 
     Raises:
         ObeliskConfigError: with all groups that this machine cannot sample.
     """
     outputs: list[Output] = []
     errors = []
-    for group in block.groups:
+    for group in config.groups:
         try:
-            outputs += _group(simulation, group, surroundings)
+            outputs += _group(simulation, group, context)
         except ObeliskConfigError as error:
             errors.append(f"{group.topic}: {error}")
     if errors:
         raise ObeliskConfigError("the sim block cannot be simulated:\n" + "\n".join(errors))
-    if block.geoms:
-        outputs.append(_geoms(simulation, block, surroundings.make_publisher))
+    if config.geoms:
+        outputs.append(_geoms(simulation, config, context.make_publisher))
     return tuple(outputs)
 
 
 def _group(
-    simulation: Simulation, group: SensorGroup, surroundings: Surroundings
+    simulation: Simulation, group: SensorGroupConfig, context: OutputContext
 ) -> Iterator[Output]:
     kind = SENSOR_KINDS[group.msg_type]
-    publisher = surroundings.make_publisher(kind.message_type, group.topic, group.history_depth)
+    publisher = context.make_publisher(kind.message_type, group.topic, group.history_depth)
     publish = publisher.publish
-    count = surroundings.promise(group.topic, max(group.period_s, simulation.step_s))
+    count = context.monitor_rate(group.topic, max(group.period_s, simulation.step_s))
 
     def deliver(message: Any) -> None:
         count()
@@ -107,34 +235,34 @@ def _group(
             data=simulation.data,
             names=group.sensor_names,
             rays=group.rays,
-            warn=surroundings.warn,
+            warn=context.warn,
             deliver=deliver,
-            on_close=surroundings.on_close,
-            is_paced=surroundings.is_paced,
+            on_close=context.on_close,
+            is_paced=context.is_paced,
         )
     )
 
     if sampler.message is not None:
         sampler = Sampler(message=sampler.message, take=in_turn((sampler.take, count)))
-    audience = Audience(publisher.get_subscription_count)
+    check = SubscriberCheck(publisher.get_subscription_count)
     return group_outputs(
-        simulation, group, sampler, publish, is_heard=audience.is_there, left_out=count
+        simulation, group, sampler, publish, has_subscribers=check.has_subscribers, left_out=count
     )
 
 
-def _geoms(simulation: Simulation, block: SimBlock, make_publisher: MakePublisher) -> Output:
-    sampler = marker_sampler(simulation.model, simulation.data, block.geoms)
+def _geoms(simulation: Simulation, config: SimConfig, make_publisher: MakePublisher) -> Output:
+    sampler = marker_sampler(simulation.model, simulation.data, config.geoms)
     publishers = [make_publisher(MarkerArray, topic, GEOM_DEPTH) for topic in GEOM_TOPICS]
-    audiences = [Audience(publisher.get_subscription_count) for publisher in publishers]
+    checks = [SubscriberCheck(publisher.get_subscription_count) for publisher in publishers]
 
-    def is_heard() -> bool:
-        return any(audience.is_there() for audience in audiences)
+    def has_subscribers() -> bool:
+        return any(check.has_subscribers() for check in checks)
 
     def send(markers: bytes) -> None:
         for publisher in publishers:
             publisher.publish(markers)
 
     return Output(
-        times=SampleTimes(period_s=block.geoms_period_s, step_s=simulation.step_s),
-        publish=if_heard(is_heard, sampled(sampler, send), lambda: None),
+        times=SampleTimes(period_s=config.geoms_period_s, step_s=simulation.step_s),
+        publish=if_subscribed(has_subscribers, sampled(sampler, send), lambda: None),
     )

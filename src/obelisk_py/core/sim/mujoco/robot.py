@@ -26,22 +26,35 @@ from obelisk_py.core.parameters import Getter
 from obelisk_py.core.rate_monitor.counting import TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
 from obelisk_py.core.serialization.codec import PackedMessage
-from obelisk_py.core.sim.mujoco.block import PARAMETER, read_block
+from obelisk_py.core.sim.mujoco.actuation import WhenStale
 from obelisk_py.core.sim.mujoco.control import ControlInbox, make_inbox
-from obelisk_py.core.sim.mujoco.drive import WhenStale
 from obelisk_py.core.sim.mujoco.loading import check_keyframe, load_model
-from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of, promise_nothing
-from obelisk_py.core.sim.mujoco.realtime_factor import REALTIME_FACTOR, realtime_factor_of
-from obelisk_py.core.sim.mujoco.requests import Answer, StepRequests
-from obelisk_py.core.sim.mujoco.services import make_services
+from obelisk_py.core.sim.mujoco.outputs import OutputContext, no_rate_monitor, outputs_of
+from obelisk_py.core.sim.mujoco.sim_config import (
+    PARAMETER,
+    REALTIME_FACTOR,
+    read_block,
+    realtime_factor_of,
+)
 from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.step_queue import StepQueue, StepResult, make_step_services
 from obelisk_py.core.sim.mujoco.stepper import Output, Stepper, StepReport
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.true_state import StateCopy, TrueStateReader
-from obelisk_py.core.sim.mujoco.viewing.film_robot import FILM_PARAMETERS, film_outputs, film_wanted
-from obelisk_py.core.sim.mujoco.viewing.onlookers import PARAMETERS, onlooker_outputs, wishes_of
-from obelisk_py.core.sim.mujoco.viewing.words import Severity
+from obelisk_py.core.sim.mujoco.viewers.processes import (
+    PARAMETERS,
+    requested_viewers,
+    viewer_outputs,
+)
+from obelisk_py.core.sim.mujoco.viewers.video import (
+    VIDEO_PARAMETERS,
+    FilmDiagnostics,
+    requested_video,
+    video_outputs,
+)
+from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Severity
 from obelisk_spec.runtime_protocol import STEPS
+from obelisk_spec.video import VideoStatus
 
 __all__ = ["ObeliskMujocoRobot"]
 
@@ -52,7 +65,7 @@ _PAUSE_S: Final = 0.05
 
 
 class ObeliskMujocoRobot(ObeliskSimRobot):
-    """A simulated robot, and whoever looks at it.
+    """A simulated robot and its viewers.
 
     ROS parameters: `mujoco_setting` (the sim block), `ic_keyframe` (default `ic` where the model
     has it), `realtime_factor` (simulation time over wall time; 0: as fast as possible), `viewer`
@@ -78,7 +91,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self.declare_parameter(KEYFRAME, "")
         # A config may write 0 or 1 as well as 0.5.
         self.declare_parameter(REALTIME_FACTOR, 1.0, ParameterDescriptor(dynamic_typing=True))
-        for name, default in {**PARAMETERS, **FILM_PARAMETERS}.items():
+        for name, default in {**PARAMETERS, **VIDEO_PARAMETERS}.items():
             self.declare_parameter(name, default)
         self._simulation: Simulation | None = None
         self._inbox: ControlInbox | None = None
@@ -89,13 +102,14 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._keyframe: str | None = None
         self._own_publishers: list[LifecyclePublisher] = []
         self._closing = ExitStack()
-        self._requests = StepRequests()
+        self._film: FilmDiagnostics | None = None
+        self._requests = StepQueue()
         self._request_services: list[Any] = []
         rules = self._parameter_rules
         rules.add((REALTIME_FACTOR,), lambda value: realtime_factor_of(value(REALTIME_FACTOR)))
         rules.add((PARAMETER,), lambda value: read_block(value(PARAMETER)))
-        rules.add(tuple(PARAMETERS), wishes_of)
-        rules.add(tuple(FILM_PARAMETERS), film_wanted)
+        rules.add(tuple(PARAMETERS), requested_viewers)
+        rules.add(tuple(VIDEO_PARAMETERS), requested_video)
         rules.add((KEYFRAME,), self._check_keyframe, is_read_at_configure=False)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -106,8 +120,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         """
         result = super().on_configure(state)
         factor = realtime_factor_of(self.get_parameter(REALTIME_FACTOR).value)
-        wishes = wishes_of(lambda name: self.get_parameter(name).value)
-        film = film_wanted(lambda name: self.get_parameter(name).value)
+        viewers = requested_viewers(lambda name: self.get_parameter(name).value)
+        video = requested_video(lambda name: self.get_parameter(name).value)
         loaded = load_model(
             str(self.get_parameter(PARAMETER).value),
             keyframe=str(self.get_parameter(KEYFRAME).value),
@@ -126,30 +140,38 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         # read from the state after each step.
         mujoco.set_mju_user_warning(_drop)
         self._simulation = Simulation(loaded.model, self._inbox, self._when_stale())
-        # Whoever looks at it before the first step sees where that step begins.
+        # Viewers see the start of the run before the first step.
         self._simulation.reset(self._keyframe)
         is_simulated = self._uses_simulation_time()
         self._stamp_ns = self._simulation_time_ns if is_simulated else self._ros_time_ns
-        surroundings = Surroundings(
+        context = OutputContext(
             make_publisher=self._own_publisher,
             warn=self._warn,
             on_close=self._closing.callback,
             is_paced=factor > 0,
-            promise=self._promise_samples if factor else promise_nothing,
+            monitor_rate=self._monitor_samples if factor else no_rate_monitor,
         )
+        if video is not None:
+            self._film = FilmDiagnostics(self)
+            self._closing.callback(self._film.close)
         outputs = (
-            *outputs_of(self._simulation, loaded.block, surroundings),
-            *onlooker_outputs(
+            *outputs_of(self._simulation, loaded.config, context),
+            *viewer_outputs(
                 self._simulation,
-                wishes,
-                loaded.block.steps_per_view,
-                tell=self._tell,
+                viewers,
+                loaded.config.steps_per_view,
+                notify=self._tell,
                 on_close=self._closing.callback,
             ),
-            *film_outputs(self._simulation, film, tell=self._tell, on_close=self._closing.callback),
+            *video_outputs(
+                self._simulation,
+                video,
+                report=self._report_film,
+                on_close=self._closing.callback,
+            ),
         )
         self._stepper = self._make_stepper(self._simulation, factor, outputs)
-        self._request_services = make_services(
+        self._request_services = make_step_services(
             self.create_service,
             self._requests,
             is_stepping=lambda: self.state_label == "active",
@@ -181,7 +203,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
                     self._age.postpone(time.monotonic())
             else:
                 self._stepper.run(interrupted)
-            requests.carry_out()
+            requests.run_pending()
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Free the model."""
@@ -226,27 +248,27 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self.obk_publishers["pub_true_sim_state"].publish(message)
         return message
 
-    def _reset(self) -> Answer:
+    def _reset(self) -> StepResult:
         assert self._simulation is not None
         self._simulation.reset(self._keyframe)
         self._forget_commands()
         self._copy_state(self._stamp_ns())
-        return Answer(is_done=True, text=f"at {self._keyframe or 'the start of the model'}")
+        return StepResult(is_done=True, text=f"at {self._keyframe or 'the start of the model'}")
 
-    def _reset_to_parameter(self) -> Answer:
+    def _reset_to_parameter(self) -> StepResult:
         """Reset to the keyframe that `ic_keyframe` names now."""
         assert self._stepper is not None
         self._keyframe = str(self.get_parameter(KEYFRAME).value) or self._keyframe
         answer = self._reset()
-        # Whoever looks at a paused simulation sees it there.
+        # Viewers of a paused simulation show the reset state.
         self._stepper.begin()
         return answer
 
-    def _step(self) -> Answer:
+    def _step(self) -> StepResult:
         assert self._stepper is not None
         assert self._simulation is not None
         self._stepper.step()
-        return Answer(is_done=True, text=f"at {self._simulation.time_ns / NS_PER_S:.12g} s")
+        return StepResult(is_done=True, text=f"at {self._simulation.time_ns / NS_PER_S:.12g} s")
 
     def _check_keyframe(self, value: Getter) -> None:
         """A reset goes to the keyframe that is named by then; so it has to be there."""
@@ -296,7 +318,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         """The clock of the promise to keep up; a paused simulation promises nothing."""
         return None if self._requests.is_paused else time.monotonic_ns()
 
-    def _promise_samples(self, topic: str, period_s: float) -> Callable[[], None]:
+    def _monitor_samples(self, topic: str, period_s: float) -> Callable[[], None]:
         simulation = self._simulation
         assert simulation is not None
         name = self.resolve_topic_name(topic)
@@ -309,15 +331,15 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         if self._uses_simulation_time():
             clock, message = self._own_publisher(Clock, "/clock", _DEPTH), PackedMessage(Clock())
 
-            def tell(stamp_ns: int) -> None:
+            def publish(stamp_ns: int) -> None:
                 clock.publish(message.to_bytes(stamp_ns))
 
             outputs.append(
                 Output(
                     times=SampleTimes(period_s=step_s, step_s=step_s),
-                    publish=tell,
+                    publish=publish,
                     # At a reset too: while the simulation is paused no step follows.
-                    restart=lambda: tell(simulation.time_ns),
+                    restart=lambda: publish(simulation.time_ns),
                 )
             )
         if "pub_true_sim_state" in self.obk_publishers:
@@ -372,6 +394,11 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             self.get_logger().info(text)
         else:
             self._warn(text)
+
+    def _report_film(self, film: VideoStatus) -> None:
+        self._tell("warning" if film.state == "failed" else "info", str(film))
+        if self._film is not None:
+            self._film.publish(film)
 
     def _free(self) -> None:
         self._closing.close()

@@ -1,7 +1,8 @@
 """A model and its state, stepped: no thread, no ROS, no wall clock.
 
 In: controls through a `ControlInbox`. Out: the state in `data`, whose sensors always belong to the
-state that was reached last.
+state that was reached last, and MuJoCo's warnings as sentences with the simulation time and the
+joint.
 """
 
 from typing import Final
@@ -9,13 +10,11 @@ from typing import Final
 import mujoco
 
 from obelisk_py.core.exceptions import ObeliskError
+from obelisk_py.core.sim.mujoco.actuation import ControlWriter, WhenStale
 from obelisk_py.core.sim.mujoco.control import ControlInbox
-from obelisk_py.core.sim.mujoco.drive import Drive, WhenStale
-from obelisk_py.core.sim.mujoco.faults import StepWarnings
-from obelisk_py.core.sim.mujoco.model import reset_state
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, StepTime
 
-__all__ = ["DivergenceError", "Simulation"]
+__all__ = ["DivergenceError", "Simulation", "StepWarnings"]
 
 _SPLIT_INTEGRATORS: Final = frozenset(
     {
@@ -28,6 +27,19 @@ _SPLIT_INTEGRATORS: Final = frozenset(
 
 Source: https://mujoco.readthedocs.io/en/stable/programming/simulation.html (simulation loop).
 """
+_WARNING = mujoco.mjtWarning
+_FATAL: Final = {
+    int(_WARNING.mjWARN_BADQPOS): "position",
+    int(_WARNING.mjWARN_BADQVEL): "velocity",
+    int(_WARNING.mjWARN_BADQACC): "acceleration",
+}
+"""Warnings after which the state means nothing."""
+_TOLERABLE: Final = {
+    int(_WARNING.mjWARN_INERTIA): "the inertia matrix is nearly singular",
+    int(_WARNING.mjWARN_CONTACTFULL): "the list of contacts is full",
+    int(_WARNING.mjWARN_CNSTRFULL): "the list of constraints is full",
+    int(_WARNING.mjWARN_BADCTRL): "a control is not a number",
+}
 
 
 class DivergenceError(ObeliskError):
@@ -40,7 +52,7 @@ class Simulation:
     mj_step leaves sensors that belong to the state before it. Here its second half comes first,
     then its first half, so that positions, velocities and the sensors of both belong to the time
     that `data.time` says; the trajectory is that of mj_step to the bit. Accelerometers,
-    forces and touches tell of the step that has just ended: those of the next depend on a control
+    forces and touches belong to the step that has just ended: those of the next depend on a control
     that is still to come.
     """
 
@@ -58,7 +70,7 @@ class Simulation:
         self.data = mujoco.MjData(model)
         self.steps = 0
         """Steps since the reset."""
-        self._drive = Drive(model, self.data, inbox, when_stale)
+        self._writer = ControlWriter(model, self.data, inbox, when_stale)
         self._warnings = StepWarnings(model, self.data)
         self._split = int(model.opt.integrator) in _SPLIT_INTEGRATORS
         self._step_time = StepTime(self.step_s)
@@ -76,8 +88,8 @@ class Simulation:
 
     def reset(self, keyframe: str | None) -> None:
         """Go to a keyframe, with its control, or to the model's own start; controls are dropped."""
-        self._drive.restart()
-        reset_state(self.model, self.data, keyframe)
+        self._writer.restart()
+        _reset_state(self.model, self.data, keyframe)
         self.steps = 0
         self._start_ns = round(self.data.time * NS_PER_S)
         self._warnings.restart()
@@ -91,12 +103,12 @@ class Simulation:
         Raises:
             DivergenceError: the state is no longer finite.
         """
-        if self._drive.write():
+        if self._writer.write():
             self._step(count)
         else:
             self._step(1)
             for _ in range(count - 1):
-                self._drive.write()
+                self._writer.write()
                 self._step(1)
         return self._look_at_warnings() if self._warnings.changed() else ()
 
@@ -115,3 +127,66 @@ class Simulation:
         if fatal is not None:
             raise DivergenceError(fatal)
         return self._warnings.tolerable()
+
+
+class StepWarnings:
+    """Watches the warning counters of one simulation."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Watch `data`, counting from its present counters."""
+        self._model = model
+        self._data = data
+        self._stats = data.warning
+        self._seen: list[int] = self._stats.number.tolist()
+
+    def restart(self) -> None:
+        """Take the present counters as seen."""
+        self._seen = self._stats.number.tolist()
+
+    def changed(self) -> bool:
+        """Whether a counter moved since it was last looked at; cheap, asked after each step."""
+        return bool(self._stats.number.tolist() != self._seen)
+
+    def fatal(self) -> str | None:
+        """A sentence if the state has diverged, else None."""
+        for kind, quantity in _FATAL.items():
+            if self._stats[kind].number > self._seen[kind]:
+                where = self._owner(kind, int(self._stats[kind].lastinfo))
+                return (
+                    f"the simulation diverged at {self._data.time:.4f} s: the {quantity} of "
+                    f"{where} is not finite or larger than 1e10 "
+                    "(a smaller time step, or weaker gains, may help)"
+                )
+        return None
+
+    def tolerable(self) -> tuple[str, ...]:
+        """Sentences about warnings seen for the first time; marks all as seen."""
+        number = self._stats.number.tolist()
+        fresh = tuple(
+            f"MuJoCo, at {self._data.time:.4f} s: {text}"
+            for kind, text in _TOLERABLE.items()
+            if number[kind] > 0 and self._seen[kind] == 0
+        )
+        self._seen = number
+        return fresh
+
+    def _owner(self, kind: int, index: int) -> str:
+        """Joint and body of an entry of qpos or of qvel."""
+        starts = (
+            self._model.jnt_qposadr
+            if kind == int(_WARNING.mjWARN_BADQPOS)
+            else self._model.jnt_dofadr
+        )
+        joint = max(j for j in range(self._model.njnt) if starts[j] <= index)
+        body = self._model.body(int(self._model.jnt_bodyid[joint])).name
+        name = self._model.joint(joint).name or f"number {joint}"
+        return f"joint `{name}` of body `{body}` (entry {index})"
+
+
+def _reset_state(model: mujoco.MjModel, data: mujoco.MjData, keyframe: str | None) -> None:
+    """Put the state, and the control, to a keyframe or to the model's own start."""
+    if keyframe is None:
+        mujoco.mj_resetData(model, data)
+    else:
+        mujoco.mj_resetDataKeyframe(model, data, model.key(keyframe).id)
+    mujoco.mj_forward(model, data)

@@ -72,7 +72,7 @@ class Stepper:
         """Make a stepper that stands still.
 
         Args:
-            simulation: what is stepped; nobody else may touch it while it runs.
+            simulation: what is stepped; no other thread may touch it while `run` runs.
             pace: when steps are due; None: one after another, as fast as possible.
             clock: the wall clock of `pace`.
             outputs: what is published.

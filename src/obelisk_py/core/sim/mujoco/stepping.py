@@ -51,7 +51,7 @@ class Pace:
     """The absolute schedule of steps: step n is due n periods after the anchor.
 
     Lateness of up to `CATCH_UP_S` is made up for, so there is no drift. Beyond that the schedule
-    is anchored anew at the present and the lost time is counted: no racing.
+    is anchored again at the present and the lost time is counted: no racing.
     """
 
     def __init__(self, period_s: float) -> None:
@@ -65,7 +65,7 @@ class Pace:
         self._anchor_ns = 0
         self._count = 0
         self.overruns = 0
-        """How often the schedule was anchored anew since `start`."""
+        """How often the schedule was anchored again since `start`."""
         self.lost_s = 0.0
         """Wall time given up by that [s]."""
 

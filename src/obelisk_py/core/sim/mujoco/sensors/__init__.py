@@ -7,14 +7,12 @@ with a builder and a line in this table.
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from obelisk_py.core.sim.mujoco.sensors.force import FORCE
-from obelisk_py.core.sim.mujoco.sensors.frame_pose import FRAME_POSE, POSE_STAMPED
 from obelisk_py.core.sim.mujoco.sensors.image import OBK_IMAGE
-from obelisk_py.core.sim.mujoco.sensors.imu import IMU, OBK_IMU
+from obelisk_py.core.sim.mujoco.sensors.imu_and_force import FORCE, IMU, OBK_IMU
 from obelisk_py.core.sim.mujoco.sensors.joint_encoders import JOINT_ENCODERS, OBK_JOINT_ENCODERS
 from obelisk_py.core.sim.mujoco.sensors.kind import Sampler, SensorKind, SensorSource
-from obelisk_py.core.sim.mujoco.sensors.odometry import ODOMETRY
-from obelisk_py.core.sim.mujoco.sensors.scans import DEPTH_IMAGE, OBK_SCAN, POINT_CLOUD
+from obelisk_py.core.sim.mujoco.sensors.pose import FRAME_POSE, ODOMETRY, POSE_STAMPED
+from obelisk_py.core.sim.mujoco.sensors.raycast import DEPTH_IMAGE, OBK_SCAN, POINT_CLOUD
 
 __all__ = ["SENSOR_KINDS", "Sampler", "SensorKind", "SensorSource"]
 

@@ -78,7 +78,7 @@ class _Feed:
         except TimeoutError as error:
             raise ObeliskError(
                 f"camera `{self._name}`: OpenGL has not drawn a picture within {_DRAW_S:g} s; "
-                "`obk doctor mujoco` tells which back ends draw on this machine"
+                "`obk doctor mujoco` reports which back ends draw on this machine"
             ) from error
 
     def _draw(self) -> None:

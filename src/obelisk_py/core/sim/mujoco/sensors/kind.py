@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obelisk_py.core.serialization.codec import PackedMessage
-from obelisk_py.core.sim.mujoco.scans import RayCaster
-from obelisk_py.core.sim.mujoco.scans.frames import WORLD
+from obelisk_py.core.sim.mujoco.raycast import RayCaster
 
 __all__ = ["WORLD", "Array", "Sampler", "SensorKind", "SensorSource"]
 
 Array = NDArray[np.float64]
+
+WORLD: Final = "world"
+"""Name of the frame that is fixed."""
 
 _NAMED_OBJECTS: Final = {
     int(mujoco.mjtObj.mjOBJ_BODY),

@@ -1,0 +1,160 @@
+"""Images of the model's cameras, rendered off screen.
+
+In: a model, the number of a camera or none, the state at `update`; the environment and libraries of
+this machine. Out: images. `CameraView.update` may be called on any thread; all other calls belong
+to the thread that made the view, because an OpenGL context belongs to one thread.
+
+Source: https://mujoco.readthedocs.io/en/stable/programming/visualization.html (back ends).
+"""
+
+import importlib
+import os
+from collections.abc import Callable, Mapping
+from ctypes.util import find_library
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from obelisk_py.core.exceptions import ObeliskConfigError
+
+__all__ = ["CameraView", "choose_back_end", "open_context", "picture_size"]
+
+_LIBRARIES: Final = {"egl": "EGL", "osmesa": "OSMesa"}
+"""Back end -> the library it needs, the better one first."""
+_CURE: Final = (
+    "`obk doctor` reports which back ends draw on this machine; `apt install libegl1 "
+    "libgl1-mesa-dri` brings one that needs neither a screen nor a graphics card"
+)
+_DEFAULT_SIZE = (640, 480)
+"""Width and height of a camera whose model says none [pixels]."""
+_UNSET = 1
+"""What MuJoCo has as width and height where the model says none."""
+
+
+def choose_back_end(
+    environment: Mapping[str, str] = os.environ,
+    find: Callable[[str], str | None] = find_library,
+) -> str:
+    """The back end of MUJOCO_GL, else the first whose library is there.
+
+    Raises:
+        ObeliskConfigError: there is none, or MUJOCO_GL names one that needs a screen.
+    """
+    chosen = environment.get("MUJOCO_GL", "").strip().lower()
+    if chosen in _LIBRARIES:
+        return chosen
+    if chosen:
+        raise ObeliskConfigError(
+            f"MUJOCO_GL is `{chosen}`, which does not draw off screen; "
+            "`egl` and `osmesa` do, and without MUJOCO_GL one of them is chosen"
+        )
+    for back_end, library in _LIBRARIES.items():
+        if find(library) is not None:
+            return back_end
+    raise ObeliskConfigError(
+        f"cameras need OpenGL, and there is neither libEGL nor libOSMesa; {_CURE}"
+    )
+
+
+def open_context(
+    back_end: str,
+    width: int,
+    height: int,
+    load: Callable[[str], Any] = importlib.import_module,
+) -> Any:
+    """An OpenGL context for pictures of up to this size, current on this thread.
+
+    Raises:
+        ObeliskConfigError: the back end does not work.
+    """
+    try:
+        context = load(f"mujoco.{back_end}").GLContext(width, height)
+        context.make_current()
+    # Each back end and driver fails with exceptions of its own, AttributeError among them.
+    except Exception as error:
+        raise ObeliskConfigError(
+            f"cameras need OpenGL, and the back end `{back_end}` does not work: "
+            f"{type(error).__name__}: {error}; {_CURE}"
+        ) from error
+    return context
+
+
+def picture_size(model: mujoco.MjModel, camera: int | None) -> tuple[int, int]:
+    """Width and height of a camera's pictures [pixels]: its `resolution`, else 640 x 480."""
+    if camera is None:
+        return _DEFAULT_SIZE
+    width, height = (int(length) for length in model.cam_resolution[camera])
+    return _DEFAULT_SIZE if width == height == _UNSET else (width, height)
+
+
+class CameraView:
+    """Draws one camera; `update`, then `draw`, one after the other."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        camera: int | None,
+        back_end: str,
+        size: tuple[int, int] | None = None,
+    ) -> None:
+        """Open OpenGL and hand the model to it.
+
+        Args:
+            model: the model.
+            camera: its number; None: the view that shows the whole model.
+            back_end: as `choose_back_end` has it.
+            size: width and height [pixels]; None: the camera's.
+
+        Raises:
+            ObeliskConfigError: OpenGL does not work.
+        """
+        width, height = size or picture_size(model, camera)
+        self._model = model
+        self._scene = mujoco.MjvScene(model, maxgeom=_most_geoms(model))
+        self._option = mujoco.MjvOption()
+        self._perturbation = mujoco.MjvPerturb()
+        self._camera = mujoco.MjvCamera()
+        if camera is None:
+            mujoco.mjv_defaultFreeCamera(model, self._camera)
+        else:
+            self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+            self._camera.fixedcamid = camera
+        self._context = open_context(back_end, width, height)
+        self._drawing = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_resizeOffscreen(width, height, self._drawing)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._drawing)
+        self._area = mujoco.MjrRect(0, 0, width, height)
+        self._pixels = np.empty((height, width, 3), np.uint8)
+
+    def update(self, data: mujoco.MjData) -> None:
+        """Take over where everything is; draws nothing."""
+        mujoco.mjv_updateScene(
+            self._model,
+            data,
+            self._option,
+            self._perturbation,
+            self._camera,
+            mujoco.mjtCatBit.mjCAT_ALL,
+            self._scene,
+        )
+
+    def draw(self) -> NDArray[np.uint8]:
+        """The picture of the last `update`, shape `(height, width, 3)`, the upper row first.
+
+        A view of memory that the next `draw` overwrites.
+        """
+        mujoco.mjr_render(self._area, self._scene, self._drawing)
+        mujoco.mjr_readPixels(self._pixels, None, self._area, self._drawing)
+        return self._pixels[::-1]
+
+    def close(self) -> None:
+        """Give back what OpenGL holds."""
+        self._drawing.free()
+        self._context.free()
+
+
+def _most_geoms(model: mujoco.MjModel) -> int:
+    """Enough for the model's own, its lights and what a scene adds to them."""
+    return int(model.ngeom + model.nlight + model.nsite + model.nskin + model.nflex) + 1000

@@ -1,0 +1,366 @@
+"""Ray casters: from the `scan_config` of a sensor group to distances at the present state.
+
+In: the mapping of `scan_config`, without findings; a model and its data. Out: distances, and the
+rays in the world, in arrays that are allocated once and filled by each `cast`. Patterns are laid
+out in their own frame, x forward, y left, z up, in the order of the message. Geoms of the site's
+own body are not hit, nor are invisible ones (alpha 0), which is MuJoCo's rule for rays.
+
+Source: REP 103 (axes), sensor_msgs/CameraInfo (the middle of the first pixel is 0, 0).
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Protocol, assert_never
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from obelisk_spec.scans import grid_count, turn_count
+
+__all__ = [
+    "DepthCamera",
+    "HeightScan",
+    "LevelCaster",
+    "LidarScan",
+    "Pattern",
+    "RayCaster",
+    "Rays",
+    "Scan",
+    "SiteCaster",
+    "lay_out",
+    "make_caster",
+    "typed_ray_caster",
+]
+
+_NO_TURN: Final = (1.0, 0.0, 0.0, 0.0)
+Array = NDArray[np.float64]
+_FARTHEST_M: Final = 1e10
+"""MuJoCo's own limit for lengths (mjMAXVAL)."""
+_WORLD_BODY: Final = 0
+_NO_BODY: Final = -1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightScan:
+    """A level grid of parallel rays."""
+
+    resolution_m: float
+    """Between two rays [m]."""
+    size_m: tuple[float, float]
+    """Along x and y [m]."""
+    x_is_faster: bool
+    """Whether neighbours in the message are neighbours along x."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LidarScan:
+    """Rays over two ranges of angles, from one point."""
+
+    channels: int
+    vertical_deg: tuple[float, float]
+    """First and last channel [deg], positive is up."""
+    horizontal_deg: tuple[float, float]
+    """From x to the left [deg]."""
+    horizontal_step_deg: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthCamera:
+    """A ray through each pixel of a pinhole camera that looks along x."""
+
+    width: int
+    height: int
+    focal_lengths_px: tuple[float, float]
+    centre_px: tuple[float, float]
+    """Where the axis meets the picture; the middle of the first pixel is 0, 0."""
+    skew_px: float
+
+
+Pattern = HeightScan | LidarScan | DepthCamera
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RayCaster:
+    """Where rays start, how they are laid out and what they hit."""
+
+    site: str
+    pattern: Pattern
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    offset_wxyz: tuple[float, float, float, float] = _NO_TURN
+    geom_groups: tuple[int, ...] = ()
+    """Groups of geoms that are hit; empty: all."""
+    frame: str | None = None
+    """As written."""
+    max_distance_m: float = math.inf
+
+
+def typed_ray_caster(scan: Mapping[str, Any]) -> RayCaster:
+    """The values of a `scan_config` that has no findings."""
+    pattern = scan["pattern"]
+    offset = pattern.get("offset") or {}
+    x, y, z = offset.get("pos") or (0.0, 0.0, 0.0)
+    qw, qx, qy, qz = offset.get("rot") or _NO_TURN
+    return RayCaster(
+        site=scan["site_name"],
+        pattern=_typed_pattern(pattern),
+        offset_m=(float(x), float(y), float(z)),
+        offset_wxyz=(float(qw), float(qx), float(qy), float(qz)),
+        geom_groups=tuple(scan.get("geom_groups") or ()),
+        frame=scan.get("frame"),
+        max_distance_m=float(scan.get("max_distance") or math.inf),
+    )
+
+
+def _typed_pattern(pattern: Mapping[str, Any]) -> Pattern:
+    match pattern["type"]:
+        case "height_scan":
+            return HeightScan(
+                resolution_m=float(pattern["resolution"]),
+                size_m=_pair(pattern["size"]),
+                x_is_faster=(pattern.get("ordering") or "xy") == "xy",
+            )
+        case "lidar_scan":
+            return LidarScan(
+                channels=pattern["channels"],
+                vertical_deg=_pair(pattern["vertical_fov_range"]),
+                horizontal_deg=_pair(pattern["horizontal_fov_range"]),
+                horizontal_step_deg=float(pattern["horizontal_res"]),
+            )
+    matrix = pattern["intrinsic_matrix"]
+    return DepthCamera(
+        width=pattern["width"],
+        height=pattern["height"],
+        focal_lengths_px=(float(matrix[0]), float(matrix[4])),
+        centre_px=(float(matrix[2]), float(matrix[5])),
+        skew_px=float(matrix[1]),
+    )
+
+
+def _pair(values: Any) -> tuple[float, float]:
+    first, second = values
+    return float(first), float(second)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rays:
+    """Rays in the frame of their pattern."""
+
+    directions: Array
+    """Unit vectors, shape `(n, 3)`; `(1, 3)` for a pattern of parallel rays."""
+    starts: Array
+    """Where they start [m], shape `(n, 3)`; `(1, 3)` for rays from one point."""
+    rows: int
+    columns: int
+    """Ray `i` stands in row `i // columns`; rows times columns is n."""
+
+
+def lay_out(pattern: Pattern) -> Rays:
+    """The rays of a pattern."""
+    match pattern:
+        case HeightScan():
+            return _height_scan(pattern)
+        case LidarScan():
+            return _lidar_scan(pattern)
+        case DepthCamera():
+            return _depth_camera(pattern)
+    assert_never(pattern)
+
+
+def _height_scan(pattern: HeightScan) -> Rays:
+    along_x = _centred(pattern.size_m[0], pattern.resolution_m)
+    along_y = _centred(pattern.size_m[1], pattern.resolution_m)
+    if pattern.x_is_faster:
+        y, x = np.meshgrid(along_y, along_x, indexing="ij")
+    else:
+        x, y = np.meshgrid(along_x, along_y, indexing="ij")
+    return Rays(
+        directions=np.array([[0.0, 0.0, -1.0]]),
+        starts=np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1),
+        rows=x.shape[0],
+        columns=x.shape[1],
+    )
+
+
+def _centred(length_m: float, resolution_m: float) -> Array:
+    """Places along an axis [m], the middle of all at 0."""
+    count = grid_count(length_m, resolution_m)
+    numbers = np.arange(count, dtype=np.float64)
+    places: Array = (numbers - (count - 1) / 2) * resolution_m
+    return places
+
+
+def _lidar_scan(pattern: LidarScan) -> Rays:
+    up = np.radians(np.linspace(*pattern.vertical_deg, pattern.channels))
+    first, last = pattern.horizontal_deg
+    count = turn_count(last - first, pattern.horizontal_step_deg)
+    step = math.copysign(pattern.horizontal_step_deg, last - first)
+    left = np.radians(first + step * np.arange(count))
+    v, h = np.meshgrid(up, left, indexing="ij")
+    directions = np.stack([np.cos(v) * np.cos(h), np.cos(v) * np.sin(h), np.sin(v)], axis=-1)
+    return Rays(
+        directions=directions.reshape(-1, 3),
+        starts=np.zeros((1, 3)),
+        rows=pattern.channels,
+        columns=count,
+    )
+
+
+def _depth_camera(pattern: DepthCamera) -> Rays:
+    row, column = np.meshgrid(np.arange(pattern.height), np.arange(pattern.width), indexing="ij")
+    (focal_x, focal_y), (centre_x, centre_y) = pattern.focal_lengths_px, pattern.centre_px
+    down = (row - centre_y) / focal_y
+    right = (column - centre_x - pattern.skew_px * down) / focal_x
+    through = np.stack([np.ones(right.shape), -right, -down], axis=-1).reshape(-1, 3)
+    return Rays(
+        directions=through / np.linalg.norm(through, axis=1, keepdims=True),
+        starts=np.zeros((1, 3)),
+        rows=pattern.height,
+        columns=pattern.width,
+    )
+
+
+class Scan(Protocol):
+    """What a cast leaves behind; all in the world."""
+
+    rays: Rays
+    """As laid out, in the frame of the pattern."""
+    distances: Array
+    """Along the rays [m], shape `(n,)`; NaN for no hit."""
+    starts: Array
+    """[m], shape `(n, 3)` or `(1, 3)`."""
+    directions: Array
+    """Unit vectors, shape `(n, 3)` or `(1, 3)`."""
+
+    def cast(self) -> None:
+        """Fill the arrays for the present state."""
+
+
+def make_caster(model: mujoco.MjModel, data: mujoco.MjData, settings: RayCaster) -> Scan:
+    """The caster of a pattern; the model must have the site."""
+    if isinstance(settings.pattern, HeightScan):
+        return LevelCaster(model, data, settings)
+    return SiteCaster(model, data, settings)
+
+
+class SiteCaster:
+    """Rays from one point that turn with the site: lidar, depth camera; one call of MuJoCo's."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, settings: RayCaster) -> None:
+        """Lay the rays out and find the site."""
+        self.rays = lay_out(settings.pattern)
+        count = len(self.rays.directions)
+        self.distances = np.empty(count)
+        self.starts = np.empty((1, 3))
+        self.directions = np.empty((count, 3))
+        self._model, self._data = model, data
+        self._offset = np.array(settings.offset_m)
+        self._in_site = self.rays.directions @ _rotation(settings.offset_wxyz).T
+        site = model.site(settings.site).id
+        self._position = data.site_xpos[site]
+        self._rotation = data.site_xmat[site].reshape(3, 3)
+        self._own_body = _own_body(model, site)
+        self._groups = _group_flags(settings)
+        self._farthest_m = settings.max_distance_m
+        self._hit = np.empty(count, np.int32)
+        self._start = self.starts[0]
+        self._flat = self.directions.reshape(-1)
+
+    def cast(self) -> None:
+        """Fill the arrays for the present state."""
+        np.matmul(self._in_site, self._rotation.T, out=self.directions)
+        np.matmul(self._rotation, self._offset, out=self._start)
+        self._start += self._position
+        mujoco.mj_multiRay(
+            self._model,
+            self._data,
+            self._start,
+            self._flat,
+            self._groups,
+            True,
+            self._own_body,
+            self._hit,
+            self.distances,
+            None,
+            len(self.distances),
+            min(self._farthest_m, _FARTHEST_M),
+        )
+        _drop_misses(self.distances, self._farthest_m)
+
+
+class LevelCaster:
+    """Parallel rays from a grid that stays level: of the site's turn only the heading counts.
+
+    The heading is that of the site's x axis. Every ray has a start of its own, so each is a call.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, settings: RayCaster) -> None:
+        """Lay the rays out and find the site."""
+        self.rays = lay_out(settings.pattern)
+        count = len(self.rays.starts)
+        self.distances = np.empty(count)
+        self.starts = np.empty((count, 3))
+        self.directions = np.empty((1, 3))
+        self._model, self._data = model, data
+        turn = _rotation(settings.offset_wxyz)
+        self._in_level = np.array(settings.offset_m) + self.rays.starts @ turn.T
+        self._down = self.rays.directions @ turn.T
+        site = model.site(settings.site).id
+        self._position = data.site_xpos[site]
+        self._rotation = data.site_xmat[site].reshape(3, 3)
+        self._own_body = _own_body(model, site)
+        self._groups = _group_flags(settings)
+        self._farthest_m = settings.max_distance_m
+        self._level = np.eye(3)
+        self._start_of = tuple(self.starts)
+
+    def cast(self) -> None:
+        """Fill the arrays for the present state."""
+        self._turn_level()
+        np.matmul(self._in_level, self._level.T, out=self.starts)
+        self.starts += self._position
+        np.matmul(self._down, self._level.T, out=self.directions)
+        model, data, direction = self._model, self._data, self.directions[0]
+        groups, own_body, ray = self._groups, self._own_body, mujoco.mj_ray
+        self.distances[:] = [
+            ray(model, data, start, direction, groups, True, own_body, None)
+            for start in self._start_of
+        ]
+        _drop_misses(self.distances, self._farthest_m)
+
+    def _turn_level(self) -> None:
+        x_axis, y_axis = float(self._rotation[0, 0]), float(self._rotation[1, 0])
+        length = math.hypot(x_axis, y_axis)
+        # A site that points straight up or down has no heading; north is as good as any.
+        cosine, sine = (x_axis / length, y_axis / length) if length > 1e-9 else (1.0, 0.0)
+        level = self._level
+        level[0, 0] = level[1, 1] = cosine
+        level[1, 0], level[0, 1] = sine, -sine
+
+
+def _rotation(wxyz: tuple[float, float, float, float]) -> Array:
+    """The matrix of a quaternion of any length, shape `(3, 3)`."""
+    unit, matrix = np.array(wxyz), np.empty(9)
+    mujoco.mju_normalize4(unit)
+    mujoco.mju_quat2Mat(matrix, unit)
+    return matrix.reshape(3, 3)
+
+
+def _own_body(model: mujoco.MjModel, site: int) -> int:
+    """The body whose geoms are not hit; a site of the world sees the world."""
+    body = int(model.site_bodyid[site])
+    return _NO_BODY if body == _WORLD_BODY else body
+
+
+def _group_flags(settings: RayCaster) -> NDArray[np.uint8] | None:
+    if not settings.geom_groups:
+        return None
+    flags = np.zeros(mujoco.mjNGROUP, np.uint8)
+    flags[list(settings.geom_groups)] = 1
+    return flags
+
+
+def _drop_misses(distances: Array, farthest_m: float) -> None:
+    """NaN for rays that hit nothing (-1 in MuJoCo) and for hits beyond the maximum distance."""
+    distances[(distances < 0.0) | (distances > farthest_m)] = np.nan

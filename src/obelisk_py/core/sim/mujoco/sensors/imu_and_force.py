@@ -1,0 +1,77 @@
+"""IMUs and force sensors: `ObkImu`, `sensor_msgs/Imu`, `ObkForceSensor`.
+
+An IMU has at most one each of `accelerometer`, `gyro`, `framequat`, all at one site, which is its
+`header.frame_id`: accelerations and rates are given in it. A part without a sensor is marked by -1
+as the first element of its covariance; the others are 0, which means unknown.
+
+A force sensor has `force` (three numbers, in the frame of its site) and `touch` (one number)
+sensors. `forces` has their numbers in the order of the config, `frames` their sites in the same
+order; `header.frame_id` is the site if all share one, otherwise empty.
+
+Source: sensor_msgs/Imu.msg.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from obelisk_sensor_msgs.msg import ObkForceSensor, ObkImu
+from sensor_msgs.msg import Imu
+
+from obelisk_py.core.serialization.codec import PackedMessage
+from obelisk_py.core.sim.mujoco.sensors.fields import (
+    copy_all,
+    copy_picked,
+    copy_quaternion,
+    in_turn,
+)
+from obelisk_py.core.sim.mujoco.sensors.kind import WORLD, Sampler, SensorKind, SensorSource
+
+__all__ = ["FORCE", "IMU", "OBK_IMU"]
+
+_PARTS = (
+    ("accelerometer", "linear_acceleration", copy_all),
+    ("gyro", "angular_velocity", copy_all),
+    ("framequat", "orientation", copy_quaternion),
+)
+
+
+def _imu_builder(message_type: type[Any]) -> Callable[[SensorSource], Sampler]:
+    def build(source: SensorSource) -> Sampler:
+        named = {kind: source.first(kind) for kind, _, _ in _PARTS}
+        message = message_type()
+        frames = [source.frame(sensor) for sensor in named.values() if sensor is not None]
+        message.header.frame_id = next(iter(frames), WORLD)
+        for kind, field, _ in _PARTS:
+            if named[kind] is None:
+                getattr(message, f"{field}_covariance")[0] = -1.0
+        packed = PackedMessage(message)
+        copies = [
+            copy(packed.numbers(field), source.view(sensor))
+            for kind, field, copy in _PARTS
+            if (sensor := named[kind]) is not None
+        ]
+        return Sampler(message=packed, take=in_turn(copies))
+
+    return build
+
+
+OBK_IMU = SensorKind(message_type=ObkImu, build=_imu_builder(ObkImu))
+"""obelisk_sensor_msgs/ObkImu."""
+
+IMU = SensorKind(message_type=Imu, build=_imu_builder(Imu))
+"""sensor_msgs/Imu."""
+
+
+def _build_force(source: SensorSource) -> Sampler:
+    index = np.concatenate([source.addresses(name) for name in source.names])
+    frames = [source.frame(name) for name in source.names]
+    message = ObkForceSensor(forces=np.zeros(len(index)), frames=frames)
+    message.header.frame_id = frames[0] if len(set(frames)) == 1 else ""
+    packed = PackedMessage(message)
+    copy = copy_picked(packed.numbers("forces"), source.data.sensordata, index)
+    return Sampler(message=packed, take=copy)
+
+
+FORCE = SensorKind(message_type=ObkForceSensor, build=_build_force)
+"""obelisk_sensor_msgs/ObkForceSensor."""

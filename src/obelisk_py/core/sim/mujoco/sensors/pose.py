@@ -1,0 +1,216 @@
+"""Poses and odometry: `ObkFramePose`, `geometry_msgs/PoseStamped`, `nav_msgs/Odometry`.
+
+In: one `framepos` and one `framequat` of one object; for odometry `velocimeter` and `gyro` too. The
+pose is given in `header.frame_id`, the reference object of the position or `world`. An orientation
+that the model gives in another frame is passed on as it is, with a warning at configure.
+
+The twist of an odometry is given in `child_frame_id`, the object. Velocimeter and gyro may sit at
+other sites of the object's body: their measurements are transformed to the object. Covariances are
+0, which means unknown.
+
+Source: nav_msgs/Odometry.msg.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import mujoco
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
+from obelisk_sensor_msgs.msg import ObkFramePose
+
+from obelisk_py.core.serialization.codec import PackedMessage
+from obelisk_py.core.sim.mujoco.sensors.fields import Copy, copy_all, copy_quaternion, in_turn
+from obelisk_py.core.sim.mujoco.sensors.kind import WORLD, Array, Sampler, SensorKind, SensorSource
+
+__all__ = ["FRAME_POSE", "ODOMETRY", "POSE_STAMPED", "pose_reference"]
+
+
+def pose_reference(source: SensorSource, position: str, orientation: str) -> str:
+    """The frame that a pose is given in: the position's; warns where the orientation's differs."""
+    of_position, of_orientation = source.reference(position), source.reference(orientation)
+    if of_position != of_orientation:
+        source.warn(
+            f"the sensor `{position}` is given in the frame `{of_position}` and `{orientation}` in "
+            f"`{of_orientation}`; the message says `{of_position}`. One `reftype` and "
+            "`refname` for both in the model would make it a pose"
+        )
+    return of_position
+
+
+def _build_obk(source: SensorSource) -> Sampler:
+    return _sampler(source, ObkFramePose(frame_name=source.frame(_sensors(source)[0])), "")
+
+
+def _build_stamped(source: SensorSource) -> Sampler:
+    return _sampler(source, PoseStamped(), "pose.")
+
+
+def _sensors(source: SensorSource) -> tuple[str, str]:
+    return source.of_type("framepos")[0], source.of_type("framequat")[0]
+
+
+def _sampler(source: SensorSource, message: Any, place: str) -> Sampler:
+    """Takes the pose into the fields `position` and `orientation` behind `place`."""
+    position, orientation = _sensors(source)
+    message.header.frame_id = pose_reference(source, position, orientation)
+    packed = PackedMessage(message)
+    copies = (
+        copy_all(packed.numbers(f"{place}position"), source.view(position)),
+        copy_quaternion(packed.numbers(f"{place}orientation"), source.view(orientation)),
+    )
+    return Sampler(message=packed, take=in_turn(copies))
+
+
+FRAME_POSE = SensorKind(message_type=ObkFramePose, build=_build_obk)
+"""obelisk_sensor_msgs/ObkFramePose; `frame_name` is the object whose pose it is."""
+
+POSE_STAMPED = SensorKind(message_type=PoseStamped, build=_build_stamped)
+"""geometry_msgs/PoseStamped."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Mount:
+    """Where something sits on its body."""
+
+    body: int
+    position: Array
+    """In the body's frame [m], shape `(3,)`."""
+    rotation: Array
+    """From its own frame to the body's, shape `(3, 3)`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Twist:
+    """Velocities of the object in its own frame, from those at the sensors; constant matrices."""
+
+    linear: Array | None
+    """Velocimeter -> linear velocity, shape `(3, 3)`; None: the identity."""
+    lever: Array | None
+    """Gyro -> linear velocity, shape `(3, 3)`; None where velocimeter and object coincide."""
+    angular: Array | None
+    """Gyro -> angular velocity, shape `(3, 3)`; None: the identity."""
+
+
+def _build_odometry(source: SensorSource) -> Sampler:
+    position, orientation = source.first("framepos"), source.first("framequat")
+    velocimeter, gyro = source.first("velocimeter"), source.first("gyro")
+    pose_sensor = position or orientation
+    frame = source.frame(pose_sensor) if pose_sensor else ""
+    reference = source.reference(pose_sensor) if pose_sensor else WORLD
+    if position and orientation:
+        reference = pose_reference(source, position, orientation)
+    message = Odometry(child_frame_id=frame)
+    message.header.frame_id = reference
+    packed = PackedMessage(message)
+    copies = [
+        copy(packed.numbers(field), source.view(sensor))
+        for field, sensor, copy in (
+            ("pose.pose.position", position, copy_all),
+            ("pose.pose.orientation", orientation, copy_quaternion),
+        )
+        if sensor is not None
+    ]
+    copies += _twist_copies(source, packed, _twist(source, pose_sensor, velocimeter, gyro))
+    return Sampler(message=packed, take=in_turn(copies))
+
+
+def _twist_copies(source: SensorSource, message: PackedMessage, twist: _Twist) -> Iterator[Copy]:
+    velocimeter, gyro = source.first("velocimeter"), source.first("gyro")
+    speed = None if velocimeter is None else source.view(velocimeter)
+    rate = None if gyro is None else source.view(gyro)
+    linear = message.numbers("twist.twist.linear")
+    angular = message.numbers("twist.twist.angular")
+    if speed is not None:
+        yield _turned(linear, twist.linear, speed)
+        if twist.lever is not None and rate is not None:
+            yield partial(_add_turned, linear, twist.lever, rate)
+    if rate is not None:
+        yield _turned(angular, twist.angular, rate)
+
+
+def _turned(numbers: NDArray[Any], matrix: Array | None, source: Array) -> Copy:
+    if matrix is None:
+        return copy_all(numbers, source)
+    return partial(np.matmul, matrix, source, numbers)
+
+
+def _add_turned(numbers: NDArray[Any], matrix: Array, source: Array) -> None:
+    numbers += matrix @ source
+
+
+def _twist(
+    source: SensorSource, pose: str | None, velocimeter: str | None, gyro: str | None
+) -> _Twist:
+    if pose is None:
+        return _Twist(linear=None, lever=None, angular=None)
+    target = _mount(source, pose)
+    speed = _mount_on(source, target, velocimeter, pose)
+    spin = _mount_on(source, target, gyro, pose)
+    linear = np.eye(3) if speed is None else target.rotation.T @ speed.rotation
+    angular = np.eye(3) if spin is None else target.rotation.T @ spin.rotation
+    lever = np.zeros((3, 3))
+    if speed is not None and spin is not None:
+        arm = target.rotation.T @ (target.position - speed.position)
+        lever = -_cross_matrix(arm) @ angular
+    elif speed is not None and not np.allclose(target.position, speed.position):
+        source.warn(
+            f"the sensor `{velocimeter}` is not where the pose of `{source.frame(pose)}` is, and "
+            "without a `gyro` on that body the linear velocity is that at the sensor"
+        )
+    return _Twist(
+        linear=_unless(linear, np.eye(3)),
+        lever=_unless(lever, np.zeros((3, 3))),
+        angular=_unless(angular, np.eye(3)),
+    )
+
+
+def _mount_on(source: SensorSource, target: _Mount, sensor: str | None, pose: str) -> _Mount | None:
+    """Where a sensor sits on the target's body; None, with a warning, if it is on another."""
+    if sensor is None:
+        return None
+    mount = _mount(source, sensor)
+    if mount.body == target.body:
+        return mount
+    source.warn(
+        f"the sensor `{sensor}` and the pose of `{source.frame(pose)}` are on different bodies; "
+        "its values are passed on as they are"
+    )
+    return None
+
+
+def _mount(source: SensorSource, sensor: str) -> _Mount:
+    object_type, number = source.object(sensor)
+    model = source.model
+    tables = {
+        int(mujoco.mjtObj.mjOBJ_BODY): (model.body_ipos, model.body_iquat, range(model.nbody)),
+        int(mujoco.mjtObj.mjOBJ_SITE): (model.site_pos, model.site_quat, model.site_bodyid),
+        int(mujoco.mjtObj.mjOBJ_GEOM): (model.geom_pos, model.geom_quat, model.geom_bodyid),
+        int(mujoco.mjtObj.mjOBJ_CAMERA): (model.cam_pos, model.cam_quat, model.cam_bodyid),
+    }
+    if object_type not in tables:
+        return _Mount(body=number, position=np.zeros(3), rotation=np.eye(3))
+    positions, quaternions, bodies = tables[object_type]
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, quaternions[number])
+    return _Mount(
+        body=int(bodies[number]), position=positions[number], rotation=rotation.reshape(3, 3)
+    )
+
+
+def _cross_matrix(a: Array) -> Array:
+    """The matrix of `a x`."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+def _unless(matrix: Array, trivial: Array) -> Array | None:
+    """None for a matrix that changes nothing, so that numbers pass through untouched."""
+    return None if np.allclose(matrix, trivial, atol=1e-12) else matrix
+
+
+ODOMETRY = SensorKind(message_type=Odometry, build=_build_odometry)
+"""nav_msgs/Odometry."""

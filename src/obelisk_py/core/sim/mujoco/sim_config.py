@@ -1,0 +1,181 @@
+"""The simulator's configuration: the `sim` block and the real-time factor, read and checked.
+
+In: ROS parameters and the facts of the model. Out: every finding as a sentence, and a frozen
+`SimConfig`. Findings and their wording are those of the tool.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.sim.mujoco.geoms import GEOM_KINDS
+from obelisk_py.core.sim.mujoco.noise import SensorNoise, typed_sensor_noise
+from obelisk_py.core.sim.mujoco.raycast import RayCaster, typed_ray_caster
+from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS
+from obelisk_spec.messages import bare_name
+from obelisk_spec.model import ModelFacts
+from obelisk_spec.settings import SettingTextError, parse_mapping
+from obelisk_spec.sim_block import check_sim_shape
+from obelisk_spec.sim_checks import check_sim
+from obelisk_spec.values import PERIOD_WANTED, is_period
+from obelisk_spec.wording import with_article
+
+__all__ = [
+    "PARAMETER",
+    "REALTIME_FACTOR",
+    "SensorGroupConfig",
+    "SimConfig",
+    "findings_of",
+    "not_given",
+    "read_block",
+    "realtime_factor_of",
+    "typed_block",
+]
+
+PARAMETER: Final = "mujoco_setting"
+"""The ROS parameter that carries the block."""
+_DEFAULT_DEPTH: Final = 10
+_DEFAULT_GEOMS_PERIOD_S: Final = 1.0
+_DEFAULT_STEPS_PER_VIEW: Final = 8
+REALTIME_FACTOR: Final = "realtime_factor"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorGroupConfig:
+    """Sensors that are published in one message."""
+
+    topic: str
+    period_s: float
+    """Simulation time between two messages [s]."""
+    msg_type: str
+    """Bare, a key of `SENSOR_KINDS`."""
+    history_depth: int
+    sensor_names: Mapping[str, str]
+    """Sensor name -> MuJoCo sensor type."""
+    rays: RayCaster | None
+    """The ray caster, if the group has one."""
+    sensor_noise: SensorNoise
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimConfig:
+    """What the simulator does with a model."""
+
+    time_step_s: float | None
+    """Overrides the model's [s]."""
+    groups: tuple[SensorGroupConfig, ...]
+    geoms: Mapping[str, str]
+    """Geom name -> geom type, a key of `GEOM_KINDS`."""
+    geoms_period_s: float
+    """Simulation time between two messages [s]."""
+    steps_per_view: int
+    """How many steps lie between two states that onlookers get."""
+
+
+def read_block(text: str) -> Mapping[str, Any]:
+    """The block's mapping.
+
+    Raises:
+        ObeliskConfigError: there is none, or the text is not one.
+    """
+    if not text.strip():
+        raise ObeliskConfigError(
+            f"the parameter `{PARAMETER}` is not set; it carries the `sim` block of the config"
+        )
+    try:
+        return parse_mapping(text)
+    except SettingTextError as error:
+        raise ObeliskConfigError(f"the parameter `{PARAMETER}`: {error}") from error
+
+
+def not_given(value: object) -> bool:
+    """Whether a value means that nothing was written; the language has the word `None` for it."""
+    return value in (None, "", "None")
+
+
+def findings_of(
+    block: Mapping[str, Any],
+    parameters: Mapping[str, Any],
+    facts: ModelFacts | None,
+    warn: Callable[[str], None],
+) -> list[str]:
+    """What keeps a block from being simulated, one sentence each.
+
+    Args:
+        block: what `read_block` gives.
+        parameters: the node's user parameters (`ic_keyframe`).
+        facts: the model's; None where it could not be read.
+        warn: takes the findings that do not stop the simulator.
+    """
+    faults = check_sim(block, parameters, facts)
+    for fault in faults:
+        if fault.severity == "warning":
+            warn(str(fault))
+    errors = [str(fault) for fault in faults if fault.severity == "error"]
+    return errors if check_sim_shape(block) else errors + _beyond_this_simulator(block)
+
+
+def _beyond_this_simulator(block: Mapping[str, Any]) -> list[str]:
+    """What the language knows and this simulator does not do."""
+    found = [
+        f"sensor_settings[{index}].msg_type: this simulator does not publish "
+        f"`{group['msg_type']}`; it publishes {', '.join(SENSOR_KINDS)}"
+        for index, group in enumerate(block.get("sensor_settings") or ())
+        if bare_name(group["msg_type"]) not in SENSOR_KINDS
+    ]
+    geoms = block.get("viz_geoms") or {}
+    found += [
+        f"viz_geoms.{name}: {with_article(kind)} cannot be shown as a marker; there are: "
+        f"{', '.join(GEOM_KINDS)}"
+        for name, kind in geoms.items()
+        if name != "dt" and kind not in GEOM_KINDS
+    ]
+    period = geoms.get("dt", _DEFAULT_GEOMS_PERIOD_S)
+    if not is_period(period):
+        found.append(f"viz_geoms.dt: {period!r}, expected {PERIOD_WANTED}")
+    return found
+
+
+def typed_block(block: Mapping[str, Any]) -> SimConfig:
+    """The values of a block that has no findings."""
+    geoms = dict(block.get("viz_geoms") or {})
+    period_s = float(geoms.pop("dt", _DEFAULT_GEOMS_PERIOD_S))
+    time_step = block.get("time_step")
+    return SimConfig(
+        time_step_s=None if time_step is None else float(time_step),
+        groups=tuple(_group(group) for group in block.get("sensor_settings") or ()),
+        geoms=geoms,
+        geoms_period_s=period_s,
+        steps_per_view=block.get("num_steps_per_viz") or _DEFAULT_STEPS_PER_VIEW,
+    )
+
+
+def _group(group: Mapping[str, Any]) -> SensorGroupConfig:
+    scan = group.get("scan_config")
+    return SensorGroupConfig(
+        topic=group["topic"],
+        period_s=float(group["dt"]),
+        msg_type=bare_name(group["msg_type"]),
+        history_depth=group.get("history_depth") or _DEFAULT_DEPTH,
+        sensor_names=dict(group.get("sensor_names") or {}),
+        rays=None if scan is None else typed_ray_caster(scan),
+        sensor_noise=typed_sensor_noise(group),
+    )
+
+
+def realtime_factor_of(value: object) -> float:
+    """Simulation time over wall time; 0: as fast as possible.
+
+    Raises:
+        ObeliskConfigError: the value is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ObeliskConfigError(f"the parameter `{REALTIME_FACTOR}` is {value!r}, no number")
+    if not (math.isfinite(value) and value >= 0):
+        raise ObeliskConfigError(
+            f"the parameter `{REALTIME_FACTOR}` is {value:g}; expected a number above 0, or 0 "
+            "for as fast as possible"
+        )
+    return float(value)

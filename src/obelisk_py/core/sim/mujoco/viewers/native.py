@@ -1,0 +1,69 @@
+"""MuJoCo's own window: its passive viewer, which follows the states.
+
+In: only the states; it needs a display. Closing the window ends the viewer, not the simulation.
+
+Source: https://mujoco.readthedocs.io/en/stable/python.html#passive-viewer
+"""
+
+import os
+import threading
+import time
+import warnings
+from collections.abc import Sequence
+from typing import Final
+
+import mujoco.viewer
+
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Notify, States
+
+__all__ = ["run"]
+
+_PERIOD_S: Final = 1 / 60
+"""Between two states that the window gets [s]."""
+_CLOSE_S: Final = 2.0
+"""How long the window may take to close [s]."""
+_CURE: Final = "`web` (a page in the browser) needs none"
+
+
+def run(states: States, notify: Notify, _arguments: Sequence[str]) -> None:
+    """Show the window until the states are over or it is closed.
+
+    Raises:
+        ObeliskConfigError: there is no display.
+    """
+    _refuse_missing_display()
+    with mujoco.viewer.launch_passive(
+        states.model, states.data, show_left_ui=False, show_right_ui=False
+    ) as window:
+        with window.lock():
+            mujoco.mjv_defaultFreeCamera(states.model, window.cam)
+        while not states.is_over and window.is_running():
+            due_s = time.monotonic() + _PERIOD_S
+            with window.lock():
+                states.take_newest(0.0)
+            window.sync()
+            time.sleep(max(0.0, due_s - time.monotonic()))
+    # Ending the process while the window's thread still draws would crash it.
+    for thread in threading.enumerate():
+        if thread is not threading.current_thread():
+            thread.join(_CLOSE_S)
+    if not states.is_over:
+        notify("info", "the window was closed; the simulation goes on")
+
+
+def _refuse_missing_display() -> None:
+    display = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
+    if not display:
+        raise ObeliskConfigError(
+            "the native viewer needs a display, and neither DISPLAY nor WAYLAND_DISPLAY is set; "
+            f"{_CURE}"
+        )
+    # The viewer would end the process with a word of its own.
+    glfw = mujoco.viewer.glfw
+    with warnings.catch_warnings(record=True):
+        if not glfw.init():
+            raise ObeliskConfigError(
+                f"the native viewer needs a display, and `{display}` cannot be opened; {_CURE}"
+            )
+    glfw.terminate()

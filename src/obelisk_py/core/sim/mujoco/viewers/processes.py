@@ -1,0 +1,220 @@
+"""Viewers as the robot sees them: processes below it that receive its states.
+
+In: the node's parameters, the model. Out: an output per viewer for the stepping thread, and the
+messages of the process for the user. The simulation goes on whatever happens to the process, which
+ends when the link to the robot is closed, however the robot ended.
+"""
+
+import mmap
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.sim.mujoco.simulation import Simulation
+from obelisk_py.core.sim.mujoco.stepper import Output
+from obelisk_py.core.sim.mujoco.stepping import SampleTimes
+from obelisk_py.core.sim.mujoco.viewers.viewer_messages import (
+    EXIT_REPORTED,
+    Notify,
+    StateSender,
+    receive_message,
+)
+
+__all__ = ["PARAMETERS", "ViewerProcess", "ViewerRequest", "requested_viewers", "viewer_outputs"]
+
+PROGRAM: Final = "obelisk_py.core.sim.mujoco.viewers.program"
+_LOSS: Final = "the simulation goes on without it, and brings it back when it is configured again"
+_ROOM: Final = 1 << 22
+"""For states on their way [bytes]; the kernel gives what it allows."""
+PARAMETERS: Final[Mapping[str, str | int]] = MappingProxyType({"viewer": "none", "viewer_port": 0})
+"""ROS parameter -> its default, whose type it keeps."""
+VIEWERS: Final = ("none", "native", "web")
+_HIGHEST_PORT: Final = 65535
+
+
+class ViewerProcess:
+    """One process that looks at a simulation."""
+
+    def __init__(
+        self,
+        kind: str,
+        arguments: Sequence[str],
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        *,
+        notify: Notify,
+        end_s: float | None = None,
+        loss: str = _LOSS,
+    ) -> None:
+        """Start it; `notify` gets later what it draws, or why it cannot.
+
+        Args:
+            kind: a key of `program.VIEWER_KINDS`.
+            arguments: of that kind.
+            model: handed to the process as it is now.
+            data: its state, that `states` sends.
+            notify: takes what the process says and how it ended; called on a thread of its own.
+            end_s: how long it may take to finish what it has begun [s]; None: there is nothing.
+            loss: what it means that it has ended by itself.
+        """
+        self._kind = kind
+        self._loss = loss
+        self._notify = notify
+        self._end_s = end_s
+        self._is_closing = False
+        self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _ROOM)
+        with theirs, _saved(model) as model_fd:
+            inherited = (theirs.fileno(), model_fd)
+            self._process = subprocess.Popen(
+                # -P: what lies in the working folder is no library.
+                [sys.executable, "-P", "-m", PROGRAM, kind, *map(str, inherited), *arguments],
+                pass_fds=inherited,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                # Signals for the robot's group are not for it. A session of its own would be
+                # more than that: the kernel weighs niceness within a session (autogroups).
+                process_group=0,
+            )
+        self.states = StateSender(model, data, self._link, notify)
+        """For the stepping thread."""
+        self._listener = threading.Thread(target=self._listen, name=f"{kind} viewer", daemon=True)
+        self._listener.start()
+
+    @property
+    def pid(self) -> int:
+        """The number of the process."""
+        return self._process.pid
+
+    def close(self) -> None:
+        """End it: once it has finished where it has something to finish, else at once."""
+        if self._is_closing:
+            return
+        self._is_closing = True
+        self._link.shutdown(socket.SHUT_WR)
+        if self._end_s is not None:
+            self._listener.join(self._end_s)
+            if self._listener.is_alive():
+                self._notify("warning", f"the {self._kind} viewer did not end in {self._end_s:g} s")
+        self._process.kill()
+        self._listener.join()
+        self._link.close()
+
+    def _listen(self) -> None:
+        while (said := receive_message(self._link)) is not None:
+            self._notify(*said)
+        code = self._process.wait()
+        if code not in (0, EXIT_REPORTED) and not self._is_closing:
+            self._notify(
+                "warning",
+                f"the {self._kind} viewer has ended ({_how(code)}); {self._loss}",
+            )
+
+
+@contextmanager
+def _saved(model: mujoco.MjModel) -> Iterator[int]:
+    """A file without a name that holds a model; its descriptor."""
+    descriptor = os.memfd_create("model")
+    try:
+        size = mujoco.mj_sizeModel(model)
+        os.ftruncate(descriptor, size)
+        # Written in place: MuJoCo's own buffer for a file tears holes into the robot's heap, round
+        # after round.
+        with mmap.mmap(descriptor, size) as memory:
+            mujoco.mj_saveModel(model, None, np.frombuffer(memory, np.uint8))
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def _how(code: int) -> str:
+    return f"signal {-code}" if code < 0 else f"exit code {code}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewerRequest:
+    """One viewer that is asked for."""
+
+    kind: str
+    """A key of `program.VIEWER_KINDS`."""
+    arguments: tuple[str, ...] = ()
+
+
+def requested_viewers(parameter: Callable[[str], Any]) -> tuple[ViewerRequest, ...]:
+    """The viewers that a node's parameters ask for.
+
+    Args:
+        parameter: gives the value of one of `PARAMETERS`.
+
+    Raises:
+        ObeliskConfigError: a value means nothing.
+    """
+    return tuple(_viewer(parameter))
+
+
+def viewer_outputs(
+    simulation: Simulation,
+    requests: Iterable[ViewerRequest],
+    steps_per_view: int,
+    *,
+    notify: Notify,
+    on_close: Callable[[Callable[[], None]], object],
+) -> tuple[Output, ...]:
+    """Start viewers; the outputs that hand them states.
+
+    Args:
+        simulation: what they look at.
+        requests: which viewers.
+        steps_per_view: how many steps lie between two states.
+        notify: takes what they say; called on threads of their own.
+        on_close: takes what has to be called when the simulation is freed.
+    """
+    outputs = []
+    for request in requests:
+        viewer = ViewerProcess(
+            request.kind, request.arguments, simulation.model, simulation.data, notify=notify
+        )
+        on_close(viewer.close)
+        outputs.append(_output(viewer, steps_per_view))
+    return tuple(outputs)
+
+
+def _output(viewer: ViewerProcess, steps_per_view: int) -> Output:
+    send = viewer.states.send
+
+    def publish(_stamp: Any) -> None:
+        send()
+
+    return Output(
+        times=SampleTimes(period_s=float(steps_per_view), step_s=1.0),
+        publish=publish,
+        # The start of a run is seen too.
+        restart=send,
+    )
+
+
+def _viewer(parameter: Callable[[str], Any]) -> list[ViewerRequest]:
+    viewer, port = parameter("viewer"), parameter("viewer_port")
+    if viewer not in VIEWERS:
+        raise ObeliskConfigError(
+            f"the parameter `viewer` is `{viewer}`; there are: {', '.join(VIEWERS)}"
+        )
+    if not 0 <= port <= _HIGHEST_PORT:
+        raise ObeliskConfigError(
+            f"the parameter `viewer_port` is {port}; expected a port from 1 to {_HIGHEST_PORT}, "
+            "or 0 for a free one"
+        )
+    if viewer == "none":
+        return []
+    return [ViewerRequest(kind=viewer, arguments=(str(port),) if viewer == "web" else ())]

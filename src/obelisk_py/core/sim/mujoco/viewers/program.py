@@ -1,0 +1,123 @@
+"""What runs in the process of a viewer: `python -m ...program KIND LINK MODEL [ARGUMENT...]`.
+
+In: the descriptors of the link and of the saved model. Out: an exit code; messages for the user go
+over the link. Ends when the `run` of the kind returns, which it does once the states are over.
+"""
+
+import importlib
+import os
+import socket
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final, Protocol, cast
+
+import mujoco
+
+from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
+from obelisk_py.core.sim.mujoco.viewers.viewer_messages import (
+    EXIT_REPORTED,
+    NICENESS,
+    Notify,
+    Severity,
+    States,
+    send_message,
+)
+
+__all__ = ["VIEWER_KINDS", "ViewerKind", "ViewerModule", "main", "run_viewer"]
+
+_HERE: Final = "obelisk_py.core.sim.mujoco.viewers"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewerKind:
+    """Where a kind of viewer is found; loaded in its process only."""
+
+    module: str
+    """The module whose `run` it is."""
+    extra: str
+    """The extra of the distribution that brings the libraries it needs."""
+    loss: str = "the simulation goes on without it"
+    """What follows if it cannot run."""
+    is_awaited: bool = False
+    """Whether the robot waits for it before it steps; makes way for it itself, after that."""
+
+
+VIEWER_KINDS: Final[Mapping[str, ViewerKind]] = MappingProxyType(
+    {
+        "native": ViewerKind(module=f"{_HERE}.native", extra="sim"),
+        "web": ViewerKind(module=f"{_HERE}.web", extra="viewer"),
+        "video": ViewerKind(
+            module=f"{_HERE}.video_process",
+            extra="render",
+            loss="there is no film",
+            is_awaited=True,
+        ),
+    }
+)
+
+
+class ViewerModule(Protocol):
+    """What the module of a kind has."""
+
+    def run(self, states: States, notify: Notify, arguments: Sequence[str]) -> None:
+        """Look at a simulation until its states are over.
+
+        Args:
+            states: the model and its states as they come.
+            notify: reports a message to the user.
+            arguments: as given to `processes.ViewerProcess`.
+
+        Raises:
+            ObeliskError: it cannot; the sentence says why and what would help.
+        """
+
+
+def run_viewer(kind: str, link_fd: int, model_fd: int, arguments: Sequence[str]) -> int:
+    """Run a viewer; return the exit code of the process."""
+    if not VIEWER_KINDS[kind].is_awaited:
+        os.nice(NICENESS)
+    # MuJoCo would write its warnings into a file in the working directory.
+    mujoco.set_mju_user_warning(_drop)
+    with socket.socket(fileno=link_fd) as link:
+
+        def notify(severity: Severity, text: str) -> None:
+            send_message(link, severity, text)
+
+        try:
+            model = mujoco.MjModel.from_binary_path(f"/proc/self/fd/{model_fd}")
+            os.close(model_fd)
+            _module(kind).run(States(model, link), notify, arguments)
+        except ObeliskError as error:
+            notify("warning", f"{error}; {VIEWER_KINDS[kind].loss}")
+            return EXIT_REPORTED
+        except (BrokenPipeError, ConnectionResetError):
+            # The robot is gone; there is no one to report to.
+            return EXIT_REPORTED
+    return 0
+
+
+def _module(kind: str) -> ViewerModule:
+    try:
+        return cast(ViewerModule, importlib.import_module(VIEWER_KINDS[kind].module))
+    except ModuleNotFoundError as error:
+        extra = VIEWER_KINDS[kind].extra
+        raise ObeliskConfigError(
+            f"the {kind} viewer needs the library `{error.name}`, which is not installed; "
+            f"install the extra `{extra}`: obelisk-cli[{extra}]"
+        ) from error
+
+
+def _drop(_text: str) -> None:
+    """Takes a warning of MuJoCo's and does nothing."""
+
+
+def main() -> int:
+    """Run the viewer that the robot started."""
+    kind, link_fd, model_fd, *arguments = sys.argv[1:]
+    return run_viewer(kind, int(link_fd), int(model_fd), arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,243 @@
+"""Videos as files: images with their frame number in, `.mp4`, `.gif` or `.png` out.
+
+An image is shown until the next one comes, so frames that were not drawn cost nothing and the
+timing stays right. Memory does not grow with the length of the video. A file appears whole or not
+at all, even if the process is killed: it has no name until it is finished, or a hidden name if the
+file system knows no files without one. An existing file is never replaced.
+
+Source: open(2), O_TMPFILE.
+"""
+
+import errno
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from fractions import Fraction
+from pathlib import Path
+from types import MappingProxyType
+from typing import IO, Final, Protocol
+
+import av
+import numpy as np
+from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc
+from numpy.typing import NDArray
+from PIL import Image, ImageChops
+from PIL.GifImagePlugin import getdata, getheader
+
+__all__ = [
+    "VIDEO_FILES",
+    "GifFile",
+    "Mp4File",
+    "PngFile",
+    "UnfinishedFile",
+    "VideoFile",
+    "free_name",
+    "unfinished",
+]
+
+_GIF_TICKS_HZ: Final = 100
+_LONGEST_TICKS: Final = (1 << 16) - 1
+_UNKNOWN: Final = (errno.EOPNOTSUPP, errno.EISDIR)
+"""What file systems say that have no files without a name."""
+
+
+class VideoFile(Protocol):
+    """A video that is being written."""
+
+    def show(self, picture: NDArray[np.uint8], number: int) -> None:
+        """Have a picture seen from a frame on.
+
+        Args:
+            picture: shape (height, width, 3), red, green, blue, the upper row first.
+            number: of the frame, from 0; each time a higher one.
+        """
+
+    def end(self) -> None:
+        """Write what is missing; the last picture is seen for one frame."""
+
+
+class Mp4File:
+    """H.264 in MP4, for browsers, slides and editors alike (yuv420p)."""
+
+    def __init__(self, file: IO[bytes], size: tuple[int, int], rate_hz: int) -> None:
+        """Begin a video; width and height are even."""
+        self._file = av.open(file, "w", format="mp4")
+        self._stream = self._file.add_stream(
+            "libx264", rate_hz, options={"preset": "veryfast", "crf": "20"}
+        )
+        self._stream.width, self._stream.height = size
+        self._stream.pix_fmt = "yuv420p"
+        context = self._stream.codec_context
+        context.time_base = Fraction(1, rate_hz)
+        # A picture before its turn would confuse the length of a video with gaps.
+        context.max_b_frames = 0
+        # What is drawn is encoded where it was drawn, beside nothing else.
+        context.thread_count = 1
+        # Players guess from the size what is not written down.
+        context.colorspace = Colorspace.ITU709
+        context.color_primaries = ColorPrimaries.BT709
+        context.color_trc = ColorTrc.BT709
+        context.color_range = ColorRange.MPEG
+
+    def show(self, picture: NDArray[np.uint8], number: int) -> None:
+        """Have a picture seen from a frame on."""
+        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24").reformat(
+            format="yuv420p",
+            dst_colorspace=Colorspace.ITU709,
+            dst_color_range=ColorRange.MPEG,
+        )
+        frame.pts = number
+        frame.time_base = self._stream.codec_context.time_base
+        self._file.mux(self._stream.encode(frame))
+
+    def end(self) -> None:
+        """Write what the encoder holds, and the index."""
+        self._file.mux(self._stream.encode(None))
+        self._file.close()
+
+
+class GifFile:
+    """GIF with a palette for each picture, of which only what has changed is written."""
+
+    def __init__(self, file: IO[bytes], _size: tuple[int, int], rate_hz: int) -> None:
+        """Begin a video."""
+        self._file = file
+        self._rate_hz = rate_hz
+        self._shown: Image.Image | None = None
+        """What is seen by now."""
+        self._waiting: tuple[Image.Image, tuple[int, int], int] | None = None
+        """Not written yet, for how long it is seen is not known: part, its corner, frame."""
+        self._last = -1
+
+    def show(self, picture: NDArray[np.uint8], number: int) -> None:
+        """Have a picture seen from a frame on."""
+        image = Image.fromarray(np.ascontiguousarray(picture))
+        changed: tuple[int, int, int, int] | None = (0, 0, *image.size)
+        if self._shown is not None:
+            changed = ImageChops.difference(self._shown, image).getbbox()
+        self._last = number
+        self._shown = image
+        if changed is None:
+            return
+        self._write(number)
+        # The other methods lose the colour of a small thing before a large ground.
+        part = image.crop(changed).quantize(method=Image.Quantize.FASTOCTREE)
+        self._waiting = part, changed[:2], number
+
+    def end(self) -> None:
+        """Write the last picture."""
+        self._write(self._last + 1)
+        self._file.write(b";")
+
+    def _write(self, until: int) -> None:
+        """Write what waits, seen until a frame."""
+        if self._waiting is None:
+            return
+        part, corner, number = self._waiting
+        if self._file.tell() == 0:
+            header, _ = getheader(part.copy(), info={"loop": 0})
+            self._file.writelines(header)
+        # Each time is rounded by itself, so that the errors do not add up.
+        ticks = self._ticks(until) - self._ticks(number)
+        self._file.writelines(
+            getdata(
+                part,
+                corner,
+                include_color_table=True,
+                duration=min(ticks, _LONGEST_TICKS) * 1000 // _GIF_TICKS_HZ,
+                disposal=1,
+            )
+        )
+
+    def _ticks(self, number: int) -> int:
+        """When a frame begins [1/100 s]."""
+        return round(number * _GIF_TICKS_HZ / self._rate_hz)
+
+
+class PngFile:
+    """The last picture of all."""
+
+    def __init__(self, file: IO[bytes], _size: tuple[int, int], _rate_hz: int) -> None:
+        """Begin a video of one picture."""
+        self._file = file
+        self._last: Image.Image | None = None
+
+    def show(self, picture: NDArray[np.uint8], _number: int) -> None:
+        """Take a picture in the place of the one before it."""
+        self._last = Image.fromarray(np.ascontiguousarray(picture))
+
+    def end(self) -> None:
+        """Write the picture."""
+        if self._last is not None:
+            self._last.save(self._file, "PNG")
+
+
+VIDEO_FILES: Final[Mapping[str, Callable[[IO[bytes], tuple[int, int], int], VideoFile]]] = (
+    MappingProxyType({".mp4": Mp4File, ".gif": GifFile, ".png": PngFile})
+)
+"""Ending -> how such a video is begun: file, width and height [pixels], frames per second."""
+
+
+def free_name(path: Path) -> Path:
+    """`path`, or where that is taken `name-2.mp4`, `name-3.mp4`, ..."""
+    number, name = 1, path
+    while os.path.lexists(name):
+        number += 1
+        name = path.with_stem(f"{path.stem}-{number}")
+    return name
+
+
+class UnfinishedFile:
+    """A file on its way; `finish` gives it its name."""
+
+    def __init__(self, file: IO[bytes], name: Path | None) -> None:
+        self.file = file
+        """To be written to."""
+        self._name = name
+
+    def finish(self, path: Path) -> Path:
+        """Put the file at `path`, or beside a file that is there.
+
+        Returns:
+            Where it is.
+
+        Raises:
+            OSError: it does not get there.
+        """
+        self.file.flush()
+        while True:
+            free = free_name(path)
+            with suppress(FileExistsError):  # made in this moment
+                self._link(free)
+                return free
+
+    def _link(self, path: Path) -> None:
+        if self._name is not None:
+            self._name.rename(path)
+            return
+        file_fd = self.file.fileno()
+        # Only with a descriptor beside it does Python follow the link that /proc has.
+        os.link(f"/proc/self/fd/{file_fd}", path, src_dir_fd=file_fd)
+
+
+@contextmanager
+def unfinished(folder: Path) -> Iterator[UnfinishedFile]:
+    """A file that will be in `folder`; gone at the end unless it was finished.
+
+    Raises:
+        OSError: none can be made there.
+    """
+    name = None
+    try:
+        file_fd = os.open(folder, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        if error.errno not in _UNKNOWN:
+            raise
+        name = folder / f".film-{os.getpid()}"
+        file_fd = os.open(name, os.O_CREAT | os.O_EXCL | os.O_RDWR | os.O_CLOEXEC, 0o666)
+    try:
+        with os.fdopen(file_fd, "w+b") as file:
+            yield UnfinishedFile(file, name)
+    finally:
+        if name is not None:
+            name.unlink(missing_ok=True)

@@ -1,0 +1,244 @@
+"""The process that draws a video: states in, one file out when they are over.
+
+Simulation time is video time. A frame that could not be drawn in time is left out: the one before
+it is shown longer, so the video plays at the simulation's speed, and dropped frames are counted.
+
+One thread draws, another one ends the video. The thread that draws is niced below the robot, so on
+a busy machine it may stand in the middle of an image for seconds. The end does not wait for it: the
+last image is shown until the time of the last state.
+"""
+
+import json
+import os
+import signal
+import threading
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from math import floor
+from pathlib import Path
+from typing import IO, Final
+
+import av
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from obelisk_py.core.exceptions import ObeliskError
+from obelisk_py.core.sim.mujoco.cameras import CameraView, choose_back_end
+from obelisk_py.core.sim.mujoco.viewers.video_files import (
+    VIDEO_FILES,
+    PngFile,
+    VideoFile,
+    unfinished,
+)
+from obelisk_py.core.sim.mujoco.viewers.viewer_messages import NICENESS, Notify, States, VideoJob
+
+__all__ = ["FrameCounter", "VideoRecording", "run"]
+
+_TOLERANCE: Final = 1e-6
+"""Of a frame: time as a sum of steps may be a hair below it."""
+_WAIT_S: Final = 1.0
+_LAST_S: Final = 0.7
+"""For what is being drawn at the end [s]."""
+_LARGEST_SHADOW: Final = 2048
+"""Side of the map that shadows are drawn from [pixels]. MuJoCo's own, 4096, takes a machine without
+a graphics card more time than all the rest, and does not look better in a video."""
+
+
+class FrameCounter:
+    """Counts the frames of one video."""
+
+    def __init__(self, rate_hz: int) -> None:
+        """Begin a video with so many frames in a second of simulation time."""
+        self._rate_hz = rate_hz
+        self._first = 0
+        """Number of the frame that shows `_begin_s`."""
+        self._begin_s: float | None = None
+        self._newest_s = 0.0
+        self.count = 0
+        """Frames up to that of the newest state."""
+
+    def take(self, time_s: float) -> int | None:
+        """The frame for a state.
+
+        Args:
+            time_s: its simulation time [s].
+
+        Returns:
+            The frame's number; None where another state is in that frame already.
+        """
+        if self._begin_s is None or time_s < self._newest_s:
+            self._begin_s, self._first = time_s, self.count
+        self._newest_s = time_s
+        number = self._first + floor((time_s - self._begin_s) * self._rate_hz + _TOLERANCE)
+        if number < self.count:
+            return None
+        self.count = number + 1
+        return number
+
+
+class VideoRecording:
+    """A video from its first picture to its end."""
+
+    def __init__(self, states: States, video: VideoFile, rate_hz: int) -> None:
+        """Begin with no picture.
+
+        Args:
+            states: at the first one.
+            video: takes the pictures.
+            rate_hz: frames in a second of simulation time.
+        """
+        self._states = states
+        self._video = video
+        self._rate_hz = rate_hz
+        self._lock = threading.Lock()
+        """Of all that follows, the states and the video."""
+        self._numbers = FrameCounter(rate_hz)
+        self._newest: int | None = self._numbers.take(states.data.time)
+        """The frame of the newest state; None once it has a picture."""
+        self._picture: NDArray[np.uint8] | None = None
+        """What is seen by now."""
+        self._shown = 0
+        self._is_closed = False
+
+    def draw_one(self, view: CameraView) -> None:
+        """Draw the newest state."""
+        with self._lock:
+            number = self._newest
+            view.update(self._states.data)
+        picture = view.draw()
+        with self._lock:
+            if number is not None and not self._is_closed:
+                self._show(picture, number)
+
+    def draw_all(self, view: CameraView) -> None:
+        """Draw what comes until it is over, or the video has been closed."""
+        while self._take(_WAIT_S):
+            if self._newest is not None:
+                self.draw_one(view)
+
+    def close(self) -> str:
+        """End the video, whatever is still being drawn; in words what there is of it."""
+        with self._lock:
+            self._is_closed = True
+            while not self._states.is_over:
+                self._receive(_WAIT_S)
+            if self._newest is not None and self._picture is not None:
+                self._show(self._picture, self._newest)
+            self._video.end()
+        count = self._numbers.count
+        frames = f"{self._shown} frame{'' if self._shown == 1 else 's'}"
+        return f"{frames}, {count / self._rate_hz:.1f} s, {count - self._shown} dropped"
+
+    def _take(self, timeout_s: float) -> bool:
+        """Wait for a state; whether there may be more."""
+        with self._lock:
+            if self._is_closed or self._states.is_over:
+                return False
+            self._receive(timeout_s)
+            return True
+
+    def _receive(self, timeout_s: float) -> None:
+        if self._states.take_newest(timeout_s):
+            number = self._numbers.take(self._states.data.time)
+            self._newest = self._newest if number is None else number
+
+    def _show(self, picture: NDArray[np.uint8], number: int) -> None:
+        self._video.show(picture, number)
+        self._picture = picture
+        self._newest = None
+        self._shown += 1
+
+
+def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
+    """Record until the states are over; report the start and what was written at the end.
+
+    Raises:
+        ObeliskError: nothing can be drawn here, or the file takes no more.
+    """
+    # It ends when there are no more states, and has a video to finish then.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    job = VideoJob.from_arguments(arguments)
+    path = Path(job.path)
+    make = _picture if path.suffix == ".png" else _video
+    # OpenGL belongs to one thread.
+    thread = ThreadPoolExecutor(1, thread_name_prefix="drawing")
+    view = thread.submit(_view, states.model, job).result()
+    try:
+        with unfinished(path.parent) as place:
+            states.take_next()
+            detail = make(states, view, job, place.file, thread, notify)
+            notify("info", json.dumps([str(place.finish(path)), detail]))
+    except (BrokenPipeError, ConnectionResetError):
+        raise
+    except (OSError, av.FFmpegError) as error:
+        raise ObeliskError(f"{path}: {error.strerror or error}") from error
+    # Closing OpenGL takes longer than closing a video, and serves no purpose here.
+    os._exit(0)
+
+
+def _view(model: mujoco.MjModel, job: VideoJob) -> CameraView:
+    quality = model.vis.quality
+    quality.shadowsize = min(quality.shadowsize, _LARGEST_SHADOW)
+    return CameraView(model, job.camera, choose_back_end(), (job.width, job.height))
+
+
+def _video(
+    states: States,
+    view: CameraView,
+    job: VideoJob,
+    file: IO[bytes],
+    thread: ThreadPoolExecutor,
+    notify: Notify,
+) -> str:
+    """Draw what comes; in words what there is."""
+    ending = Path(job.path).suffix
+    video = VIDEO_FILES[ending](file, (job.width, job.height), job.rate_hz)
+    recording = VideoRecording(states, video, job.rate_hz)
+    # The first picture takes longest; nothing is simulated before it.
+    thread.submit(recording.draw_one, view).result()
+    _make_way()
+    notify("info", job.path)
+    drawing = thread.submit(recording.draw_all, view)
+    # Who draws is done before that only if the file takes no more.
+    while not (states.wait_until_over(_WAIT_S) or drawing.done()):
+        pass
+    with suppress(TimeoutError):
+        drawing.result(_LAST_S)
+    return recording.close()
+
+
+def _picture(
+    states: States,
+    view: CameraView,
+    job: VideoJob,
+    file: IO[bytes],
+    thread: ThreadPoolExecutor,
+    notify: Notify,
+) -> str:
+    """Draw the last state of all; in words which it is."""
+
+    def draw() -> NDArray[np.uint8]:
+        view.update(states.data)
+        return view.draw()
+
+    thread.submit(draw).result()
+    notify("info", job.path)
+    while not states.is_over:
+        states.take_newest(_WAIT_S)
+    video = PngFile(file, (job.width, job.height), job.rate_hz)
+    video.show(thread.submit(draw).result(), 0)
+    video.end()
+    return f"the state at {states.data.time:.3f} s"
+
+
+def _make_way() -> None:
+    """Lower the priority of every thread but the one that ends the video.
+
+    A lowered priority cannot be raised again, and a busy machine would not let the video finish.
+    """
+    for thread in Path("/proc/self/task").iterdir():
+        if int(thread.name) != threading.main_thread().native_id:
+            os.setpriority(os.PRIO_PROCESS, int(thread.name), NICENESS)

@@ -1,0 +1,217 @@
+"""The link between a simulation and a viewer: states to the viewer, messages for the user back.
+
+On the robot's side model and data go in; each `send` is one packet, MuJoCo's own flat state vector,
+which is sent at once or dropped and counted, and never waited for. On the viewer's side `data` of
+the same model is brought to the received state. Times in them are simulation time.
+
+The link is a pair of SOCK_SEQPACKET sockets: packets stay whole and in order, and if one side ends,
+by whatever means, the other one notices.
+
+Source: https://mujoco.readthedocs.io/en/stable/computation/index.html#the-state
+"""
+
+import errno
+import json
+import select
+import socket
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Final, Literal, Self, cast
+
+import mujoco
+import numpy as np
+
+__all__ = [
+    "EXIT_REPORTED",
+    "NICENESS",
+    "SIGNATURE",
+    "Notify",
+    "Severity",
+    "StateSender",
+    "States",
+    "VideoJob",
+    "receive_message",
+    "send_message",
+]
+
+Severity = Literal["info", "warning"]
+Notify = Callable[[Severity, str], None]
+"""Takes a sentence for the user."""
+
+EXIT_REPORTED: Final = 3
+"""Exit code of a viewer that has reported why it ends."""
+NICENESS: Final = 10
+"""Of a viewer's process: the robot comes first."""
+_LARGEST: Final = 8192
+"""Of a packet of words; what is longer is cut [bytes]."""
+_SEPARATOR: Final = b":"
+SIGNATURE: Final = int(
+    mujoco.mjtState.mjSTATE_FULLPHYSICS
+    | mujoco.mjtState.mjSTATE_USER
+    | mujoco.mjtState.mjSTATE_WARMSTART
+)
+"""Everything that a step starts from, mjSTATE_INTEGRATION: what follows from it is drawn too."""
+
+
+def send_message(link: socket.socket, severity: Severity, text: str) -> None:
+    """Send a sentence.
+
+    Raises:
+        OSError: the other side is closed.
+    """
+    link.send(severity.encode() + _SEPARATOR + text.encode()[: _LARGEST // 2])
+
+
+def receive_message(link: socket.socket) -> tuple[Severity, str] | None:
+    """Wait for a sentence; None: there will be no more."""
+    try:
+        packet = link.recv(_LARGEST)
+    # A process that ends with unread packets resets the link; Linux reports that before the last
+    # messages are read.
+    except ConnectionResetError:
+        packet = link.recv(_LARGEST)
+    if not packet:
+        return None
+    severity, _, text = packet.partition(_SEPARATOR)
+    return cast(Severity, severity.decode()), text.decode(errors="replace")
+
+
+class StateSender:
+    """The robot's end; belongs to the thread that steps."""
+
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, link: socket.socket, notify: Notify
+    ) -> None:
+        """Send states of `data` into `link`.
+
+        Args:
+            model: the model.
+            data: its state; read in `send` and never changed.
+            link: one end of a SOCK_SEQPACKET pair.
+            notify: takes what goes wrong, once.
+        """
+        self.sent = 0
+        """States on their way."""
+        self.dropped = 0
+        """States left out, since the viewer had not taken the earlier ones."""
+        self._model = model
+        self._data = data
+        self._link = link
+        self._notify = notify
+        self._state = np.empty(mujoco.mj_stateSize(model, SIGNATURE))
+        self._is_open = True
+
+    def send(self) -> None:
+        """Send the present state, if there is room for it and the viewer is alive."""
+        if not self._is_open:
+            return
+        mujoco.mj_getState(self._model, self._data, self._state, SIGNATURE)
+        try:
+            self._link.send(self._state.data, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+        except BlockingIOError:
+            self.dropped += 1
+        except OSError as error:
+            self._is_open = False
+            # `ViewerProcess` reports that the viewer is gone.
+            if error.errno == errno.EMSGSIZE:
+                self._notify("warning", self._too_large())
+        else:
+            self.sent += 1
+
+    def _too_large(self) -> str:
+        room = self._link.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
+        return (
+            f"a state of this model has {self._state.nbytes} bytes, more than the {room} that a "
+            "socket of this machine takes at once: no state is shown; "
+            f"`sysctl -w net.core.wmem_max={2 * self._state.nbytes}` makes room"
+        )
+
+
+class States:
+    """The viewer's end: the model, and its data at the state that was taken last."""
+
+    def __init__(self, model: mujoco.MjModel, link: socket.socket) -> None:
+        """Take states from `link`; until the first one, `data` is the model's own start."""
+        self.model = model
+        self.data = mujoco.MjData(model)
+        self.is_over = False
+        """Whether the robot is gone and every state is taken."""
+        self._link = link
+        self._state = np.empty(mujoco.mj_stateSize(model, SIGNATURE))
+        mujoco.mj_forward(model, self.data)
+
+    def take_next(self, timeout_s: float | None = None) -> bool:
+        """Wait for the next state and bring `data` to it; none is left out.
+
+        Args:
+            timeout_s: how long to wait [s]; None: until there is one or the robot is gone.
+
+        Returns:
+            Whether `data` is at a new state; if not, the time is over, or `is_over`.
+        """
+        if not self._receive(timeout_s):
+            return False
+        self._show()
+        return True
+
+    def take_newest(self, timeout_s: float) -> bool:
+        """The same for the newest state there is; those before it are left out."""
+        if not self._receive(timeout_s):
+            return False
+        while self._receive(0.0):
+            pass
+        self._show()
+        return True
+
+    def wait_until_over(self, timeout_s: float) -> bool:
+        """Wait until no more states will come; those that have come are still to be taken.
+
+        Args:
+            timeout_s: how long to wait [s].
+
+        Returns:
+            Whether no more will come.
+        """
+        poll = select.poll()
+        poll.register(self._link, select.POLLRDHUP)
+        return bool(poll.poll(timeout_s * 1000))
+
+    def _receive(self, timeout_s: float | None) -> bool:
+        self._link.settimeout(timeout_s)
+        try:
+            size = self._link.recv_into(self._state.data)
+        except (BlockingIOError, TimeoutError):
+            return False
+        except ConnectionResetError:
+            size = 0
+        self.is_over = size == 0
+        return not self.is_over
+
+    def _show(self) -> None:
+        mujoco.mj_setState(self.model, self.data, self._state, SIGNATURE)
+        mujoco.mj_forward(self.model, self.data)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VideoJob:
+    """One film."""
+
+    path: str
+    """Absolute."""
+    camera: int | None
+    """Number of the camera; None: a view of the whole model."""
+    width: int
+    """[pixels]"""
+    height: int
+    rate_hz: int
+    """Frames in a second of simulation time."""
+
+    def to_arguments(self) -> tuple[str, ...]:
+        """As the process gets it."""
+        return (json.dumps(asdict(self)),)
+
+    @classmethod
+    def from_arguments(cls, arguments: Sequence[str]) -> Self:
+        """As it was given."""
+        (text,) = arguments
+        return cls(**json.loads(text))

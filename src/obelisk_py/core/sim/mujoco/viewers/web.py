@@ -1,0 +1,140 @@
+"""A page in the browser: mjviser, which draws a MuJoCo model with viser, on this machine only.
+
+In: the port, 0 for a free one near 8080. Out: `http://127.0.0.1:PORT`, the library's own page with
+all that it needs; nothing is fetched from elsewhere. Viser answers any client under any host name,
+and browsers let any page open a WebSocket to this host, so every request is checked first.
+
+Source: https://github.com/mujocolab/mjviser, https://viser.studio
+"""
+
+import http
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Final
+
+import viser
+import websockets.asyncio.server
+from mjviser import ViserMujocoScene
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
+
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Notify, States
+from obelisk_spec.runtime_protocol import is_of_the_page, names_this_host
+
+__all__ = ["own_page_only", "run"]
+
+Look = Callable[[ServerConnection, Request], Response | None]
+_HOST: Final = "127.0.0.1"
+_PORT: Final = 8080
+_PERIOD_S: Final = 1 / 30
+"""Between two states that the browser gets [s]."""
+_DISTANCE: Final = 1.5
+"""Of the camera, in extents of the model, as in MuJoCo's own viewer."""
+_WAIT_S: Final = 0.1
+"""How long a setting changed in the page waits where nothing moves [s]."""
+
+
+@contextmanager
+def own_page_only() -> Iterator[None]:
+    """A server that viser starts while this is entered answers its own page only.
+
+    Raises:
+        ObeliskConfigError: it could not be kept so: this viser serves in another way.
+    """
+    serve = websockets.asyncio.server.serve
+    is_kept = False
+
+    def serve_guarded(*arguments: Any, process_request: Look, **options: Any) -> Any:
+        nonlocal is_kept
+        is_kept = True
+        return serve(*arguments, process_request=_guarded(process_request), **options)
+
+    # There is no option of viser's for it; this process has no other server.
+    websockets.asyncio.server.serve = serve_guarded  # type: ignore[misc, assignment]
+    try:
+        yield
+    finally:
+        websockets.asyncio.server.serve = serve  # type: ignore[misc]
+    if not is_kept:
+        raise ObeliskConfigError(
+            "the web viewer cannot keep other pages of the browser out with this version of "
+            "`viser`; `pip install --upgrade obelisk-cli[viewer]` brings one that fits"
+        )
+
+
+def _guarded(look: Look) -> Look:
+    def look_guarded(connection: ServerConnection, request: Request) -> Response | None:
+        host, origin = request.headers.get("Host", ""), request.headers.get("Origin")
+        if not names_this_host(host) or (origin and not is_of_the_page(origin, host)):
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "only the page itself may ask\n")
+        return look(connection, request)
+
+    return look_guarded
+
+
+class _Server(viser.ViserServer):
+    """A server whose page cannot be tunnelled to another machine."""
+
+    def request_share_url(self, verbose: bool = True) -> None:
+        """Refuse."""
+
+
+def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
+    """Serve the page until the states are over.
+
+    Raises:
+        ObeliskConfigError: the port is taken, or viser cannot be kept from other pages.
+    """
+    (port,) = map(int, arguments)
+    # It would win over the port that was asked for.
+    os.environ.pop("_VISER_PORT_OVERRIDE", None)
+    if port:
+        _refuse_taken(port)
+    with own_page_only():
+        server = _Server(host=_HOST, port=port or _PORT, verbose=False)
+    scene = _scene(server, states)
+    notify("info", f"the simulation is shown at http://{_HOST}:{server.get_port()}")
+    while not states.is_over:
+        due_s = time.monotonic() + _PERIOD_S
+        if states.take_newest(_WAIT_S) or scene.needs_update:
+            scene.needs_update = False
+            scene.update_from_mjdata(states.data)
+            time.sleep(max(0.0, due_s - time.monotonic()))
+    server.stop()
+
+
+def _scene(server: viser.ViserServer, states: States) -> ViserMujocoScene:
+    """The model in the page, at the state that `states` is at, with what can be chosen there."""
+    server.gui.configure_theme(show_share_button=False, show_logo=False)
+    scene = ViserMujocoScene(server, states.model, num_envs=1)
+    # What is chosen in the page is drawn by this thread, the only one that touches the data.
+    scene.set_refresh_handler(_nothing)
+    view = states.model.vis.global_
+    scene.create_visualization_gui(
+        camera_distance=_DISTANCE * states.model.stat.extent,
+        camera_azimuth=view.azimuth,
+        camera_elevation=-view.elevation,
+    )
+    scene.update_from_mjdata(states.data)
+    return scene
+
+
+def _refuse_taken(port: int) -> None:
+    # Viser would take the next free one.
+    with socket.socket() as trial:
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            trial.bind((_HOST, port))
+        except OSError as error:
+            raise ObeliskConfigError(
+                f"the web viewer cannot have port {port} (`viewer_port`): {error.strerror}; "
+                "another one, or 0 for a free one, would do"
+            ) from error
+
+
+def _nothing() -> None:
+    """Leaves it to the next turn of the loop."""

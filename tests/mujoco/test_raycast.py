@@ -1,0 +1,374 @@
+"""Ray casters: the layout of the rays, their distances against MuJoCo's own and closed forms."""
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from obelisk_py.core.sim.mujoco.raycast import lay_out, make_caster, typed_ray_caster
+
+from .groups import group, taken
+
+pytestmark = pytest.mark.mujoco
+
+SINGLE = 1e-6
+"""Of a value: the messages hold 32 bits."""
+
+SCENE = """
+<mujoco model="scene">
+  <worldbody>
+    <geom name="floor" type="plane" size="0 0 1"/>
+    <geom name="ball" type="sphere" pos="3 0 1" size="0.5" group="1"/>
+    <site name="post" pos="0 0 1"/>
+    <body name="cart" pos="0 0 1">
+      <freejoint/>
+      <geom name="shell" type="sphere" size="0.2"/>
+      <site name="eye" pos="0.05 0 0"/>
+      <body name="mast" pos="0 0 0.6">
+        <geom name="top" type="sphere" size="0.1"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+HEIGHT = {
+    "type": "height_scan",
+    "resolution": 0.1,
+    "size": [0.6, 0.4],
+    "offset": {"pos": [0.1, -0.2, 3.0], "rot": [0.9, 0.1, -0.2, 0.4]},
+}
+LIDAR = {
+    "type": "lidar_scan",
+    "channels": 9,
+    "vertical_fov_range": [-60.0, 30.0],
+    "horizontal_fov_range": [0.0, 360.0],
+    "horizontal_res": 12.0,
+    "offset": {"pos": [0.02, 0.0, 0.1], "rot": [0.7, 0.1, 0.3, -0.2]},
+}
+CAMERA = {
+    "type": "depth_camera",
+    "width": 16,
+    "height": 12,
+    "intrinsic_matrix": [13.0, 0.5, 7.5, 0.0, 14.0, 5.5, 0.0, 0.0, 1.0],
+    "offset": {"rot": [0.9, 0.0, 0.3, 0.0]},
+}
+
+
+def _settings(pattern, *, site="imu", **more):
+    return typed_ray_caster({"site_name": site, "pattern": pattern, **more})
+
+
+def _sample(model, data, kind, settings):
+    return taken(kind, group(model, data, kind, rays=settings))
+
+
+def _own_rays(model, data, settings, site_rotation):
+    """Starts and directions, computed without the code under test but for the layout."""
+    rays = lay_out(settings.pattern)
+    site = data.site(settings.site)
+    turn = np.empty(9)
+    mujoco.mju_quat2Mat(turn, np.array(settings.offset_wxyz) / np.linalg.norm(settings.offset_wxyz))
+    turn = turn.reshape(3, 3)
+    rays_in_world = []
+    for start, direction in np.broadcast(_rows(rays.starts), _rows(rays.directions)):
+        rays_in_world.append(
+            (
+                site.xpos + site_rotation @ (np.array(settings.offset_m) + turn @ start),
+                site_rotation @ turn @ direction,
+            )
+        )
+    return rays_in_world
+
+
+def _rows(vectors):
+    rows = np.empty(len(vectors), object)
+    rows[:] = list(vectors)
+    return rows
+
+
+def _level(data, site):
+    rotation = data.site(site).xmat.reshape(3, 3)
+    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
+    return np.array(
+        [[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]]
+    )
+
+
+def _mj_ray(model, data, start, direction, *, exclude, groups=None, farthest=math.inf):
+    distance = mujoco.mj_ray(
+        model, data, start, direction, groups, 1, exclude, np.array([-1], np.int32)
+    )
+    return distance if 0 <= distance <= farthest else math.nan
+
+
+def _same(numbers, wanted):
+    numbers, wanted = np.asarray(numbers, np.float64), np.asarray(wanted)
+    assert numbers.shape == wanted.shape
+    assert np.array_equal(np.isnan(numbers), np.isnan(wanted))
+    hits = ~np.isnan(wanted)
+    assert hits.any()
+    assert np.abs(numbers[hits] - wanted[hits]).max() <= SINGLE * max(1.0, wanted[hits].max())
+
+
+@pytest.mark.parametrize("more", [{}, {"max_distance": 0.8}, {"geom_groups": [0]}])
+@pytest.mark.parametrize("pattern", [HEIGHT, LIDAR], ids=["height", "lidar"])
+def test_distances_are_those_of_mj_ray(everything, moving, pattern, more):
+    if pattern is HEIGHT and "max_distance" in more:
+        more = {"max_distance": 4.2}
+    settings = _settings(pattern, **more)
+    site = moving.site("imu")
+    rotation = _level(moving, "imu") if pattern is HEIGHT else site.xmat.reshape(3, 3)
+    groups = np.array([1, 0, 0, 0, 0, 0], np.uint8) if "geom_groups" in more else None
+    wanted = [
+        _mj_ray(
+            everything,
+            moving,
+            start,
+            direction,
+            exclude=everything.body("base").id,
+            groups=groups,
+            farthest=more.get("max_distance", math.inf),
+        )
+        for start, direction in _own_rays(everything, moving, settings, rotation)
+    ]
+    message = _sample(everything, moving, "ObkScan", settings)
+    assert message.header.frame_id == "imu"
+    _same(message.data, wanted)
+
+
+def test_a_depth_camera_tells_the_distance_along_its_axis(everything, moving):
+    settings = _settings(CAMERA)
+    rotation = moving.site("imu").xmat.reshape(3, 3)
+    turned = np.empty(9)
+    mujoco.mju_quat2Mat(turned, np.array(settings.offset_wxyz) / np.linalg.norm([0.9, 0.3]))
+    axis = rotation @ turned.reshape(3, 3)[:, 0]
+    wanted = [
+        _mj_ray(everything, moving, start, direction, exclude=everything.body("base").id)
+        * (direction @ axis)
+        for start, direction in _own_rays(everything, moving, settings, rotation)
+    ]
+    message = _sample(everything, moving, "DepthImage", settings)
+    assert (message.height, message.width, message.encoding) == (12, 16, "32FC1")
+    assert message.step == 16 * 4
+    _same(np.frombuffer(message.data, np.float32), wanted)
+
+
+def test_the_scan_of_a_lidar_as_an_image_has_a_row_for_each_channel(everything, moving):
+    image = _sample(everything, moving, "DepthImage", _settings(LIDAR))
+    scan = _sample(everything, moving, "ObkScan", _settings(LIDAR))
+    assert (image.height, image.width) == (9, 30)
+    assert bytes(image.data) == scan.data.tobytes()
+
+
+@pytest.fixture
+def scene():
+    return mujoco.MjModel.from_xml_string(SCENE)
+
+
+@pytest.fixture
+def still(scene):
+    data = mujoco.MjData(scene)
+    mujoco.mj_forward(scene, data)
+    return data
+
+
+def _along_plane_and_ball(start, direction):
+    """The nearer of the plane z = 0 and the ball of the scene, in closed form."""
+    down = -start[2] / direction[2] if direction[2] < 0 else math.inf
+    to_ball = start - np.array([3.0, 0.0, 1.0])
+    along = direction @ to_ball
+    root = along**2 - (to_ball @ to_ball - 0.25)
+    ball = -along - math.sqrt(root) if root >= 0 and -along > 0 else math.inf
+    nearest = min(down, ball)
+    return nearest if nearest < math.inf else math.nan
+
+
+def test_a_lidar_sees_plane_and_ball_where_they_are(scene, still):
+    fine = {**LIDAR, "channels": 41, "horizontal_res": 2.0, "offset": None}
+    fine["vertical_fov_range"] = [-10.0, 30.0]
+    settings = _settings(fine, site="eye")
+    rays = _own_rays(scene, still, settings, np.eye(3))
+    wanted = [_along_plane_and_ball(start, direction) for start, direction in rays]
+    assert np.isnan(wanted).any()
+    assert min(wanted) == pytest.approx(2.45, abs=0.01), "the ball is among them"
+    mast = [_mj_ray(scene, still, s, d, exclude=1) for s, d in rays]
+    seen = _sample(scene, still, "ObkScan", settings).data
+    _same(seen, mast)
+    free = [i for i, (s, d) in enumerate(rays) if d[2] <= 0.2]
+    _same(np.array(seen)[free], np.array(wanted)[free])
+
+
+def test_a_height_scan_over_a_plane_tells_the_height(scene, still):
+    pattern = {"type": "height_scan", "resolution": 0.25, "size": [1.0, 0.5]}
+    message = _sample(scene, still, "ObkScan", _settings(pattern, site="eye"))
+    assert np.array(message.data) == pytest.approx([1.0] * 15)
+
+
+def test_a_height_scan_stays_level_and_turns_with_the_heading(scene, still):
+    cosine, sine = math.cos(math.pi / 4), math.sin(math.pi / 4)
+    still.qpos[3:7] = [cosine, 0, 0, sine]
+    tilt = np.array([math.cos(0.2), math.sin(0.2), 0, 0])
+    mujoco.mju_mulQuat(still.qpos[3:7], still.qpos[3:7].copy(), tilt)
+    mujoco.mj_forward(scene, still)
+    pattern = {"type": "height_scan", "resolution": 1.0, "size": [2.0, 0.0]}
+    caster = make_caster(scene, still, _settings(pattern, site="eye"))
+    caster.cast()
+    eye = still.site("eye").xpos
+    assert caster.directions == pytest.approx(np.array([[0.0, 0.0, -1.0]]))
+    assert caster.starts == pytest.approx(eye + np.array([[0, -1, 0], [0, 0, 0], [0, 1, 0]]))
+
+
+def test_a_site_that_points_straight_up_has_the_heading_of_the_world(scene, still):
+    half = math.cos(math.pi / 4)
+    mujoco.mju_mulQuat(still.qpos[3:7], np.array([half, 0, 0, half]), np.array([half, 0, -half, 0]))
+    mujoco.mj_forward(scene, still)
+    pattern = {"type": "height_scan", "resolution": 1.0, "size": [1.0, 0.0]}
+    caster = make_caster(scene, still, _settings(pattern, site="eye"))
+    caster.cast()
+    assert caster.starts[1] - caster.starts[0] == pytest.approx([1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("ordering", "first_three"),
+    [
+        ("xy", [[-0.1, -0.1, 0], [0, -0.1, 0], [0.1, -0.1, 0]]),
+        ("yx", [[-0.1, -0.1, 0], [-0.1, 0, 0], [-0.1, 0.1, 0]]),
+        (None, [[-0.1, -0.1, 0], [0, -0.1, 0], [0.1, -0.1, 0]]),
+    ],
+)
+def test_the_ordering_names_the_axis_that_runs_faster_first(ordering, first_three):
+    pattern = {"type": "height_scan", "resolution": 0.1, "size": [0.2, 0.2], "ordering": ordering}
+    rays = lay_out(_settings(pattern).pattern)
+    assert rays.starts[:3] == pytest.approx(np.array(first_three))
+    assert len(rays.starts) == 9
+
+
+def test_the_corpus_grid_has_a_ray_at_every_tenth_of_a_metre():
+    pattern = {"type": "height_scan", "resolution": 0.1, "size": [1.6, 0.8]}
+    rays = lay_out(_settings(pattern).pattern)
+    assert (rays.rows, rays.columns) == (9, 17)
+    assert rays.starts.min(axis=0) == pytest.approx([-0.8, -0.4, 0])
+    assert rays.starts.max(axis=0) == pytest.approx([0.8, 0.4, 0])
+
+
+def test_a_lidar_runs_to_the_left_within_a_channel_and_up_from_channel_to_channel():
+    pattern = {
+        "type": "lidar_scan",
+        "channels": 3,
+        "vertical_fov_range": [-45.0, 45.0],
+        "horizontal_fov_range": [-90.0, 90.0],
+        "horizontal_res": 90.0,
+    }
+    rays = lay_out(_settings(pattern).pattern)
+    half = math.sqrt(0.5)
+    assert (rays.rows, rays.columns) == (3, 3)
+    assert rays.directions[:3] == pytest.approx(
+        np.array([[0, -half, -half], [half, 0, -half], [0, half, -half]])
+    )
+    assert rays.directions[3:6] == pytest.approx(np.array([[0, -1, 0], [1, 0, 0], [0, 1, 0]]))
+
+
+def test_a_full_turn_has_no_ray_twice():
+    rays = lay_out(_settings({**LIDAR, "channels": 1, "vertical_fov_range": [0.0, 0.0]}).pattern)
+    assert (rays.rows, rays.columns) == (1, 30)
+    assert len(np.unique(rays.directions.round(9), axis=0)) == 30
+
+
+def test_the_middle_pixel_of_a_camera_looks_along_x_and_the_first_up_to_the_left():
+    pattern = {
+        "type": "depth_camera",
+        "width": 3,
+        "height": 3,
+        "intrinsic_matrix": [1.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0],
+    }
+    rays = lay_out(_settings(pattern).pattern)
+    assert rays.directions[4] == pytest.approx([1.0, 0.0, 0.0])
+    assert rays.directions[0] == pytest.approx(np.array([1.0, 1.0, 1.0]) / math.sqrt(3))
+    assert rays.directions[1] == pytest.approx(np.array([1.0, 0.0, 1.0]) / math.sqrt(2))
+
+
+def test_a_pixel_is_where_the_matrix_of_the_camera_puts_its_ray():
+    settings = _settings(CAMERA)
+    forward, left, up = lay_out(settings.pattern).directions.T
+    matrix = np.array(CAMERA["intrinsic_matrix"]).reshape(3, 3)
+    u, v, w = matrix @ np.stack([-left, -up, forward])
+    assert (u / w).reshape(12, 16) == pytest.approx(np.tile(np.arange(16.0), (12, 1)))
+    assert (v / w).reshape(12, 16) == pytest.approx(np.tile(np.arange(12.0)[:, None], (1, 16)))
+
+
+def test_a_lidar_may_turn_to_the_right():
+    pattern = {**LIDAR, "channels": 1, "vertical_fov_range": [0.0, 0.0]}
+    rays = lay_out(_settings({**pattern, "horizontal_fov_range": [90.0, -90.0]}).pattern)
+    assert rays.columns == 16
+    assert rays.directions[[0, 15]] == pytest.approx(np.array([[0, 1, 0], [0, -1, 0]]))
+
+
+def test_the_own_body_is_not_hit_and_others_of_the_robot_are(scene, still):
+    up = {**LIDAR, "channels": 1, "vertical_fov_range": [90.0, 90.0], "offset": None}
+    pattern = {**up, "horizontal_fov_range": [0.0, 0.0]}
+    message = _sample(scene, still, "ObkScan", _settings(pattern, site="eye"))
+    assert list(message.data) == pytest.approx([0.6 - math.sqrt(0.1**2 - 0.05**2)])
+
+
+def test_a_site_of_the_world_sees_the_world(scene, still):
+    pattern = {"type": "height_scan", "resolution": 1.0, "size": [0.0, 0.0]}
+    pattern["offset"] = {"pos": [5.0, 0.0, 0.0]}
+    message = _sample(scene, still, "ObkScan", _settings(pattern, site="post"))
+    assert list(message.data) == pytest.approx([1.0])
+
+
+def test_only_geoms_of_the_groups_are_hit(scene, still):
+    ahead = {**LIDAR, "channels": 1, "vertical_fov_range": [0.0, 0.0], "offset": None}
+    pattern = {**ahead, "horizontal_fov_range": [0.0, 0.0]}
+    both = [
+        _sample(scene, still, "ObkScan", _settings(pattern, site="eye", geom_groups=groups)).data[0]
+        for groups in ([1], [0], [])
+    ]
+    assert both[0] == both[2] == pytest.approx(2.45)
+    assert math.isnan(both[1])
+
+
+def test_what_is_beyond_the_longest_distance_is_a_miss(scene, still):
+    pattern = {"type": "height_scan", "resolution": 1.0, "size": [0.0, 0.0]}
+    near, far = (
+        _sample(scene, still, "ObkScan", _settings(pattern, site="eye", max_distance=d)).data[0]
+        for d in (0.999, 1.001)
+    )
+    assert math.isnan(near)
+    assert far == pytest.approx(1.0)
+    high = {**pattern, "offset": {"pos": [5.0, 0.0, 5000.0]}}
+    assert _sample(scene, still, "ObkScan", _settings(high, site="eye")).data[0] == 5001.0
+
+
+@pytest.mark.parametrize("frame", ["world", "toe", "left", "shelf", None])
+@pytest.mark.parametrize("pattern", [HEIGHT, LIDAR], ids=["height", "lidar"])
+def test_the_points_of_a_cloud_are_given_in_the_frame(everything, moving, pattern, frame):
+    settings = _settings(pattern, frame=frame)
+    message = _sample(everything, moving, "PointCloud2", settings)
+    assert message.header.frame_id == (frame or "imu")
+    assert [field.name for field in message.fields] == ["x", "y", "z"]
+    points = np.frombuffer(message.data, np.float32).reshape(-1, 3).astype(np.float64)
+    assert (message.height * message.width, message.point_step) == (len(points), 12)
+    assert message.row_step == 12 * message.width
+    frames = {
+        "world": (np.zeros(3), np.eye(3)),
+        "toe": (moving.site("toe").xpos, moving.site("toe").xmat.reshape(3, 3)),
+        "left": (moving.body("left").xpos, moving.body("left").xmat.reshape(3, 3)),
+        "shelf": (moving.geom("shelf").xpos, moving.geom("shelf").xmat.reshape(3, 3)),
+        None: (moving.site("imu").xpos, moving.site("imu").xmat.reshape(3, 3)),
+    }
+    position, rotation = frames[frame]
+    level = _level(moving, "imu") if pattern is HEIGHT else frames[None][1]
+    rays = _own_rays(everything, moving, settings, level)
+    body = everything.body("base").id
+    wanted = [s + d * _mj_ray(everything, moving, s, d, exclude=body) for s, d in rays]
+    _same(points, (np.array(wanted) - position) @ rotation)
+
+
+def test_scans_follow_the_simulation(everything, moving):
+    sampler = group(everything, moving, "ObkScan", rays=_settings(LIDAR))
+    before = taken("ObkScan", sampler).data
+    mujoco.mj_step(everything, moving, 20)
+    assert not np.array_equal(taken("ObkScan", sampler).data, before, equal_nan=True)

@@ -1,0 +1,45 @@
+"""Requests to a simulation: carried out in order, on the thread that steps, told or failed."""
+
+from concurrent.futures import Future
+
+import pytest
+
+from obelisk_py.core.sim.mujoco.step_queue import StepQueue, StepResult
+
+pytestmark = pytest.mark.mujoco
+
+
+def _done(text):
+    return lambda: StepResult(is_done=True, text=text)
+
+
+def test_actions_are_carried_out_in_the_order_in_which_they_came():
+    requests = StepQueue()
+    asked = [requests.submit(_done(text)) for text in ("one", "two")]
+    assert requests.is_waiting()
+    assert not any(answer.done() for answer in asked)
+    requests.run_pending()
+    assert [answer.result(0).text for answer in asked] == ["one", "two"]
+    assert not requests.is_waiting()
+
+
+def test_what_was_given_up_is_not_carried_out():
+    requests, carried_out = StepQueue(), []
+    given_up: Future = requests.submit(lambda: carried_out.append("given up"))
+    wanted = requests.submit(_done("wanted"))
+    assert given_up.cancel()
+    requests.run_pending()
+    assert carried_out == []
+    assert wanted.result(0).is_done
+
+
+def test_a_fault_is_told_to_both_sides():
+    def fail():
+        raise RuntimeError("the simulation diverged")
+
+    requests = StepQueue()
+    answer = requests.submit(fail)
+    with pytest.raises(RuntimeError, match="diverged"):
+        requests.run_pending()
+    with pytest.raises(RuntimeError, match="diverged"):
+        answer.result(0)

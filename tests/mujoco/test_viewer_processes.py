@@ -1,0 +1,241 @@
+"""Onlookers as processes: what they say, whom they let in, and that they end with the robot."""
+
+import inspect
+import os
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import mujoco
+import psutil
+import pytest
+
+from obelisk_py.core.sim.mujoco.viewers.processes import ViewerProcess
+from obelisk_py.core.sim.mujoco.viewers.program import VIEWER_KINDS
+
+from ..waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
+
+pytestmark = pytest.mark.mujoco
+
+ROBOT = """
+import sys, time, mujoco
+from obelisk_py.core.sim.mujoco.viewers.processes import ViewerProcess
+
+model = mujoco.MjModel.from_xml_path(sys.argv[1])
+data = mujoco.MjData(model)
+web = ViewerProcess("web", ("0",), model, data, notify=lambda _, text: print(text, flush=True))
+print(web.pid, flush=True)
+while True:
+    web.states.send()
+    time.sleep(0.01)
+"""
+
+
+class Looked:
+    """An onlooker and what it has said so far."""
+
+    def __init__(self, model: mujoco.MjModel, kind: str, *arguments: str) -> None:
+        self.said: list[tuple[str, str]] = []
+        self.onlooker = ViewerProcess(
+            kind,
+            arguments,
+            model,
+            mujoco.MjData(model),
+            notify=lambda *said: self.said.append(said),
+        )
+
+    @property
+    def port(self) -> int:
+        """Of the web viewer, once it says it."""
+        eventually(lambda: self.said, "a sentence of the onlooker")
+        severity, text = self.said[0]
+        assert severity == "info", text
+        assert text.startswith("the simulation is shown at http://127.0.0.1:"), text
+        return int(text.rpartition(":")[2])
+
+
+@pytest.fixture
+def looking(dummy: mujoco.MjModel) -> Iterator[Callable[..., Looked]]:
+    with ExitStack() as closing:
+
+        def look(kind: str, *arguments: str) -> Looked:
+            looked = Looked(dummy, kind, *arguments)
+            closing.callback(looked.onlooker.close)
+            return looked
+
+        yield look
+
+
+def the_port_is_free(port: int) -> bool:
+    with socket.socket() as trial:
+        return trial.connect_ex(("127.0.0.1", port)) != 0
+
+
+def listens_on(pid: int) -> set[str]:
+    connections = psutil.Process(pid).net_connections("inet")
+    return {c.laddr.ip for c in connections if c.status == psutil.CONN_LISTEN}
+
+
+def test_a_page_on_this_machine_only_behind_the_robot_gone_when_it_is_closed(
+    looking: Callable[..., Looked],
+) -> None:
+    pytest.importorskip("mjviser")
+    looked = looking("web", "0")
+    pid = looked.onlooker.pid
+    with urllib.request.urlopen(f"http://127.0.0.1:{looked.port}", timeout=DEADLINE_S) as page:
+        assert b"<html" in page.read().lower()
+    assert listens_on(pid) == {"127.0.0.1"}
+    assert psutil.Process(pid).nice() > psutil.Process().nice()
+    looked.onlooker.close()
+    assert not psutil.pid_exists(pid)
+    assert the_port_is_free(looked.port)
+    assert len(looked.said) == 1
+
+
+def test_a_page_of_somebody_else_in_the_same_browser_sees_nothing(
+    looking: Callable[..., Looked],
+) -> None:
+    pytest.importorskip("mjviser")
+    port = looking("web", "0").port
+    here = f"127.0.0.1:{port}"
+    for host, origin, answer in (
+        (here, f"http://{here}", b"101"),
+        (f"localhost:{port}", f"http://localhost:{port}", b"101"),
+        (here, "https://robot.example", b"403"),
+        (here, "http://127.0.0.1:1", b"403"),
+        (here, "null", b"403"),
+        (f"robot.example:{port}", f"http://robot.example:{port}", b"403"),
+    ):
+        assert websocket_status(port, host, origin) == answer, (host, origin)
+
+
+def websocket_status(port: int, host: str, origin: str) -> bytes:
+    """HTTP's status for a browser that wants a WebSocket."""
+    headers = (
+        f"Host: {host}",
+        f"Origin: {origin}",
+        "Upgrade: websocket",
+        "Connection: Upgrade",
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+        "Sec-WebSocket-Version: 13",
+    )
+    with socket.create_connection(("127.0.0.1", port), timeout=DEADLINE_S) as line:
+        line.sendall("\r\n".join(("GET / HTTP/1.1", *headers, "", "")).encode())
+        return line.makefile("rb").readline().split()[1]
+
+
+def test_two_at_once_have_a_port_each(looking: Callable[..., Looked]) -> None:
+    pytest.importorskip("mjviser")
+    one, other = looking("web", "0"), looking("web", "0")
+    assert one.port != other.port
+
+
+def test_a_port_that_is_taken_is_told(looking: Callable[..., Looked]) -> None:
+    pytest.importorskip("mjviser")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        looked = looking("web", str(port))
+        eventually(lambda: looked.said, "the refusal")
+    assert looked.said == [
+        (
+            "warning",
+            f"the web viewer cannot have port {port} (`viewer_port`): Address already in use; "
+            "another one, or 0 for a free one, would do; the simulation goes on without it",
+        )
+    ]
+
+
+def test_a_library_that_is_not_installed_is_told_with_the_extra_that_brings_it(
+    looking: Callable[..., Looked], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    missing = 'raise ModuleNotFoundError("No module named \'viser\'", name="viser")\n'
+    (tmp_path / "viser.py").write_text(missing)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    looked = looking("web", "0")
+    eventually(lambda: looked.said, "the refusal")
+    ((severity, text),) = looked.said
+    assert severity == "warning"
+    assert "`viser`" in text
+    assert "obelisk-cli[viewer]" in text
+
+
+def test_a_window_without_a_display_is_told_and_sending_goes_on(
+    looking: Callable[..., Looked], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    looked = looking("native")
+    eventually(lambda: looked.said, "the refusal")
+    ((severity, text),) = looked.said
+    assert severity == "warning"
+    assert text.startswith("the native viewer needs a display")
+    assert text.endswith("; the simulation goes on without it")
+    looked.onlooker.states.send()
+
+
+def test_a_display_that_cannot_be_opened_is_told(
+    looking: Callable[..., Looked], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setenv("DISPLAY", ":9999")
+    looked = looking("native")
+    eventually(lambda: looked.said, "the refusal")
+    assert looked.said == [
+        (
+            "warning",
+            "the native viewer needs a display, and `:9999` cannot be opened; `web` (a page in "
+            "the browser) needs none; the simulation goes on without it",
+        )
+    ]
+
+
+def test_one_that_dies_is_told_once(looking: Callable[..., Looked]) -> None:
+    pytest.importorskip("mjviser")
+    looked = looking("web", "0")
+    assert looked.port
+    os.kill(looked.onlooker.pid, signal.SIGKILL)
+    eventually(lambda: len(looked.said) == 2, "the news of its end")
+    severity, text = looked.said[1]
+    assert severity == "warning"
+    assert text.startswith("the web viewer has ended (signal 9); the simulation goes on without it")
+    for _ in range(3):
+        looked.onlooker.states.send()
+    looked.onlooker.close()
+    assert len(looked.said) == 2
+
+
+def test_it_ends_with_a_robot_that_is_killed(dummy_xml: Path) -> None:
+    pytest.importorskip("mjviser")
+    with subprocess.Popen(
+        [sys.executable, "-c", ROBOT, dummy_xml], stdout=subprocess.PIPE, text=True
+    ) as robot:
+        assert robot.stdout is not None
+        onlooker = psutil.Process(int(robot.stdout.readline()))
+        assert "shown at" in robot.stdout.readline()
+        robot.kill()
+    eventually(lambda: not onlooker.is_running(), "its end")
+
+
+@pytest.mark.parametrize("kind", VIEWER_KINDS)
+def test_an_onlooker_loads_no_ros(kind: str) -> None:
+    program = f"import sys, {VIEWER_KINDS[kind].module}; print('rclpy' in sys.modules)"
+    loaded = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert loaded.stdout == "False\n"
+
+
+def test_nobody_can_have_the_page_tunnelled_to_another_host() -> None:
+    pytest.importorskip("mjviser")
+    import viser._viser
+
+    from obelisk_py.core.sim.mujoco.viewers.web import _Server
+
+    # What a browser's wish for a tunnel comes to, as viser has it.
+    assert "self.request_share_url" in inspect.getsource(viser._viser)
+    assert object.__new__(_Server).request_share_url() is None
