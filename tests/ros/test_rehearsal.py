@@ -12,7 +12,7 @@ import pytest
 
 from obk_cli.cli.rehearse import OBK as OBK_MODULE
 from obk_cli.cli.rehearse import QUIETLY
-from obk_cli.launch.units import Unit, units_of
+from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.pipeline import Options, compile_config
 from obk_cli.plan import OnCrash
 from obk_cli.rehearsal.cases import make_cases

@@ -23,7 +23,14 @@ from obk_cli.adapters.ros_graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S
 from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
 from obk_cli.adapters.state_node import StateNode
 from obk_cli.launch.asks import ChangeAnswer, ChangeAsked
-from obk_cli.launch.events import Answered, Heard, Ready, StateAnswered, StateSeen, TransitionBegun
+from obk_cli.launch.events import (
+    Answered,
+    InputEvent,
+    Ready,
+    StateAnswered,
+    StateSeen,
+    TransitionBegun,
+)
 
 from .stack import DEADLINE_S, eventually
 
@@ -188,10 +195,10 @@ class Ears:
     """What was heard of a node."""
 
     def __init__(self, ros: RosLifecycle) -> None:
-        self.heard: list[Heard] = []
+        self.heard: list[InputEvent] = []
         ros.listen(self.heard.append)
 
-    def count(self, what: Heard) -> int:
+    def count(self, what: InputEvent) -> int:
         return self.heard.count(what)
 
 

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from obk_cli.launch.answers import emit_answer
 from obk_cli.launch.asks import ChangeAnswer, ChangeAsked, StackStatus, StatusAsked
-from obk_cli.launch.events import Heard, StopAsked
+from obk_cli.launch.events import InputEvent, StopAsked
 from obk_cli.launch.wire import (
     CONTROL_SOCKET,
     LONGEST_REQUEST,
@@ -53,7 +53,7 @@ _CREDENTIALS: Final = struct.Struct("3i")
 
 @contextmanager
 def serve_control(
-    folder: Path, put: Callable[[Heard], None], look: Look | None = None
+    folder: Path, put: Callable[[InputEvent], None], look: Look | None = None
 ) -> Iterator[None]:
     """While entered, requests that come to a run folder's socket are put into an inbox.
 
@@ -89,7 +89,7 @@ class _Server:
     """An event loop in a thread."""
 
     def __init__(
-        self, listener: socket.socket, put: Callable[[Heard], None], look: Look | None
+        self, listener: socket.socket, put: Callable[[InputEvent], None], look: Look | None
     ) -> None:
         self._listener = listener
         self._put = put

@@ -24,8 +24,8 @@ from typing import Self
 import psutil
 
 from obk_cli.adapters import warden
-from obk_cli.launch.events import Heard, ProcessEnded, ProcessStarted
-from obk_cli.launch.units import Unit
+from obk_cli.launch.events import InputEvent, ProcessEnded, ProcessStarted
+from obk_cli.launch.process_groups import Unit
 
 __all__ = ["NodeCommand", "WardenProcesses"]
 
@@ -62,7 +62,7 @@ class WardenProcesses:
         commands: Mapping[str, NodeCommand],
         folder: Path,
         marks: Mapping[str, str],
-        hear: Callable[[Heard], None],
+        hear: Callable[[InputEvent], None],
         on_line: Callable[[str, str], None],
     ) -> None:
         """Start the warden.
@@ -84,7 +84,7 @@ class WardenProcesses:
         """Unit -> process id."""
         self._asked: set[str] = set()
         """Units that were to start and whose end is not told."""
-        self._untold: dict[str, list[Heard]] = {}
+        self._untold: dict[str, list[InputEvent]] = {}
         """Unit that was started early -> what has become of it, for when it is to start."""
         self._telling = threading.Lock()
         self._has_ended = False

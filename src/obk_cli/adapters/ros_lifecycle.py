@@ -22,7 +22,7 @@ from obk_cli.adapters.ros_look import RosLook
 from obk_cli.adapters.ros_rates import listen_to_rates
 from obk_cli.adapters.ros_watch import NodeWatch
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.events import Answered, Heard, StateAnswered
+from obk_cli.launch.events import Answered, InputEvent, StateAnswered
 
 __all__ = ["RosLifecycle", "open_ros"]
 
@@ -78,7 +78,7 @@ class RosLifecycle:
         self._executor = executor
         self._nodes: list[Any] = []
         self._node = self.add_node(name)
-        self._hear: Callable[[Heard], None] = lambda _: None
+        self._hear: Callable[[InputEvent], None] = lambda _: None
         self._clients = NodeClients(self._node)
         self._watch = NodeWatch(self._node, self._clients, self._pass_on, executor.wake)
         self._thread = threading.Thread(target=executor.spin, name="ros", daemon=True)
@@ -119,12 +119,12 @@ class RosLifecycle:
         domain = self._context.get_domain_id()
         return RosLook(self._node.handle, rclpy_implementation, domain)
 
-    def listen(self, hear: Callable[[Heard], None]) -> None:
+    def listen(self, hear: Callable[[InputEvent], None]) -> None:
         """Send what nodes answer and tell to `hear`, from a thread."""
         self._hear = hear
 
     def listen_to_rates(self, nodes: Iterable[str]) -> None:
-        """Hear of the rates of these nodes: `RatesHeard` once a second for each that tells."""
+        """Hear of the rates of these nodes: `RatesReported` once a second for each that tells."""
         listen_to_rates(self._node, nodes, self._pass_on)
 
     def watch(self, nodes: Iterable[str]) -> None:
@@ -196,7 +196,7 @@ class RosLifecycle:
         """Who else publishes on these topics; see `RosGraph.foreign_publishers`."""
         return self.graph.foreign_publishers(topics, ours, discovery_s)
 
-    def _pass_on(self, heard: Heard) -> None:
+    def _pass_on(self, heard: InputEvent) -> None:
         self._hear(heard)
 
     def _answer(self, ask: Callable[[], Any], timeout_s: float) -> Any:

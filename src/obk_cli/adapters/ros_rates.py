@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 from obelisk_spec.rates import DIAGNOSTICS_TOPIC, parse_rate
-from obk_cli.launch.events import RatesHeard
+from obk_cli.launch.events import RatesReported
 
 __all__ = ["listen_to_rates", "rates_told"]
 
@@ -12,7 +12,7 @@ _DEPTH: Final = 100
 """Each node of a large stack tells once a second, and all of them may do so at once."""
 
 
-def listen_to_rates(node: Any, nodes: Iterable[str], hear: Callable[[RatesHeard], None]) -> None:
+def listen_to_rates(node: Any, nodes: Iterable[str], hear: Callable[[RatesReported], None]) -> None:
     """Hear of the rates of these nodes, from the thread that spins.
 
     Args:
@@ -32,14 +32,14 @@ def listen_to_rates(node: Any, nodes: Iterable[str], hear: Callable[[RatesHeard]
     node.create_subscription(DiagnosticArray, DIAGNOSTICS_TOPIC, on_message, _DEPTH)
 
 
-def rates_told(message: Any) -> RatesHeard | None:
+def rates_told(message: Any) -> RatesReported | None:
     """The rates in a `diagnostic_msgs/DiagnosticArray`; None where it has none."""
     found = tuple(
         rate
         for status in message.status
         if (rate := parse_rate(status.name, status.level[0], _values(status))) is not None
     )
-    return RatesHeard(node=str(message.status[0].hardware_id), rates=found) if found else None
+    return RatesReported(node=str(message.status[0].hardware_id), rates=found) if found else None
 
 
 def _values(status: Any) -> dict[str, str]:

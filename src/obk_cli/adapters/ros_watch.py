@@ -11,9 +11,8 @@ from functools import partial
 from typing import Any, Final
 
 from obk_cli.adapters.ros_clients import NodeClients
-from obk_cli.launch.events import Failed, Heard, Ready, StateSeen, TransitionBegun
-from obk_cli.launch.state_machine import PASSED
-from obk_cli.launch.transitions import RESTING
+from obk_cli.launch.events import Failed, InputEvent, Ready, StateSeen, TransitionBegun
+from obk_cli.launch.transitions import PASSED, RESTING
 
 __all__ = ["NodeWatch", "failed_transition", "heard_of_passage"]
 
@@ -63,7 +62,7 @@ class NodeWatch:
         self,
         node: Any,
         clients: NodeClients,
-        hear: Callable[[Heard], None],
+        hear: Callable[[InputEvent], None],
         wake: Callable[[], Any],
     ) -> None:
         """Begin with nobody to watch.

@@ -14,8 +14,8 @@ from typing import Any, Final
 from obelisk_spec.names import node_name_fault
 from obk_cli.adapters.ros_lifecycle import RosLifecycle
 from obk_cli.launch.asks import ChangeAnswer, ChangeAsked
-from obk_cli.launch.events import Heard
-from obk_cli.launch.state_machine import (
+from obk_cli.launch.events import InputEvent
+from obk_cli.launch.transitions import (
     EDGES,
     STATES,
     UNKNOWN,
@@ -55,7 +55,7 @@ class StateNode:
         self,
         ros: RosLifecycle,
         name: str,
-        ask: Callable[[Heard], None],
+        ask: Callable[[InputEvent], None],
         say: Callable[[str], None] | None = None,
     ) -> None:
         """Make the node; it ends with `ros`.

@@ -29,9 +29,9 @@ from obk_cli.cli.render_options import (
     with_film,
 )
 from obk_cli.errors import MisuseError
-from obk_cli.launch.devices import Share
-from obk_cli.launch.doors import Limits
-from obk_cli.launch.order import UNTIL, Until
+from obk_cli.launch.interfaces import Limits
+from obk_cli.launch.process_groups import Share
+from obk_cli.launch.transitions import UNTIL, Until
 from obk_cli.pipeline import compile_config
 from obk_cli.plan import OnCrash, ParameterValue, Plan
 from obk_cli.read.nodes import LOG_LEVELS
@@ -151,7 +151,7 @@ def command(
 
     from obk_cli.adapters.ros_environment import Network, ros_environment
     from obk_cli.cli.build_first import on_overlays
-    from obk_cli.launch.devices import share_of
+    from obk_cli.launch.process_groups import share_of
     from obk_cli.running.options import LaunchOptions
     from obk_cli.running.run import run_plan
     from obk_cli.running.surface import open_surface

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from obk_cli.launch.units import Unit, rule_of
+from obk_cli.launch.process_groups import Unit, rule_of
 from obk_cli.plan import OnCrash
 
 __all__ = ["FAULTS", "Allowances", "Fault", "Promise", "Reaction", "promise"]

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, Final, get_args
 
 from obk_cli.launch.asks import StackStatus
-from obk_cli.launch.events import Told
+from obk_cli.launch.events import OutputEvent
 
 __all__ = ["Moment", "Scene", "parse_moment"]
 
-_EVENTS: Final[dict[str, Any]] = {event.__name__: event for event in get_args(Told)}
+_EVENTS: Final[dict[str, Any]] = {event.__name__: event for event in get_args(OutputEvent)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,7 +23,7 @@ class Moment:
 
     time_s: float
     """[s since 1970]"""
-    event: Told
+    event: OutputEvent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

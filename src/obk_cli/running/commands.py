@@ -12,7 +12,7 @@ from obk_cli.adapters.processes import NodeCommand
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.emit.write import STATE_MODE, write_text
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.units import Unit
+from obk_cli.launch.process_groups import Unit
 from obk_cli.plan import Process
 from obk_cli.surroundings import Command, ExecutableMissing
 

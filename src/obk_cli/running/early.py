@@ -12,7 +12,7 @@ from obelisk_spec.gate import GATE_VARIABLE
 from obk_cli.adapters.composed import is_composable
 from obk_cli.adapters.gate import closed_gate, gate_path
 from obk_cli.adapters.processes import WardenProcesses
-from obk_cli.launch.units import Unit
+from obk_cli.launch.process_groups import Unit
 from obk_cli.plan import Process
 from obk_cli.running.commands import Executables
 

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import Final
 
 from obelisk_spec.near import list_names
-from obk_cli.launch.devices import Share
-from obk_cli.launch.events import Ended, Phase, Told
+from obk_cli.launch.events import Ended, OutputEvent, Phase
+from obk_cli.launch.process_groups import Share
 from obk_cli.plan import Plan
 from obk_cli.running.output import Output
 from obk_cli.running.simulated import simulated_robots
@@ -58,12 +58,12 @@ class Film:
 
         return line
 
-    def telling(self, others: Callable[[Told], None]) -> Callable[[Told], None]:
+    def telling(self, others: Callable[[OutputEvent], None]) -> Callable[[OutputEvent], None]:
         """Tell of the films when the run has ended, before others are told so."""
         if not self._wanted:
             return others
 
-        def tell(told: Told) -> None:
+        def tell(told: OutputEvent) -> None:
             if isinstance(told, Ended):
                 self._end()
             others(told)

@@ -16,7 +16,7 @@ from obk_cli.adapters.process_start import since_boot_s
 from obk_cli.adapters.ros_graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S, UNNAMED
 from obk_cli.adapters.ros_lifecycle import RosLifecycle
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.events import Heard, StrangerSeen
+from obk_cli.launch.events import InputEvent, UnknownPublisherSeen
 from obk_cli.plan import Plan
 from obk_cli.running.beside import beside
 
@@ -57,7 +57,7 @@ def refuse_strangers(plan: Plan, ros: RosLifecycle, domain: int) -> None:
 
 
 def looking_on(
-    plan: Plan, ros: RosLifecycle, hear: Callable[[Heard], None]
+    plan: Plan, ros: RosLifecycle, hear: Callable[[InputEvent], None]
 ) -> AbstractContextManager[None]:
     """While entered, tell of a publisher on the robot's topics that is found only now."""
     begin_s = since_boot_s()
@@ -77,7 +77,7 @@ def looking_on(
             seen = ros.foreign_publishers(control_topics(plan), _names(plan), 0.0)
             found = tuple(publisher for publisher in seen if is_stranger(publisher[1]))
         for topic, node in found:
-            hear(StrangerSeen(topic=topic, node=node))
+            hear(UnknownPublisherSeen(topic=topic, node=node))
 
     return beside(look, "strangers")
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from obk_cli.adapters.claims import KEPT_RUNS
-from obk_cli.launch.devices import Share
-from obk_cli.launch.doors import Limits
-from obk_cli.launch.order import Until
+from obk_cli.launch.interfaces import Limits
+from obk_cli.launch.process_groups import Share
+from obk_cli.launch.transitions import Until
 from obk_cli.plan import OnCrash
 from obk_cli.recording.choice import Wish
 

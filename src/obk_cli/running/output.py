@@ -10,9 +10,9 @@ from obk_cli.adapters.clock import wall_s
 from obk_cli.adapters.node_lines import NodeLines
 from obk_cli.adapters.screen import Screen
 from obk_cli.errors import ObkError
-from obk_cli.launch.events import Told
+from obk_cli.launch.events import OutputEvent
 from obk_cli.launch.journal import Journal
-from obk_cli.launch.units import Unit
+from obk_cli.launch.process_groups import Unit
 from obk_cli.report.escapes import plain
 
 __all__ = ["Output", "Voice"]
@@ -23,7 +23,7 @@ NO_LOGS: Final = "no log files from here on"
 class Voice(Protocol):
     """Turns what happens into lines for the user."""
 
-    def event(self, event: Told) -> Iterable[str]:
+    def event(self, event: OutputEvent) -> Iterable[str]:
         """The lines for an event."""
 
     def line(self, node: str, text: str) -> Iterable[str]:
@@ -44,7 +44,7 @@ class Output:
         # So that nothing comes after the last event.
         self._lock = threading.RLock()
         self._voice = voice
-        self._listeners: list[Callable[[Told], None]] = []
+        self._listeners: list[Callable[[OutputEvent], None]] = []
         self._shared = {
             unit.name: NodeLines(unit.node_names) for unit in units if len(unit.nodes) > 1
         }
@@ -64,11 +64,11 @@ class Output:
             self.journal.shown(plain(f"failed: {error.message}"))
         self.journal.close()
 
-    def also_to(self, listener: Callable[[Told], None]) -> None:
+    def also_to(self, listener: Callable[[OutputEvent], None]) -> None:
         """Somebody else wants to know what happens."""
         self._listeners.append(listener)
 
-    def event(self, event: Told) -> None:
+    def event(self, event: OutputEvent) -> None:
         """Something happened."""
         self.journal.event(event, wall_s())
         for listener in self._listeners:

@@ -14,8 +14,8 @@ from typing import Final
 
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
 from obk_cli.emit.write import STATE_MODE, write_text
-from obk_cli.launch.events import Ended, Heard, ProcessEnded, ProcessStarted, Told
-from obk_cli.launch.units import Unit
+from obk_cli.launch.events import Ended, InputEvent, OutputEvent, ProcessEnded, ProcessStarted
+from obk_cli.launch.process_groups import Unit
 from obk_cli.recording.choice import Wish
 from obk_cli.recording.find import RECORDING
 from obk_cli.recording.job import BEGUN, Job, job_to_json
@@ -82,10 +82,10 @@ class Recorder:
         if self._processes is not None and not self._has_begun.wait(BEGIN_S):
             self._output.note(f"warning: the recorder has not begun after {BEGIN_S:g} s")
 
-    def hearing(self, others: Callable[[Heard], None]) -> Callable[[Heard], None]:
+    def hearing(self, others: Callable[[InputEvent], None]) -> Callable[[InputEvent], None]:
         """Take news of the recorder's process out of what others hear."""
 
-        def hear(heard: Heard) -> None:
+        def hear(heard: InputEvent) -> None:
             is_ours = (
                 isinstance(heard, ProcessStarted | ProcessEnded) and heard.process == UNIT.name
             )
@@ -110,10 +110,10 @@ class Recorder:
 
         return line
 
-    def telling(self, others: Callable[[Told], None]) -> Callable[[Told], None]:
+    def telling(self, others: Callable[[OutputEvent], None]) -> Callable[[OutputEvent], None]:
         """End the recording when the run has ended, before others are told so."""
 
-        def tell(told: Told) -> None:
+        def tell(told: OutputEvent) -> None:
             if isinstance(told, Ended):
                 self._end()
             others(told)

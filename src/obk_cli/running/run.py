@@ -23,9 +23,9 @@ from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
 from obk_cli.adapters.shared_memory import remove_dead_segments
 from obk_cli.adapters.state_node import StateNode, state_node_name
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.events import Ended, Heard, StackState, StopAsked, Told
+from obk_cli.launch.events import Ended, InputEvent, OutputEvent, StackStateChanged, StopAsked
+from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.launch.supervisor import Supervisor
-from obk_cli.launch.units import Unit, units_of
 from obk_cli.plan import Plan
 from obk_cli.running.claim import claimed
 from obk_cli.running.commands import Executables, composable, find_executables, unit_commands
@@ -61,7 +61,7 @@ def run_plan(
         CommandFailedError: an executable is missing, the stack or one of its nodes runs already,
             somebody else moves the robot, ROS does not start, or no folder takes the parameters.
     """
-    inbox, share = SimpleQueue[Heard](), options.share
+    inbox, share = SimpleQueue[InputEvent](), options.share
     executables, units = _units(plan, packages, options)
     with ExitStack() as stack:
         stack.enter_context(end_signals_heard(_asking_for_the_end(inbox)))
@@ -99,7 +99,7 @@ def run_plan(
             lifecycle=ros,
             inbox=inbox,
             clock=monotonic_s,
-            tell=recorder.telling(film.telling(output.event)),
+            publish=recorder.telling(film.telling(output.event)),
             limits=options.limits,
             on_crash=options.on_crash,
             strict_rates=options.strict_rates,
@@ -127,7 +127,7 @@ def _alone(
     ros: RosLifecycle,
     environment: RosEnvironment,
     options: LaunchOptions,
-    inbox: "SimpleQueue[Heard]",
+    inbox: "SimpleQueue[InputEvent]",
 ) -> Iterator[None]:
     """Make sure that nobody has the stack's names, nor its robot."""
     own = [_state_node(plan)] if options.share.leads else []
@@ -149,7 +149,7 @@ def _join_nodes(
     ros: RosLifecycle,
     plan: Plan,
     units: tuple[Unit, ...],
-    inbox: "SimpleQueue[Heard]",
+    inbox: "SimpleQueue[InputEvent]",
     leader: Output | None,
 ) -> None:
     """Hear what nodes answer, and of the rates of those that run here.
@@ -162,9 +162,9 @@ def _join_nodes(
         leader.also_to(_shown_by(StateNode(ros, plan.name, inbox.put, leader.note)))
 
 
-def _shown_by(node: StateNode) -> Callable[[Told], None]:
-    def show(event: Told) -> None:
-        if isinstance(event, StackState):
+def _shown_by(node: StateNode) -> Callable[[OutputEvent], None]:
+    def show(event: OutputEvent) -> None:
+        if isinstance(event, StackStateChanged):
             node.show(event.state)
 
     return show
@@ -174,7 +174,7 @@ def _mind_others(
     plan: Plan,
     folder: Path | None,
     ros: RosLifecycle,
-    inbox: "SimpleQueue[Heard]",
+    inbox: "SimpleQueue[InputEvent]",
     output: Output,
     stack: ExitStack,
 ) -> None:
@@ -186,7 +186,7 @@ def _mind_others(
 def _serve_others(
     folder: Path | None,
     ros: RosLifecycle,
-    inbox: "SimpleQueue[Heard]",
+    inbox: "SimpleQueue[InputEvent]",
     output: Output,
     stack: ExitStack,
 ) -> None:
@@ -220,7 +220,7 @@ def _commands(
         raise CommandFailedError(f"the parameters cannot be written: {error}") from error
 
 
-def _asking_for_the_end(inbox: "SimpleQueue[Heard]") -> Callable[[signal.Signals], None]:
+def _asking_for_the_end(inbox: "SimpleQueue[InputEvent]") -> Callable[[signal.Signals], None]:
     def ask(number: signal.Signals) -> None:
         # A closing terminal sends SIGHUP more than once, and nobody's impatience.
         inbox.put(StopAsked(reason=number.name, is_urgent=number != signal.SIGHUP))

@@ -15,7 +15,7 @@ from obk_cli.adapters import control_socket
 from obk_cli.adapters.control_client import ask_change, ask_status, ask_stop
 from obk_cli.adapters.control_socket import serve_control
 from obk_cli.launch.asks import ChangeAnswer, ChangeAsked, Member, StackStatus, StatusAsked
-from obk_cli.launch.events import Heard, StopAsked
+from obk_cli.launch.events import InputEvent, StopAsked
 
 from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 
@@ -23,7 +23,7 @@ STATUS = StackStatus(name="dummy", state="active", phase="active", seconds=1.5, 
 ANSWER = ChangeAnswer(success=True, members=(Member(node="/a", result="reached", state="active"),))
 
 
-def answer_all(heard: Heard) -> None:
+def answer_all(heard: InputEvent) -> None:
     match heard:
         case StatusAsked():
             heard.reply(STATUS)
@@ -33,17 +33,17 @@ def answer_all(heard: Heard) -> None:
             return
 
 
-def leave_open(_: Heard) -> None:
+def leave_open(_: InputEvent) -> None:
     """Like a supervisor that hangs."""
 
 
 @contextmanager
 def served(
-    folder: Path, answer: Callable[[Heard], None] = answer_all
-) -> Iterator["SimpleQueue[Heard]"]:
+    folder: Path, answer: Callable[[InputEvent], None] = answer_all
+) -> Iterator["SimpleQueue[InputEvent]"]:
     """A socket whose requests are answered in a thread; gives what was heard."""
-    inbox: SimpleQueue[Heard | None] = SimpleQueue()
-    heard: SimpleQueue[Heard] = SimpleQueue()
+    inbox: SimpleQueue[InputEvent | None] = SimpleQueue()
+    heard: SimpleQueue[InputEvent] = SimpleQueue()
 
     def work() -> None:
         while (asked := inbox.get()) is not None:

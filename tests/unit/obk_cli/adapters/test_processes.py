@@ -16,8 +16,8 @@ import pytest
 
 from obk_cli.adapters import warden
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
-from obk_cli.launch.events import Heard, ProcessEnded, ProcessStarted
-from obk_cli.launch.units import Unit
+from obk_cli.launch.events import InputEvent, ProcessEnded, ProcessStarted
+from obk_cli.launch.process_groups import Unit
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 
@@ -32,7 +32,7 @@ class Bench:
     """A client, what it heard, and the lines that came."""
 
     def __init__(self, folder: Path, codes: dict[str, str]) -> None:
-        self.heard: SimpleQueue[Heard] = SimpleQueue()
+        self.heard: SimpleQueue[InputEvent] = SimpleQueue()
         self.lines: SimpleQueue[tuple[str, str]] = SimpleQueue()
         python = (sys.executable, "-I", "-S", "-c")
         self.processes = WardenProcesses(
@@ -60,7 +60,7 @@ class Bench:
     def line(self) -> str:
         return self.lines.get(timeout=DEADLINE_S)[1]
 
-    def ended(self) -> Heard:
+    def ended(self) -> InputEvent:
         return self.heard.get(timeout=DEADLINE_S)
 
 

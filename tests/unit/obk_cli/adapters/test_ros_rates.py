@@ -5,7 +5,7 @@ from typing import Any
 
 from obelisk_spec.rates import Rate, rate_values
 from obk_cli.adapters.ros_rates import listen_to_rates, rates_told
-from obk_cli.launch.events import RatesHeard
+from obk_cli.launch.events import RatesReported
 
 RATE = Rate(
     name="timer_ctrl",
@@ -28,7 +28,9 @@ def status(name: str, node: str, values: tuple[tuple[str, str], ...]) -> Any:
 def test_what_else_is_told_beside_rates_is_left_aside() -> None:
     own = status("c: timer_ctrl", "/c", rate_values(RATE))
     other = status("c: motor", "/c", (("celsius", "41"),))
-    assert rates_told(SimpleNamespace(status=[other, own])) == RatesHeard(node="/c", rates=(RATE,))
+    assert rates_told(SimpleNamespace(status=[other, own])) == RatesReported(
+        node="/c", rates=(RATE,)
+    )
 
 
 def test_diagnostics_without_rates_are_none() -> None:
@@ -37,7 +39,7 @@ def test_diagnostics_without_rates_are_none() -> None:
 
 
 def test_only_the_nodes_that_are_listened_to_are_heard() -> None:
-    heard: list[RatesHeard] = []
+    heard: list[RatesReported] = []
     callbacks: list[Any] = []
     node = SimpleNamespace(create_subscription=lambda *given: callbacks.append(given[2]))
     listen_to_rates(node, ("/c", "/d"), heard.append)

@@ -19,7 +19,7 @@ from obk_cli.launch.asks import (
     StackStatus,
     StatusAsked,
 )
-from obk_cli.launch.events import Ended, Heard, StopAsked
+from obk_cli.launch.events import Ended, InputEvent, StopAsked
 from obk_cli.launch.runs import Run, note_end
 from obk_cli.launch.transitions import TRANSITIONS
 
@@ -36,9 +36,9 @@ class FakeStack:
         self.states = dict(states)
         self.broken: set[str] = set()
         self.hung: set[str] = set()
-        self.heard: list[Heard] = []
+        self.heard: list[InputEvent] = []
 
-    def answer(self, heard: Heard) -> None:
+    def answer(self, heard: InputEvent) -> None:
         self.heard.append(heard)
         match heard:
             case StatusAsked():
@@ -122,7 +122,7 @@ def fake_stack(
         leads=leads,
     )
     stack = FakeStack(claim_run(parent, run, NOW), run, {**states, **(elsewhere or {})})
-    inbox: SimpleQueue[Heard | None] = SimpleQueue()
+    inbox: SimpleQueue[InputEvent | None] = SimpleQueue()
 
     def supervise() -> None:
         while (heard := inbox.get()) is not None:

@@ -11,7 +11,7 @@ from obk_cli.asking import graph, stacks
 from obk_cli.asking.lifecycle import Asked, change_states, node_states, possible_transitions
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.asks import ChangeAsked, Member
-from obk_cli.launch.events import Answered, Heard
+from obk_cli.launch.events import Answered, InputEvent
 
 from .fake_stack import CONTROL, JOY, ROBOT, FakeStack, fake_stack
 
@@ -65,7 +65,7 @@ def in_graph(
 
 
 def changes(stack: FakeStack) -> list[tuple[str, tuple[str, ...], float | None]]:
-    asked: list[Heard] = [heard for heard in stack.heard if isinstance(heard, ChangeAsked)]
+    asked: list[InputEvent] = [heard for heard in stack.heard if isinstance(heard, ChangeAsked)]
     return [(a.transition, a.nodes, a.timeout_s) for a in asked if isinstance(a, ChangeAsked)]
 
 

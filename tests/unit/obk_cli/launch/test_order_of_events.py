@@ -11,15 +11,15 @@ from obk_cli.launch.events import (
     Answered,
     Failed,
     GoesOnWithout,
-    Heard,
+    InputEvent,
+    OutputEvent,
     Phase,
     ProcessEnded,
     Ready,
     Restarted,
-    StackState,
+    StackStateChanged,
     StateSeen,
     StopAsked,
-    Told,
     TransitionEnded,
 )
 from obk_cli.plan import Origin, Plan
@@ -44,10 +44,10 @@ def when(world: World, name: str) -> float:
 
 
 def states_told(world: World) -> list[str]:
-    return [event.state for event in world.told if isinstance(event, StackState)]
+    return [event.state for event in world.told if isinstance(event, StackStateChanged)]
 
 
-def position(world: World, wanted: type[Told], name: str = "") -> int:
+def position(world: World, wanted: type[OutputEvent], name: str = "") -> int:
     return next(
         n
         for n, event in enumerate(world.told)
@@ -253,7 +253,7 @@ class HeldUp(World):
 
     was_held_up = False
 
-    def get(self, *, timeout: float | None) -> Heard:
+    def get(self, *, timeout: float | None) -> InputEvent:
         if not self.heard and (ROBOT, "configure") in self.done and not self.was_held_up:
             self.was_held_up = True
             self.now += 30.0

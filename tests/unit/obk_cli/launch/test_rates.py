@@ -8,15 +8,15 @@ import pytest
 from obelisk_spec.rates import Rate
 from obk_cli.launch.asks import StackStatus, StatusAsked
 from obk_cli.launch.events import (
-    Heard,
+    InputEvent,
+    OutputEvent,
     ProcessEnded,
     RateBroken,
     RateKept,
     RateMoved,
-    RatesHeard,
+    RatesReported,
     StateSeen,
     StopAsked,
-    Told,
 )
 from obk_cli.plan import Origin, Promise
 
@@ -33,12 +33,12 @@ OFF, BROKEN = rates(CONTROLLER, 80, "off"), rates(CONTROLLER, 50, "broken")
 KEPT = rates(CONTROLLER, 100)
 
 
-def seconds(*reports: RatesHeard | None) -> deque[Heard | float]:
+def seconds(*reports: RatesReported | None) -> deque[InputEvent | float]:
     """A report a second, None for a second without."""
     return deque(step for report in reports for step in ([report] if report else []) + [1.0])
 
 
-def told_of_rates(world: World) -> list[Told]:
+def told_of_rates(world: World) -> list[OutputEvent]:
     return [e for e in world.told if isinstance(e, RateBroken | RateKept | RateMoved)]
 
 

@@ -12,7 +12,7 @@ from obk_cli.launch.events import (
     Failed,
     Phase,
     ProcessEnded,
-    StackState,
+    StackStateChanged,
     StateSeen,
     StopAsked,
     TransitionEnded,
@@ -66,7 +66,7 @@ def test_a_stop_that_is_asked_for_ends_in_order() -> None:
     assert ended.exit_code == 0
     stopping = Phase(name="stopping", seconds=0.0, detail="SIGINT")
     assert stopping in world.told
-    assert world.told.index(stopping) < world.told.index(StackState(state="shuttingdown"))
+    assert world.told.index(stopping) < world.told.index(StackStateChanged(state="shuttingdown"))
 
 
 def test_a_refused_activate_takes_its_tier_back_and_fails_with_the_nodes_own_words() -> None:

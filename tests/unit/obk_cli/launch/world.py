@@ -8,24 +8,23 @@ from dataclasses import dataclass, field
 from queue import Empty
 
 from obelisk_spec.rates import Rate, Standing
-from obk_cli.launch.doors import Limits
 from obk_cli.launch.events import (
     Answered,
     Ended,
-    Heard,
+    InputEvent,
+    OutputEvent,
     Phase,
     ProcessEnded,
     ProcessStarted,
-    RatesHeard,
+    RatesReported,
     Ready,
     StateAnswered,
     StateSeen,
-    Told,
 )
-from obk_cli.launch.order import Until
+from obk_cli.launch.interfaces import Limits
+from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.launch.supervisor import Supervisor
-from obk_cli.launch.transitions import TRANSITIONS
-from obk_cli.launch.units import Unit, units_of
+from obk_cli.launch.transitions import TRANSITIONS, Until
 from obk_cli.plan import OnCrash, Plan, Process
 
 from .. import plans  # noqa: TID252 - shared by folders of tests
@@ -37,7 +36,7 @@ def process(section: str, index: int = 0, device: str = "onboard") -> Process:
     return plans.node(f"obelisk_{section}_{index}", section, device=device)
 
 
-def rates(node: str, measured_hz: float, standing: Standing = "kept") -> RatesHeard:
+def rates(node: str, measured_hz: float, standing: Standing = "kept") -> RatesReported:
     """A report of a node with one timer of 100 Hz."""
     rate = Rate(
         name="timer",
@@ -50,7 +49,7 @@ def rates(node: str, measured_hz: float, standing: Standing = "kept") -> RatesHe
         late_max_us=3000.0,
         standing=standing,
     )
-    return RatesHeard(node=node, rates=(rate,))
+    return RatesReported(node=node, rates=(rate,))
 
 
 PLAN = Plan(name="s", processes=tuple(map(process, ("control", "estimation", "robot"))))
@@ -72,7 +71,7 @@ class World:
     """Do not even tell their state."""
     plan: Plan = PLAN
     states: dict[str, str] = field(default_factory=dict)
-    later: deque[Heard | float | Callable[[], None]] = field(default_factory=deque)
+    later: deque[InputEvent | float | Callable[[], None]] = field(default_factory=deque)
     """What happens once nothing else does; a number is time that passes [s]."""
     dies_at_start: dict[str, int] = field(default_factory=dict)
     """How often a process ends at once."""
@@ -84,8 +83,8 @@ class World:
     started: list[str] = field(default_factory=list)
     dumped: list[str] = field(default_factory=list)
     now: float = 0.0
-    heard: deque[Heard] = field(default_factory=deque)
-    told: list[Told] = field(default_factory=list)
+    heard: deque[InputEvent] = field(default_factory=deque)
+    told: list[OutputEvent] = field(default_factory=list)
     done: list[tuple[str, str]] = field(default_factory=list)
     signals: list[tuple[str, int]] = field(default_factory=list)
     alive: set[str] = field(default_factory=set)
@@ -136,7 +135,7 @@ class World:
             Answered(node=node, transition=transition, success=fault is None, fault=fault or "")
         )
 
-    def get(self, *, timeout: float | None) -> Heard:
+    def get(self, *, timeout: float | None) -> InputEvent:
         if self.heard:
             return self.heard.popleft()
         if not self.later or isinstance(self.later[0], float):
@@ -152,7 +151,7 @@ class World:
             self.alive.discard(heard.process)
         return heard
 
-    def _wait(self, timeout: float | None) -> Heard:
+    def _wait(self, timeout: float | None) -> InputEvent:
         """Time passes, until the next thing happens or the deadline is there."""
         assert timeout is not None or self.later, "nothing will ever happen again"
         assert self.now < 1e4, "the run never ends"
@@ -177,14 +176,14 @@ class World:
             lifecycle=self,
             inbox=self,
             clock=lambda: self.now,
-            tell=self.told.append,
+            publish=self.told.append,
             limits=Limits(
                 transition_s=10, start_s=20, grace_s=3, down_s=3, answer_s=2, hurry_s=0.5
             ),
         )
         return supervisor.run(until, duration_s)
 
-    def of(self, kind: type[Told]) -> list[Told]:
+    def of(self, kind: type[OutputEvent]) -> list[OutputEvent]:
         """What was told of one kind."""
         return [event for event in self.told if isinstance(event, kind)]
 

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from obk_cli.launch.asks import NodeStatus, StackStatus
-from obk_cli.launch.events import Told
-from obk_cli.launch.units import Unit
+from obk_cli.launch.events import OutputEvent
+from obk_cli.launch.process_groups import Unit
 from obk_cli.plan import OnCrash, Process
 from obk_cli.rehearsal.cases import Case
 from obk_cli.rehearsal.promise import Fault, promise
@@ -52,13 +52,13 @@ def status(
     return StackStatus(name="s", state="active", phase="active", seconds=1.0, nodes=nodes)
 
 
-def moments(*told: tuple[float, Told]) -> tuple[Moment, ...]:
+def moments(*told: tuple[float, OutputEvent]) -> tuple[Moment, ...]:
     """Events at so many seconds after the fault."""
     return tuple(Moment(time_s=STRUCK_S + after_s, event=event) for after_s, event in told)
 
 
 def scene(
-    *told: tuple[float, Told],
+    *told: tuple[float, OutputEvent],
     after: StackStatus | None = None,
     exit_code: int | None = None,
     ended_after_s: float | None = None,

@@ -7,7 +7,7 @@ import pytest
 
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.units import Unit, units_of
+from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.plan import Plan
 from obk_cli.report.launch import LaunchReport
 from obk_cli.running.commands import find_executables, unit_commands

@@ -8,7 +8,7 @@ import pytest
 
 from obk_cli.adapters.gate import gate_path
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.units import Unit, units_of
+from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.plan import Plan, Process
 from obk_cli.running.early import early_units, gate_variables, held_at_gate
 from obk_cli.surroundings import Command

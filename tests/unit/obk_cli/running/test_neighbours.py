@@ -15,7 +15,7 @@ import pytest
 from obk_cli.adapters.allowed_publisher import ALLOWED_PUBLISHER, is_allowed_publisher
 from obk_cli.adapters.ros_graph import OWN_DISCOVERY_S, UNNAMED
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.events import Heard, StrangerSeen
+from obk_cli.launch.events import InputEvent, UnknownPublisherSeen
 from obk_cli.plan import Endpoint, Plan
 from obk_cli.running import neighbours
 from obk_cli.running.neighbours import (
@@ -94,13 +94,13 @@ def test_for_a_real_robot_the_look_is_as_long_as_it_takes() -> None:
 
 
 def test_one_that_is_found_late_is_told() -> None:
-    heard: SimpleQueue[Heard] = SimpleQueue()
+    heard: SimpleQueue[InputEvent] = SimpleQueue()
     with looking_on(PLAN, Graph(("/ctrl", "/teleop")), heard.put):  # type: ignore[arg-type]
-        assert heard.get(timeout=20) == StrangerSeen(topic="/ctrl", node="/teleop")
+        assert heard.get(timeout=20) == UnknownPublisherSeen(topic="/ctrl", node="/teleop")
 
 
 def test_one_without_a_name_yet_is_no_stranger_once_our_nodes_have_started() -> None:
-    heard: SimpleQueue[Heard] = SimpleQueue()
+    heard: SimpleQueue[InputEvent] = SimpleQueue()
     graph = Graph(("/ctrl", UNNAMED))
     with looking_on(PLAN, graph, heard.put):  # type: ignore[arg-type]
         look_twice(graph)
@@ -110,12 +110,12 @@ def test_one_without_a_name_yet_is_no_stranger_once_our_nodes_have_started() -> 
 def test_a_command_that_is_let_publish_after_the_start_is_no_stranger(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    heard: SimpleQueue[Heard] = SimpleQueue()
+    heard: SimpleQueue[InputEvent] = SimpleQueue()
     with _child() as pid:
         graph = Graph(("/ctrl", f"/{ALLOWED_PUBLISHER}_{pid}"))
         # It began before this launch: whom it was to move is another matter.
         with looking_on(PLAN, graph, heard.put):  # type: ignore[arg-type]
-            assert isinstance(heard.get(timeout=20), StrangerSeen)
+            assert isinstance(heard.get(timeout=20), UnknownPublisherSeen)
         monkeypatch.setattr(neighbours, "since_boot_s", lambda: 0.0)
         graph = Graph(*graph.strangers)
         with looking_on(PLAN, graph, heard.put):  # type: ignore[arg-type]

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import cast
 
 from obk_cli.adapters.processes import WardenProcesses
-from obk_cli.launch.events import Ended, Heard, ProcessEnded, ProcessStarted, Told
-from obk_cli.launch.units import Unit
+from obk_cli.launch.events import Ended, InputEvent, OutputEvent, ProcessEnded, ProcessStarted
+from obk_cli.launch.process_groups import Unit
 from obk_cli.recording.choice import Wish
 from obk_cli.report.launch import LaunchReport
 from obk_cli.running.output import Output
@@ -37,7 +37,7 @@ class Processes:
     def __init__(self) -> None:
         self.started: list[str] = []
         self.signals: list[int] = []
-        self.hear: Callable[[Heard], None] = lambda _: None
+        self.hear: Callable[[InputEvent], None] = lambda _: None
 
     def start(self, unit: Unit) -> None:
         self.started.append(unit.name)
@@ -55,9 +55,9 @@ class World:
         self.screen = Shown()
         output = Output(None, self.screen, LaunchReport((), colour=False, quiet=True), ())
         self.recorder = Recorder(wish, folder, output)
-        self.heard: list[Heard] = []
+        self.heard: list[InputEvent] = []
         self.lines: list[tuple[str, str]] = []
-        self.told: list[Told] = []
+        self.told: list[OutputEvent] = []
         self.processes = Processes()
         self.processes.hear = self.hear = self.recorder.hearing(self.heard.append)
         self.line = self.recorder.lines(lambda *line: self.lines.append(line))

@@ -4,7 +4,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from queue import SimpleQueue
 
-from obk_cli.launch.events import Heard
+from obk_cli.launch.events import InputEvent
 from obk_cli.report.launch import LaunchReport
 from obk_cli.running.output import Output
 from obk_cli.running.run import _serve_others
@@ -22,7 +22,7 @@ class Ros:
 def test_a_socket_that_cannot_be_is_told_and_no_more(tmp_path: Path) -> None:
     (tmp_path / "control.sock").write_text("in the way")
     screen = Shown()
-    inbox: SimpleQueue[Heard] = SimpleQueue()
+    inbox: SimpleQueue[InputEvent] = SimpleQueue()
     output = Output(None, screen, LaunchReport((), colour=False, quiet=False), ())
     with ExitStack() as stack:
         _serve_others(tmp_path, Ros(), inbox, output, stack)  # type: ignore[arg-type]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from obk_cli.errors import MisuseError
-from obk_cli.launch.devices import share_of
+from obk_cli.launch.process_groups import share_of
 from obk_cli.plan import Plan, Process
 from obk_cli.running.simulated import with_simulator_parameters
 

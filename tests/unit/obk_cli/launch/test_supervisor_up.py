@@ -17,7 +17,7 @@ from obk_cli.launch.events import (
     ProcessEnded,
     Restarted,
     Restarting,
-    StackState,
+    StackStateChanged,
     StateSeen,
     StopAsked,
     TransitionEnded,
@@ -43,7 +43,9 @@ def test_a_process_that_is_to_be_restarted_comes_back_to_the_stacks_state() -> N
     assert world.transitions_of(CONTROLLER)[:3] == ["configure", "activate", "deactivate"]
     assert world.of(Restarting) == [Restarting(nodes=(ROBOT,), wait_s=0.1, attempt=1, attempts=5)]
     assert world.of(Restarted) == [Restarted(nodes=(ROBOT,))]
-    states = [event.state for event in world.of(StackState) if isinstance(event, StackState)]
+    states = [
+        event.state for event in world.of(StackStateChanged) if isinstance(event, StackStateChanged)
+    ]
     assert states[states.index("active") :][:4] == ["active", "unconfigured", "inactive", "active"]
 
 
@@ -181,7 +183,9 @@ def test_the_whole_stack_is_taken_through_a_transition() -> None:
     assert [(m.node, m.result, m.state) for m in answer.members] == [
         (node, "reached", "inactive") for node in (CONTROLLER, ESTIMATOR, ROBOT)
     ]
-    states = [event.state for event in world.of(StackState) if isinstance(event, StackState)]
+    states = [
+        event.state for event in world.of(StackStateChanged) if isinstance(event, StackStateChanged)
+    ]
     assert "deactivating" in states
     assert states[states.index("deactivating") + 1] == "inactive"
 
@@ -190,7 +194,7 @@ def test_one_node_alone_takes_the_stack_down_to_its_state() -> None:
     world = World()
     assert ask(world, "deactivate", CONTROLLER).success
     assert world.transitions_of(ROBOT)[2:] == ["deactivate", "cleanup", "shutdown"]
-    assert StackState(state="inactive") in world.told
+    assert StackStateChanged(state="inactive") in world.told
 
 
 def test_a_failed_change_is_taken_back_and_leaves_the_stack_up() -> None:
@@ -203,7 +207,7 @@ def test_a_failed_change_is_taken_back_and_leaves_the_stack_up() -> None:
         (ESTIMATOR, "taken back", "active"),
         (ROBOT, "refused", "active"),
     ]
-    assert StackState(state="active") in world.told
+    assert StackStateChanged(state="active") in world.told
 
 
 def test_what_cannot_begin_is_refused_as_a_whole() -> None:

@@ -1,24 +1,24 @@
-"""The doors of the supervisor, as types: what it hears and acts through, and its limits."""
+"""The interfaces of the supervisor, as types: its inbox, the processes, the nodes, its limits."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
-from obk_cli.launch.events import Heard
-from obk_cli.launch.units import Unit
+from obk_cli.launch.events import InputEvent
+from obk_cli.launch.process_groups import Unit
 
 __all__ = ["Inbox", "Lifecycle", "Limits", "Processes"]
 
 
 class Inbox(Protocol):
-    """What was heard, in order; a `queue.SimpleQueue` is one."""
+    """The input events in order; a `queue.SimpleQueue` is one."""
 
-    def get(self, *, timeout: float | None) -> Heard:
-        """The next message; raises `queue.Empty` after `timeout` [s]."""
+    def get(self, *, timeout: float | None) -> InputEvent:
+        """The next event; raises `queue.Empty` after `timeout` [s]."""
 
 
 class Processes(Protocol):
-    """The door to the operating system."""
+    """The interface to the operating system."""
 
     def start(self, unit: Unit) -> None:
         """Start a process; `ProcessStarted` or `ProcessEnded` follows."""
@@ -34,13 +34,13 @@ class Processes(Protocol):
 
 
 class Lifecycle(Protocol):
-    """The door to the nodes."""
+    """The interface to the nodes."""
 
     def watch(self, nodes: Iterable[str]) -> None:
-        """Begin to listen for these nodes, again for ones started anew; `Ready` follows."""
+        """Watch these nodes, again for restarted ones; `Ready` follows."""
 
     def request(self, node: str, transition: str) -> None:
-        """Ask a node for a transition; `Answered` follows."""
+        """Request a transition of a node; `Answered` follows."""
 
     def ask_state(self, node: str) -> None:
         """Ask a node for its state; `StateAnswered` follows."""
@@ -59,11 +59,11 @@ class Limits:
     answer_s: float = 2.0
     """For the answer to a question."""
     hurry_s: float = 0.5
-    """Instead of `grace_s` once the stop was asked for a second time."""
+    """Instead of `grace_s` after the second request to stop."""
     hang_s: float = 1.3
-    """Without an answer a node hangs after this; `inf`: never."""
+    """A node that has not answered for this long hangs; `inf`: never."""
     dump_s: float = 0.3
-    """For a stack dump to be written."""
+    """For writing a stack dump."""
     restarts: int = 5
-    """How many within `restart_window_s`; one more crash stops the stack."""
+    """Allowed within `restart_window_s`; one more crash stops the stack."""
     restart_window_s: float = 30.0

@@ -1,7 +1,6 @@
 """Which part of a stack a launch runs."""
 
-from obk_cli.launch.devices import Share, devices_of, share_of
-from obk_cli.launch.units import units_of
+from obk_cli.launch.process_groups import Share, devices_of, share_of, units_of
 from obk_cli.plan import Plan
 
 from .world import process

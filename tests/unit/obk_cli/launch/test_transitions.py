@@ -3,16 +3,17 @@
 import pytest
 from lifecycle_msgs.msg import State, Transition
 
-from obk_cli.launch.state_machine import (
+from obk_cli.launch.transitions import (
     EDGES,
     PASSED,
+    RESTING,
     STATES,
+    TRANSITIONS,
     Edge,
     edge_between,
     edges_from,
     find_edge,
 )
-from obk_cli.launch.transitions import RESTING, TRANSITIONS
 
 
 def test_what_can_be_asked_for_is_what_the_launcher_knows() -> None:
