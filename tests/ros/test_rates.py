@@ -22,8 +22,8 @@ from rosgraph_msgs.msg import Clock
 from obelisk_py.core.executors import EventLoopExecutor
 from obelisk_py.core.node import ObeliskNode
 from obelisk_spec.rates import DIAGNOSTICS_TOPIC, Rate
-from obk_cli.adapters.ros_rates import listen_to_rates, rates_told
 from obk_cli.launch.events import RatesReported
+from obk_cli.launch.ros_nodes import rates_of, subscribe_to_rates
 
 from .stack import EXAMPLE, eventually, launched, marked, obk, parameters, request
 from .test_failures import with_faulty_controller
@@ -74,7 +74,7 @@ def listening(
     listener = rclpy.create_node("listener")
     node = make()
     heard: list[RatesReported] = []
-    listen_to_rates(listener, (node.get_fully_qualified_name(),), heard.append)
+    subscribe_to_rates(listener, (node.get_fully_qualified_name(),), heard.append)
     executor = executor_type()
     for each in (node, listener):
         executor.add_node(each)
@@ -218,7 +218,7 @@ def test_a_status_says_whose_it_is_and_what_is_wrong() -> None:
         assert status.message.startswith("broken: ")
         assert status.message.endswith(" of 1000 Hz")
         assert arrays[-1].header.stamp.sec > 0
-        assert rates_told(arrays[-1]) is not None
+        assert rates_of(arrays[-1]) is not None
 
 
 DAWDLE = (

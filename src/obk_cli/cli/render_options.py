@@ -12,8 +12,8 @@ from obelisk_spec.near import did_you_mean, list_names
 from obk_cli.adapters.extras import require_extra
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.process_groups import Share
+from obk_cli.launch.sim_options import simulated_robots, with_simulator_parameters
 from obk_cli.plan import ParameterValue, Plan
-from obk_cli.running.simulated import simulated_robots, with_simulator_parameters
 from obk_cli.surroundings import ModelRead
 
 __all__ = [

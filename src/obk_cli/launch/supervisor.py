@@ -406,9 +406,9 @@ class Supervisor:
     def _dispatch(self, event: InputEvent) -> None:
         lead = self._state.lead
         match event:
-            case ProcessStarted():
+            case ProcessStarted() if event.process in self._state.units:
                 self._process_started(event)
-            case ProcessEnded():
+            case ProcessEnded() if event.process in self._state.units:
                 self._process_ended(event)
             case Ready(node=node):
                 self._ready(node)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.claims import claim_run
 from obk_cli.adapters.live_runs import live_folders
 from obk_cli.adapters.overlay import FOLDER, RECORD, overlay_prefixes
 from obk_cli.adapters.overlay_change import build_turn
@@ -16,6 +15,7 @@ from obk_cli.adapters.packages import PackageIndex, find_workspace, package_name
 from obk_cli.adapters.planted import is_planted
 from obk_cli.adapters.process_start import this_process
 from obk_cli.errors import CommandFailedError
+from obk_cli.launch.run_lock import claim_run
 from obk_cli.launch.runs import Run
 
 ANOTHER = 54321

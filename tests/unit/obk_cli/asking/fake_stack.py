@@ -7,7 +7,6 @@ from datetime import datetime
 from pathlib import Path
 from queue import SimpleQueue
 
-from obk_cli.adapters.claims import claim_run
 from obk_cli.adapters.control_socket import serve_control
 from obk_cli.adapters.process_start import this_process
 from obk_cli.asking.names import section_of
@@ -20,6 +19,7 @@ from obk_cli.launch.asks import (
     StatusAsked,
 )
 from obk_cli.launch.events import Ended, InputEvent, StopAsked
+from obk_cli.launch.run_lock import claim_run
 from obk_cli.launch.runs import Run, note_end
 from obk_cli.launch.transitions import TRANSITIONS
 

@@ -61,7 +61,7 @@ def in_graph(
     def open_fake(name: str, environment: RosEnvironment) -> Iterator[FakeRos]:
         yield FakeRos(states, faults or {})
 
-    monkeypatch.setattr(graph, "open_ros", open_fake)
+    monkeypatch.setattr(graph, "open_lifecycle_client", open_fake)
 
 
 def changes(stack: FakeStack) -> list[tuple[str, tuple[str, ...], float | None]]:
@@ -242,7 +242,7 @@ def test_over_ros_a_limit_that_is_given_is_for_finding_and_for_answers_too(
     def open_patient(name: str, environment: RosEnvironment) -> Iterator[Patient]:
         yield Patient(ACTIVE, {})
 
-    monkeypatch.setattr(graph, "open_ros", open_patient)
+    monkeypatch.setattr(graph, "open_lifecycle_client", open_patient)
     for limit_s, expected in ((30.0, [30.0, 30.0]), (None, [graph.DISCOVERY_S, graph.ANSWER_S])):
         waits.clear()
         asked = Asked(names=(ROBOT,), timeout_s=limit_s)

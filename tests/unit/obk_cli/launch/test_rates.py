@@ -194,5 +194,5 @@ def test_who_asks_for_the_status_is_told_the_rates_of_active_nodes() -> None:
     world.later += [StateSeen(node=CONTROLLER, state="inactive", transition="deactivate")]
     world.later += [StatusAsked(reply=answers.append)]
     world.run(duration_s=5)
-    rates_told = [{n.node: n.rates for n in answer.nodes}[CONTROLLER] for answer in answers]
-    assert rates_told == [OFF.rates, ()]
+    rates_of = [{n.node: n.rates for n in answer.nodes}[CONTROLLER] for answer in answers]
+    assert rates_of == [OFF.rates, ()]
