@@ -199,7 +199,7 @@ class Ears:
 
     def __init__(self, ros: RosNodes) -> None:
         self.heard: list[InputEvent] = []
-        ros.listen(self.heard.append)
+        ros.report_to(self.heard.append)
 
     def count(self, what: InputEvent) -> int:
         return self.heard.count(what)

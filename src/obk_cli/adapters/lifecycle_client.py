@@ -171,7 +171,7 @@ class LifecycleClient:
         response = self._wait(self._clients.change_state(node, transition), timeout_s)
         if response is None:
             return None
-        fault = "" if response.success else self._last_fault(node, timeout_s)
+        fault = "" if response.success else self.last_fault(node, timeout_s)
         return TransitionReply(success=bool(response.success), fault=fault)
 
     def state(self, node: str, timeout_s: float) -> str | None:
@@ -183,7 +183,7 @@ class LifecycleClient:
         response = self._answer(lambda: self._clients.ask_state(node), end - time.monotonic())
         return None if response is None else str(response.current_state.label)
 
-    def _last_fault(self, node: str, timeout_s: float) -> str:
+    def last_fault(self, node: str, timeout_s: float) -> str:
         """An Obelisk node's account of its newest fault; empty when it gives none."""
         if not self._wait_until_ready(node, "last_error", timeout_s):
             return ""

@@ -13,7 +13,6 @@ from queue import SimpleQueue
 from tempfile import TemporaryDirectory
 
 from obk_cli.adapters.clock import monotonic_s
-from obk_cli.adapters.control_socket import serve_control
 from obk_cli.adapters.end_signals import end_signals_heard
 from obk_cli.adapters.leftovers import launch_marks
 from obk_cli.adapters.packages import PackageIndex
@@ -29,6 +28,7 @@ from obk_cli.launch.conflicts import (
     watching_types,
 )
 from obk_cli.launch.console import Console, Output
+from obk_cli.launch.control_server import serve_control
 from obk_cli.launch.events import (
     Ended,
     EventBus,

@@ -7,7 +7,6 @@ from datetime import datetime
 from pathlib import Path
 from queue import SimpleQueue
 
-from obk_cli.adapters.control_socket import serve_control
 from obk_cli.adapters.process_start import this_process
 from obk_cli.asking.names import section_of
 from obk_cli.launch.asks import (
@@ -18,6 +17,7 @@ from obk_cli.launch.asks import (
     StackStatus,
     StatusAsked,
 )
+from obk_cli.launch.control_server import serve_control
 from obk_cli.launch.events import Ended, InputEvent, StopAsked
 from obk_cli.launch.run_lock import claim_run
 from obk_cli.launch.runs import Run, note_end

@@ -39,7 +39,7 @@ def seconds(*reports: RatesReported | None) -> deque[InputEvent | float]:
 
 
 def told_of_rates(world: World) -> list[OutputEvent]:
-    return [e for e in world.told if isinstance(e, RateBroken | RateKept | RateMoved)]
+    return [e for e in world.published if isinstance(e, RateBroken | RateKept | RateMoved)]
 
 
 def test_a_rate_that_is_kept_is_no_news() -> None:
@@ -154,7 +154,7 @@ def test_a_node_that_is_not_active_promises_nothing() -> None:
 
 def test_on_the_way_down_nothing_is_promised() -> None:
     world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT))
-    world.later += [lambda: world.heard.extend([StopAsked(reason="enough"), BROKEN])]
+    world.later += [lambda: world.inbox.extend([StopAsked(reason="enough"), BROKEN])]
     assert world.run(duration_s=None).exit_code == 0
     assert told_of_rates(world) == []
 

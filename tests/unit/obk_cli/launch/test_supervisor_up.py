@@ -194,7 +194,7 @@ def test_one_node_alone_takes_the_stack_down_to_its_state() -> None:
     world = World()
     assert ask(world, "deactivate", CONTROLLER).success
     assert world.transitions_of(ROBOT)[2:] == ["deactivate", "cleanup", "shutdown"]
-    assert StackStateChanged(state="inactive") in world.told
+    assert StackStateChanged(state="inactive") in world.published
 
 
 def test_a_failed_change_is_taken_back_and_leaves_the_stack_up() -> None:
@@ -207,7 +207,7 @@ def test_a_failed_change_is_taken_back_and_leaves_the_stack_up() -> None:
         (ESTIMATOR, "taken back", "active"),
         (ROBOT, "refused", "active"),
     ]
-    assert StackStateChanged(state="active") in world.told
+    assert StackStateChanged(state="active") in world.published
 
 
 def test_what_cannot_begin_is_refused_as_a_whole() -> None:
@@ -336,7 +336,7 @@ def test_a_follower_makes_no_transitions_until_the_end() -> None:
     assert world.run(duration_s=None).exit_code == 0
     assert world.started == [ROBOT]
     assert world.done == [(ROBOT, "shutdown")]
-    assert Phase(name="following", seconds=0.0, detail="/s") in world.told
+    assert Phase(name="following", seconds=0.0, detail="/s") in world.published
 
 
 def test_a_follower_ends_when_its_nodes_were_shut_down() -> None:

@@ -57,18 +57,18 @@ PLAN = Plan(name="s", processes=tuple(map(process, ("control", "estimation", "ro
 
 @dataclass
 class World:
-    """Processes, nodes, inbox and clock in one; behaves well unless told otherwise."""
+    """Processes, nodes, inbox and clock in one; behaves well unless set otherwise."""
 
     refuses: dict[tuple[str, str], str] = field(default_factory=dict)
     silent: set[tuple[str, str]] = field(default_factory=set)
     never_ready: set[str] = field(default_factory=set)
     deaf_to: set[tuple[str, int]] = field(default_factory=set)
-    unheard: set[tuple[str, str]] = field(default_factory=set)
+    unanswered: set[tuple[str, str]] = field(default_factory=set)
     """Transitions that are made, and whose answers are lost."""
     stale: StateSeen | None = None
     """One that comes when it is not true any more."""
     mute: set[str] = field(default_factory=set)
-    """Do not even tell their state."""
+    """Do not even answer for their state."""
     plan: Plan = PLAN
     states: dict[str, str] = field(default_factory=dict)
     later: deque[InputEvent | float | Callable[[], None]] = field(default_factory=deque)
@@ -83,8 +83,8 @@ class World:
     started: list[str] = field(default_factory=list)
     dumped: list[str] = field(default_factory=list)
     now: float = 0.0
-    heard: deque[InputEvent] = field(default_factory=deque)
-    told: list[OutputEvent] = field(default_factory=list)
+    inbox: deque[InputEvent] = field(default_factory=deque)
+    published: list[OutputEvent] = field(default_factory=list)
     done: list[tuple[str, str]] = field(default_factory=list)
     signals: list[tuple[str, int]] = field(default_factory=list)
     alive: set[str] = field(default_factory=set)
@@ -96,9 +96,9 @@ class World:
             self.states.pop(node, None)
         if unit.name in self.dies_at_start and self.dies_at_start[unit.name] > 0:
             self.dies_at_start[unit.name] -= 1
-            self.heard.append(ProcessEnded(process=unit.name, code=1))
+            self.inbox.append(ProcessEnded(process=unit.name, code=1))
         else:
-            self.heard.append(ProcessStarted(process=unit.name, pid=1))
+            self.inbox.append(ProcessStarted(process=unit.name, pid=1))
 
     def dump_stack(self, process: str) -> None:
         self.dumped.append(process)
@@ -112,15 +112,15 @@ class World:
             code = 0 if number == signal.SIGINT else -number
             if process in self.alive:
                 self.alive.discard(process)
-                self.heard.append(ProcessEnded(process=process, code=code))
+                self.inbox.append(ProcessEnded(process=process, code=code))
 
     def watch(self, nodes: Iterable[str]) -> None:
-        self.heard.extend(Ready(node=node) for node in nodes if node not in self.never_ready)
+        self.inbox.extend(Ready(node=node) for node in nodes if node not in self.never_ready)
 
     def ask_state(self, node: str) -> None:
         if node not in self.mute:
             state = self.states.get(node, "unconfigured")
-            self.heard.append(StateAnswered(node=node, state=state))
+            self.inbox.append(StateAnswered(node=node, state=state))
 
     def request(self, node: str, transition: str) -> None:
         self.done.append((node, transition))
@@ -129,27 +129,27 @@ class World:
         fault = self.refuses.get((node, transition))
         if fault is None:
             self.states[node] = TRANSITIONS[transition].goal
-        if (node, transition) in self.unheard:
+        if (node, transition) in self.unanswered:
             return
-        self.heard.append(
+        self.inbox.append(
             Answered(node=node, transition=transition, success=fault is None, fault=fault or "")
         )
 
     def get(self, *, timeout: float | None) -> InputEvent:
-        if self.heard:
-            return self.heard.popleft()
+        if self.inbox:
+            return self.inbox.popleft()
         if not self.later or isinstance(self.later[0], float):
             return self._wait(timeout)
-        heard = self.later.popleft()
-        assert not isinstance(heard, float)
-        if callable(heard):
-            heard()
+        event = self.later.popleft()
+        assert not isinstance(event, float)
+        if callable(event):
+            event()
             return self.get(timeout=timeout)
-        if isinstance(heard, StateSeen) and heard != self.stale:
-            self.states[heard.node] = heard.state
-        if isinstance(heard, ProcessEnded):
-            self.alive.discard(heard.process)
-        return heard
+        if isinstance(event, StateSeen) and event != self.stale:
+            self.states[event.node] = event.state
+        if isinstance(event, ProcessEnded):
+            self.alive.discard(event.process)
+        return event
 
     def _wait(self, timeout: float | None) -> InputEvent:
         """Time passes, until the next thing happens or the deadline is there."""
@@ -176,7 +176,7 @@ class World:
             lifecycle=self,
             inbox=self,
             clock=lambda: self.now,
-            publish=self.told.append,
+            publish=self.published.append,
             limits=Limits(
                 transition_s=10, start_s=20, grace_s=3, down_s=3, answer_s=2, hurry_s=0.5
             ),
@@ -184,8 +184,8 @@ class World:
         return supervisor.run(until, duration_s)
 
     def of(self, kind: type[OutputEvent]) -> list[OutputEvent]:
-        """What was told of one kind."""
-        return [event for event in self.told if isinstance(event, kind)]
+        """The published events of one kind."""
+        return [event for event in self.published if isinstance(event, kind)]
 
     def transitions_of(self, node: str) -> list[str]:
         """What a node was asked for."""
@@ -193,5 +193,5 @@ class World:
 
     @property
     def phases(self) -> list[str]:
-        """The names of the phases told."""
-        return [event.name for event in self.told if isinstance(event, Phase)]
+        """The names of the published phases."""
+        return [event.name for event in self.published if isinstance(event, Phase)]

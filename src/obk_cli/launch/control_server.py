@@ -1,8 +1,8 @@
 """The launcher's end of a run's control socket: answers other terminals on this host.
 
-Takes one request a connection, as `launch.wire` has it, and hands it to the supervisor's inbox.
-Serves in a thread of its own: whoever asks and then stalls holds up nobody, and what is no request
-gets an answer that says so. Only this user, and root, are heard.
+Takes one request a connection, in the form of `launch.wire`, and hands it to the supervisor's
+inbox. Serves in a thread of its own: a client that stalls delays no other, and a malformed request
+gets an error. Only this user, and root, get answers.
 """
 
 import asyncio
@@ -34,16 +34,16 @@ from obk_cli.launch.wire import (
 __all__ = ["Look", "serve_control"]
 
 Look = Callable[[Mapping[str, Any], Callable[[Mapping[str, Any]], None]], object]
-"""Takes a question about the ROS graph and what is to be called with the answer, from a thread."""
+"""Takes a question about the ROS graph and a callback for the answer, which a thread calls."""
 
 READ_S: Final = 2.0
 """How long a request may take to come [s]."""
 SEND_S: Final = 2.0
-"""How long whoever asked may take to read the answer [s]."""
+"""How long a client may take to read the answer [s]."""
 STATUS_S: Final = 5.0
-"""How long the supervisor may take to say how the stack is [s]."""
+"""How long the supervisor may take to report the stack's status [s]."""
 LOOK_S: Final = 30.0
-"""How long a question about the ROS graph may take, beside what it gives others [s]."""
+"""How long a question about the ROS graph may take, beyond the time limits that it sets [s]."""
 END_S: Final = 0.5
 """How long the last answers may take at the end [s]."""
 MOST_CONNECTIONS: Final = 32
@@ -55,12 +55,12 @@ _CREDENTIALS: Final = struct.Struct("3i")
 def serve_control(
     folder: Path, put: Callable[[InputEvent], None], look: Look | None = None
 ) -> Iterator[None]:
-    """While entered, requests that come to a run folder's socket are put into an inbox.
+    """While entered, put the requests that come to a run folder's socket into an inbox.
 
     Args:
         folder: the run's; its path may be longer than a socket's address can be.
         put: takes `StatusAsked`, `ChangeAsked` and `StopAsked`, from a thread.
-        look: answers questions about the ROS graph; None: they are refused.
+        look: answers questions about the ROS graph; None: they are rejected.
 
     Raises:
         OSError: the socket cannot be made.
@@ -69,7 +69,7 @@ def serve_control(
         folder_fd = os.open(folder, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
         stack.callback(os.close, folder_fd)
         listener = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
-        # Before it has a name: nobody else can connect at any moment.
+        # Before it has a name: no other user can connect at any moment.
         os.fchmod(listener.fileno(), 0o600)
         listener.bind(f"/proc/self/fd/{folder_fd}/{CONTROL_SOCKET}")
         stack.callback(_remove, folder_fd)
@@ -118,7 +118,7 @@ class _Server:
         )
         await self._ending.wait()
         server.close()
-        # What the supervisor has answered on its way out is there before this.
+        # What the supervisor answers on its way out comes before this.
         for answer in self._waiting:
             _settle(answer, emit_fault("the stack has ended"))
         if self._handlers:
@@ -135,7 +135,7 @@ class _Server:
             async with asyncio.timeout(SEND_S):
                 await writer.drain()
         except (OSError, TimeoutError, asyncio.CancelledError):
-            return  # whoever asked has left, or stalls
+            return  # the client has left, or stalls
         finally:
             writer.transport.abort()
             self._handlers.discard(task)
@@ -190,8 +190,8 @@ class _Server:
         if self._look is None:
             return emit_fault("the launcher does not tell of the ROS graph")
         answer = self._awaited()
-        self._look(question, lambda told: self._settle_from_a_thread(answer, emit_look(told)))
-        wait_s = LOOK_S + _given_s(question)
+        self._look(question, lambda found: self._settle_from_a_thread(answer, emit_look(found)))
+        wait_s = LOOK_S + _limit_s(question)
         try:
             async with asyncio.timeout(wait_s):
                 return await answer
@@ -213,7 +213,7 @@ class _Server:
         return reply
 
     def _settle_from_a_thread(self, answer: "asyncio.Future[bytes]", line: bytes) -> None:
-        with suppress(RuntimeError):  # the loop has ended, and whoever asked was told so
+        with suppress(RuntimeError):  # the loop has ended, and the client got an answer
             self._loop.call_soon_threadsafe(_settle, answer, line)
 
 
@@ -222,8 +222,8 @@ def _settle(answer: "asyncio.Future[bytes]", line: bytes) -> None:
         answer.set_result(line)
 
 
-def _given_s(question: Mapping[str, Any]) -> float:
-    """How long a question has others asked or measured at most [s]."""
+def _limit_s(question: Mapping[str, Any]) -> float:
+    """How long a question may take by the time limits that it sets [s]."""
     given = (question.get(key) for key in ("timeout_s", "duration_s"))
     waits = (min(each, LONGEST_WAIT_S) for each in given if isinstance(each, int | float))
     return max((each for each in waits if each > 0), default=0.0)

@@ -11,10 +11,10 @@ from queue import SimpleQueue
 
 import pytest
 
-from obk_cli.adapters import control_socket
 from obk_cli.adapters.control_client import ask_change, ask_status, ask_stop
-from obk_cli.adapters.control_socket import serve_control
+from obk_cli.launch import control_server
 from obk_cli.launch.asks import ChangeAnswer, ChangeAsked, Member, StackStatus, StatusAsked
+from obk_cli.launch.control_server import serve_control
 from obk_cli.launch.events import InputEvent, StopAsked
 
 from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
@@ -155,7 +155,7 @@ def test_a_last_line_needs_no_end(tmp_path: Path) -> None:
 def test_clients_that_stall_or_leave_hold_up_nobody(tmp_path: Path) -> None:
     with served(tmp_path):
         stalled = []
-        for _ in range(control_socket.MOST_CONNECTIONS - 1):
+        for _ in range(control_server.MOST_CONNECTIONS - 1):
             link = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             link.connect(str(tmp_path / "control.sock"))
             stalled.append(link)
@@ -169,13 +169,13 @@ def test_clients_that_stall_or_leave_hold_up_nobody(tmp_path: Path) -> None:
 def test_a_client_that_sends_nothing_is_told_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(control_socket, "READ_S", 0.01)
+    monkeypatch.setattr(control_server, "READ_S", 0.01)
     with served(tmp_path):
         assert raw(tmp_path, b"{") == {"error": "no request came within 0.01 s"}
 
 
 def test_too_many_at_once_are_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(control_socket, "MOST_CONNECTIONS", 1)
+    monkeypatch.setattr(control_server, "MOST_CONNECTIONS", 1)
     with served(tmp_path), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as first:
         first.connect(str(tmp_path / "control.sock"))
         assert raw(tmp_path, b"{}\n") == {"error": "more than 1 ask at the same moment"}
@@ -184,14 +184,14 @@ def test_too_many_at_once_are_told_so(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_another_users_requests_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(control_socket, "_user", lambda _: 4711)
+    monkeypatch.setattr(control_server, "_user", lambda _: 4711)
     with served(tmp_path) as heard:
         assert raw(tmp_path, b'{"ask": "stop"}\n') == {"error": "the stack is another user's"}
         assert heard.empty()
 
 
 def test_a_supervisor_that_hangs_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(control_socket, "STATUS_S", 0.01)
+    monkeypatch.setattr(control_server, "STATUS_S", 0.01)
     with served(tmp_path, leave_open):
         assert raw(tmp_path, b'{"ask": "status"}\n') == {
             "error": "the launcher has not answered for 0.01 s"
@@ -229,7 +229,7 @@ def test_without_an_answer_there_is_none(tmp_path: Path) -> None:
 def test_a_question_about_the_graph_that_nobody_answers_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(control_socket, "LOOK_S", 0.05)
+    monkeypatch.setattr(control_server, "LOOK_S", 0.05)
     question = json.dumps({"ask": "look", "question": {"about": "graph", "timeout_s": 0.05}})
     with serve_control(tmp_path, leave_open, lambda _question, _reply: None):
         told = raw(tmp_path, question.encode() + b"\n")
@@ -249,4 +249,4 @@ def test_a_question_about_the_graph_that_nobody_answers_ends(
 def test_what_a_question_gives_others_is_bounded(
     question: dict[str, object], given_s: float
 ) -> None:
-    assert control_socket._given_s(question) == given_s
+    assert control_server._limit_s(question) == given_s
