@@ -2,13 +2,13 @@
 
 Input events reach the supervisor through its inbox; output events are what it publishes: to the
 journal, the screen, the recorder, the state node. The names of output events stand in
-`events.jsonl` and in the JSON stream, so they are a promise (see `journal.event_record`).
+`events.jsonl` and in the JSON stream, so they are a promise (see `OUTPUT_EVENTS`).
 """
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Final, Generic, TypeVar, get_args
 
 from obelisk_spec.rates import Rate
 from obk_cli.launch.asks import ChangeAsked, Result, StackStatus, StatusAsked
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from obk_cli.launch.stack_state import StackState
 
 __all__ = [
+    "OUTPUT_EVENTS",
     "Answered",
     "AnswersAgain",
     "Ended",
@@ -333,6 +334,13 @@ OutputEvent = (
     | Evidence
     | Ended
 )
+
+
+OUTPUT_EVENTS: Final[Mapping[str, type[OutputEvent]]] = {
+    "StackState" if kind is StackStateChanged else kind.__name__: kind
+    for kind in get_args(OutputEvent)
+}
+"""Name in `events.jsonl` and in the JSON stream -> event."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,12 +8,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import IO, Final
 
-from obk_cli.launch.events import OutputEvent, StackStateChanged
+from obk_cli.launch.events import OUTPUT_EVENTS, OutputEvent
 
 __all__ = ["Journal", "event_record", "output_record"]
 
-_NAMES: Final[Mapping[type[OutputEvent], str]] = {StackStateChanged: "StackState"}
-"""Names of events that are not those of their classes."""
+_NAMES: Final[Mapping[type[OutputEvent], str]] = {k: name for name, k in OUTPUT_EVENTS.items()}
 
 
 def event_record(event: OutputEvent, time_s: float) -> dict[str, object]:
@@ -23,7 +22,7 @@ def event_record(event: OutputEvent, time_s: float) -> dict[str, object]:
         event: what happened.
         time_s: when [s since 1970].
     """
-    return {"time": time_s, "event": _NAMES.get(type(event), type(event).__name__), **asdict(event)}
+    return {"time": time_s, "event": _NAMES[type(event)], **asdict(event)}
 
 
 def output_record(node: str, text: str, time_s: float) -> dict[str, object]:

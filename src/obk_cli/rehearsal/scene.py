@@ -5,16 +5,17 @@ answer when asked, and the processes that are left.
 """
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Any, Final
 
 from obk_cli.launch.asks import StackStatus
-from obk_cli.launch.events import OutputEvent
+from obk_cli.launch.events import OUTPUT_EVENTS, OutputEvent
 
 __all__ = ["Moment", "Scene", "parse_moment"]
 
-_EVENTS: Final[dict[str, Any]] = {event.__name__: event for event in get_args(OutputEvent)}
+_EVENTS: Final[Mapping[str, Any]] = OUTPUT_EVENTS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

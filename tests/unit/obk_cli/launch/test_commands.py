@@ -1,17 +1,26 @@
-"""How the processes of a plan are started."""
+"""How the processes of a plan are started, alone or with several nodes."""
 
+import json
+import sys
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.commands import find_executables, unit_commands
+from obk_cli.launch.commands import (
+    ComposedNode,
+    composed_command,
+    find_executables,
+    is_composable,
+    unit_commands,
+)
 from obk_cli.launch.console import Output
 from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.launch.run import _commands
-from obk_cli.plan import Plan
+from obk_cli.plan import Plan, Process
 from obk_cli.report.launch import LaunchReport
 from obk_cli.surroundings import Command
 
@@ -73,3 +82,83 @@ def test_a_package_below_a_folder_with_a_colon_is_refused_with_the_reason(tmp_pa
         f"c.yaml:1:1: package `p` is in `{package}`, and no folder on PYTHONPATH can have a colon "
         "in its name"
     )
+
+
+PROCESS = node("arm")
+COMPOSABLE = Command(
+    arguments=(sys.executable, "-c", "..."),
+    found_in="the sources",
+    python_path=(Path("/ws/arm"),),
+    module="arm.run",
+    function="main",
+)
+INSTALLED = Command(
+    arguments=(f"{sys.prefix}/lib/arm/run",), found_in="the prefix", module="arm.run"
+)
+
+
+def member(name: str, command: Command) -> ComposedNode:
+    arguments = ("--ros-args", "-r", f"__node:={name}")
+    return ComposedNode(node=f"/{name}", command=command, ros_arguments=arguments)
+
+
+def test_the_file_lists_the_nodes_and_the_command_names_it(tmp_path: Path) -> None:
+    nodes = [member("arm", COMPOSABLE), member("leg", INSTALLED)]
+    command = composed_command(nodes, tmp_path, {"HOME": "/home/me"})
+    path = tmp_path / "composed.json"
+    assert command.arguments == (
+        *(sys.executable, "-P", "-m", "obelisk_py.core.composition", str(path)),
+    )
+    assert json.loads(path.read_text())["nodes"] == [
+        {
+            "node": "/arm",
+            "module": "arm.run",
+            "function": "main",
+            "arguments": ["--ros-args", "-r", "__node:=arm"],
+        },
+        {
+            "node": "/leg",
+            "module": "arm.run",
+            "function": None,
+            "arguments": ["--ros-args", "-r", "__node:=leg"],
+        },
+    ]
+    assert command.environment["HOME"] == "/home/me"
+
+
+def test_only_its_owner_reads_the_file(tmp_path: Path) -> None:
+    composed_command([member("arm", COMPOSABLE)], tmp_path, {})
+    assert (tmp_path / "composed.json").stat().st_mode & 0o777 == 0o600
+
+
+def test_python_finds_the_packages_of_all_nodes_before_the_users_own(tmp_path: Path) -> None:
+    leg = replace(COMPOSABLE, python_path=(Path("/ws/leg"), Path("/ws/arm")))
+    nodes = [member("arm", COMPOSABLE), member("leg", leg)]
+    command = composed_command(nodes, tmp_path, {"PYTHONPATH": "/mine"})
+    assert command.environment["PYTHONPATH"] == "/ws/arm:/ws/leg:/mine"
+    assert "PYTHONPATH" not in composed_command([member("a", INSTALLED)], tmp_path, {}).environment
+
+
+def test_a_folder_that_takes_no_file_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError, match="file"):
+        composed_command([member("arm", COMPOSABLE)], tmp_path / "file", {})
+
+
+def test_python_nodes_of_this_environment_share_a_process() -> None:
+    assert is_composable(PROCESS, COMPOSABLE)
+    assert is_composable(PROCESS, INSTALLED)
+
+
+@pytest.mark.parametrize(
+    ("process", "command"),
+    [
+        (replace(PROCESS, env={"GAIN": "1"}), COMPOSABLE),
+        (replace(PROCESS, has_lifecycle=False), COMPOSABLE),
+        (PROCESS, replace(COMPOSABLE, module=None)),
+        (PROCESS, replace(INSTALLED, arguments=("/opt/ros/lib/arm/run",))),
+    ],
+    ids=["environment", "no life cycle", "not Python", "another Python"],
+)
+def test_others_do_not(process: Process, command: Command) -> None:
+    assert not is_composable(process, command)

@@ -12,6 +12,7 @@ from obk_cli.launch.events import (
     Failed,
     Phase,
     ProcessEnded,
+    ProcessStarted,
     StackStateChanged,
     StateSeen,
     StopAsked,
@@ -69,6 +70,13 @@ def test_a_stop_that_is_asked_for_ends_in_order() -> None:
     assert world.published.index(stopping) < world.published.index(
         StackStateChanged(state="shuttingdown")
     )
+
+
+def test_a_process_that_runs_no_node_such_as_the_recorder_is_ignored() -> None:
+    end = ProcessEnded(process="/recorder", code=1)
+    world = World(later=deque([ProcessStarted(process="/recorder", pid=7), end]))
+    assert world.run() == Ended(exit_code=0, cause="")
+    assert end not in world.published
 
 
 def test_a_refused_activate_takes_its_tier_back_and_fails_with_the_nodes_own_words() -> None:
