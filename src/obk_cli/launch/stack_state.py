@@ -85,6 +85,11 @@ class RunState:
         return tuple(self._failures)
 
     @property
+    def stop_reason(self) -> str | None:
+        """Why the stack comes down without a failure; None: it need not."""
+        return self._stop_reason
+
+    @property
     def reason(self) -> str:
         """Why the stack comes down; empty when nothing has ended the run."""
         return self._failures[0].text if self._failures else self._stop_reason or ""

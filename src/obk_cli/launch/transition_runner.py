@@ -78,7 +78,7 @@ class TransitionRunner:
             why = reason(culprit, transition, change.limit_s)
             return ChangeAnswer(success=False, why=why, members=members)
         if not context.run.may_go_on:
-            why = f"the stack comes down: {context.run.reason}"
+            why = f"the stack comes down: {context.run.stop_reason or context.run.reason}"
             return ChangeAnswer(success=False, why=why, members=members)
         for member in members:
             context.state.requested[member.node] = transition.goal

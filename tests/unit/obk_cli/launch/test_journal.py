@@ -1,4 +1,4 @@
-"""The files of a run."""
+"""The log files of a run."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Whose a line of a shared stream is."""
+"""Which node wrote a line of a shared output."""
 
 from obk_cli.launch.node_lines import NodeLines
 

@@ -1,4 +1,4 @@
-"""What a run tells of its nodes' rates, and what it does about them, in a world of tables."""
+"""Events about the rates of nodes, and strict rates, in a world of tables."""
 
 from collections import deque
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The recorder beside a stack: its news are its own, and its failure is told and no more."""
+"""The recorder beside a stack: the nodes wait for it, and its failure is only a warning."""
 
 import json
 import signal

@@ -1,4 +1,4 @@
-"""What a launch asks of its simulated robots."""
+"""Options of a launch for its simulated robots."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The stack's node: its name, and what it says of requests that cannot be met."""
+"""The stack's node: its name, and how it rejects requests."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A stack that is up: crashes, hangs, and changes that are asked for, in a world of tables."""
+"""A stack that is up: crashes, hangs and requested changes, in a world of tables."""
 
 import signal
 from collections import deque

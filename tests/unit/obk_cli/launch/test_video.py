@@ -1,4 +1,4 @@
-"""What a launch tells of the film that its robot makes."""
+"""How a launch reports the films that its robots make."""
 
 from dataclasses import replace
 from types import SimpleNamespace
