@@ -29,7 +29,7 @@ from lifecycle_msgs.srv import GetState
 from rclpy.executors import SingleThreadedExecutor
 
 from benchmarks.stolen import StolenTime, warn_of_stolen_time
-from obk_cli.adapters.ros_rates import rates_told
+from obk_cli.launch.ros_nodes import rates_of
 from obk_cli.ros.environment import free_domain
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -52,7 +52,7 @@ class Counts:
 
     def take(self, message: DiagnosticArray) -> None:
         """Keep a node's counts."""
-        heard = rates_told(message)
+        heard = rates_of(message)
         if heard is not None:
             stamp = message.header.stamp
             for rate in heard.rates:

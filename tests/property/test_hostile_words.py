@@ -15,7 +15,7 @@ from obelisk_spec.runtime_protocol import Rate, parse_rate, rate_values
 from obk_cli.adapters.follow import last_lines, read_lines
 from obk_cli.cli.commands import _complain
 from obk_cli.launch.asks import NodeStatus, StackStatus
-from obk_cli.launch.events import Told
+from obk_cli.launch.events import OutputEvent
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.table import monitor_text
 from obk_cli.pipeline import Options, compile_config, compile_source
@@ -105,9 +105,9 @@ def without_nul(text: str) -> str:
 
 
 @FEW
-@given(st.lists(st.sampled_from(get_args(Told)), max_size=4), st.data())
+@given(st.lists(st.sampled_from(get_args(OutputEvent)), max_size=4), st.data())
 def test_what_nodes_say_in_events_moves_no_terminal(
-    kinds: list[type[Told]], data: st.DataObject
+    kinds: list[type[OutputEvent]], data: st.DataObject
 ) -> None:
     report, status = LaunchReport(("/a",), colour=False, quiet=True), STATUS
     for kind in kinds:

@@ -22,8 +22,8 @@ from rosgraph_msgs.msg import Clock
 from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.node import ObeliskNode
 from obelisk_spec.runtime_protocol import DIAGNOSTICS_TOPIC, Rate
-from obk_cli.adapters.ros_rates import listen_to_rates, rates_told
-from obk_cli.launch.events import RatesHeard
+from obk_cli.launch.events import RatesReported
+from obk_cli.launch.ros_nodes import rates_of, subscribe_to_diagnostics
 
 from .stack import EXAMPLE, eventually, launched, marked, obk, parameters, request
 from .test_failures import with_faulty_controller
@@ -68,13 +68,13 @@ class Awaiting(Two):
 @contextmanager
 def listening(
     make: Callable[[], ObeliskNode], executor_type: Callable[[], Executor]
-) -> Iterator[tuple[ObeliskNode, list[RatesHeard]]]:
+) -> Iterator[tuple[ObeliskNode, list[RatesReported]]]:
     """A node that is active, and what it tells of its rates."""
     rclpy.init()
     listener = rclpy.create_node("listener")
     node = make()
-    heard: list[RatesHeard] = []
-    listen_to_rates(listener, (node.get_fully_qualified_name(),), heard.append)
+    heard: list[RatesReported] = []
+    subscribe_to_diagnostics(listener, (node.get_fully_qualified_name(),), heard.append)
     executor = executor_type()
     for each in (node, listener):
         executor.add_node(each)
@@ -108,11 +108,11 @@ NONE = Rate(
 )
 
 
-def newest(heard: list[RatesHeard], name: str) -> Rate | None:
+def newest(heard: list[RatesReported], name: str) -> Rate | None:
     return next((r for told in heard[-1:] for r in told.rates if r.name == name), None)
 
 
-def is_broken(heard: list[RatesHeard], name: str) -> bool:
+def is_broken(heard: list[RatesReported], name: str) -> bool:
     rate = newest(heard, name)
     return rate is not None and rate.standing == "broken"
 
@@ -153,7 +153,7 @@ def test_coroutines_of_the_configs_timers_are_counted() -> None:
         assert (newest(heard, "timer_slow") or NONE).wanted_hz == 2
 
 
-def is_heard_for(heard: list[RatesHeard], wait_s: float) -> bool:
+def is_heard_for(heard: list[RatesReported], wait_s: float) -> bool:
     """Whether more comes within a time."""
     before = len(heard)
     time.sleep(wait_s)
@@ -218,7 +218,7 @@ def test_a_status_says_whose_it_is_and_what_is_wrong() -> None:
         assert status.message.startswith("broken: ")
         assert status.message.endswith(" of 1000 Hz")
         assert arrays[-1].header.stamp.sec > 0
-        assert rates_told(arrays[-1]) is not None
+        assert rates_of(arrays[-1]) is not None
 
 
 DAWDLE = (

@@ -16,7 +16,7 @@ from obk_cli.faultinject.expectations import FAULTS, Allowances, Fault, make_cas
 from obk_cli.faultinject.report import rehearsal_text
 from obk_cli.faultinject.runner import LaunchSettings, run_cases
 from obk_cli.faultinject.verdict import Verdict
-from obk_cli.launch.units import Unit, units_of
+from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.pipeline import Options, compile_config
 from obk_cli.plan import OnCrash
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
+from obk_cli.launch.ros_nodes import RosNodes, open_ros_nodes
 from obk_cli.ros.environment import ros_environment
 
 from .stack import (
@@ -323,10 +323,10 @@ def test_a_raise_beside_our_ros_node_leaves_none_behind(monkeypatch: pytest.Monk
     environment = ros_environment()
     for name, value in environment.variables.items():
         monkeypatch.setenv(name, value)  # taken back at the end
-    opened: list[RosLifecycle] = []
+    opened: list[RosNodes] = []
 
     def fail() -> None:
-        with open_ros("probe", environment) as ros:
+        with open_ros_nodes("probe", environment) as ros:
             opened.append(ros)
             raise RuntimeError("boom")
 

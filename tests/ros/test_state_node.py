@@ -11,17 +11,19 @@ from typing import Any
 
 import pytest
 from lifecycle_msgs.msg import TransitionEvent
-from lifecycle_msgs.srv import (
-    ChangeState,
-    GetAvailableStates,
-    GetAvailableTransitions,
-    GetState,
-)
+from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTransitions, GetState
 
-from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
-from obk_cli.adapters.state_node import StateNode
 from obk_cli.launch.asks import ChangeAnswer, ChangeAsked
-from obk_cli.launch.events import Answered, Heard, Ready, StateAnswered, StateSeen, TransitionBegun
+from obk_cli.launch.events import (
+    Answered,
+    InputEvent,
+    Ready,
+    StateAnswered,
+    StateSeen,
+    TransitionBegun,
+)
+from obk_cli.launch.ros_nodes import RosNodes, open_ros_nodes
+from obk_cli.launch.state_node import StateNode
 from obk_cli.ros.environment import RosEnvironment, ros_environment
 from obk_cli.ros.graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S
 
@@ -61,7 +63,7 @@ SERVICES: dict[str, Any] = {
 class World:
     """A state node, what it asked, and a client in another context."""
 
-    def __init__(self, host: RosLifecycle, client: RosLifecycle) -> None:
+    def __init__(self, host: RosNodes, client: RosNodes) -> None:
         self.asked: SimpleQueue[Any] = SimpleQueue()
         self.refused: list[str] = []
         self.node = StateNode(host, "my stack", self.asked.put, self.refused.append)
@@ -105,7 +107,10 @@ class World:
 
 @pytest.fixture
 def world(environment: RosEnvironment) -> Iterator[World]:
-    with open_ros("host", environment) as host, open_ros("client", environment) as client:
+    with (
+        open_ros_nodes("host", environment) as host,
+        open_ros_nodes("client", environment) as client,
+    ):
         yield World(host, client)
 
 
@@ -187,11 +192,11 @@ def running_node() -> Iterator["subprocess.Popen[bytes]"]:
 class Ears:
     """What was heard of a node."""
 
-    def __init__(self, ros: RosLifecycle) -> None:
-        self.heard: list[Heard] = []
-        ros.listen(self.heard.append)
+    def __init__(self, ros: RosNodes) -> None:
+        self.heard: list[InputEvent] = []
+        ros.report_to(self.heard.append)
 
-    def count(self, what: Heard) -> int:
+    def count(self, what: InputEvent) -> int:
         return self.heard.count(what)
 
 
@@ -199,8 +204,8 @@ def test_a_restarted_node_is_ready_when_its_new_process_answers(
     environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ready = Ready(node="/n")
-    monkeypatch.setattr("obk_cli.adapters.ros_clients.PING_S", 0.0)
-    with open_ros("watch", environment) as ros:
+    monkeypatch.setattr("obk_cli.adapters.lifecycle_client.PING_S", 0.0)
+    with open_ros_nodes("watch", environment) as ros:
         ears = Ears(ros)
         ros.watch(["/n"])
         with running_node() as first:
@@ -234,7 +239,7 @@ def test_a_restarted_node_is_ready_when_its_new_process_answers(
 def test_a_stranger_that_publishes_on_a_control_topic_is_found(
     environment: RosEnvironment,
 ) -> None:
-    with running_node(), open_ros("probe", environment) as ros:
+    with running_node(), open_ros_nodes("probe", environment) as ros:
         topics = ["/control", "/other"]
         eventually(
             lambda: (

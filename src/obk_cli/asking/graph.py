@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
+from obk_cli.adapters.lifecycle_client import LifecycleClient, open_lifecycle_client
 from obk_cli.asking.names import NO_ANSWER, in_tier_order, nodes_meant, stack_nodes
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.asks import ChangeAnswer, Member, Result
@@ -53,7 +53,7 @@ def states_in_graph(
     Raises:
         CommandFailedError: there is no such node, or no ROS.
     """
-    with open_ros(NODE_NAME, environment) as ros:
+    with open_lifecycle_client(NODE_NAME, environment) as ros:
         chosen = _choose(ros, environment, wanted, timeout_s)
         return {node: _state(ros, node, timeout_s) for node in chosen}
 
@@ -76,7 +76,7 @@ def change_in_graph(
         CommandFailedError: there is no such node, or no ROS.
     """
     members: list[Member] = []
-    with open_ros(NODE_NAME, environment) as ros:
+    with open_lifecycle_client(NODE_NAME, environment) as ros:
         chosen = _choose(ros, environment, wanted, timeout_s)
         for node in chosen if transition in UP else reversed(chosen):
             member = _taken(ros, transition, node, timeout_s)
@@ -88,7 +88,7 @@ def change_in_graph(
 
 
 def _choose(
-    ros: RosLifecycle, environment: RosEnvironment, wanted: Wanted, timeout_s: float | None
+    ros: LifecycleClient, environment: RosEnvironment, wanted: Wanted, timeout_s: float | None
 ) -> tuple[str, ...]:
     """The nodes meant, in tier order, once they are in the graph."""
     awaited = wanted.expected or tuple(name for name in wanted.names if name.startswith("/"))
@@ -113,11 +113,11 @@ def _choose(
     return in_tier_order({node for name in wanted.names for node in nodes_meant(name, found)})
 
 
-def _state(ros: RosLifecycle, node: str, timeout_s: float | None) -> str:
+def _state(ros: LifecycleClient, node: str, timeout_s: float | None) -> str:
     return ros.state(node, timeout_s or ANSWER_S) or NO_ANSWER
 
 
-def _taken(ros: RosLifecycle, transition: str, node: str, timeout_s: float | None) -> Member:
+def _taken(ros: LifecycleClient, transition: str, node: str, timeout_s: float | None) -> Member:
     """Ask a node for a transition, unless it is there already."""
     table = TRANSITIONS[transition]
     wait_s = timeout_s or TRANSITION_S

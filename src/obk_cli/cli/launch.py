@@ -28,15 +28,15 @@ from obk_cli.cli.render_options import (
     with_film,
 )
 from obk_cli.errors import MisuseError
-from obk_cli.launch.devices import Share
-from obk_cli.launch.doors import Limits
-from obk_cli.launch.order import UNTIL, Until
+from obk_cli.launch.interfaces import Limits
+from obk_cli.launch.process_groups import Share
+from obk_cli.launch.sim_options import require_libraries, with_simulator_parameters
+from obk_cli.launch.transitions import UNTIL, Until
 from obk_cli.optional_deps import require_extra
 from obk_cli.pipeline import compile_config
 from obk_cli.plan import OnCrash, ParameterValue, Plan
 from obk_cli.read.nodes import LOG_LEVELS
 from obk_cli.record.topic_filter import RecordRequest
-from obk_cli.running.simulated import require_libraries, with_simulator_parameters
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -150,11 +150,11 @@ def command(
     _check_devices(plan, device, lead)
 
     from obk_cli.cli.build_first import on_overlays
-    from obk_cli.launch.devices import share_of
+    from obk_cli.launch.console import open_console
+    from obk_cli.launch.options import LaunchOptions
+    from obk_cli.launch.process_groups import share_of
+    from obk_cli.launch.run import run_plan
     from obk_cli.ros.environment import Network, ros_environment
-    from obk_cli.running.options import LaunchOptions
-    from obk_cli.running.run import run_plan
-    from obk_cli.running.surface import open_surface
 
     if network is not None:
         require_word("--network", network, get_args(Network))
@@ -180,9 +180,9 @@ def command(
         allows_foreign=allow_foreign,
         recording=_recording(record_topic) if record or record_topic else None,
         kept_runs=keep,
-        spun=outcome.spun,
+        gated_executables=outcome.spun,
     )
-    with open_surface(
+    with open_console(
         sys.stdout.fileno(),
         as_json=format == "json",
         colour=wants_colour(color),

@@ -15,8 +15,8 @@ from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.launch.asks import ChangeAnswer, Member
-from obk_cli.launch.roster import GONE, UNKNOWN
-from obk_cli.launch.transitions import RESTING, TRANSITIONS
+from obk_cli.launch.stack_state import GONE
+from obk_cli.launch.transitions import RESTING, TRANSITIONS, UNKNOWN
 from obk_cli.report.escapes import plain
 from obk_cli.ros.environment import ros_environment
 

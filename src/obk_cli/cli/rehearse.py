@@ -26,12 +26,11 @@ from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.faultinject.expectations import FAULTS, Case, Fault, make_cases
 from obk_cli.faultinject.verdict import Verdict
-from obk_cli.launch.devices import share_of
-from obk_cli.launch.units import Unit, units_of
+from obk_cli.launch.process_groups import Unit, share_of, units_of
+from obk_cli.launch.sim_options import require_libraries
 from obk_cli.pipeline import compile_config
 from obk_cli.plan import OnCrash, Plan
 from obk_cli.report.launch import short_name
-from obk_cli.running.simulated import require_libraries
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -135,7 +134,7 @@ def _units(plan: Plan, config: str, *, is_composed: bool) -> tuple[Unit, ...]:
     if not is_composed:
         return units_of(plan, devices=devices)
 
-    from obk_cli.running.commands import composable, find_executables
+    from obk_cli.launch.commands import composable, find_executables
     from obk_cli.workspace.package_index import PackageIndex
 
     folder = Path(config).resolve().parent

@@ -4,7 +4,8 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from obk_cli.launch.units import Unit, rule_of
+from obk_cli.launch.process_groups import Unit
+from obk_cli.launch.process_groups import rule_of
 from obk_cli.plan import TIERS, OnCrash
 
 __all__ = [

@@ -4,16 +4,17 @@ The facts are its exit code, its status on request and the processes that are le
 """
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Any, Final
 
 from obk_cli.launch.asks import StackStatus
-from obk_cli.launch.events import Told
+from obk_cli.launch.events import OUTPUT_EVENTS, OutputEvent
 
 __all__ = ["Observation", "TimedEvent", "parse_event"]
 
-_EVENTS: Final[dict[str, Any]] = {event.__name__: event for event in get_args(Told)}
+_EVENTS: Final[Mapping[str, Any]] = OUTPUT_EVENTS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,7 +23,7 @@ class TimedEvent:
 
     time_s: float
     """[s since 1970]"""
-    event: Told
+    event: OutputEvent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,40 +1,54 @@
-"""What happens during a run, as values: what the supervisor hears, and what it tells."""
+"""What happens during a run, as values, and how it is published.
+
+Input events reach the supervisor through its inbox; output events are what it publishes: to the
+journal, the screen, the recorder, the state node. The names of output events stand in
+`events.jsonl` and in the JSON stream, so they are a promise (see `OUTPUT_EVENTS`).
+"""
 
 import signal
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Generic, TypeVar, get_args
 
 from obelisk_spec.runtime_protocol import Rate
 from obelisk_spec.video import VideoStatus
-from obk_cli.launch.asks import ChangeAsked, Result, StatusAsked
+from obk_cli.launch.asks import ChangeAsked, Result, StackStatus, StatusAsked
+
+if TYPE_CHECKING:
+    from obk_cli.launch.stack_state import StackState
 
 __all__ = [
+    "OUTPUT_EVENTS",
     "Answered",
     "AnswersAgain",
     "Ended",
+    "EventBus",
+    "EventPublisher",
     "Evidence",
     "Failed",
     "GoesOnWithout",
-    "Heard",
     "Hung",
+    "InputEvent",
+    "OutputEvent",
+    "OutputLine",
     "Phase",
     "ProcessEnded",
     "ProcessStarted",
     "RateBroken",
     "RateKept",
     "RateMoved",
-    "RatesHeard",
+    "RatesReported",
     "Ready",
     "Restarted",
     "Restarting",
     "Result",
-    "StackState",
+    "StackStateChanged",
     "StateAnswered",
     "StateSeen",
     "StopAsked",
-    "StrangerSeen",
-    "Told",
     "TransitionBegun",
     "TransitionEnded",
+    "UnknownPublisherSeen",
     "VideoReported",
     "WaitingFor",
 ]
@@ -50,12 +64,12 @@ class ProcessStarted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessEnded:
-    """A process is no more; `code` is negative for the signal that ended it."""
+    """A process has ended; `code` is negative for the signal that ended it."""
 
     process: str
     code: int
     text: str = ""
-    """What is known of the reason: why it could not start, or its last words; else empty."""
+    """The reason if known: why it could not start, or its last output line; otherwise empty."""
 
     @property
     def how(self) -> str:
@@ -82,7 +96,7 @@ class Answered:
     transition: str
     success: bool
     fault: str
-    """The node's own words on what went wrong, else empty."""
+    """The node's own account of the fault; otherwise empty."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,17 +109,17 @@ class StateAnswered:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateSeen:
-    """A node said that it reached a resting state; comes later than the answer, if at all."""
+    """A node reported a resting state; comes later than the answer, if at all."""
 
     node: str
     state: str
     transition: str = ""
-    """What led there, whoever asked for it; empty for the way out of error processing."""
+    """What led there, requested here or elsewhere; empty for the way out of error processing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransitionBegun:
-    """A node said that it is in the middle of a transition, whoever asked for it."""
+    """A node reported the begin of a transition, requested here or elsewhere."""
 
     node: str
     transition: str
@@ -118,12 +132,12 @@ class Failed:
     node: str
     fault: str
     transition: str = ""
-    """The one that failed, whoever asked for it; empty when the node failed by itself."""
+    """The one that failed, requested here or elsewhere; empty when the node failed by itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RatesHeard:
-    """A node reported how it keeps its promises."""
+class RatesReported:
+    """A node reported its measured rates."""
 
     node: str
     rates: tuple[Rate, ...]
@@ -131,15 +145,15 @@ class RatesHeard:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VideoReported:
-    """A simulated robot reported the status of its film."""
+    """A simulated robot reported the status of its video."""
 
     node: str
-    film: VideoStatus
+    video: VideoStatus
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StrangerSeen:
-    """A node that is not the stack's publishes on a topic that moves its robot."""
+class UnknownPublisherSeen:
+    """A node that is not part of the stack publishes on a topic that moves its robot."""
 
     topic: str
     node: str
@@ -147,14 +161,14 @@ class StrangerSeen:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopAsked:
-    """The user, or whoever runs us, wants the stack down."""
+    """The user, or the program that runs the launcher, requests the end of the stack."""
 
     reason: str
     is_urgent: bool = False
-    """Whether asking once more means that it does not go fast enough."""
+    """Whether a further request means that it does not go fast enough."""
 
 
-Heard = (
+InputEvent = (
     ProcessStarted
     | ProcessEnded
     | Ready
@@ -163,11 +177,11 @@ Heard = (
     | StateSeen
     | TransitionBegun
     | Failed
-    | RatesHeard
+    | RatesReported
     | VideoReported
     | ChangeAsked
     | StatusAsked
-    | StrangerSeen
+    | UnknownPublisherSeen
     | StopAsked
 )
 
@@ -185,7 +199,7 @@ class TransitionEnded:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Phase:
-    """The stack as a whole got somewhere: `starting`, `ready`, `active`, `stopping`, ..."""
+    """The stack as a whole reached a phase: `starting`, `ready`, `active`, `stopping`, ..."""
 
     name: str
     seconds: float
@@ -194,15 +208,15 @@ class Phase:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StackState:
-    """The state of the stack as a whole, each time that it changes: `inactive`, `activating`."""
+class StackStateChanged:
+    """The state of the stack as a whole has changed: `inactive`, `activating`."""
 
     state: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hung:
-    """A node's process is there, and the node has not answered for `seconds`."""
+    """A node's process runs, and the node has not answered for `seconds`."""
 
     node: str
     seconds: float
@@ -243,7 +257,7 @@ class GoesOnWithout:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RateBroken:
-    """A promised rate has been missed for 2 s, or nothing is said of it any more."""
+    """An expected rate has been missed for 2 s, or is not reported any more."""
 
     node: str
     rate: Rate
@@ -268,7 +282,7 @@ class RateBroken:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RateKept:
-    """A promise that was broken is kept again."""
+    """A rate that was broken is as expected again."""
 
     node: str
     rate: Rate
@@ -292,7 +306,7 @@ class WaitingFor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """The last lines of a process's output, its stack dump among them, where a node is stuck."""
+    """The last lines of a stuck node's process, its stack dump among them."""
 
     node: str
     lines: tuple[str, ...]
@@ -311,14 +325,14 @@ class Ended:
     """The place in the config, `file:line:column`, that made the node which failed first."""
 
 
-Told = (
+OutputEvent = (
     ProcessStarted
     | ProcessEnded
     | StateSeen
     | Failed
     | TransitionEnded
     | Phase
-    | StackState
+    | StackStateChanged
     | Hung
     | AnswersAgain
     | Restarting
@@ -327,11 +341,106 @@ Told = (
     | RateBroken
     | RateKept
     | RateMoved
-    | VideoReported
     | WaitingFor
     | Evidence
+    | VideoReported
     | Ended
 )
+
+
+OUTPUT_EVENTS: Final[Mapping[str, type[OutputEvent]]] = {
+    "StackState" if kind is StackStateChanged else kind.__name__: kind
+    for kind in get_args(OutputEvent)
+}
+"""Name in `events.jsonl` and in the JSON stream -> event."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutputLine:
+    """A line that a process wrote."""
+
+    process: str
+    """The name of its unit."""
+    text: str
+
+
+E = TypeVar("E")
+
+
+class EventBus(Generic[E]):
+    """Hands each event to all subscribers, in the order in which they subscribed."""
+
+    def __init__(self) -> None:
+        self._subscribers: list[Callable[[E], None]] = []
+
+    def subscribe(self, subscriber: Callable[[E], None]) -> None:
+        """Call `subscriber` with each event, in the publishing thread; only before the first."""
+        self._subscribers.append(subscriber)
+
+    def publish(self, event: E) -> None:
+        """Hand an event to all subscribers."""
+        for subscriber in self._subscribers:
+            subscriber(event)
+
+
+class EventPublisher:
+    """Publishes the output events of one run, and the stack's state as it changes with them."""
+
+    def __init__(
+        self,
+        state: "StackState",
+        clock: Callable[[], float],
+        publish: Callable[[OutputEvent], None],
+    ) -> None:
+        """Start the time of the run.
+
+        Args:
+            state: of the stack.
+            clock: monotonic time [s].
+            publish: takes the events.
+        """
+        self._state = state
+        self._clock = clock
+        self._publish = publish
+        self._begin = clock()
+        self._phase = ""
+        self._published_state = ""
+
+    def publish(self, event: OutputEvent) -> None:
+        """Publish an event, and the stack's state if it has changed with it."""
+        self._publish(event)
+        self.publish_state()
+
+    def publish_state(self) -> None:
+        """Publish the stack's state if it has changed."""
+        state = self._state.summary()
+        if state != self._published_state:
+            self._published_state = state
+            self._publish(StackStateChanged(state=state))
+
+    def phase(self, name: str, detail: str = "") -> None:
+        """The stack reached a phase."""
+        self._phase = name
+        self.episode(name, detail)
+
+    def episode(self, name: str, detail: str = "") -> None:
+        """Something happens after which the stack is in the same phase as before."""
+        self.publish(Phase(name=name, seconds=self._clock() - self._begin, detail=detail))
+
+    def in_transition(self, passes: str) -> None:
+        """Set the state shown for the whole stack during a transition; empty: that of its nodes."""
+        self._state.moving = passes
+        self.publish_state()
+
+    def status(self) -> StackStatus:
+        """The stack's status."""
+        return StackStatus(
+            name=self._state.plan.name,
+            state=self._state.summary(),
+            phase=self._phase,
+            seconds=self._clock() - self._begin,
+            nodes=self._state.status(),
+        )
 
 
 def _signal_name(number: int) -> str:

@@ -1,26 +1,28 @@
-"""What happened in a run, as files: JSON lines with time stamps, and everybody's output."""
+"""The log files of a run: events as JSON lines with time stamps, and the output of each node."""
 
 import json
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import IO
+from typing import IO, Final
 
-from obk_cli.launch.events import Told
+from obk_cli.launch.events import OUTPUT_EVENTS, OutputEvent
 
 __all__ = ["Journal", "event_record", "output_record"]
 
+_NAMES: Final[Mapping[type[OutputEvent], str]] = {k: name for name, k in OUTPUT_EVENTS.items()}
 
-def event_record(event: Told, time_s: float) -> dict[str, object]:
-    """An event as it stands in `events.jsonl` and in the stream of `--format json`.
+
+def event_record(event: OutputEvent, time_s: float) -> dict[str, object]:
+    """An event as in `events.jsonl` and in the stream of `--format json`.
 
     Args:
         event: what happened.
         time_s: when [s since 1970].
     """
-    return {"time": time_s, "event": type(event).__name__, **asdict(event)}
+    return {"time": time_s, "event": _NAMES[type(event)], **asdict(event)}
 
 
 def output_record(node: str, text: str, time_s: float) -> dict[str, object]:
@@ -31,17 +33,17 @@ def output_record(node: str, text: str, time_s: float) -> dict[str, object]:
 class Journal:
     """The files of a run folder: `events.jsonl`, `launch.log`, and a log for each node.
 
-    A file that cannot be written is told once, and ends all writing: a run goes on without.
+    The first file that cannot be written is reported, and ends all writing; the run goes on.
     """
 
-    def __init__(self, folder: Path | None, complain: Callable[[OSError], None]) -> None:
-        """Write below a folder; None writes nothing. `complain` takes the first fault."""
+    def __init__(self, folder: Path | None, on_fault: Callable[[OSError], None]) -> None:
+        """Write below a folder; None writes nothing. `on_fault` takes the first fault."""
         self._folder = folder
-        self._complain = complain
+        self._on_fault = on_fault
         self._files: dict[str, IO[str]] = {}
         self._lock = threading.RLock()
 
-    def event(self, event: Told, time_s: float) -> None:
+    def event(self, event: OutputEvent, time_s: float) -> None:
         """Note an event and when it happened [s since 1970]."""
         self._write("events.jsonl", json.dumps(event_record(event, time_s)))
 
@@ -70,7 +72,7 @@ class Journal:
                 self._file(self._folder / name).write(text + "\n")
             except OSError as error:
                 self.close()
-                self._complain(error)
+                self._on_fault(error)
 
     def _file(self, path: Path) -> IO[str]:
         if path.name not in self._files:

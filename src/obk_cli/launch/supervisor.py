@@ -1,23 +1,60 @@
-"""Runs a plan: start, configure and activate in order, watch, bring down; nothing stays behind.
+"""Supervises one run of a plan: brings the stack up, watches it, brings it down.
 
-Hears from processes and nodes through one inbox, acts through two doors, tells what it does as
-events. Knows no ROS, no operating system and no terminal; the clock is handed in.
+Owns the state of the run. Receives input events through one inbox, acts through two interfaces,
+publishes output events. Knows no ROS, no operating system and no terminal; the clock is passed in.
 """
 
+import signal
+from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from typing import Final
 
-from obk_cli.launch.change import Change, learn_states, make_change, reason
-from obk_cli.launch.descent import bring_down
-from obk_cli.launch.doors import Inbox, Lifecycle, Limits, Processes
-from obk_cli.launch.events import Ended, Told, WaitingFor
-from obk_cli.launch.hearing import Hearing
-from obk_cli.launch.order import UNTIL, Until
-from obk_cli.launch.recovery import Recovery
-from obk_cli.launch.roster import Roster
-from obk_cli.launch.transitions import Transition, way_up
-from obk_cli.launch.units import Unit
-from obk_cli.launch.vigil import keep_vigil
+from obk_cli.launch.asks import ChangeAnswer, ChangeAsked, Member, StatusAsked
+from obk_cli.launch.event_loop import EventLoop, RunContext
+from obk_cli.launch.events import (
+    Answered,
+    AnswersAgain,
+    Ended,
+    EventPublisher,
+    Failed,
+    Hung,
+    InputEvent,
+    OutputEvent,
+    ProcessEnded,
+    ProcessStarted,
+    RateBroken,
+    RatesReported,
+    Ready,
+    StateAnswered,
+    StateSeen,
+    StopAsked,
+    TransitionBegun,
+    TransitionEnded,
+    UnknownPublisherSeen,
+    VideoReported,
+    WaitingFor,
+)
+from obk_cli.launch.heartbeat import AwakeClock, Heartbeat
+from obk_cli.launch.interfaces import Inbox, Lifecycle, Limits, Processes
+from obk_cli.launch.process_control import ProcessControl
+from obk_cli.launch.process_groups import Unit
+from obk_cli.launch.rates import RateWatch
+from obk_cli.launch.restart_policy import RestartPolicy
+from obk_cli.launch.stack_state import RunState, StackState
+from obk_cli.launch.transition_runner import Change, TransitionRunner, reason
+from obk_cli.launch.transitions import (
+    ACTIVE,
+    FINALIZED,
+    TRANSITIONS,
+    UNCONFIGURED,
+    UNTIL,
+    PendingRequests,
+    Transition,
+    Until,
+    tiers_down,
+    way_down,
+    way_up,
+)
 from obk_cli.plan import OnCrash, Plan
 
 __all__ = ["Supervisor"]
@@ -25,12 +62,13 @@ __all__ = ["Supervisor"]
 EXIT_DONE: Final = 0
 EXIT_FAILED: Final = 1
 REMINDER_S: Final = 5.0
-"""Between two words on what is waited for [s]."""
+"""Between two messages on the nodes that the bring-up waits for [s]."""
 REACHED: Final[dict[Until, str]] = {
     "none": "started",
     "configured": "configured",
     "active": "active",
 }
+FROM_ELSEWHERE: Final = "every node was shut down from elsewhere"
 
 
 class Supervisor:
@@ -45,7 +83,7 @@ class Supervisor:
         lifecycle: Lifecycle,
         inbox: Inbox,
         clock: Callable[[], float],
-        tell: Callable[[Told], None],
+        publish: Callable[[OutputEvent], None],
         limits: Limits | None = None,
         on_crash: OnCrash = "stop",
         lead: str | None = None,
@@ -57,29 +95,48 @@ class Supervisor:
             plan: the whole stack.
             units: the processes that run here; nodes that are in none run on other devices.
             processes: starts and signals processes.
-            lifecycle: asks nodes for transitions.
-            inbox: where both doors, signals and those who ask put what they have.
+            lifecycle: requests transitions of nodes.
+            inbox: where both interfaces, signals and other terminals put their events.
             clock: monotonic time [s].
-            tell: takes what happens.
+            publish: takes what happens.
             limits: deadlines.
-            on_crash: for nodes whose config does not say.
+            on_crash: for nodes whose config sets none.
             lead: full name of the state node of the launch that takes the nodes through their
                 transitions; None: this one does, those of other devices too.
-            strict_rates: whether the stack comes down for a promised rate that is broken.
+            strict_rates: whether the stack comes down for an expected rate that is broken.
         """
-        self._roster = Roster(plan, units, leads=lead is None, on_crash=on_crash)
-        self._hearing = Hearing(
-            self._roster,
+        limits = limits or Limits()
+        awake = AwakeClock(clock)
+        state = StackState(plan, units, lead=lead, on_crash=on_crash)
+        heartbeat = Heartbeat(limits.hang_s)
+        loop = EventLoop(
+            inbox=inbox,
+            clock=awake,
+            heartbeat=heartbeat,
+            dispatch=self._dispatch,
+            check=self._check_nodes,
+        )
+        self._context = RunContext(
+            state=state,
+            run=RunState(),
+            loop=loop,
+            publisher=EventPublisher(state, awake, publish),
+            pending=PendingRequests(),
+            heartbeat=heartbeat,
             processes=processes,
             lifecycle=lifecycle,
-            inbox=inbox,
-            clock=clock,
-            tell=tell,
-            limits=limits or Limits(),
-            strict_rates=strict_rates,
+            limits=limits,
         )
-        self._hearing.lead = lead
-        self._recovery = Recovery(self._hearing)
+        self._state, self._run = state, self._context.run
+        self._control = ProcessControl(self._context)
+        self._runner = TransitionRunner(self._context, self._control)
+        self._restarts = RestartPolicy(self._context, self._control, self._runner)
+        self._rates = RateWatch(state)
+        self._strict_rates = strict_rates
+        self._changes: deque[ChangeAsked] = deque()
+        """Changes that wait to be made."""
+        self._busy_with = ""
+        """Why no change can be made now, as words after "the stack is"; empty: it can."""
 
     def run(self, until: Until = "active", duration_s: float | None = None) -> Ended:
         """Bring the stack up, watch it, bring it down.
@@ -88,23 +145,21 @@ class Supervisor:
             until: how far the bring-up goes.
             duration_s: how long the stack runs after the bring-up [s]; None: until asked to stop.
         """
-        hearing = self._hearing
-        hearing.busy_with = "on its way up"
+        self._busy_with = "on its way up"
         if self._bring_up(until):
-            end = None if duration_s is None else hearing.clock() + duration_s
-            keep_vigil(hearing, self._recovery, end)
-            if hearing.may_go_on:
-                hearing.stop = f"{duration_s:g} s are over"
-        bring_down(hearing)
+            self._keep_up(None if duration_s is None else self._context.loop.now() + duration_s)
+            if self._run.may_go_on:
+                self._run.stop(f"{duration_s:g} s are over")
+        self._bring_down()
         ended = self._ended()
-        hearing.story.tell(ended)
+        self._context.publisher.publish(ended)
         return ended
 
     def _ended(self) -> Ended:
-        failures = self._hearing.failures
+        failures = self._run.failures
         if not failures:
             return Ended(exit_code=EXIT_DONE, cause="")
-        node = self._roster.nodes.get(failures[0].node or "")
+        node = self._state.nodes.get(failures[0].node or "")
         return Ended(
             exit_code=EXIT_FAILED,
             cause=failures[0].text,
@@ -112,77 +167,398 @@ class Supervisor:
             origin=str(node.origin) if node else "",
         )
 
+    # --- on the way up ---
+
     def _bring_up(self, until: Until) -> bool:
-        hearing, roster = self._hearing, self._roster
-        count = len(roster.units)
-        hearing.story.phase("starting", f"{count} process{'es' if count > 1 else ''}")
-        for unit in roster.units:
-            hearing.start(unit)
+        context, state = self._context, self._state
+        count = len(state.units)
+        context.publisher.phase("starting", f"{count} process{'es' if count > 1 else ''}")
+        for unit in state.units:
+            self._control.start(unit)
         if not self._wait_for_own() or not self._wait_for_others():
             return False
-        hearing.story.phase("ready")
-        if hearing.lead is not None:
-            hearing.lifecycle.watch(roster.elsewhere())
-            hearing.story.phase("following", hearing.lead)
+        context.publisher.phase("ready")
+        if state.lead is not None:
+            context.lifecycle.watch(state.elsewhere())
+            context.publisher.phase("following", state.lead)
             return True
         if not all(self._make(transition) for transition in way_up(UNTIL[until])):
             return False
-        hearing.story.phase(REACHED[until])
+        context.publisher.phase(REACHED[until])
         return True
 
     def _wait_for_own(self) -> bool:
-        """Until every node of this machine is there, or lost."""
-        hearing, roster = self._hearing, self._roster
-        deadline = hearing.clock() + hearing.limits.start_s
-        while hearing.may_go_on and (late := self._missing(roster.here())):
-            if hearing.crashes:
-                self._recovery.deal_with_crashes()
-            elif hearing.hear(deadline) is None:
+        """Wait until every node of this machine is ready, or lost."""
+        context, state = self._context, self._state
+        deadline = context.loop.now() + context.limits.start_s
+        while self._run.may_go_on and (late := state.missing(state.here())):
+            if state.crashes:
+                self._restarts.handle_crashes()
+            elif context.loop.wait(deadline) is None:
                 names = ", ".join(sorted(late))
-                limit_s = hearing.limits.start_s
+                limit_s = context.limits.start_s
                 for node in sorted(late):
-                    hearing.give_evidence(node)
-                hearing.fail(f"no life-cycle services after {limit_s:g} s: {names}", min(late))
-        return hearing.may_go_on
+                    self._control.report_evidence(node)
+                self._run.fail(f"no life-cycle services after {limit_s:g} s: {names}", min(late))
+        return self._run.may_go_on
 
     def _wait_for_others(self) -> bool:
-        """Until every node of other devices is there; they are started by hand, so for ever."""
-        hearing, roster = self._hearing, self._roster
-        others = roster.with_lifecycle - roster.here()
-        hearing.lifecycle.watch(others)
-        reminder = hearing.clock()
-        while hearing.may_go_on and (late := self._missing(others)):
-            if hearing.crashes:
-                self._recovery.deal_with_crashes()
-            elif hearing.hear(reminder) is None:
-                devices = dict.fromkeys(roster.nodes[node].device for node in sorted(late))
-                hearing.story.tell(WaitingFor(devices=tuple(devices), nodes=tuple(sorted(late))))
-                reminder = hearing.clock() + REMINDER_S
-        silent = learn_states(hearing, others) if hearing.may_go_on else frozenset()
+        """Wait until every node of other devices is ready; users start them, so without limit."""
+        context, state = self._context, self._state
+        others = state.with_lifecycle - state.here()
+        context.lifecycle.watch(others)
+        reminder = context.loop.now()
+        while self._run.may_go_on and (late := state.missing(others)):
+            if state.crashes:
+                self._restarts.handle_crashes()
+            elif context.loop.wait(reminder) is None:
+                devices = dict.fromkeys(state.nodes[node].device for node in sorted(late))
+                nodes = tuple(sorted(late))
+                context.publisher.publish(WaitingFor(devices=tuple(devices), nodes=nodes))
+                reminder = context.loop.now() + REMINDER_S
+        silent = self._runner.learn_states(others) if self._run.may_go_on else frozenset()
         for node in sorted(silent):
-            hearing.fail(f"{node}: does not tell its state", node)
-        return hearing.may_go_on
-
-    def _missing(self, nodes: Collection[str]) -> frozenset[str]:
-        return frozenset(nodes) - self._roster.ready - self._roster.lost
+            self._run.fail(f"{node}: does not tell its state", node)
+        return self._run.may_go_on
 
     def _make(self, transition: Transition) -> bool:
-        """Take every node through a transition; nodes that crash are brought back on the way."""
-        hearing = self._hearing
-        limit_s = hearing.limits.transition_s
-        while hearing.may_go_on:
-            nodes = frozenset(self._roster.counted())
-            answer = make_change(
-                hearing, Change(transition=transition, nodes=nodes, limit_s=limit_s)
-            )
+        """Take every node through a transition; nodes that crash meanwhile are restored."""
+        limit_s = self._context.limits.transition_s
+        while self._run.may_go_on:
+            change = Change(transition=transition, nodes=self._state.counted(), limit_s=limit_s)
+            answer = self._runner.run(change)
             if answer.success:
                 # One that got there may have died since.
-                self._recovery.deal_with_crashes()
-                return hearing.may_go_on
+                self._restarts.handle_crashes()
+                return self._run.may_go_on
             culprits = [m for m in answer.members if m.is_culprit and m.result != "gone"]
             for member in culprits:
-                hearing.fail(reason(member, transition, limit_s), member.node)
-            if not culprits and not hearing.crashes and hearing.may_go_on:
-                hearing.fail(answer.why)
-            self._recovery.deal_with_crashes()
+                self._run.fail(reason(member, transition, limit_s), member.node)
+            if not culprits and not self._state.crashes and self._run.may_go_on:
+                self._run.fail(answer.why)
+            self._restarts.handle_crashes()
         return False
+
+    # --- while the stack is up ---
+
+    def _keep_up(self, until: float | None) -> None:
+        """Handle crashes and requested changes until something ends the run, or until a time."""
+        state, lead = self._state, self._state.lead
+        self._watch(node for node in state.with_lifecycle if state.is_present(node))
+        if lead is not None:
+            self._context.lifecycle.watch({lead})
+        idle = "" if lead is None else "led from another device"
+        while self._run.may_go_on:
+            if state.crashes:
+                self._busy_with = "bringing back a node that crashed"
+                self._restarts.handle_crashes()
+            elif self._changes:
+                self._busy_with = "in the middle of another change"
+                change = self._changes.popleft()
+                change.reply(self._change(change))
+            else:
+                self._busy_with = idle
+                if self._context.loop.wait(until) is None:
+                    return
+
+    def _change(self, requested: ChangeAsked) -> ChangeAnswer:
+        """Make a requested change."""
+        state = self._state
+        unknown = sorted(set(requested.nodes) - state.with_lifecycle)
+        if unknown:
+            why = f"no such node with a life cycle is driven here: {', '.join(unknown)}"
+            return ChangeAnswer(success=False, why=why)
+        if requested.transition not in TRANSITIONS:
+            why = f"there is no transition `{requested.transition}`"
+            return ChangeAnswer(success=False, why=why)
+        lost = sorted(state.lost.intersection(requested.nodes))
+        if lost:
+            why = f"crashed, and not brought back: {', '.join(lost)}"
+            return ChangeAnswer(success=False, why=why)
+        answer = self._runner.run(
+            Change(
+                transition=TRANSITIONS[requested.transition],
+                nodes=frozenset(requested.nodes) or state.counted(),
+                limit_s=requested.timeout_s or self._context.limits.transition_s,
+            )
+        )
+        if state.are_all(state.counted(), FINALIZED):
+            self._run.stop(FROM_ELSEWHERE)
+        return answer
+
+    # --- on the way down ---
+
+    def _bring_down(self) -> None:
+        """Deactivate, clean up, shut down, controllers before the robot; then signals."""
+        context, state = self._context, self._state
+        busy = frozenset(state.in_transition)
+        self._go_down()
+        context.publisher.phase("stopping", self._run.reason)
+        context.publisher.in_transition("shuttingdown")
+        silent = set(state.hung)
+        stuck = {state.unit_of.get(node, node): node for node in sorted(silent)}
+        for node in stuck.values():
+            self._control.report_evidence(node)
+        for tier in tiers_down(state.plan):
+            self._take_down(state.with_lifecycle.intersection(tier), busy, silent)
+        for unit in {state.unit_of[n] for n in silent if state.is_here(n)}:
+            if not state.hung.isdisjoint(state.units[unit].node_names):
+                self._control.kill(unit)
+        self._control.end_all()
+        for unit in sorted(state.running):
+            self._run.fail(f"{unit}: the process is still there after SIGKILL")
+        context.publisher.in_transition(FINALIZED)
+        context.publisher.phase("stopped")
+
+    def _go_down(self) -> None:
+        """From here on ends are expected, no node is watched and no change is made."""
+        self._run.go_down(self._context.loop.now())
+        self._busy_with = "on its way down"
+        self._context.heartbeat.clear()
+        while self._changes:
+            self._refuse(self._changes.popleft())
+
+    def _take_down(self, nodes: Collection[str], busy: frozenset[str], silent: set[str]) -> None:
+        """Take a tier down.
+
+        Args:
+            nodes: full names.
+            busy: those that were in a transition when the stop was requested.
+            silent: those that do not answer, which takes more; nothing is requested of them.
+        """
+        state, limits = self._state, self._context.limits
+        present = {n for n in nodes if n in state.ready - silent and state.is_present(n)}
+        for node in sorted(self._runner.learn_states(present)):
+            silent.add(node)
+            if node not in busy and not self._run.force_quit:
+                text = f"{node}: does not tell its state within {limits.answer_s:g} s"
+                self._run.fail(text, node)
+        for transition in way_down(ACTIVE):
+            if self._run.force_quit:
+                return
+            members = [
+                node
+                for node in present - silent
+                if not state.is_resting(node) or state.states[node] in transition.starts
+            ]
+            # Nodes in a transition get every request in turn; what they refuse is no failure.
+            unsettled = {node for node in members if not state.is_resting(node)}
+            for member in self._runner.request_all(transition, members, limits.down_s).values():
+                self._judge(transition, member, unsettled, silent)
+
+    def _judge(
+        self, transition: Transition, member: Member, unsettled: Collection[str], silent: set[str]
+    ) -> None:
+        node = member.node
+        if member.result == "timed out":
+            silent.add(node)
+        if member.result == "timed out" or (member.result == "refused" and node not in unsettled):
+            self._run.fail(reason(member, transition, self._context.limits.down_s), node)
+
+    # --- between two events: hangs and rates ---
+
+    def _watch(self, nodes: Iterable[str]) -> None:
+        """Expect signs of life of these nodes from now on."""
+        self._context.heartbeat.watch(nodes, self._context.loop.now())
+
+    def _check_nodes(self, now: float) -> Hung | None:
+        """Ask the watched nodes for signs of life; gives the first one that hangs."""
+        heartbeat = self._context.heartbeat
+        hung = [self._hangs(node, seconds) for node, seconds in heartbeat.late(now)]
+        for node in heartbeat.due(now):
+            self._context.lifecycle.ask_state(node)
+        self._publish_rates(self._rates.silence(now))
+        return next((event for event in hung if event is not None), None)
+
+    def _hangs(self, node: str, seconds: float) -> Hung | None:
+        """Take note of a hang; None: it is known, and nothing follows from its going on."""
+        state = self._state
+        hung = Hung(node=node, seconds=seconds)
+        if node == state.lead:
+            self._run.fail(f"the lead {node} has not answered for {seconds:.1f} s")
+            return hung
+        if node in state.hung:
+            return hung if self._is_given_up(hung) else None
+        state.hung.add(node)
+        self._context.publisher.publish(hung)
+        self._restarts.crashed(node, "hung", f"{node} hangs: no answer for {seconds:.1f} s")
+        return hung
+
+    def _is_given_up(self, hung: Hung) -> bool:
+        """Whether a node that another launch is to restart has been missing for too long."""
+        node, state = hung.node, self._state
+        if state.is_here(node) or state.on_crash(node) != "restart":
+            return False
+        if hung.seconds <= self._context.limits.restart_window_s:
+            return False
+        back = "and the launch of its device has not brought it back"
+        self._run.fail(f"{node} has not answered for {hung.seconds:.0f} s, {back}", node)
+        return True
+
+    def _publish_rates(self, events: Iterable[OutputEvent]) -> None:
+        """Publish news of rates; if rates are strict, one that is broken ends the run."""
+        for event in events if not self._run.is_going_down else ():
+            self._context.publisher.publish(event)
+            if self._strict_rates and isinstance(event, RateBroken):
+                self._run.fail(f"{event.node}: {event.how}", event.node)
+
+    # --- input events ---
+
+    def _dispatch(self, event: InputEvent) -> None:
+        lead = self._state.lead
+        match event:
+            case ProcessStarted() if event.process in self._state.units:
+                self._process_started(event)
+            case ProcessEnded() if event.process in self._state.units:
+                self._process_ended(event)
+            case Ready(node=node):
+                self._ready(node)
+            case Answered(node=node):
+                self._state.in_transition.discard(node)
+                self._alive(node)
+                self._answered_late(event)
+            case StateAnswered(node=node, state=state):
+                self._alive(node)
+                self._state_answered(node, state)
+            case TransitionBegun(node=node) if node != lead:
+                now, limit_s = self._context.loop.now(), self._context.limits.transition_s
+                self._context.heartbeat.received(node, now, limit_s)
+            case StateSeen(node=node) if node != lead:
+                self._alive(node)
+                self._state_seen(event)
+            case Failed(node=node) if node != lead:
+                self._failed(event)
+            case RatesReported():
+                self._publish_rates(self._rates.received(event, self._context.loop.now()))
+            case VideoReported():
+                self._context.publisher.publish(event)
+            case _:
+                self._dispatch_request(event)
+
+    def _dispatch_request(self, event: InputEvent) -> None:
+        """Dispatch what comes from outside the stack."""
+        match event:
+            case StopAsked(reason=reason, is_urgent=is_urgent):
+                self._run.request_stop(reason, self._context.loop.now(), is_urgent=is_urgent)
+            case StatusAsked():
+                event.reply(self._context.publisher.status())
+            case UnknownPublisherSeen(topic=topic, node=node):
+                if not self._run.is_going_down:
+                    text = f"{node}, which is not of this stack, publishes on {topic} too"
+                    self._run.fail(text)
+            case ChangeAsked() if self._busy_with:
+                self._refuse(event)
+            case ChangeAsked():
+                self._changes.append(event)
+            case _:
+                pass
+
+    def _refuse(self, requested: ChangeAsked) -> None:
+        requested.reply(ChangeAnswer(success=False, why=f"the stack is {self._busy_with}"))
+
+    def _process_started(self, event: ProcessStarted) -> None:
+        state = self._state
+        state.pids[event.process] = event.pid
+        self._context.publisher.publish(event)
+        # Not before: a node of the same name might run that is not ours.
+        names = state.units[event.process].node_names
+        self._context.lifecycle.watch(state.with_lifecycle.intersection(names))
+
+    def _process_ended(self, event: ProcessEnded) -> None:
+        state, unit = self._state, event.process
+        names = state.units[unit].node_names
+        is_early = state.is_early(unit)
+        has_lifecycle = state.with_lifecycle.issuperset(names)
+        # What is left of such a process is Python's end, which a busy machine may draw out.
+        is_over = has_lifecycle and state.are_all(names, FINALIZED)
+        state.process_ended(unit)
+        self._context.heartbeat.forget(names)
+        expected = {0} | ({-signal.SIGTERM} if is_early else set())
+        if is_over or not has_lifecycle:
+            expected |= {-signal.SIGINT, -signal.SIGTERM}
+        if self._control.was_killed(unit):
+            return
+        culprit = state.culprit(unit, event.text)
+        if not self._run.is_going_down:
+            self._context.publisher.publish(event)
+            self._restarts.crashed(culprit, "ended", f"{unit}: {event.how}")
+        elif event.code not in expected:
+            self._context.publisher.publish(event)
+            self._run.fail(f"{unit}: {event.how}", culprit)
+
+    def _ready(self, node: str) -> None:
+        state = self._state
+        if node == state.lead:
+            self._watch({node})
+            return
+        if not state.is_here(node):
+            self._context.lifecycle.ask_state(node)
+        elif node not in state.ready:
+            state.states[node] = UNCONFIGURED
+        state.ready.add(node)
+
+    def _alive(self, node: str) -> None:
+        state = self._state
+        self._context.heartbeat.received(node, self._context.loop.now())
+        if node in state.hung and not self._run.is_going_down:
+            state.hung.discard(node)
+            self._context.publisher.publish(AnswersAgain(node=node))
+            if node not in state.in_transition:
+                # It may run in a new process of another launch.
+                state.states.pop(node, None)
+
+    def _answered_late(self, answer: Answered) -> None:
+        """Of a request that timed out: the node is not to stay further up than requested."""
+        context, state = self._context, self._state
+        node, transition = answer.node, TRANSITIONS[answer.transition]
+        requested_s = context.pending.pop_late(answer)
+        if requested_s is None or not answer.success:
+            return
+        state.states[node] = transition.goal
+        took_s = context.loop.now() - requested_s
+        context.publisher.publish(
+            TransitionEnded(node=node, transition=transition.name, result="reached", seconds=took_s)
+        )
+        is_requested = state.requested.get(node) == transition.goal
+        is_down = self._run.is_going_down
+        if transition.is_up and transition.undo and not is_requested and not is_down:
+            context.publisher.episode("rolling back", node)
+            self._changes.append(
+                ChangeAsked(transition=transition.undo, nodes=(node,), reply=lambda _: None)
+            )
+
+    def _state_answered(self, node: str, answer: str) -> None:
+        """A node answered with its state; during a transition that is no news."""
+        states = self._state.states
+        if node == self._state.lead or node in self._state.in_transition:
+            return
+        if self._run.is_going_down or node not in states:
+            states[node] = answer
+            self._context.publisher.publish_state()
+
+    def _state_seen(self, event: StateSeen) -> None:
+        """A node's state changed: by a request made here, or from elsewhere."""
+        state, lead = self._state, self._state.lead
+        if self._context.pending.pop(event) or self._run.is_going_down:
+            return
+        if state.is_present(event.node):
+            state.states[event.node] = event.state
+        if lead is not None and not self._context.heartbeat.watches(lead):
+            self._watch({lead})  # The lead moved the node, so it runs.
+        if event.transition:
+            state.requested[event.node] = event.state
+        self._context.publisher.publish(event)
+        # Without a transition it is the end of a failure, which is published by itself.
+        if event.transition and state.are_all(state.here() - state.lost, FINALIZED):
+            self._run.stop(FROM_ELSEWHERE)
+
+    def _failed(self, event: Failed) -> None:
+        """A fault of the node's own is a crash; a transition's is its requester's to handle."""
+        state = self._state
+        if self._context.pending.pop(event) or self._run.is_going_down:
+            return
+        self._context.publisher.publish(event)
+        if not event.transition and state.is_present(event.node):
+            state.states[event.node] = UNCONFIGURED
+            first = event.fault.splitlines()[0] if event.fault else "no reason given"
+            self._restarts.crashed(event.node, "fault", f"{event.node} failed: {first}")

@@ -1,43 +1,93 @@
-"""The life-cycle transitions as a table.
+"""The life cycle of a stack: its transitions as one table, the order of tiers, pending requests.
 
-Source: https://design.ros2.org/articles/node_lifecycle.html
+Pure. `TRANSITIONS` is the table; `EDGES`, the numbered edges that ROS clients see, follow from it.
+Source: https://design.ros2.org/articles/node_lifecycle.html; lifecycle_msgs/msg/State,
+lifecycle_msgs/msg/Transition; rcl_lifecycle's default state machine.
 """
 
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final, Literal
+
+if TYPE_CHECKING:  # the control protocol needs the table alone, and has to load fast
+    from obk_cli.launch.events import Answered, Failed, StateSeen
+    from obk_cli.plan import Plan
 
 __all__ = [
     "ACTIVE",
+    "EDGES",
     "FINALIZED",
     "INACTIVE",
+    "PASSED",
     "RESTING",
+    "STATES",
     "TRANSITIONS",
     "UNCONFIGURED",
+    "UNKNOWN",
+    "UNTIL",
+    "Edge",
+    "PendingRequests",
     "Transition",
+    "Until",
+    "edge_between",
+    "edges_from",
+    "find_edge",
+    "tiers_down",
+    "tiers_up",
     "way_down",
     "way_up",
 ]
 
+UNKNOWN: Final = "unknown"
 UNCONFIGURED: Final = "unconfigured"
 INACTIVE: Final = "inactive"
 ACTIVE: Final = "active"
 FINALIZED: Final = "finalized"
 RESTING: Final = frozenset({UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED})
-"""States in which a node stays until it is asked for something."""
+"""States in which a node stays until a transition is requested."""
+
+STATES: Final = {
+    UNKNOWN: 0,
+    UNCONFIGURED: 1,
+    INACTIVE: 2,
+    ACTIVE: 3,
+    FINALIZED: 4,
+    "configuring": 10,
+    "cleaningup": 11,
+    "shuttingdown": 12,
+    "activating": 13,
+    "deactivating": 14,
+    "errorprocessing": 15,
+}
+"""Label -> number in ROS."""
+
+Until = Literal["none", "configured", "active"]
+UNTIL: Final[dict[Until, str]] = {"none": UNCONFIGURED, "configured": INACTIVE, "active": ACTIVE}
+"""How far a bring-up goes -> the state of the stack at its end."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Transition:
-    """One transition that a user can ask for."""
+    """One transition that a user can request."""
 
     name: str
-    starts: frozenset[str]
-    """States from which it is allowed."""
+    numbers: Mapping[str, int]
+    """State from which it is allowed -> its number in ROS."""
     goal: str
     passes: str
-    """The state in which a node is while it makes it."""
+    """The state of a node during the transition."""
+    success: int
+    """The number of its successful end in ROS."""
+    failure: int | None = None
+    """The number of its failed end in ROS; None: ROS has none."""
     undo: str | None = None
     """The transition that takes it back."""
+
+    @property
+    def starts(self) -> frozenset[str]:
+        """States from which it is allowed."""
+        return frozenset(self.numbers)
 
     @property
     def is_up(self) -> bool:
@@ -50,53 +100,167 @@ TRANSITIONS: Final = {
     for t in (
         Transition(
             name="configure",
-            starts=frozenset({UNCONFIGURED}),
+            numbers={UNCONFIGURED: 1},
             goal=INACTIVE,
             passes="configuring",
+            success=10,
+            failure=11,
             undo="cleanup",
         ),
         Transition(
             name="activate",
-            starts=frozenset({INACTIVE}),
+            numbers={INACTIVE: 3},
             goal=ACTIVE,
             passes="activating",
+            success=30,
+            failure=31,
             undo="deactivate",
         ),
         Transition(
             name="deactivate",
-            starts=frozenset({ACTIVE}),
+            numbers={ACTIVE: 4},
             goal=INACTIVE,
             passes="deactivating",
+            success=40,
+            failure=41,
             undo="activate",
         ),
         Transition(
             name="cleanup",
-            starts=frozenset({INACTIVE}),
+            numbers={INACTIVE: 2},
             goal=UNCONFIGURED,
             passes="cleaningup",
+            success=20,
+            failure=21,
             undo="configure",
         ),
         Transition(
             name="shutdown",
-            starts=frozenset({UNCONFIGURED, INACTIVE, ACTIVE}),
+            numbers={UNCONFIGURED: 5, INACTIVE: 6, ACTIVE: 7},
             goal=FINALIZED,
             passes="shuttingdown",
+            success=50,
         ),
     )
 }
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Edge:
+    """From one state to the next, as ROS clients know it."""
+
+    number: int
+    label: str
+    start: str
+    goal: str
+
+
+def _edges() -> Iterator[Edge]:
+    for t in TRANSITIONS.values():
+        for start, number in t.numbers.items():
+            yield Edge(number=number, label=t.name, start=start, goal=t.passes)
+            if t.failure is not None:
+                label = "transition_failure"
+                yield Edge(number=t.failure, label=label, start=t.passes, goal=start)
+        yield Edge(number=t.success, label="transition_success", start=t.passes, goal=t.goal)
+
+
+EDGES: Final = tuple(sorted(_edges(), key=lambda edge: edge.number))
+"""Those of a stack: what fails is rolled back, so error processing is not among them."""
+
+PASSED: Final = {t.passes: t.name for t in TRANSITIONS.values()}
+"""State of a node during a transition -> the transition."""
+
+
+def edges_from(state: str) -> tuple[Edge, ...]:
+    """The edges that a client can request in a state; none during a transition."""
+    return tuple(edge for edge in EDGES if edge.start == state and state in RESTING)
+
+
+def find_edge(state: str, label: str, number: int) -> Edge | None:
+    """The edge that a request means in a state; None if the state does not allow it.
+
+    Args:
+        state: of the stack.
+        label: as requested, `activate`; if it is empty the number counts.
+        number: as requested.
+    """
+    for edge in edges_from(state):
+        if edge.label == label if label else edge.number == number:
+            return edge
+    return None
+
+
+def edge_between(start: str, goal: str) -> Edge | None:
+    """The edge from one state directly to another."""
+    return next((edge for edge in EDGES if (edge.start, edge.goal) == (start, goal)), None)
+
+
 def way_up(state: str) -> tuple[Transition, ...]:
-    """The transitions that lead from `unconfigured` to a state; none to where none lead."""
+    """The transitions from `unconfigured` to a state; empty if none lead there."""
     names = {INACTIVE: ("configure",), ACTIVE: ("configure", "activate")}
     return tuple(TRANSITIONS[name] for name in names.get(state, ()))
 
 
 def way_down(state: str) -> tuple[Transition, ...]:
-    """The transitions that lead from a state to `finalized`, one by one."""
+    """The transitions from a state to `finalized`, one by one."""
     names = {
         ACTIVE: ("deactivate", "cleanup", "shutdown"),
         INACTIVE: ("cleanup", "shutdown"),
         UNCONFIGURED: ("shutdown",),
     }
     return tuple(TRANSITIONS[name] for name in names.get(state, ()))
+
+
+def tiers_up(plan: "Plan") -> tuple[tuple[str, ...], ...]:
+    """Full names by tier in bring-up order: the robot before controllers.
+
+    Nodes without a life cycle make no transitions and are left out.
+    """
+    tiers = (tuple(p.full_name for p in tier if p.has_lifecycle) for tier in plan.tiers)
+    return tuple(tier for tier in tiers if tier)
+
+
+def tiers_down(plan: "Plan") -> tuple[tuple[str, ...], ...]:
+    """Full names by tier in shutdown order: controllers before the robot."""
+    return tuple(reversed(tiers_up(plan)))
+
+
+class PendingRequests:
+    """The transitions requested here whose `transition_event` has not arrived yet.
+
+    A response and the event come on two ways, in either order; so an old event must not stand for
+    the newest state. The response counts; the event of the same transition is dropped.
+    """
+
+    def __init__(self) -> None:
+        self._expected: Counter[tuple[str, str]] = Counter()
+        self._timed_out: dict[tuple[str, str], float] = {}
+
+    def add(self, node: str, transition: str) -> None:
+        """A transition is requested."""
+        self._expected[node, transition] += 1
+        self._timed_out.pop((node, transition), None)
+
+    def time_out(self, node: str, transition: str, requested_s: float) -> None:
+        """Stop waiting for the response to a request of that time; it may still come."""
+        self._timed_out[node, transition] = requested_s
+
+    def pop_late(self, answer: "Answered") -> float | None:
+        """When the request of a late response was made; None: it had not timed out."""
+        return self._timed_out.pop((answer.node, answer.transition), None)
+
+    def forget(self, nodes: Collection[str]) -> None:
+        """Forget the requests to nodes whose process has ended."""
+        for transition in [known for known in self._expected if known[0] in nodes]:
+            del self._expected[transition]
+        for transition in [known for known in self._timed_out if known[0] in nodes]:
+            del self._timed_out[transition]
+
+    def pop(self, event: "StateSeen | Failed") -> bool:
+        """Whether an event belongs to a request made here, which is pending no more then."""
+        transition = (event.node, event.transition)
+        if self._expected[transition] == 0:
+            return False
+        self._expected[transition] -= 1
+        return True

@@ -18,8 +18,7 @@ from obk_cli.asking.names import section_of
 from obk_cli.asking.run_logs import LAUNCH_LOG
 from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.runs import Run, read_run
-from obk_cli.launch.state_machine import UNKNOWN
-from obk_cli.launch.transitions import ACTIVE
+from obk_cli.launch.transitions import ACTIVE, UNKNOWN
 from obk_cli.looking.parameters import Parameter
 from obk_cli.monitor.expected_topics import (
     REALTIME_FACTOR,

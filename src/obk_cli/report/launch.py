@@ -11,6 +11,7 @@ from obk_cli.launch.events import (
     Failed,
     GoesOnWithout,
     Hung,
+    OutputEvent,
     Phase,
     ProcessEnded,
     ProcessStarted,
@@ -19,9 +20,8 @@ from obk_cli.launch.events import (
     RateMoved,
     Restarted,
     Restarting,
-    StackState,
+    StackStateChanged,
     StateSeen,
-    Told,
     TransitionEnded,
     VideoReported,
     WaitingFor,
@@ -86,7 +86,7 @@ class LaunchReport:
         """A sentence of the launcher's own."""
         yield plain(text)
 
-    def event(self, event: Told) -> Iterable[str]:
+    def event(self, event: OutputEvent) -> Iterable[str]:
         """What happened."""
         match event:
             case Phase():
@@ -94,7 +94,7 @@ class LaunchReport:
                     self._known_state = STEADY.get(event.name)
                 detail = f" ({plain(event.detail)})" if event.detail else ""
                 yield self._paint(_BOLD, f"[{event.seconds:6.2f} s] {event.name}{detail}")
-            case StackState():
+            case StackStateChanged():
                 yield from self._stack_state(event.state)
             case WaitingFor():
                 where = ", ".join(event.devices)

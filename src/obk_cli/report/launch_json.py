@@ -6,7 +6,7 @@ The last line is the record of `Ended`; what comes after it is left to the log f
 import json
 from collections.abc import Callable, Iterable
 
-from obk_cli.launch.events import Ended, Told
+from obk_cli.launch.events import Ended, OutputEvent
 from obk_cli.launch.journal import event_record, output_record
 
 __all__ = ["JsonReport"]
@@ -26,7 +26,7 @@ class JsonReport:
         self._quiet = quiet
         self._is_over = False
 
-    def event(self, event: Told) -> Iterable[str]:
+    def event(self, event: OutputEvent) -> Iterable[str]:
         """What happened."""
         yield from self._line(event_record(event, self._clock()))
         self._is_over = self._is_over or isinstance(event, Ended)

@@ -13,6 +13,7 @@ from obk_cli.launch.events import (
     AnswersAgain,
     Failed,
     Hung,
+    OutputEvent,
     Phase,
     ProcessEnded,
     ProcessStarted,
@@ -20,13 +21,12 @@ from obk_cli.launch.events import (
     RateKept,
     RateMoved,
     Restarting,
-    StackState,
+    StackStateChanged,
     StateSeen,
-    Told,
     TransitionEnded,
 )
+from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.transitions import ACTIVE, FINALIZED, TRANSITIONS, UNCONFIGURED
-from obk_cli.launch.units import Unit
 from obk_cli.plan import Plan
 from obk_cli.report.launch import LaunchReport
 
@@ -62,21 +62,21 @@ def opening_status(plan: Plan, units: Iterable[Unit], *, leads: bool = True) -> 
     return StackStatus(name=plan.name, state="", phase="starting", seconds=0.0, nodes=nodes)
 
 
-def with_event(status: StackStatus, event: Told) -> StackStatus:
+def with_event(status: StackStatus, event: OutputEvent) -> StackStatus:
     """The status after an event."""
     match event:
         case Phase(name="rolling back"):
             return status  # an episode, after which the stack is where it was
         case Phase():
             status = replace(status, phase=event.name, seconds=event.seconds)
-        case StackState():
+        case StackStateChanged():
             return replace(status, state=event.state)
         case _:
             pass
     return replace(status, nodes=tuple(_with_rates(node, event) for node in status.nodes))
 
 
-def _with_rates(node: NodeStatus, event: Told) -> NodeStatus:
+def _with_rates(node: NodeStatus, event: OutputEvent) -> NodeStatus:
     """A node after an event; it has the rates that are not kept, while it is active."""
     after = _node_after(node, event)
     return replace(after, rates=()) if after.rates and after.state != ACTIVE else after
@@ -87,7 +87,7 @@ def _with_rate(rates: tuple[Rate, ...], rate: Rate) -> tuple[Rate, ...]:
     return others if rate.standing == "kept" else (*others, rate)
 
 
-def _node_after(node: NodeStatus, event: Told) -> NodeStatus:
+def _node_after(node: NodeStatus, event: OutputEvent) -> NodeStatus:
     match event:
         case Phase(name="ready") if node.state == UNKNOWN:
             return replace(node, state=UNCONFIGURED)
@@ -153,7 +153,7 @@ class LiveReport:
         self.line = report.line
         self.note = report.note
 
-    def event(self, event: Told) -> Iterable[str]:
+    def event(self, event: OutputEvent) -> Iterable[str]:
         """What happened."""
         self._status = with_event(self._status, event)
         return self._report.event(event)

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.claims import claim_run
 from obk_cli.adapters.live_runs import live_folders
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import is_planted
+from obk_cli.launch.run_lock import claim_run
 from obk_cli.launch.runs import Run
 from obk_cli.process.identity import this_process
 from obk_cli.workspace.overlay import FOLDER, RECORD, build_turn, overlay_prefixes

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from obk_cli.adapters.control_socket import serve_control
 from obk_cli.adapters.launcher_look import LauncherLook, ask_launcher
 from obk_cli.adapters.ros_answers import RosAnswers
 from obk_cli.errors import CommandFailedError
+from obk_cli.launch.control_server import serve_control
 from obk_cli.launch.wire import LONGEST_REQUEST
 from obk_cli.looking.delays import Delay
 from obk_cli.looking.graph import Graph, TopicSeen

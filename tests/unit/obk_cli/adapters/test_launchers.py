@@ -12,8 +12,8 @@ import pytest
 
 from obk_cli.adapters import launchers
 from obk_cli.adapters.control_client import ANSWER_S
-from obk_cli.adapters.control_socket import serve_control
 from obk_cli.adapters.launchers import end_launcher
+from obk_cli.launch.control_server import serve_control
 from obk_cli.launch.events import StopAsked
 from obk_cli.launch.runs import Run, write_run
 from obk_cli.process.identity import start_s

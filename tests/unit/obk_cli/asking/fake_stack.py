@@ -7,8 +7,6 @@ from datetime import datetime
 from pathlib import Path
 from queue import SimpleQueue
 
-from obk_cli.adapters.claims import claim_run
-from obk_cli.adapters.control_socket import serve_control
 from obk_cli.asking.names import section_of
 from obk_cli.launch.asks import (
     ChangeAnswer,
@@ -18,7 +16,9 @@ from obk_cli.launch.asks import (
     StackStatus,
     StatusAsked,
 )
-from obk_cli.launch.events import Ended, Heard, StopAsked
+from obk_cli.launch.control_server import serve_control
+from obk_cli.launch.events import Ended, InputEvent, StopAsked
+from obk_cli.launch.run_lock import claim_run
 from obk_cli.launch.runs import Run, note_end
 from obk_cli.launch.transitions import TRANSITIONS
 from obk_cli.process.identity import this_process
@@ -36,9 +36,9 @@ class FakeStack:
         self.states = dict(states)
         self.broken: set[str] = set()
         self.hung: set[str] = set()
-        self.heard: list[Heard] = []
+        self.heard: list[InputEvent] = []
 
-    def answer(self, heard: Heard) -> None:
+    def answer(self, heard: InputEvent) -> None:
         self.heard.append(heard)
         match heard:
             case StatusAsked():
@@ -122,7 +122,7 @@ def fake_stack(
         leads=leads,
     )
     stack = FakeStack(claim_run(parent, run, NOW), run, {**states, **(elsewhere or {})})
-    inbox: SimpleQueue[Heard | None] = SimpleQueue()
+    inbox: SimpleQueue[InputEvent | None] = SimpleQueue()
 
     def supervise() -> None:
         while (heard := inbox.get()) is not None:

@@ -10,7 +10,7 @@ from obk_cli.asking import graph, stacks
 from obk_cli.asking.lifecycle import Asked, change_states, node_states, possible_transitions
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.asks import ChangeAsked, Member
-from obk_cli.launch.events import Answered, Heard
+from obk_cli.launch.events import Answered, InputEvent
 from obk_cli.ros.environment import RosEnvironment
 
 from .fake_stack import CONTROL, JOY, ROBOT, FakeStack, fake_stack
@@ -61,11 +61,11 @@ def in_graph(
     def open_fake(name: str, environment: RosEnvironment) -> Iterator[FakeRos]:
         yield FakeRos(states, faults or {})
 
-    monkeypatch.setattr(graph, "open_ros", open_fake)
+    monkeypatch.setattr(graph, "open_lifecycle_client", open_fake)
 
 
 def changes(stack: FakeStack) -> list[tuple[str, tuple[str, ...], float | None]]:
-    asked: list[Heard] = [heard for heard in stack.heard if isinstance(heard, ChangeAsked)]
+    asked: list[InputEvent] = [heard for heard in stack.heard if isinstance(heard, ChangeAsked)]
     return [(a.transition, a.nodes, a.timeout_s) for a in asked if isinstance(a, ChangeAsked)]
 
 
@@ -242,7 +242,7 @@ def test_over_ros_a_limit_that_is_given_is_for_finding_and_for_answers_too(
     def open_patient(name: str, environment: RosEnvironment) -> Iterator[Patient]:
         yield Patient(ACTIVE, {})
 
-    monkeypatch.setattr(graph, "open_ros", open_patient)
+    monkeypatch.setattr(graph, "open_lifecycle_client", open_patient)
     for limit_s, expected in ((30.0, [30.0, 30.0]), (None, [graph.DISCOVERY_S, graph.ANSWER_S])):
         waits.clear()
         asked = Asked(names=(ROBOT,), timeout_s=limit_s)

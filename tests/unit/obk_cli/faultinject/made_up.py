@@ -5,8 +5,8 @@ from pathlib import Path
 from obk_cli.faultinject.expectations import Case, Fault, expectation_of
 from obk_cli.faultinject.observation import Observation, TimedEvent
 from obk_cli.launch.asks import NodeStatus, StackStatus
-from obk_cli.launch.events import Told
-from obk_cli.launch.units import Unit
+from obk_cli.launch.events import OutputEvent
+from obk_cli.launch.process_groups import Unit
 from obk_cli.plan import OnCrash, Process
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
@@ -51,7 +51,7 @@ def status(
     return StackStatus(name="s", state="active", phase="active", seconds=1.0, nodes=nodes)
 
 
-def events(*reported: tuple[float, Told]) -> tuple[TimedEvent, ...]:
+def events(*reported: tuple[float, OutputEvent]) -> tuple[TimedEvent, ...]:
     """Events at so many seconds after the fault."""
     return tuple(
         TimedEvent(time_s=INJECTED_S + after_s, event=event) for after_s, event in reported
@@ -59,7 +59,7 @@ def events(*reported: tuple[float, Told]) -> tuple[TimedEvent, ...]:
 
 
 def observation(
-    *reported: tuple[float, Told],
+    *reported: tuple[float, OutputEvent],
     after: StackStatus | None = None,
     exit_code: int | None = None,
     ended_after_s: float | None = None,

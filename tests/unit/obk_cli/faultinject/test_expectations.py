@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.faultinject.expectations import Allowances, Fault, Reaction, expectation_of, make_cases
-from obk_cli.launch.units import Unit
+from obk_cli.launch.process_groups import Unit
 from obk_cli.plan import OnCrash
 
 from .made_up import CONTROLLER, ESTIMATOR, NODES, ROBOT, process, unit

@@ -16,7 +16,7 @@ from obk_cli.launch.events import (
     ProcessEnded,
     Restarted,
     Restarting,
-    Told,
+    OutputEvent,
 )
 from obk_cli.launch.journal import event_record
 from obk_cli.plan import OnCrash
@@ -48,9 +48,9 @@ def ended(
 )
 def test_a_reaction_is_over_when_the_launcher_has_told_its_end(
     on_crash: OnCrash,
-    begin: tuple[float, Told],
-    end: tuple[float, Told],
-    of_another: tuple[float, Told],
+    begin: tuple[float, OutputEvent],
+    end: tuple[float, OutputEvent],
+    of_another: tuple[float, OutputEvent],
 ) -> None:
     struck = case("kill", on_crash)
     assert not has_concluded(struck, events(begin, of_another))

@@ -1,10 +1,10 @@
-"""The files of a run."""
+"""The log files of a run."""
 
 import json
 from pathlib import Path
 
-from obk_cli.launch.events import Phase
-from obk_cli.launch.journal import Journal
+from obk_cli.launch.events import OUTPUT_EVENTS, Phase, StackStateChanged
+from obk_cli.launch.journal import Journal, event_record
 
 FULL_DISK = Path("/dev/full")
 
@@ -41,3 +41,31 @@ def test_without_a_folder_nothing_is_written() -> None:
     faults: list[OSError] = []
     Journal(None, faults.append).line("/a", "x")
     assert not faults
+
+
+def test_the_names_of_events_are_those_of_the_json_stream() -> None:
+    assert event_record(StackStateChanged(state="active"), 1.0) == {
+        "time": 1.0,
+        "event": "StackState",
+        "state": "active",
+    }
+    assert set(OUTPUT_EVENTS) == {
+        "ProcessStarted",
+        "ProcessEnded",
+        "StateSeen",
+        "Failed",
+        "TransitionEnded",
+        "Phase",
+        "StackState",
+        "Hung",
+        "AnswersAgain",
+        "Restarting",
+        "Restarted",
+        "GoesOnWithout",
+        "RateBroken",
+        "RateKept",
+        "RateMoved",
+        "WaitingFor",
+        "Evidence",
+        "Ended",
+    }

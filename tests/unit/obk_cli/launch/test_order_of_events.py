@@ -11,15 +11,15 @@ from obk_cli.launch.events import (
     Answered,
     Failed,
     GoesOnWithout,
-    Heard,
+    InputEvent,
+    OutputEvent,
     Phase,
     ProcessEnded,
     Ready,
     Restarted,
-    StackState,
+    StackStateChanged,
     StateSeen,
     StopAsked,
-    Told,
     TransitionEnded,
 )
 from obk_cli.plan import Origin, Plan
@@ -39,18 +39,18 @@ def ignored(transition: str, *nodes: str) -> ChangeAsked:
 
 
 def when(world: World, name: str) -> float:
-    (begin,) = (e.seconds for e in world.told if isinstance(e, Phase) and e.name == name)
+    (begin,) = (e.seconds for e in world.published if isinstance(e, Phase) and e.name == name)
     return begin
 
 
-def states_told(world: World) -> list[str]:
-    return [event.state for event in world.told if isinstance(event, StackState)]
+def published_states(world: World) -> list[str]:
+    return [event.state for event in world.published if isinstance(event, StackStateChanged)]
 
 
-def position(world: World, wanted: type[Told], name: str = "") -> int:
+def position(world: World, wanted: type[OutputEvent], name: str = "") -> int:
     return next(
         n
-        for n, event in enumerate(world.told)
+        for n, event in enumerate(world.published)
         if isinstance(event, wanted) and name in ("", getattr(event, "name", ""))
     )
 
@@ -87,7 +87,7 @@ def late_activation(world: World) -> None:
 
     def arrive() -> None:
         world.states[ROBOT] = "active"
-        world.heard.append(Answered(node=ROBOT, transition="activate", success=True, fault=""))
+        world.inbox.append(Answered(node=ROBOT, transition="activate", success=True, fault=""))
 
     world.silent.add((ROBOT, "activate"))
     world.later.extend([ignored("activate"), 11.0, arrive, 1.0, STOP])
@@ -100,7 +100,7 @@ def test_a_node_that_becomes_active_after_its_change_was_given_up_is_taken_back(
     assert world.transitions_of(ROBOT) == [
         *("configure", "activate", "deactivate", "cleanup", "shutdown")
     ]
-    assert "deactivating" in states_told(world)
+    assert "deactivating" in published_states(world)
     late = [e for e in world.of(TransitionEnded) if isinstance(e, TransitionEnded)][4]
     assert (late.node, late.transition, late.result) == (ROBOT, "activate", "reached")
     assert late.seconds == pytest.approx(11.0)
@@ -112,7 +112,7 @@ def test_a_node_that_is_deactivated_late_stays_so_and_is_known_to_be() -> None:
 
     def arrive() -> None:
         world.states[ROBOT] = "inactive"
-        world.heard.append(Answered(node=ROBOT, transition="deactivate", success=True, fault=""))
+        world.inbox.append(Answered(node=ROBOT, transition="deactivate", success=True, fault=""))
 
     again = ChangeAsked(transition="cleanup", nodes=(ROBOT,), reply=answers.append)
     world.later.extend([ignored("deactivate", ROBOT), 11.0, arrive, 1.0, again, STOP])
@@ -155,7 +155,7 @@ def test_the_last_words_of_a_dead_process_do_not_bring_its_node_to_life() -> Non
     world = World(on_crash="restart", later=deque([died(), off, 1.0, STOP]))
     world.run(duration_s=None)
     assert world.transitions_of(ROBOT)[2:4] == ["configure", "cleanup"]
-    after = states_told(world)[states_told(world).index("active") + 1 :]
+    after = published_states(world)[published_states(world).index("active") + 1 :]
     assert after[:2] == ["unconfigured", "inactive"]
 
 
@@ -174,7 +174,7 @@ def test_a_stack_is_not_up_while_one_that_got_there_has_died_since() -> None:
 
     def answer() -> None:
         world.silent.clear()
-        world.heard.append(Answered(node=CONTROLLER, transition="activate", success=True, fault=""))
+        world.inbox.append(Answered(node=CONTROLLER, transition="activate", success=True, fault=""))
 
     world.later.extend([died(), answer])
     assert world.run().exit_code == 0
@@ -186,7 +186,7 @@ def test_what_was_deactivated_and_dies_in_the_same_change_does_not_come_back_act
 
     def answer() -> None:
         world.silent.clear()
-        world.heard.append(Answered(node=ROBOT, transition="deactivate", success=True, fault=""))
+        world.inbox.append(Answered(node=ROBOT, transition="deactivate", success=True, fault=""))
 
     world.later.extend([ignored("deactivate"), died(CONTROLLER), answer, 1.0, STOP])
     world.run(duration_s=None)
@@ -253,8 +253,8 @@ class HeldUp(World):
 
     was_held_up = False
 
-    def get(self, *, timeout: float | None) -> Heard:
-        if not self.heard and (ROBOT, "configure") in self.done and not self.was_held_up:
+    def get(self, *, timeout: float | None) -> InputEvent:
+        if not self.inbox and (ROBOT, "configure") in self.done and not self.was_held_up:
             self.was_held_up = True
             self.now += 30.0
             self.later.append(0.1)
@@ -294,7 +294,7 @@ def test_a_node_of_another_launch_that_was_started_anew_is_where_it_says() -> No
     world.later.extend([ends, 5.0, lambda: world.mute.discard(ROBOT), 1.0, configure, STOP])
     assert world.run(duration_s=None).exit_code == 0
     assert answers[0].success
-    states = states_told(world)
+    states = published_states(world)
     assert states[states.index("active") :][:4] == [
         "active",
         "unconfigured",

@@ -1,4 +1,4 @@
-"""What a run tells of its nodes' rates, and what it does about them, in a world of tables."""
+"""Events about the rates of nodes, and strict rates, in a world of tables."""
 
 from collections import deque
 from dataclasses import replace
@@ -9,15 +9,15 @@ from obelisk_spec.runtime_protocol import Rate
 from obelisk_spec.video import VideoStatus
 from obk_cli.launch.asks import StackStatus, StatusAsked
 from obk_cli.launch.events import (
-    Heard,
+    InputEvent,
+    OutputEvent,
     ProcessEnded,
     RateBroken,
     RateKept,
     RateMoved,
-    RatesHeard,
+    RatesReported,
     StateSeen,
     StopAsked,
-    Told,
     VideoReported,
 )
 from obk_cli.plan import Origin, Promise
@@ -35,13 +35,13 @@ OFF, BROKEN = rates(CONTROLLER, 80, "off"), rates(CONTROLLER, 50, "broken")
 KEPT = rates(CONTROLLER, 100)
 
 
-def seconds(*reports: RatesHeard | None) -> deque[Heard | float]:
+def seconds(*reports: RatesReported | None) -> deque[InputEvent | float]:
     """A report a second, None for a second without."""
     return deque(step for report in reports for step in ([report] if report else []) + [1.0])
 
 
-def told_of_rates(world: World) -> list[Told]:
-    return [e for e in world.told if isinstance(e, RateBroken | RateKept | RateMoved)]
+def told_of_rates(world: World) -> list[OutputEvent]:
+    return [e for e in world.published if isinstance(e, RateBroken | RateKept | RateMoved)]
 
 
 def test_a_rate_that_is_kept_is_no_news() -> None:
@@ -156,7 +156,7 @@ def test_a_node_that_is_not_active_promises_nothing() -> None:
 
 def test_on_the_way_down_nothing_is_promised() -> None:
     world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT))
-    world.later += [lambda: world.heard.extend([StopAsked(reason="enough"), BROKEN])]
+    world.later += [lambda: world.inbox.extend([StopAsked(reason="enough"), BROKEN])]
     assert world.run(duration_s=None).exit_code == 0
     assert told_of_rates(world) == []
 
@@ -196,12 +196,12 @@ def test_who_asks_for_the_status_is_told_the_rates_of_active_nodes() -> None:
     world.later += [StateSeen(node=CONTROLLER, state="inactive", transition="deactivate")]
     world.later += [StatusAsked(reply=answers.append)]
     world.run(duration_s=5)
-    rates_told = [{n.node: n.rates for n in answer.nodes}[CONTROLLER] for answer in answers]
-    assert rates_told == [OFF.rates, ()]
+    rates_of = [{n.node: n.rates for n in answer.nodes}[CONTROLLER] for answer in answers]
+    assert rates_of == [OFF.rates, ()]
 
 
-def test_a_film_that_a_robot_reports_is_an_event_of_the_run() -> None:
-    film = VideoReported(node=ROBOT, film=VideoStatus(state="recording", path="/here/out.mp4"))
-    world = World(later=deque([film, 1.0]))
+def test_a_video_that_a_robot_reports_is_an_event_of_the_run() -> None:
+    video = VideoReported(node=ROBOT, video=VideoStatus(state="recording", path="/here/out.mp4"))
+    world = World(later=deque([video, 1.0]))
     assert world.run(duration_s=1).exit_code == 0
-    assert film in world.told
+    assert video in world.published

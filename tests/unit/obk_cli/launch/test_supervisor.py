@@ -12,7 +12,8 @@ from obk_cli.launch.events import (
     Failed,
     Phase,
     ProcessEnded,
-    StackState,
+    ProcessStarted,
+    StackStateChanged,
     StateSeen,
     StopAsked,
     TransitionEnded,
@@ -65,8 +66,17 @@ def test_a_stop_that_is_asked_for_ends_in_order() -> None:
     ended = world.run(duration_s=None)
     assert ended.exit_code == 0
     stopping = Phase(name="stopping", seconds=0.0, detail="SIGINT")
-    assert stopping in world.told
-    assert world.told.index(stopping) < world.told.index(StackState(state="shuttingdown"))
+    assert stopping in world.published
+    assert world.published.index(stopping) < world.published.index(
+        StackStateChanged(state="shuttingdown")
+    )
+
+
+def test_a_process_that_runs_no_node_such_as_the_recorder_is_ignored() -> None:
+    end = ProcessEnded(process="/recorder", code=1)
+    world = World(later=deque([ProcessStarted(process="/recorder", pid=7), end]))
+    assert world.run() == Ended(exit_code=0, cause="")
+    assert end not in world.published
 
 
 def test_a_refused_activate_takes_its_tier_back_and_fails_with_the_nodes_own_words() -> None:
@@ -99,7 +109,7 @@ def test_a_transition_without_an_answer_is_a_timeout() -> None:
     assert ended.cause == f"{ROBOT}: the transition `configure` was not done within 10.0 s"
     assert (
         TransitionEnded(node=ROBOT, transition="configure", result="timed out", seconds=10.0)
-        in world.told
+        in world.published
     )
 
 
@@ -129,7 +139,7 @@ def test_a_process_that_dies_while_it_is_asked_ends_the_wait_at_once() -> None:
 
 def test_a_process_that_cannot_start_is_told_with_its_reason() -> None:
     world = World(never_ready={ROBOT})
-    world.heard.append(ProcessEnded(process=ROBOT, code=127, text="it cannot start: no such file"))
+    world.inbox.append(ProcessEnded(process=ROBOT, code=127, text="it cannot start: no such file"))
     assert world.run().cause == (
         f"{ROBOT}: the process exited with code 127: it cannot start: no such file"
     )
@@ -139,7 +149,7 @@ def test_a_node_that_fails_by_itself_takes_the_stack_down() -> None:
     world = World(later=deque([Failed(node=CONTROLLER, fault="compute_control: boom\nTrace")]))
     ended = world.run(duration_s=None)
     assert ended.cause == f"{CONTROLLER} failed: compute_control: boom"
-    assert world.told.count(Failed(node=CONTROLLER, fault="compute_control: boom\nTrace")) == 1
+    assert world.published.count(Failed(node=CONTROLLER, fault="compute_control: boom\nTrace")) == 1
 
 
 def test_consequences_are_counted_not_told_as_causes() -> None:
@@ -215,7 +225,7 @@ def test_a_failure_in_a_transition_that_was_asked_for_is_told_once() -> None:
     ended = world.run()
     assert ended.cause == f"{ROBOT}: the transition `configure` failed: x"
     assert ended.consequences == 0
-    assert not [event for event in world.told if isinstance(event, Failed)]
+    assert not [event for event in world.published if isinstance(event, Failed)]
 
 
 def test_a_stack_that_is_shut_down_from_elsewhere_ends_in_order() -> None:
@@ -226,7 +236,7 @@ def test_a_stack_that_is_shut_down_from_elsewhere_ends_in_order() -> None:
     world = World(later=deque(seen))
     ended = world.run(duration_s=None)
     assert ended.exit_code == 0
-    assert seen[0] in world.told
+    assert seen[0] in world.published
 
 
 def test_a_state_changed_from_elsewhere_is_known_on_the_way_down() -> None:
@@ -242,12 +252,12 @@ def test_an_old_message_does_not_stand_for_the_state_after_the_newest_answer() -
     world = World(stale=late, later=deque([late, StopAsked(reason="SIGINT")]))
     ended = world.run(duration_s=None)
     assert ended.exit_code == 0
-    assert late not in world.told
+    assert late not in world.published
     assert world.transitions_of(CONTROLLER)[2:] == ["deactivate", "cleanup", "shutdown"]
 
 
 def test_a_node_that_became_active_after_its_deadline_is_deactivated() -> None:
-    world = World(unheard={(ROBOT, "activate")})
+    world = World(unanswered={(ROBOT, "activate")})
     ended = world.run()
     assert ended.cause == f"{ROBOT}: the transition `activate` was not done within 10.0 s"
     assert ended.consequences == 0
@@ -342,7 +352,7 @@ def test_a_fault_in_a_transition_that_was_asked_for_elsewhere_leaves_the_stack_u
     world = World(later=deque([fault]))
     ended = world.run(until="none")
     assert ended.exit_code == 0
-    assert fault in world.told
+    assert fault in world.published
     assert world.now == pytest.approx(5.0)
 
 

@@ -8,24 +8,23 @@ from dataclasses import dataclass, field
 from queue import Empty
 
 from obelisk_spec.runtime_protocol import Rate, Standing
-from obk_cli.launch.doors import Limits
 from obk_cli.launch.events import (
     Answered,
     Ended,
-    Heard,
+    InputEvent,
+    OutputEvent,
     Phase,
     ProcessEnded,
     ProcessStarted,
-    RatesHeard,
+    RatesReported,
     Ready,
     StateAnswered,
     StateSeen,
-    Told,
 )
-from obk_cli.launch.order import Until
+from obk_cli.launch.interfaces import Limits
+from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.launch.supervisor import Supervisor
-from obk_cli.launch.transitions import TRANSITIONS
-from obk_cli.launch.units import Unit, units_of
+from obk_cli.launch.transitions import TRANSITIONS, Until
 from obk_cli.plan import OnCrash, Plan, Process
 
 from .. import plans  # noqa: TID252 - shared by folders of tests
@@ -37,7 +36,7 @@ def process(section: str, index: int = 0, device: str = "onboard") -> Process:
     return plans.node(f"obelisk_{section}_{index}", section, device=device)
 
 
-def rates(node: str, measured_hz: float, standing: Standing = "kept") -> RatesHeard:
+def rates(node: str, measured_hz: float, standing: Standing = "kept") -> RatesReported:
     """A report of a node with one timer of 100 Hz."""
     rate = Rate(
         name="timer",
@@ -50,7 +49,7 @@ def rates(node: str, measured_hz: float, standing: Standing = "kept") -> RatesHe
         late_max_us=3000.0,
         standing=standing,
     )
-    return RatesHeard(node=node, rates=(rate,))
+    return RatesReported(node=node, rates=(rate,))
 
 
 PLAN = Plan(name="s", processes=tuple(map(process, ("control", "estimation", "robot"))))
@@ -58,21 +57,21 @@ PLAN = Plan(name="s", processes=tuple(map(process, ("control", "estimation", "ro
 
 @dataclass
 class World:
-    """Processes, nodes, inbox and clock in one; behaves well unless told otherwise."""
+    """Processes, nodes, inbox and clock in one; behaves well unless set otherwise."""
 
     refuses: dict[tuple[str, str], str] = field(default_factory=dict)
     silent: set[tuple[str, str]] = field(default_factory=set)
     never_ready: set[str] = field(default_factory=set)
     deaf_to: set[tuple[str, int]] = field(default_factory=set)
-    unheard: set[tuple[str, str]] = field(default_factory=set)
+    unanswered: set[tuple[str, str]] = field(default_factory=set)
     """Transitions that are made, and whose answers are lost."""
     stale: StateSeen | None = None
     """One that comes when it is not true any more."""
     mute: set[str] = field(default_factory=set)
-    """Do not even tell their state."""
+    """Do not even answer for their state."""
     plan: Plan = PLAN
     states: dict[str, str] = field(default_factory=dict)
-    later: deque[Heard | float | Callable[[], None]] = field(default_factory=deque)
+    later: deque[InputEvent | float | Callable[[], None]] = field(default_factory=deque)
     """What happens once nothing else does; a number is time that passes [s]."""
     dies_at_start: dict[str, int] = field(default_factory=dict)
     """How often a process ends at once."""
@@ -84,8 +83,8 @@ class World:
     started: list[str] = field(default_factory=list)
     dumped: list[str] = field(default_factory=list)
     now: float = 0.0
-    heard: deque[Heard] = field(default_factory=deque)
-    told: list[Told] = field(default_factory=list)
+    inbox: deque[InputEvent] = field(default_factory=deque)
+    published: list[OutputEvent] = field(default_factory=list)
     done: list[tuple[str, str]] = field(default_factory=list)
     signals: list[tuple[str, int]] = field(default_factory=list)
     alive: set[str] = field(default_factory=set)
@@ -97,9 +96,9 @@ class World:
             self.states.pop(node, None)
         if unit.name in self.dies_at_start and self.dies_at_start[unit.name] > 0:
             self.dies_at_start[unit.name] -= 1
-            self.heard.append(ProcessEnded(process=unit.name, code=1))
+            self.inbox.append(ProcessEnded(process=unit.name, code=1))
         else:
-            self.heard.append(ProcessStarted(process=unit.name, pid=1))
+            self.inbox.append(ProcessStarted(process=unit.name, pid=1))
 
     def dump_stack(self, process: str) -> None:
         self.dumped.append(process)
@@ -113,15 +112,15 @@ class World:
             code = 0 if number == signal.SIGINT else -number
             if process in self.alive:
                 self.alive.discard(process)
-                self.heard.append(ProcessEnded(process=process, code=code))
+                self.inbox.append(ProcessEnded(process=process, code=code))
 
     def watch(self, nodes: Iterable[str]) -> None:
-        self.heard.extend(Ready(node=node) for node in nodes if node not in self.never_ready)
+        self.inbox.extend(Ready(node=node) for node in nodes if node not in self.never_ready)
 
     def ask_state(self, node: str) -> None:
         if node not in self.mute:
             state = self.states.get(node, "unconfigured")
-            self.heard.append(StateAnswered(node=node, state=state))
+            self.inbox.append(StateAnswered(node=node, state=state))
 
     def request(self, node: str, transition: str) -> None:
         self.done.append((node, transition))
@@ -130,29 +129,29 @@ class World:
         fault = self.refuses.get((node, transition))
         if fault is None:
             self.states[node] = TRANSITIONS[transition].goal
-        if (node, transition) in self.unheard:
+        if (node, transition) in self.unanswered:
             return
-        self.heard.append(
+        self.inbox.append(
             Answered(node=node, transition=transition, success=fault is None, fault=fault or "")
         )
 
-    def get(self, *, timeout: float | None) -> Heard:
-        if self.heard:
-            return self.heard.popleft()
+    def get(self, *, timeout: float | None) -> InputEvent:
+        if self.inbox:
+            return self.inbox.popleft()
         if not self.later or isinstance(self.later[0], float):
             return self._wait(timeout)
-        heard = self.later.popleft()
-        assert not isinstance(heard, float)
-        if callable(heard):
-            heard()
+        event = self.later.popleft()
+        assert not isinstance(event, float)
+        if callable(event):
+            event()
             return self.get(timeout=timeout)
-        if isinstance(heard, StateSeen) and heard != self.stale:
-            self.states[heard.node] = heard.state
-        if isinstance(heard, ProcessEnded):
-            self.alive.discard(heard.process)
-        return heard
+        if isinstance(event, StateSeen) and event != self.stale:
+            self.states[event.node] = event.state
+        if isinstance(event, ProcessEnded):
+            self.alive.discard(event.process)
+        return event
 
-    def _wait(self, timeout: float | None) -> Heard:
+    def _wait(self, timeout: float | None) -> InputEvent:
         """Time passes, until the next thing happens or the deadline is there."""
         assert timeout is not None or self.later, "nothing will ever happen again"
         assert self.now < 1e4, "the run never ends"
@@ -177,16 +176,16 @@ class World:
             lifecycle=self,
             inbox=self,
             clock=lambda: self.now,
-            tell=self.told.append,
+            publish=self.published.append,
             limits=Limits(
                 transition_s=10, start_s=20, grace_s=3, down_s=3, answer_s=2, hurry_s=0.5
             ),
         )
         return supervisor.run(until, duration_s)
 
-    def of(self, kind: type[Told]) -> list[Told]:
-        """What was told of one kind."""
-        return [event for event in self.told if isinstance(event, kind)]
+    def of(self, kind: type[OutputEvent]) -> list[OutputEvent]:
+        """The published events of one kind."""
+        return [event for event in self.published if isinstance(event, kind)]
 
     def transitions_of(self, node: str) -> list[str]:
         """What a node was asked for."""
@@ -194,5 +193,5 @@ class World:
 
     @property
     def phases(self) -> list[str]:
-        """The names of the phases told."""
-        return [event.name for event in self.told if isinstance(event, Phase)]
+        """The names of the published phases."""
+        return [event.name for event in self.published if isinstance(event, Phase)]

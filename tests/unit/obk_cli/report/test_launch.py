@@ -19,7 +19,7 @@ from obk_cli.launch.events import (
     RateMoved,
     Restarted,
     Restarting,
-    StackState,
+    StackStateChanged,
     StateSeen,
     TransitionEnded,
     WaitingFor,
@@ -170,14 +170,14 @@ def test_evidence_is_shown_where_the_nodes_output_is_not() -> None:
 
 def test_the_stacks_state_is_told_where_no_phase_says_the_same() -> None:
     assert lines_of(
-        StackState(state="activating"),
+        StackStateChanged(state="activating"),
         Phase(name="active", seconds=1),
-        StackState(state="active"),
-        StackState(state="deactivating"),
+        StackStateChanged(state="active"),
+        StackStateChanged(state="deactivating"),
         Phase(name="rolling back", seconds=1.5),
-        StackState(state="inactive"),
+        StackStateChanged(state="inactive"),
         Phase(name="stopping", seconds=2),
-        StackState(state="unconfigured"),
+        StackStateChanged(state="unconfigured"),
     ) == [
         "[  1.00 s] active",
         "  the stack: deactivating",

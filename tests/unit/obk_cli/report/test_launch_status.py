@@ -9,6 +9,7 @@ from obk_cli.launch.events import (
     AnswersAgain,
     Failed,
     Hung,
+    OutputEvent,
     Phase,
     ProcessEnded,
     ProcessStarted,
@@ -16,12 +17,11 @@ from obk_cli.launch.events import (
     RateKept,
     RateMoved,
     Restarting,
-    StackState,
+    StackStateChanged,
     StateSeen,
-    Told,
     TransitionEnded,
 )
-from obk_cli.launch.units import units_of
+from obk_cli.launch.process_groups import units_of
 from obk_cli.plan import Plan
 from obk_cli.report.escapes import plain
 from obk_cli.report.launch import LaunchReport
@@ -52,7 +52,9 @@ MANY = Plan(
 )
 
 
-def status_after(*events: Told, plan: Plan = PLAN, together: tuple[str, ...] = ()) -> StackStatus:
+def status_after(
+    *events: OutputEvent, plan: Plan = PLAN, together: tuple[str, ...] = ()
+) -> StackStatus:
     units = units_of(plan, devices=("onboard",), together=together)
     status = opening_status(plan, units)
     for event in events:
@@ -71,7 +73,7 @@ def shown(status: StackStatus, width: int = 80, height: int = 24) -> list[str]:
     return lines
 
 
-def started(plan: Plan = PLAN) -> tuple[Told, ...]:
+def started(plan: Plan = PLAN) -> tuple[OutputEvent, ...]:
     return tuple(ProcessStarted(process=p.full_name, pid=n) for n, p in enumerate(plan.processes))
 
 
@@ -86,7 +88,7 @@ def test_the_bring_up_shows_how_many_nodes_are_how_far() -> None:
         "dummy  ready  ━━━━━━━━━━──────────  1 of 2 configured  0:00:01  3 nodes",
         "robot_0 inactive   control_0 unconfigured   joystick running",
     ]
-    on = (*ready, ended(CONTROL, "configure"), StackState(state="activating"))
+    on = (*ready, ended(CONTROL, "configure"), StackStateChanged(state="activating"))
     assert shown(status_after(*on, ended(ROBOT, "activate"))) == [
         "dummy  activating  ━━━━━━━━━━━━━━━━────  1 of 2 active  0:00:01  3 nodes",
         "robot_0 active   control_0 inactive   joystick running",
@@ -100,7 +102,7 @@ def test_a_steady_stack_shows_its_state_and_what_is_out_of_order() -> None:
         Phase(name="active", seconds=3600),
         Restarting(nodes=(CONTROL,), wait_s=0.5, attempt=1, attempts=3),
         ProcessStarted(process=CONTROL, pid=9),
-        StackState(state="inactive"),
+        StackStateChanged(state="inactive"),
         Hung(node=ROBOT, seconds=2.0),
     )
     assert shown(status_after(*events)) == [
@@ -160,7 +162,7 @@ def test_a_rate_that_is_off_stands_beside_its_node_until_it_is_kept_or_the_node_
         (AnswersAgain(node=ROBOT), "active"),
     ],
 )
-def test_events_move_the_node_that_they_name(event: Told, state: str) -> None:
+def test_events_move_the_node_that_they_name(event: OutputEvent, state: str) -> None:
     before = status_after(*started(), ended(ROBOT, "activate"))
     after = with_event(before, event)
     assert [node.state for node in after.nodes] == [state, "unknown", ""]
@@ -186,7 +188,7 @@ def test_rolling_back_is_an_episode() -> None:
     status = status_after(
         Phase(name="active", seconds=1),
         Phase(name="rolling back", seconds=2),
-        StackState(state="x"),
+        StackStateChanged(state="x"),
     )
     assert shown(status)[0] == "dummy  x  0:00:01  3 nodes"
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from obk_cli.adapters.ros_lifecycle import RosLifecycle
+from obk_cli.adapters.lifecycle_client import LifecycleClient
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros import services as ros_calls
 from obk_cli.ros.services import ServiceClient
@@ -86,7 +86,7 @@ def test_what_may_change_something_is_asked_once(client: ServiceClient, lossy: L
 
 
 def test_a_nodes_state_is_asked_for_again() -> None:
-    ros, node = object.__new__(RosLifecycle), LossyNode()
+    ros, node = object.__new__(LifecycleClient), LossyNode()
     vars(ros).update(_clients=node, _wait=node.answer)
     assert ros.state("/n", 60.0) == "active"
     assert node.asked == 2

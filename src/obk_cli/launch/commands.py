@@ -1,0 +1,246 @@
+"""How the processes of a plan are started: commands, environments, parameter files.
+
+Starts nothing. Nodes in one process run in the run-time library's host program, known here by its
+name and its file only.
+"""
+
+import json
+import os
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from obelisk_spec.suggestions import did_you_mean
+from obk_cli.emit.params import emit_params, params_file_name
+from obk_cli.errors import CommandFailedError
+from obk_cli.files import STATE_MODE, write_text
+from obk_cli.launch.node_lines import CONSOLE_FORMAT
+from obk_cli.launch.process_groups import Unit
+from obk_cli.launch.processes import NodeCommand
+from obk_cli.plan import Process
+from obk_cli.surroundings import Command, ExecutableMissing
+from obk_cli.workspace.package_index import PackageIndex
+
+__all__ = [
+    "ComposedNode",
+    "Executables",
+    "composable",
+    "composed_command",
+    "find_executables",
+    "is_composable",
+    "unit_commands",
+]
+
+HOST: Final = "obelisk_py.core.composition"
+FILE: Final = "composed.json"
+
+Executables = Mapping[str, Command]
+"""Full name of a node -> how its program is started."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Node:
+    """One node on its way to a command."""
+
+    process: Process
+    command: Command
+    params: Path
+
+
+def find_executables(nodes: Iterable[Process], packages: PackageIndex) -> Executables:
+    """The programs of nodes.
+
+    Raises:
+        CommandFailedError: one is missing, or cannot be started from where it is.
+    """
+    return {node.full_name: _executable(node, packages) for node in nodes}
+
+
+def composable(nodes: Iterable[Process], executables: Executables) -> frozenset[str]:
+    """Full names of the nodes that can share a process."""
+    return frozenset(
+        node.full_name for node in nodes if is_composable(node, executables[node.full_name])
+    )
+
+
+def unit_commands(
+    units: Iterable[Unit],
+    executables: Executables,
+    folder: Path,
+    environment: Mapping[str, str],
+) -> Mapping[str, NodeCommand]:
+    """The command of each process, by the unit's name.
+
+    Args:
+        units: the processes.
+        executables: the nodes' programs.
+        folder: takes the parameter files, `params/<node>.yaml`.
+        environment: of all of them.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    commands = {}
+    for unit in units:
+        nodes = [
+            _Node(
+                process=node,
+                command=executables[node.full_name],
+                params=_write_params(node, folder),
+            )
+            for node in unit.nodes
+        ]
+        shared = len(nodes) > 1
+        commands[unit.name] = (
+            _shared(nodes, folder, environment) if shared else _alone(nodes[0], environment)
+        )
+    return commands
+
+
+def _executable(process: Process, packages: PackageIndex) -> Command:
+    found = packages.find_executable(process.package, process.executable)
+    if isinstance(found, ExecutableMissing):
+        if not found.package_found:
+            message = f"{process.origin}: package `{process.package}` is not found"
+            raise CommandFailedError(message, help=found.looked)
+        raise CommandFailedError(
+            f"{process.origin}: package `{process.package}` has no executable "
+            f"`{process.executable}`",
+            help=did_you_mean(process.executable, found.available) or "it has none at all",
+        )
+    for folder in found.python_path:
+        if os.pathsep in str(folder):
+            raise CommandFailedError(
+                f"{process.origin}: package `{process.package}` is in `{folder}`, and no folder "
+                "on PYTHONPATH can have a colon in its name",
+                help="rename the folder",
+            )
+    return found
+
+
+def _write_params(node: Process, folder: Path) -> Path:
+    path = folder / "params" / params_file_name(node)
+    write_text(path, emit_params((node,)), mode=STATE_MODE)
+    return path
+
+
+def _alone(node: _Node, environment: Mapping[str, str]) -> NodeCommand:
+    return NodeCommand(
+        arguments=(*node.command.arguments, *_ros_arguments(node)),
+        environment=_environment(node, environment),
+    )
+
+
+def _shared(nodes: Iterable[_Node], folder: Path, environment: Mapping[str, str]) -> NodeCommand:
+    return composed_command(
+        [
+            ComposedNode(
+                node=node.process.full_name,
+                command=node.command,
+                ros_arguments=tuple(_ros_arguments(node)),
+            )
+            for node in nodes
+        ],
+        folder,
+        environment,
+    )
+
+
+def _ros_arguments(node: _Node) -> Iterator[str]:
+    process = node.process
+    yield from ("--ros-args", "-r", f"__node:={process.node}")
+    if process.namespace not in ("", "/"):
+        yield from ("-r", f"__ns:={process.namespace}")
+    for source, target in process.remappings:
+        yield from ("-r", f"{source}:={target}")
+    yield from ("--params-file", str(node.params))
+    if process.log_level:
+        yield from ("--log-level", process.log_level)
+
+
+def _environment(node: _Node, variables: Mapping[str, str]) -> dict[str, str]:
+    merged = {**variables, **node.process.env}
+    if node.command.python_path:
+        inherited = merged.get("PYTHONPATH")
+        parts = [*map(str, node.command.python_path), *([inherited] if inherited else [])]
+        merged["PYTHONPATH"] = ":".join(parts)
+    return merged
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComposedNode:
+    """A node that is to share a process."""
+
+    node: str
+    """Its full name, `/ns/name`."""
+    command: Command
+    ros_arguments: tuple[str, ...]
+    """`--ros-args ...`, as a process of its own would be given."""
+
+
+def is_composable(process: Process, command: Command) -> bool:
+    """Whether a node can share a process with others.
+
+    It can if it is Python that this interpreter runs, has a life cycle, and sets no environment
+    variables.
+    """
+    return (
+        process.has_lifecycle
+        and not process.env
+        and command.module is not None
+        and _is_of_this_python(command)
+    )
+
+
+def composed_command(
+    nodes: Sequence[ComposedNode], folder: Path, environment: Mapping[str, str]
+) -> NodeCommand:
+    """The command of the process in which all these nodes run.
+
+    Args:
+        nodes: in the order of bring-up; when the process is asked to end, the last goes first.
+        folder: takes the file that lists them.
+        environment: of a process without nodes.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    path = folder / FILE
+    # It holds parameters, which other users may not read.
+    listing = json.dumps({"nodes": [_entry(node) for node in nodes]}, indent=2)
+    write_text(path, listing, mode=STATE_MODE)
+    return NodeCommand(
+        arguments=(sys.executable, "-P", "-m", HOST, str(path)),
+        environment={
+            **environment,
+            **_python_path(nodes, environment),
+            # `NodeLines` knows the node of a line by this format.
+            "RCUTILS_CONSOLE_OUTPUT_FORMAT": CONSOLE_FORMAT,
+        },
+    )
+
+
+def _entry(node: ComposedNode) -> Mapping[str, object]:
+    return {
+        "node": node.node,
+        "module": node.command.module,
+        "function": node.command.function,
+        "arguments": node.ros_arguments,
+    }
+
+
+def _python_path(
+    nodes: Iterable[ComposedNode], environment: Mapping[str, str]
+) -> Mapping[str, str]:
+    folders = dict.fromkeys(str(path) for node in nodes for path in node.command.python_path)
+    inherited = environment.get("PYTHONPATH")
+    parts = [*folders, *([inherited] if inherited else [])]
+    return {"PYTHONPATH": ":".join(parts)} if parts else {}
+
+
+def _is_of_this_python(command: Command) -> bool:
+    """Run by this interpreter, or installed in its environment."""
+    program = Path(command.arguments[0])
+    return program == Path(sys.executable) or program.is_relative_to(sys.prefix)

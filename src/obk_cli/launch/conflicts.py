@@ -1,0 +1,170 @@
+"""What else runs in the ROS domain: nodes with the same names, publishers, other message types.
+
+A stack starts only if no other node has its names or moves its robot. Nodes that obk started are
+found at once; others announce themselves every 3 s only. So a simulated robot starts after a short
+check, which goes on in a thread, and a real one waits for the whole of it. A node that starts to
+publish during that time with `obk topic pub --allow-foreign` is allowed.
+"""
+
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from typing import Final
+
+from obk_cli.adapters.allowed_publisher import is_allowed_publisher
+from obk_cli.clock import monotonic_s
+from obk_cli.errors import CommandFailedError
+from obk_cli.launch.events import InputEvent, UnknownPublisherSeen
+from obk_cli.launch.ros_nodes import RosNodes
+from obk_cli.plan import Plan
+from obk_cli.process.identity import since_boot_s
+from obk_cli.ros.graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S, UNNAMED, RosGraph
+
+__all__ = [
+    "control_topics",
+    "has_hardware",
+    "refuse_taken_names",
+    "refuse_unknown_publishers",
+    "watching_publishers",
+    "watching_types",
+]
+
+PUBLISHERS_PERIOD_S: Final = 0.1
+TYPES_PERIOD_S: Final = 1.0
+NAMING_CHECKS: Final = 4
+"""The check by which an endpoint is reported without its node's name, which DDS sends after it."""
+
+
+def refuse_taken_names(names: tuple[str, ...], ros: RosNodes, domain: int) -> None:
+    """Look for nodes of these full names: started on another host, or without obk.
+
+    Raises:
+        CommandFailedError: there are some.
+    """
+    taken = ros.taken(names, OWN_DISCOVERY_S)
+    if taken:
+        raise CommandFailedError(
+            f"in the ROS domain {domain} there is already {', '.join(taken)}",
+            help="stop what runs there or use another ROS_DOMAIN_ID; "
+            "`obk lifecycle get` shows the nodes",
+        )
+
+
+def refuse_unknown_publishers(plan: Plan, ros: RosNodes, domain: int) -> None:
+    """Look for publishers on the topics that move the robot.
+
+    Raises:
+        CommandFailedError: there is one that is none of the plan's nodes.
+    """
+    wait_s = FOREIGN_DISCOVERY_S if has_hardware(plan) else OWN_DISCOVERY_S
+    unknown = ros.foreign_publishers(control_topics(plan), _names(plan), wait_s)
+    if unknown:
+        who = ", ".join(f"{node} publishes on {topic}" for topic, node in unknown)
+        raise CommandFailedError(
+            f"in the ROS domain {domain} somebody else moves the robot: {who}",
+            help="end that, use another ROS_DOMAIN_ID, or let it with `--allow-foreign`",
+        )
+
+
+def watching_publishers(
+    plan: Plan, ros: RosNodes, on_event: Callable[[InputEvent], None]
+) -> AbstractContextManager[None]:
+    """While entered, report an unknown publisher on the robot's topics that is found late."""
+    begin_s = since_boot_s()
+    # A command that has ended is in the graph a little longer.
+    allowed: set[str] = set()
+
+    def is_unknown(node: str) -> bool:
+        if is_allowed_publisher(node, begin_s):
+            allowed.add(node)
+        # One without a name may be a node of ours that has just started.
+        return node != UNNAMED and node not in allowed
+
+    def check(is_over: threading.Event) -> None:
+        end = monotonic_s() + FOREIGN_DISCOVERY_S
+        found: tuple[tuple[str, str], ...] = ()
+        while not found and monotonic_s() < end and not is_over.wait(PUBLISHERS_PERIOD_S):
+            seen = ros.foreign_publishers(control_topics(plan), _names(plan), 0.0)
+            found = tuple(publisher for publisher in seen if is_unknown(publisher[1]))
+        for topic, node in found:
+            on_event(UnknownPublisherSeen(topic=topic, node=node))
+
+    return _background_thread(check, "publishers")
+
+
+def control_topics(plan: Plan) -> tuple[str, ...]:
+    """The topics that the robots of a plan subscribe to."""
+    robots = (node for node in plan.processes if node.section == "robot")
+    return tuple(dict.fromkeys(end.topic for robot in robots for end in robot.subscribes))
+
+
+def has_hardware(plan: Plan) -> bool:
+    """Whether a robot of a plan is not simulated."""
+    return any(node.section == "robot" and node.model is None for node in plan.processes)
+
+
+def _names(plan: Plan) -> tuple[str, ...]:
+    return tuple(node.full_name for node in plan.processes)
+
+
+def watching_types(
+    plan: Plan, graph: RosGraph, note: Callable[[str], None]
+) -> AbstractContextManager[None]:
+    """While entered, report once each other type on a topic of the plan, and its nodes.
+
+    DDS connects endpoints of one type only and reports no others: the messages of a node that
+    publishes a `String` on a robot's control topic arrive nowhere.
+    """
+    expected = _types_of(plan)
+
+    def check(is_over: threading.Event) -> None:
+        reported: set[tuple[str, str]] = set()
+        checks: Counter[tuple[str, str]] = Counter()
+        while not is_over.wait(TYPES_PERIOD_S):
+            for topic, other in _others(expected, graph.topic_types()):
+                if (topic, other) in reported:
+                    continue
+                checks[topic, other] += 1
+                ends = graph.ends_of_type(topic, other)
+                if UNNAMED not in ends or checks[topic, other] == NAMING_CHECKS:
+                    reported.add((topic, other))
+                    note(_sentence(topic, expected[topic], other, ends))
+
+    return _background_thread(check, "types")
+
+
+def _types_of(plan: Plan) -> Mapping[str, str]:
+    """Topic -> full type; topics whose type only the code knows are left out."""
+    ends = (end for node in plan.processes for end in (*node.publishes, *node.subscribes))
+    return {end.topic: end.msg_type for end in ends if end.msg_type is not None}
+
+
+def _others(
+    expected: Mapping[str, str], found: Mapping[str, Sequence[str]]
+) -> Iterator[tuple[str, str]]:
+    for topic, mine in expected.items():
+        for other in found.get(topic, ()):
+            if other != mine:
+                yield topic, other
+
+
+def _sentence(topic: str, mine: str, other: str, ends: Sequence[str]) -> str:
+    who = ", ".join(ends) or "somebody"
+    return (
+        f"warning: {topic} is a topic of {mine} here, and {who} has it as {other}: "
+        "none of these messages get through"
+    )
+
+
+@contextmanager
+def _background_thread(check: Callable[[threading.Event], None], name: str) -> Iterator[None]:
+    """While entered, run `check` in a thread; it returns soon after its event is set."""
+    is_over = threading.Event()
+    thread = threading.Thread(target=check, args=(is_over,), name=name, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        thread.join()

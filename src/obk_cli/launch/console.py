@@ -1,0 +1,362 @@
+"""The console of a launch: log files and a screen, with a status area on a terminal, or JSON.
+
+`Output` takes events and lines. `Screen` writes in a thread of its own and never waits: if the
+output is read slowly, a bounded number of lines is kept, and what comes beyond that is counted and
+left out, like lines that a full disk does not take.
+"""
+
+import errno
+import os
+import select
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Protocol, Self
+
+from obk_cli.clock import monotonic_s, wall_s
+from obk_cli.errors import ObkError
+from obk_cli.launch.events import OutputEvent, OutputLine
+from obk_cli.launch.journal import Journal
+from obk_cli.launch.node_lines import NodeLines
+from obk_cli.launch.process_groups import Unit
+from obk_cli.plan import Plan
+from obk_cli.report.escapes import plain
+from obk_cli.report.launch import LaunchReport
+from obk_cli.report.launch_json import JsonReport
+from obk_cli.report.launch_status import LiveReport, opening_status
+
+__all__ = [
+    "Console",
+    "Draw",
+    "Footer",
+    "Formatter",
+    "Output",
+    "Screen",
+    "open_console",
+    "takes_footer",
+]
+
+Draw = Callable[[int, int], Sequence[str]]
+"""Columns and rows of the terminal -> lines that fit; colours allowed, nothing else."""
+
+ROOM: Final = 2000
+"""Lines that may wait."""
+END_S: Final = 1.0
+"""How long the last lines may take at the end [s]."""
+REFRESH_S: Final = 0.5
+"""How long a footer stays as it is while there are no lines [s]."""
+PAUSE_S: Final = 0.05
+"""Between two writes above a footer, which each draw it again [s]."""
+NO_LOGS: Final = "no log files from here on"
+_NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_USUAL_SIZE: Final = os.terminal_size((80, 24))
+
+
+def takes_footer(fd: int, term: str) -> bool:
+    """Whether a descriptor is a terminal that can move its cursor; `term` is the variable TERM."""
+    return term not in ("", "dumb") and os.isatty(fd)
+
+
+class Footer:
+    """A status area at the bottom of a terminal, with the cursor in the line below it.
+
+    Takes lines, gives the text that puts them above it; never writes itself. Uses nothing that
+    would outlast a killed process: no hidden cursor, no second screen, no scroll region.
+    """
+
+    def __init__(self, fd: int, draw: Draw) -> None:
+        """Ask `draw` for the lines with every text, for the size that `fd` has by then."""
+        self._fd = fd
+        self._draw = draw
+        self._shown: tuple[str, ...] = ()
+
+    def below(self, log: str) -> str:
+        """The text to write so that `log`, whole lines, comes above; empty: nothing changed.
+
+        Raises:
+            OSError: the terminal is gone.
+        """
+        size = self._terminal_size()
+        lines = tuple(self._draw(*size))[: max(0, size.lines - 1)]
+        if not log and lines == self._shown:
+            return ""
+        erased = self._erased(size.columns)
+        self._shown = lines
+        return erased + log + "".join(f"{line}\n" for line in lines)
+
+    def removed(self) -> str:
+        """The text to write so that nothing is left of it."""
+        erased = self._erased(self._terminal_size().columns)
+        self._shown = ()
+        return erased
+
+    def _terminal_size(self) -> os.terminal_size:
+        size = os.get_terminal_size(self._fd)
+        return size if size.columns and size.lines else _USUAL_SIZE
+
+    def _erased(self, columns: int) -> str:
+        """Back to where the area begins; a terminal made narrower since has wrapped the lines."""
+        from rich.text import Text  # slow, and not needed without a terminal
+
+        cells = (Text.from_ansi(line).cell_len for line in self._shown)
+        rows = sum(max(1, -(-count // columns)) for count in cells)
+        return f"\r\x1b[{rows}A\x1b[J" if rows else ""
+
+
+def _left_out_line(count: int) -> str:
+    return f"... {count} lines left out"
+
+
+class Screen:
+    """A descriptor that lines are written to."""
+
+    def __init__(
+        self, fd: int, room: int = ROOM, left_out: Callable[[int], str] = _left_out_line
+    ) -> None:
+        """Make a screen.
+
+        Args:
+            fd: where to write; stays open.
+            room: how many lines may wait.
+            left_out: gives the line that reports how many were left out.
+        """
+        self._fd = fd
+        self._room = room
+        self._left_out_line = left_out
+        self._waiting: list[str | int] = []
+        """Lines, and in their place how many were left out."""
+        self._left_out = 0
+        self._footer: Footer | None = None
+        self._ending = threading.Event()
+        self._is_closed = False
+        self._on_closed: Callable[[], None] = lambda: None
+        self._changed = threading.Condition()
+        # Not through sys.stdout: a lock that this thread holds there would stop Python from ending.
+        self._writer = threading.Thread(target=self._write_all, name="screen", daemon=True)
+        self._writer.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Write what waits, as far as it is read soon, and remove the footer."""
+        with self._changed:
+            self._ending.set()
+            self._changed.notify()
+        self._writer.join(END_S)
+
+    def when_closed(self, call: Callable[[], None]) -> None:
+        """Call this, from a thread, once the output turns out to be closed."""
+        with self._changed:
+            self._on_closed = call
+            if not self._is_closed:
+                return
+        call()
+
+    def set_footer(self, draw: Draw) -> None:
+        """Keep a status area below the lines from now on; only for one that `takes_footer`.
+
+        Args:
+            draw: gives its lines for a terminal's size; called in the writing thread, often.
+        """
+        with self._changed:
+            self._footer = Footer(self._fd, draw)
+            self._changed.notify()
+
+    def put(self, line: str, *, may_drop: bool = False) -> None:
+        """Write a line later; one that may be dropped is, while too many wait."""
+        with self._changed:
+            if self._is_closed:
+                return
+            if may_drop and len(self._waiting) >= self._room:
+                self._left_out += 1
+                return
+            self._note_left_out()
+            self._waiting.append(line)
+            self._changed.notify()
+
+    def _note_left_out(self) -> None:
+        if self._left_out:
+            self._waiting.append(self._left_out)
+            self._left_out = 0
+
+    def _write_all(self) -> None:
+        try:
+            while (lines := self._taken()) is not None:
+                self._write_lines(lines)
+                if self._footer:
+                    self._ending.wait(PAUSE_S)
+            if self._footer:
+                self._write(self._footer.removed())
+        except OSError:
+            with self._changed:
+                self._is_closed = True
+                self._waiting.clear()
+                call = self._on_closed
+            call()
+
+    def _write_lines(self, lines: Sequence[str | int]) -> None:
+        texts = (self._left_out_line(n) if isinstance(n, int) else n for n in lines)
+        log = "".join(f"{text}\n" for text in texts)
+        try:
+            self._write(self._footer.below(log) if self._footer else log)
+        except OSError as error:
+            if error.errno not in _NO_ROOM:
+                raise
+            with self._changed:
+                self._left_out += sum(n if isinstance(n, int) else 1 for n in lines)
+
+    def _write(self, text: str) -> None:
+        data = memoryview(text.encode(errors="replace"))
+        while data:
+            try:
+                data = data[os.write(self._fd, data) :]
+            except BlockingIOError:  # a program on the same terminal has made it so
+                select.select([], [self._fd], [])
+
+    def _taken(self) -> list[str | int] | None:
+        """All that waits, once there is something or the footer is due; None at the end."""
+        with self._changed:
+            footer = self._footer
+            self._changed.wait_for(
+                lambda: self._waiting or self._ending.is_set() or self._footer is not footer,
+                REFRESH_S if footer else None,
+            )
+            if self._ending.is_set() and not self._waiting:
+                return None
+            self._note_left_out()
+            taken, self._waiting = self._waiting, []
+            return taken
+
+
+class Formatter(Protocol):
+    """Turns events and output into lines for the user."""
+
+    def event(self, event: OutputEvent) -> Iterable[str]:
+        """The lines for an event."""
+
+    def line(self, node: str, text: str) -> Iterable[str]:
+        """The lines for one of a node's output; called from several threads."""
+
+    def note(self, text: str) -> Iterable[str]:
+        """The lines for a message of the launcher itself."""
+
+
+class Output:
+    """Takes events and the output of processes; writes them to the log files and the screen."""
+
+    def __init__(
+        self, run_folder: Path | None, screen: Screen, formatter: Formatter, units: Iterable[Unit]
+    ) -> None:
+        """Write below a folder, None: to no files, and to a screen."""
+        self._screen = screen
+        # So that nothing comes after the last event.
+        self._lock = threading.RLock()
+        self._formatter = formatter
+        self._writers = {unit.name: NodeLines(unit.node_names) for unit in units}
+        self.journal = Journal(run_folder, self.unwritable)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the log files; a run that could not start says in them why."""
+        if isinstance(error, ObkError):
+            self.journal.shown(plain(f"failed: {error.message}"))
+        self.journal.close()
+
+    def event(self, event: OutputEvent) -> None:
+        """Write an event."""
+        self.journal.event(event, wall_s())
+        with self._lock:
+            for text in self._formatter.event(event):
+                self.journal.shown(plain(text))
+                self._screen.put(text)
+
+    def line(self, line: OutputLine) -> None:
+        """Write a line of a process; one of no node, the recorder's, is a message of our own."""
+        writers = self._writers.get(line.process)
+        if writers is None:
+            self.journal.line(line.process, line.text)
+            self.note(line.text)
+            return
+        node = (writers.owner(line.text) if writers.is_shared else None) or line.process
+        self.journal.line(node, line.text)
+        with self._lock:
+            for text in self._formatter.line(node, line.text):
+                self.journal.shown(plain(text))
+                self._screen.put(text, may_drop=True)
+
+    def note(self, text: str) -> None:
+        """Write a message of the launcher itself."""
+        for line in self._formatter.note(text):
+            self.journal.shown(plain(line))
+            self._screen.put(line)
+
+    def unwritable(self, error: OSError) -> None:
+        """Report that log files cannot be written any more."""
+        self.note(f"warning: {NO_LOGS}: {error}")
+
+
+class Console:
+    """A screen, and the format of what it shows."""
+
+    def __init__(
+        self,
+        screen: Screen,
+        *,
+        json: JsonReport | None,
+        colour: bool,
+        quiet: bool,
+        takes_status: bool,
+    ) -> None:
+        """Show JSON if it is given, otherwise lines for a person."""
+        self.screen = screen
+        self._json = json
+        self._colour = colour
+        self._quiet = quiet
+        self._takes_status = takes_status
+
+    def formatter(self, plan: Plan, units: Iterable[Unit], *, leads: bool) -> Formatter:
+        """The formatter for a run; starts a status area if the screen takes one."""
+        if self._json is not None:
+            return self._json
+        names = (node.full_name for node in plan.processes)
+        report = LaunchReport(names, colour=self._colour, quiet=self._quiet)
+        if not self._takes_status:
+            return report
+        opening = opening_status(plan, units, leads=leads)
+        live = LiveReport(report, opening, clock=monotonic_s, colour=self._colour)
+        self.screen.set_footer(live.draw)
+        return live
+
+
+@contextmanager
+def open_console(
+    fd: int, *, as_json: bool, colour: bool, quiet: bool, terminal: str
+) -> Iterator[Console]:
+    """A console on a descriptor.
+
+    Args:
+        fd: where to write.
+        as_json: one JSON object a line.
+        colour: whether lines may be coloured.
+        quiet: leave the nodes' output out.
+        terminal: the variable TERM.
+    """
+    json = JsonReport(wall_s, quiet=quiet) if as_json else None
+    with Screen(fd, left_out=json.left_out) if json else Screen(fd) as screen:
+        takes_status = not as_json and takes_footer(fd, terminal)
+        yield Console(screen, json=json, colour=colour, quiet=quiet, takes_status=takes_status)

@@ -1,0 +1,286 @@
+"""Processes of nodes: started and signalled through the warden, their output read line by line.
+
+This process adopts, and ends, what a killed warden leaves.
+"""
+
+import ctypes
+import json
+import os
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import psutil
+
+from obk_cli.launch.events import OutputLine, ProcessEnded, ProcessStarted
+from obk_cli.launch.process_groups import Unit
+from obk_cli.process import warden
+
+__all__ = ["NodeCommand", "ProcessEvent", "WardenProcesses"]
+
+LAST_WORDS_S = 1.0
+"""How long the rest of an ended process's output may take [s]."""
+SEND_S = 2
+"""How long a request to the warden may take [s]."""
+END_S = 2.0
+"""How long what is left may take at the end, each part of it [s]."""
+POLL_S = 0.01
+KEPT_LINES = 60
+"""Of each process's output, to show what it wrote last."""
+LONGEST_LINE = 1 << 16
+"""Output without line ends is cut into pieces of this size [characters]."""
+STACK_SIGNAL = signal.SIGUSR1
+"""On which the run-time library's processes write their stacks."""
+NO_WARDEN = "the process that watched over the nodes is gone"
+
+
+ProcessEvent = ProcessStarted | ProcessEnded
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeCommand:
+    """How a node's process is started."""
+
+    arguments: tuple[str, ...]
+    environment: Mapping[str, str]
+
+
+class WardenProcesses:
+    """Node processes that die with this one, whatever ends it."""
+
+    def __init__(
+        self,
+        *,
+        commands: Mapping[str, NodeCommand],
+        folder: Path,
+        marks: Mapping[str, str],
+        on_event: Callable[[ProcessEvent], None],
+        on_line: Callable[[OutputLine], None],
+    ) -> None:
+        """Start the warden.
+
+        Args:
+            commands: by the names of the units.
+            folder: the processes' working folder.
+            marks: variables by which the warden is known as one of this launch.
+            on_event: takes the starts and ends, from a thread.
+            on_line: takes the lines of all output, from a thread for each process.
+        """
+        self._commands = commands
+        self._folder = folder
+        self._on_event = on_event
+        self._on_line = on_line
+        self._pumps: dict[str, threading.Thread] = {}
+        self._last_lines: dict[str, deque[str]] = {}
+        self._running: dict[str, int] = {}
+        """Unit -> process id."""
+        self._requested: set[str] = set()
+        """Units whose start was requested and whose end is not reported yet."""
+        self._held_back: dict[str, list[ProcessEvent]] = {}
+        """Unit that was started early -> its events, until `start` is called for it."""
+        self._reporting = threading.Lock()
+        self._has_ended = False
+        self._before = {child.pid for child in psutil.Process().children()}
+        _adopt_orphans(is_enabled=True)
+        self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        # Not `settimeout`, which would hold for the listener's wait too.
+        self._link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", SEND_S, 0))
+        with theirs:
+            self._warden = subprocess.Popen(
+                [sys.executable, "-I", "-S", str(Path(warden.__file__))],
+                stdin=theirs.fileno(),
+                env={**os.environ, **marks},
+                start_new_session=True,
+            )
+        self._listener = threading.Thread(target=self._listen, name="warden", daemon=True)
+        self._listener.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.end()
+
+    def end(self) -> None:
+        """End what still runs, and the warden; only the first call has an effect."""
+        if self._has_ended:
+            return
+        self._has_ended = True
+        self._send({"do": "end"})
+        self._link.shutdown(socket.SHUT_RDWR)
+        try:
+            self._warden.wait(warden.GRACE_S + warden.KILL_S + END_S)
+        except subprocess.TimeoutExpired:
+            self._warden.kill()
+        self._end_orphans()
+        _adopt_orphans(is_enabled=False)
+        self._listener.join(END_S)
+        self._link.close()
+        deadline = time.monotonic() + END_S
+        for pump in self._pumps.values():
+            pump.join(max(0.0, deadline - time.monotonic()))
+
+    def start(self, unit: Unit) -> None:
+        """Start a process; `ProcessStarted` or `ProcessEnded` follows."""
+        with self._reporting:
+            held_back = self._held_back.pop(unit.name, None)
+            for event in held_back or ():
+                self._on_event(event)
+        if held_back is None:
+            self._start(unit)
+
+    def start_early(self, unit: Unit) -> None:
+        """Start a process whose events are held back until `start`."""
+        self._held_back[unit.name] = []
+        self._start(unit)
+
+    def _start(self, unit: Unit) -> None:
+        command = self._commands[unit.name]
+        read_fd, write_fd = os.pipe2(os.O_CLOEXEC)
+        request = {
+            "do": "start",
+            "node": unit.name,
+            "arguments": command.arguments,
+            "environment": dict(command.environment),
+            "folder": str(self._folder),
+        }
+        self._requested.add(unit.name)
+        is_sent = self._send(request, write_fd)
+        os.close(write_fd)
+        if not is_sent:
+            self._report_lost(unit.name)
+        pump = threading.Thread(
+            target=self._pump, args=(unit.name, read_fd), name="output", daemon=True
+        )
+        pump.start()
+        self._pumps[unit.name] = pump
+
+    def signal(self, process: str, number: int) -> None:
+        """Send a signal to a process and its children that share its group."""
+        # Without a warden there are no nodes: `_listen` has reported their ends.
+        self._send({"do": "signal", "node": process, "number": number})
+
+    def dump_stack(self, process: str) -> None:
+        """Have a process write the stacks of its threads, if it handles the signal for it."""
+        pid = self._running.get(process)
+        if pid is not None and _catches(pid, STACK_SIGNAL):
+            with suppress(ProcessLookupError):
+                os.kill(pid, STACK_SIGNAL)
+
+    def last_lines(self, process: str) -> tuple[str, ...]:
+        """The last lines of a process's output."""
+        return tuple(self._last_lines.get(process, ()))
+
+    def _send(self, request: Mapping[str, object], *fds: int) -> bool:
+        """Hand a request to the warden; False when there is none, or none that receives."""
+        with os.fdopen(os.memfd_create("request"), "w+", encoding="utf-8") as file:
+            json.dump(request, file)
+            file.seek(0)
+            try:
+                socket.send_fds(self._link, [b"request"], [file.fileno(), *fds])
+            except OSError:
+                return False
+            return True
+
+    def _end_orphans(self) -> None:
+        """Kill what this process inherited from a warden that did not end cleanly."""
+        deadline = time.monotonic() + END_S
+        while time.monotonic() < deadline:
+            children = psutil.Process().children()
+            orphans = [child for child in children if child.pid not in self._before]
+            if not orphans:
+                return
+            for orphan in orphans:
+                with suppress(psutil.Error):
+                    orphan.kill()
+                    orphan.wait(max(0.0, deadline - time.monotonic()))
+
+    def _listen(self) -> None:
+        while data := self._received():
+            news = json.loads(data)
+            node = news["node"]
+            if news["news"] == "started":
+                self._running[node] = news["pid"]
+                self._report(ProcessStarted(process=node, pid=news["pid"]))
+            else:
+                self._running.pop(node, None)
+                self._requested.discard(node)
+                text = news["text"] or (self._last_words(node) if news["code"] > 0 else "")
+                self._report(ProcessEnded(process=node, code=news["code"], text=text))
+        # The nodes die with the warden, and nothing else would report it.
+        for node in sorted(self._requested):
+            self._report_lost(node)
+
+    def _report_lost(self, process: str) -> None:
+        """Report, once, that a process ended with the warden, or that none could start it."""
+        try:
+            self._requested.remove(process)
+        except KeyError:  # reported by the other thread that noticed it
+            return
+        code = -signal.SIGKILL if process in self._running else 127
+        self._report(ProcessEnded(process=process, code=code, text=NO_WARDEN))
+
+    def _report(self, event: ProcessEvent) -> None:
+        with self._reporting:
+            held_back = self._held_back.get(event.process)
+            if held_back is not None:
+                held_back.append(event)
+                return
+        self._on_event(event)
+
+    def _last_words(self, node: str) -> str:
+        """The last line that a process wrote: of a Python program that died, its exception."""
+        pump = self._pumps.get(node)
+        if pump is not None:
+            pump.join(LAST_WORDS_S)
+        # A copy: children of the process may still write.
+        lines = [line for line in self.last_lines(node) if line.strip()]
+        return lines[-1] if lines else ""
+
+    def _received(self) -> bytes:
+        try:
+            return self._link.recv(warden.LARGEST_PACKET)
+        except ConnectionResetError:
+            return b""
+
+    def _pump(self, node: str, read_fd: int) -> None:
+        lines = self._last_lines.setdefault(node, deque(maxlen=KEPT_LINES))
+        with open(read_fd, encoding="utf-8", errors="replace") as output:
+            while line := output.readline(LONGEST_LINE):
+                text = line.rstrip("\n")
+                lines.append(text)
+                self._on_line(OutputLine(process=node, text=text))
+
+
+def _catches(pid: int, number: int) -> bool:
+    """Whether a process has a handler for a signal; without one it would die of it.
+
+    Source: proc_pid_status(5), SigCgt.
+    """
+    try:
+        status = Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return False
+    caught = next((line for line in status.splitlines() if line.startswith("SigCgt:")), "SigCgt: 0")
+    return bool(int(caught.split()[1], 16) >> (number - 1) & 1)
+
+
+def _adopt_orphans(*, is_enabled: bool) -> None:
+    """Whether this process becomes the parent of descendants whose own parent has ended."""
+    ctypes.CDLL(None).prctl(warden.PR_SET_CHILD_SUBREAPER, int(is_enabled))

@@ -1,0 +1,122 @@
+"""The recorder of a run: a process beside the nodes, started before them and ended after them.
+
+It is no part of the stack: if it fails, a warning says so and the stack goes on. In: what to
+record. Out: `recording.mcap` in the run's folder.
+"""
+
+import signal
+import sys
+import threading
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from obk_cli.files import STATE_MODE, write_text
+from obk_cli.launch.console import Output
+from obk_cli.launch.events import Ended, OutputEvent, OutputLine, ProcessEnded
+from obk_cli.launch.process_groups import Unit
+from obk_cli.launch.processes import NodeCommand, ProcessEvent, WardenProcesses
+from obk_cli.record.recorder_job import BEGUN, RecorderJob, job_to_json
+from obk_cli.record.recording import RECORDING
+from obk_cli.record.run_metadata import run_metadata_of, run_topics
+from obk_cli.record.topic_filter import RecordRequest
+
+__all__ = ["UNIT", "Recorder"]
+
+BEGIN_S: Final = 5.0
+"""How long the nodes wait for the recorder [s]."""
+END_S: Final = 5.0
+"""How long it may take for the last messages and the index [s]."""
+UNIT: Final = Unit(name="/recorder", nodes=())
+PROGRAM: Final = "obk_cli.record.recorder"
+
+
+class Recorder:
+    """Starts and ends the recording; subscribes to the events of the run."""
+
+    def __init__(self, request: RecordRequest | None, folder: Path | None, output: Output) -> None:
+        """Prepare a recording.
+
+        Args:
+            request: what to record, without topics and patterns the plan's; None: nothing.
+            folder: the run's, with its description; None: there is none.
+            output: takes messages on the recording.
+        """
+        self._request = request
+        self._folder = folder
+        self._output = output
+        self._processes: WardenProcesses | None = None
+        self._has_begun = threading.Event()
+        self._has_ended = threading.Event()
+        self._has_command = False
+        self._is_ending = False
+
+    def commands(self, environment: Mapping[str, str]) -> Mapping[str, NodeCommand]:
+        """How the recorder is started, in this environment; empty if nothing is recorded."""
+        if self._request is None:
+            return {}
+        if self._folder is None:
+            self._output.note("warning: nothing is recorded: there is no folder for it")
+            return {}
+        path = self._folder / "recording.json"
+        try:
+            job = job_to_json(self._job(self._folder, self._request))
+            write_text(path, job, mode=STATE_MODE)
+        except OSError as error:
+            self._output.note(f"warning: nothing is recorded: {error}")
+            return {}
+        self._has_command = True
+        # -P: files in the working folder are no libraries.
+        arguments = (sys.executable, "-P", "-m", PROGRAM, str(path))
+        return {UNIT.name: NodeCommand(arguments=arguments, environment=environment)}
+
+    def start(self, processes: WardenProcesses) -> None:
+        """Start the process if `commands` has given a command for it."""
+        if self._has_command:
+            self._processes = processes
+            processes.start(UNIT)
+
+    def wait_until_begun(self) -> None:
+        """Wait until the recorder has subscribed, or failed; the nodes come up after that."""
+        if self._processes is not None and not self._has_begun.wait(BEGIN_S):
+            self._output.note(f"warning: the recorder has not begun after {BEGIN_S:g} s")
+
+    def on_process_event(self, event: ProcessEvent) -> None:
+        """Note the end of the recorder's process."""
+        if event.process == UNIT.name and isinstance(event, ProcessEnded):
+            self._ended(event)
+
+    def on_line(self, line: OutputLine) -> None:
+        """Note that the recording has begun."""
+        if line.process == UNIT.name and line.text.startswith(BEGUN):
+            self._has_begun.set()
+
+    def on_event(self, event: OutputEvent) -> None:
+        """End the recording when the run has ended; `Ended` reaches later subscribers after it."""
+        if isinstance(event, Ended):
+            self._end()
+
+    def _job(self, folder: Path, request: RecordRequest) -> RecorderJob:
+        is_named = bool(request.topics or request.patterns)
+        background = run_metadata_of(folder)
+        return RecorderJob(
+            path=folder / RECORDING,
+            request=request if is_named else replace(request, topics=run_topics(folder)),
+            metadata=background.metadata,
+            attachments=background.attachments,
+        )
+
+    def _end(self) -> None:
+        self._is_ending = True
+        if self._processes is None or self._has_ended.is_set():
+            return
+        self._processes.signal(UNIT.name, signal.SIGINT)
+        if not self._has_ended.wait(END_S):
+            self._output.note(f"warning: the recorder does not end within {END_S:g} s")
+
+    def _ended(self, end: ProcessEnded) -> None:
+        self._has_ended.set()
+        self._has_begun.set()
+        if not self._is_ending or end.code:
+            self._output.note(f"warning: the recorder has ended: {end.how}; the stack goes on")

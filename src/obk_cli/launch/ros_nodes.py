@@ -1,0 +1,315 @@
+"""The nodes of a stack over ROS: requests, and the input events that follow from what they report.
+
+A node that is watched once more runs in a new process. The one before may be in the graph for as
+long as its DDS lease lasts, so a node counts as ready when it answers a question asked since.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
+from functools import partial
+from typing import Any, Final
+
+from obelisk_spec.runtime_protocol import DIAGNOSTICS_TOPIC, parse_rate
+from obelisk_spec.video import parse_video
+from obk_cli.adapters.lifecycle_client import LifecycleClient, NodeClients, open_client
+from obk_cli.launch.events import (
+    Answered,
+    Failed,
+    InputEvent,
+    RatesReported,
+    Ready,
+    StateAnswered,
+    StateSeen,
+    TransitionBegun,
+    VideoReported,
+)
+from obk_cli.launch.transitions import PASSED, RESTING
+from obk_cli.ros.environment import RosEnvironment
+
+__all__ = [
+    "NodeWatch",
+    "RosNodes",
+    "event_of_passage",
+    "failed_transition",
+    "open_ros_nodes",
+    "rates_of",
+    "subscribe_to_diagnostics",
+    "video_of",
+]
+
+POLL_S: Final = 0.01
+SLOW_POLL_S: Final = 0.1
+"""Instead of `POLL_S` after `FAST_POLLING_S`: what is not up by then is started by hand [s]."""
+FAST_POLLING_S: Final = 10.0
+ASK_AGAIN_S: Final = 0.1
+"""A question that reaches only a dead server is lost [s]."""
+FAULT_S: Final = 1.0
+"""How long a node that failed may take to report its fault [s]."""
+DEPTH: Final = 100
+"""Each node of a large stack reports its rates once a second, and all may do so at once."""
+
+
+def open_ros_nodes(name: str, environment: RosEnvironment) -> AbstractContextManager["RosNodes"]:
+    """A ROS node of our own that talks to the nodes of a stack, spinning in a thread.
+
+    Args:
+        name: the node's name; the process id is added.
+        environment: put into effect for this process first.
+
+    Raises:
+        CommandFailedError: there is no rclpy, or it does not start.
+    """
+    return open_client(name, environment, RosNodes)
+
+
+class RosNodes(LifecycleClient):
+    """Sends requests without waiting; what follows is reported as events."""
+
+    def __init__(self, name: str, context: Any, executor: Any) -> None:
+        """Make the node; see `LifecycleClient`."""
+        super().__init__(name, context, executor)
+        self._on_event: Callable[[InputEvent], None] = lambda _: None
+        self._watch = NodeWatch(self._node, self._clients, self._report, executor.wake)
+
+    def report_to(self, on_event: Callable[[InputEvent], None]) -> None:
+        """Report events to `on_event` from now on, from a thread."""
+        self._on_event = on_event
+
+    def report_diagnostics(self, nodes: Iterable[str]) -> None:
+        """Report what these nodes publish on `/diagnostics`: rates and videos."""
+        subscribe_to_diagnostics(self._node, nodes, self._report)
+
+    def watch(self, nodes: Iterable[str]) -> None:
+        """Watch these nodes: `Ready` when their services answer, then what they report.
+
+        A node that was watched before runs in a new process; `Ready` follows for that one.
+        """
+        self._watch.watch(nodes)
+
+    def request(self, node: str, transition: str) -> None:
+        """Request a transition of a node; `Answered` follows unless the node dies."""
+
+        def answer(future: Any) -> None:
+            if future.result().success:
+                report(True, "")
+            else:
+                self._watch.report_fault(node, lambda fault: report(False, fault))
+
+        def report(success: bool, fault: str) -> None:
+            answered = Answered(node=node, transition=transition, success=success, fault=fault)
+            self._on_event(answered)
+
+        self._clients.change_state(node, transition).add_done_callback(answer)
+
+    def ask_state(self, node: str) -> None:
+        """Ask a node for its state; `StateAnswered` follows unless the node is gone or hangs."""
+
+        def report(future: Any) -> None:
+            state = str(future.result().current_state.label)
+            self._on_event(StateAnswered(node=node, state=state))
+
+        self._clients.ask_state(node).add_done_callback(report)
+
+    def taken(self, names: Iterable[str], discovery_s: float) -> tuple[str, ...]:
+        """Those of the full names that other nodes have already; see `RosGraph.taken`."""
+        return self.graph.taken(names, discovery_s)
+
+    def foreign_publishers(
+        self, topics: Iterable[str], ours: Iterable[str], discovery_s: float
+    ) -> tuple[tuple[str, str], ...]:
+        """Other nodes that publish on these topics; see `RosGraph.foreign_publishers`."""
+        return self.graph.foreign_publishers(topics, ours, discovery_s)
+
+    def _report(self, event: InputEvent) -> None:
+        self._on_event(event)
+
+
+def failed_transition(passed: str, fault: str) -> str:
+    """The transition that a fault belongs to; empty when the node failed by itself.
+
+    A node that fails by itself goes to error processing through `deactivate` or `cleanup`; then its
+    fault names a callback of another name.
+
+    Args:
+        passed: the transition through which the node came to error processing.
+        fault: the node's own account, empty if it has none.
+    """
+    may_be_own = passed in ("deactivate", "cleanup") and fault != ""
+    return "" if may_be_own and not fault.startswith(f"on_{passed}:") else passed
+
+
+def event_of_passage(node: str, start: str, goal: str) -> StateSeen | TransitionBegun | None:
+    """The event for a node that went from one state to another; None for error processing.
+
+    Args:
+        node: its full name.
+        start: a state's label.
+        goal: a state's label.
+    """
+    if goal in PASSED:
+        return TransitionBegun(node=node, transition=PASSED[goal])
+    if goal in RESTING:
+        return StateSeen(node=node, state=goal, transition=PASSED.get(start, ""))
+    return None
+
+
+class NodeWatch:
+    """Reports events of nodes, from the thread that spins."""
+
+    def __init__(
+        self,
+        node: Any,
+        clients: NodeClients,
+        on_event: Callable[[InputEvent], None],
+        wake: Callable[[], Any],
+    ) -> None:
+        """Watch no node yet.
+
+        Args:
+            node: of rclpy, that subscribes.
+            clients: of the nodes to come.
+            on_event: takes `Ready`, `TransitionBegun`, `StateSeen` and `Failed`.
+            wake: wakes the thread that spins.
+        """
+        self._node = node
+        self._clients = clients
+        self._on_event = on_event
+        self._wake = wake
+        self._subscribed: set[str] = set()
+        self._waiting: dict[str, _Wait] = {}
+        self._lock = threading.Lock()
+        self._begin = 0.0
+        self._timer = node.create_timer(POLL_S, self._check)
+        self._timer.cancel()
+
+    def watch(self, nodes: Iterable[str]) -> None:
+        """Watch these nodes; `Ready` follows for each, also if it was watched before."""
+        names = tuple(nodes)
+        for name in names:
+            self._subscribe(name)
+            self._clients.open(name)
+        with self._lock:
+            self._waiting |= {name: _Wait() for name in names}
+            self._begin = time.monotonic()
+            self._pace(POLL_S)
+        self._wake()
+
+    def report_fault(self, node: str, report: Callable[[str], None]) -> None:
+        """Ask a node for its newest fault; `report` is called once, with "" without an answer."""
+        if not self._clients.is_ready(node, "last_error"):
+            report("")
+            return
+        pending = threading.Lock()
+
+        def report_once(fault: str) -> None:
+            if pending.acquire(blocking=False):
+                timer.cancel()
+                report(fault)
+
+        timer = threading.Timer(FAULT_S, report_once, [""])
+        timer.daemon = True
+        timer.start()
+        future = self._clients.ask_fault(node)
+        future.add_done_callback(lambda done: report_once(str(done.result().message)))
+
+    def _subscribe(self, name: str) -> None:
+        from lifecycle_msgs.msg import TransitionEvent
+
+        if name not in self._subscribed:
+            self._subscribed.add(name)
+            topic = f"{name}/transition_event"
+            self._node.create_subscription(
+                TransitionEvent, topic, partial(self._on_passage, name), 10
+            )
+
+    def _pace(self, period_s: float) -> None:
+        self._timer.timer_period_ns = int(period_s * 1e9)
+        self._timer.reset()
+
+    def _check(self) -> None:
+        now = time.monotonic()
+        with self._lock:
+            waiting = tuple(self._waiting.items())
+            if not waiting:
+                self._timer.cancel()
+            elif now - self._begin > FAST_POLLING_S:
+                self._pace(SLOW_POLL_S)
+        for name, wait in waiting:
+            if now - wait.asked > ASK_AGAIN_S and self._has_services(name):
+                wait.asked = now
+                self._clients.ask_state(name).add_done_callback(partial(self._ready, name, wait))
+
+    def _has_services(self, name: str) -> bool:
+        return all(self._clients.is_ready(name, kind) for kind in ("change_state", "get_state"))
+
+    def _ready(self, name: str, wait: "_Wait", _answer: Any) -> None:
+        with self._lock:
+            if self._waiting.get(name) is not wait:
+                return
+            del self._waiting[name]
+        self._on_event(Ready(node=name))
+
+    def _on_passage(self, node: str, event: Any) -> None:
+        start, goal = str(event.start_state.label), str(event.goal_state.label)
+        passage = event_of_passage(node, start, goal)
+        if passage is not None:
+            self._on_event(passage)
+        elif goal == "errorprocessing":
+            self.report_fault(node, partial(self._report_failed, node, PASSED.get(start, "")))
+
+    def _report_failed(self, node: str, passed: str, fault: str) -> None:
+        self._on_event(Failed(node=node, fault=fault, transition=failed_transition(passed, fault)))
+
+
+class _Wait:
+    """Waiting for a node's first answer since it is watched; when it was last asked [s]."""
+
+    def __init__(self) -> None:
+        self.asked = 0.0
+
+
+def subscribe_to_diagnostics(
+    node: Any, nodes: Iterable[str], on_event: Callable[[RatesReported | VideoReported], None]
+) -> None:
+    """Report the rates and videos of these nodes, from the thread that spins.
+
+    Args:
+        node: of rclpy, that subscribes.
+        nodes: full names; what others report is ignored.
+        on_event: takes what they report.
+    """
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    names = frozenset(nodes)
+
+    def on_message(message: Any) -> None:
+        for event in (rates_of(message), video_of(message)):
+            if event is not None and event.node in names:
+                on_event(event)
+
+    node.create_subscription(DiagnosticArray, DIAGNOSTICS_TOPIC, on_message, DEPTH)
+
+
+def rates_of(message: Any) -> RatesReported | None:
+    """The rates in a `diagnostic_msgs/DiagnosticArray`; None if it has none."""
+    found = tuple(
+        rate
+        for status in message.status
+        if (rate := parse_rate(status.name, status.level[0], _values(status))) is not None
+    )
+    return RatesReported(node=str(message.status[0].hardware_id), rates=found) if found else None
+
+
+def video_of(message: Any) -> VideoReported | None:
+    """The video in a `diagnostic_msgs/DiagnosticArray`; None if it has none."""
+    for status in message.status:
+        video = parse_video(status.name, _values(status))
+        if video is not None:
+            return VideoReported(node=str(status.hardware_id), video=video)
+    return None
+
+
+def _values(status: Any) -> dict[str, str]:
+    return {str(pair.key): str(pair.value) for pair in status.values}

@@ -1,0 +1,246 @@
+"""Runs a plan on this machine until it ends by itself, by a signal or by a failure.
+
+The library entry behind `obk launch`: joins the supervisor with processes, ROS and the console.
+Takes a plan, gives how the run ended. Runs on without log files if they cannot be written, and
+never waits for a slow reader of the screen.
+"""
+
+import signal
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from queue import SimpleQueue
+from tempfile import TemporaryDirectory
+
+from obk_cli.adapters.leftovers import launch_marks
+from obk_cli.adapters.ros_answers import RosAnswers
+from obk_cli.clock import monotonic_s
+from obk_cli.errors import CommandFailedError
+from obk_cli.launch.commands import Executables, composable, find_executables, unit_commands
+from obk_cli.launch.conflicts import (
+    refuse_taken_names,
+    refuse_unknown_publishers,
+    watching_publishers,
+    watching_types,
+)
+from obk_cli.launch.console import Console, Output
+from obk_cli.launch.control_server import serve_control
+from obk_cli.launch.events import (
+    Ended,
+    EventBus,
+    InputEvent,
+    OutputEvent,
+    OutputLine,
+    StackStateChanged,
+    StopAsked,
+)
+from obk_cli.launch.options import LaunchOptions
+from obk_cli.launch.preload import early_units, gate_variables, held_at_gate
+from obk_cli.launch.process_groups import Unit, units_of
+from obk_cli.launch.processes import NodeCommand, ProcessEvent, WardenProcesses
+from obk_cli.launch.recorder import Recorder
+from obk_cli.launch.ros_nodes import RosNodes, open_ros_nodes
+from obk_cli.launch.run_lock import locked_run
+from obk_cli.launch.state_node import StateNode, state_node_name
+from obk_cli.launch.supervisor import Supervisor
+from obk_cli.launch.video import VideoReports
+from obk_cli.plan import Plan
+from obk_cli.process.shared_memory import remove_dead_segments
+from obk_cli.process.signals import end_signals_heard
+from obk_cli.ros.environment import RosEnvironment
+from obk_cli.workspace.package_index import PackageIndex
+
+__all__ = ["run_plan"]
+
+
+def run_plan(
+    plan: Plan,
+    packages: PackageIndex,
+    environment: RosEnvironment,
+    options: LaunchOptions,
+    console: Console,
+) -> Ended:
+    """Run a plan until it ends by itself, by a signal or by a failure.
+
+    Args:
+        plan: what to run.
+        packages: where the executables are.
+        environment: of the ROS processes.
+        options: which part of it, how far, how long.
+        console: shows what happens; when its output is closed the stack is brought down.
+
+    Raises:
+        CommandFailedError: an executable is missing, the stack or one of its nodes runs already,
+            another node moves the robot, ROS does not start, or no folder takes the parameters.
+    """
+    inbox, share = SimpleQueue[InputEvent](), options.share
+    executables, units = _units(plan, packages, options)
+    with ExitStack() as stack:
+        stack.enter_context(end_signals_heard(_requesting_stop(inbox)))
+        stack.callback(remove_dead_segments)
+        console.screen.when_closed(lambda: inbox.put(StopAsked(reason="the output was closed")))
+        lock = stack.enter_context(locked_run(plan, environment, options))
+        formatter = console.formatter(plan, units, leads=share.leads)
+        output = stack.enter_context(Output(lock.folder, console.screen, formatter, units))
+        lock.report(output)
+        marks = launch_marks(lock.folder)
+        variables = {**environment.variables, **marks, **gate_variables(lock.folder)}
+        commands = _commands(units, executables, lock.folder, variables, output, stack)
+        recorder = Recorder(options.recording, lock.folder, output)
+        videos = VideoReports(plan, share, output.note)
+        # Before ROS starts: its threads must not be in the warden's fork.
+        processes = stack.enter_context(
+            WardenProcesses(
+                commands={**commands, **recorder.commands(variables)},
+                folder=options.folder,
+                marks=marks,
+                on_event=_process_events(recorder, inbox).publish,
+                on_line=_lines(output, recorder).publish,
+            )
+        )
+        recorder.start(processes)
+        gated = early_units(units, executables, options.gated_executables)
+        with held_at_gate(lock.folder, gated, processes):
+            ros = stack.enter_context(open_ros_nodes("obk_launch", environment))
+            stack.enter_context(_without_conflicts(plan, units, ros, environment, options, inbox))
+        ros.report_to(inbox.put)
+        ros.report_diagnostics(name for unit in units for name in unit.node_names)
+        stack.enter_context(watching_types(plan, ros.graph, output.note))
+        state_node = StateNode(ros, plan.name, inbox.put, output.note) if share.leads else None
+        _serve_others(lock.folder, ros, inbox, output, stack)
+        supervisor = Supervisor(
+            plan,
+            units=units,
+            processes=processes,
+            lifecycle=ros,
+            inbox=inbox,
+            clock=monotonic_s,
+            publish=_events(recorder, videos, state_node, output).publish,
+            limits=options.limits,
+            on_crash=options.on_crash,
+            strict_rates=options.strict_rates,
+            lead=None if share.leads else _state_node(plan),
+        )
+        recorder.wait_until_begun()
+        lock.ended = supervisor.run(options.until, options.duration_s)
+        return lock.ended
+
+
+def _process_events(recorder: Recorder, inbox: "SimpleQueue[InputEvent]") -> EventBus[ProcessEvent]:
+    """Starts and ends of processes; the supervisor ignores those of the recorder."""
+    bus = EventBus[ProcessEvent]()
+    bus.subscribe(recorder.on_process_event)
+    bus.subscribe(inbox.put)
+    return bus
+
+
+def _lines(output: Output, recorder: Recorder) -> EventBus[OutputLine]:
+    """The lines that processes write."""
+    bus = EventBus[OutputLine]()
+    bus.subscribe(output.line)
+    bus.subscribe(recorder.on_line)
+    return bus
+
+
+def _events(
+    recorder: Recorder, videos: VideoReports, state_node: StateNode | None, output: Output
+) -> EventBus[OutputEvent]:
+    """What the supervisor publishes.
+
+    At the end the recording is closed and the videos are reported before the end itself is shown.
+    """
+    bus = EventBus[OutputEvent]()
+    bus.subscribe(recorder.on_event)
+    bus.subscribe(videos.on_event)
+    if state_node is not None:
+        bus.subscribe(_shown_by(state_node))
+    bus.subscribe(output.event)
+    return bus
+
+
+def _shown_by(node: StateNode) -> Callable[[OutputEvent], None]:
+    def show(event: OutputEvent) -> None:
+        if isinstance(event, StackStateChanged):
+            node.show(event.state)
+
+    return show
+
+
+def _units(
+    plan: Plan, packages: PackageIndex, options: LaunchOptions
+) -> tuple[Executables, tuple[Unit, ...]]:
+    """The programs of the nodes that run here, and the processes that they run in."""
+    here = [node for node in plan.processes if node.device in options.share.devices]
+    executables = find_executables(here, packages)
+    together = composable(here, executables) if options.is_composed else frozenset[str]()
+    return executables, units_of(plan, devices=options.share.devices, together=together)
+
+
+@contextmanager
+def _without_conflicts(
+    plan: Plan,
+    units: tuple[Unit, ...],
+    ros: RosNodes,
+    environment: RosEnvironment,
+    options: LaunchOptions,
+    inbox: "SimpleQueue[InputEvent]",
+) -> Iterator[None]:
+    """Make sure that no other node has the stack's names, nor moves its robot."""
+    own = [_state_node(plan)] if options.share.leads else []
+    names = (*own, *(name for unit in units for name in unit.node_names))
+    refuse_taken_names(names, ros, environment.domain)
+    if options.allows_foreign:
+        yield
+        return
+    refuse_unknown_publishers(plan, ros, environment.domain)
+    with watching_publishers(plan, ros, inbox.put):
+        yield
+
+
+def _state_node(plan: Plan) -> str:
+    return f"/{state_node_name(plan.name)}"
+
+
+def _serve_others(
+    folder: Path | None,
+    ros: RosNodes,
+    inbox: "SimpleQueue[InputEvent]",
+    output: Output,
+    stack: ExitStack,
+) -> None:
+    """Answer other terminals of this host; if that is not possible they ask the nodes."""
+    if folder is None:
+        return
+    try:
+        stack.enter_context(serve_control(folder, inbox.put, RosAnswers(ros.look()).ask))
+    except OSError as error:
+        output.note(f"warning: other terminals are not answered: {error}")
+
+
+def _commands(
+    units: tuple[Unit, ...],
+    executables: Executables,
+    folder: Path | None,
+    variables: Mapping[str, str],
+    output: Output,
+    stack: ExitStack,
+) -> Mapping[str, NodeCommand]:
+    """The processes' commands; if the run's folder takes no files, with those in another one."""
+    if folder is not None:
+        try:
+            return unit_commands(units, executables, folder, variables)
+        except OSError as error:
+            output.unwritable(error)
+    try:
+        temporary = stack.enter_context(TemporaryDirectory(prefix="obk-"))
+        return unit_commands(units, executables, Path(temporary), variables)
+    except OSError as error:
+        raise CommandFailedError(f"the parameters cannot be written: {error}") from error
+
+
+def _requesting_stop(inbox: "SimpleQueue[InputEvent]") -> Callable[[signal.Signals], None]:
+    def request(number: signal.Signals) -> None:
+        # A closing terminal sends SIGHUP more than once; that is no urgent request.
+        inbox.put(StopAsked(reason=number.name, is_urgent=number != signal.SIGHUP))
+
+    return request

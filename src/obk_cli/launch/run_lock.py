@@ -1,0 +1,240 @@
+"""The lock of a run: no two runs with the same nodes on one machine at a time.
+
+A run's folder is made under a file lock of its ROS domain before anything starts, and says at the
+end how the run ended.
+"""
+
+import errno
+import fcntl
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from obk_cli.adapters.launchers import STOP_S, end_launcher
+from obk_cli.adapters.live_runs import is_alive, live_folders
+from obk_cli.clock import local_time, wall_s
+from obk_cli.emit.json import emit_plan
+from obk_cli.errors import CommandFailedError, ObkError
+from obk_cli.files import is_within_planted
+from obk_cli.launch.events import Ended
+from obk_cli.launch.options import KEPT_RUNS, LaunchOptions
+from obk_cli.launch.runs import (
+    MadeFrom,
+    Run,
+    make_run_folder,
+    note_end,
+    read_run,
+    run_folders,
+    runs_folder,
+    write_run,
+)
+from obk_cli.optional_deps import run_versions
+from obk_cli.plan import Plan
+from obk_cli.process.identity import boot_id, this_process
+from obk_cli.ros.environment import RosEnvironment
+
+if TYPE_CHECKING:
+    from obk_cli.launch.console import Output
+
+__all__ = ["RunLock", "claim_run", "locked_run"]
+
+CLAIM_S: Final = 5.0
+"""How long another launch may hold the lock [s]."""
+MOST_REPLACED: Final = 20
+"""Launchers to end before giving up: something restarts them again and again."""
+POLL_S: Final = 0.01
+
+
+@dataclass(slots=True, kw_only=True)
+class RunLock:
+    """The names of a run's nodes on this machine, and its folder."""
+
+    run: Run
+    folder: Path | None
+    fault: OSError | None = None
+    """Why there is no folder."""
+    ended: Ended | None = None
+
+    def report(self, output: "Output") -> None:
+        """Report where the logs are, or why there are none."""
+        if self.fault is not None:
+            output.unwritable(self.fault)
+        else:
+            output.note(f"{self.run.name}: logs in {self.folder}")
+
+
+@contextmanager
+def locked_run(
+    plan: Plan, environment: RosEnvironment, options: LaunchOptions
+) -> Iterator[RunLock]:
+    """While entered, this launch has its nodes' names on this machine.
+
+    Raises:
+        CommandFailedError: the stack or one of its nodes runs already.
+    """
+    run = _run(plan, environment, options)
+    try:
+        folder = claim_run(
+            runs_folder(environment.variables),
+            run,
+            local_time(),
+            made_from=MadeFrom(plan=emit_plan(plan), versions=run_versions()),
+            keep=options.kept_runs,
+            replace_other=options.replaces,
+        )
+    except OSError as error:
+        yield RunLock(run=run, folder=None, fault=error)
+        return
+    lock = RunLock(run=run, folder=folder)
+    try:
+        yield lock
+    except ObkError as error:
+        lock.ended = Ended(exit_code=error.exit_code, cause=error.message)
+        raise
+    finally:
+        # If it cannot be written, the end of the process shows that the run is over.
+        with suppress(OSError):
+            note_end(folder, run, lock.ended, wall_s())
+
+
+def _run(plan: Plan, environment: RosEnvironment, options: LaunchOptions) -> Run:
+    pid, started = this_process()
+    devices = options.share.devices
+    tiers = [[p for p in tier if p.device in devices] for tier in plan.tiers]
+    return Run(
+        name=plan.name,
+        pid=pid,
+        started=started,
+        domain=environment.domain,
+        config=options.config,
+        nodes=tuple(p.full_name for tier in tiers for p in tier if p.has_lifecycle),
+        other_nodes=tuple(p.full_name for tier in tiers for p in tier if not p.has_lifecycle),
+        devices=tuple(sorted(devices)) if options.share.is_part else (),
+        leads=options.share.leads,
+    )
+
+
+def claim_run(
+    parent: Path,
+    run: Run,
+    now: datetime,
+    *,
+    made_from: MadeFrom | None = None,
+    keep: int = KEPT_RUNS,
+    replace_other: bool = False,
+) -> Path:
+    """Make the folder of a new run and describe the run there; remove the oldest ones.
+
+    Of two launches at a time the first one gets the lock and the second one finds its run.
+    Launches of one config that each run another device of it, in one ROS domain, do not conflict.
+
+    Args:
+        parent: the folder of all runs.
+        run: what runs.
+        now: the time in the user's time zone.
+        made_from: what it was made from.
+        keep: how many runs stay, this one included; live ones always do.
+        replace_other: end the conflicting launches.
+
+    Raises:
+        CommandFailedError: a live run of the same ROS domain has the name or one of the nodes.
+        OSError: the folder cannot be written, or is another user's.
+    """
+    if is_within_planted(parent):
+        raise PermissionError(errno.EPERM, "it is another user's", str(parent))
+    parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    claimed = replace(run, boot=boot_id())
+    for _ in range(MOST_REPLACED):
+        with _file_lock(parent / f".domain_{run.domain}.lock"):
+            conflicting = _first_conflicting(parent, run)
+            if conflicting is None:
+                folder = _described_folder(parent, claimed, now, made_from)
+        # The rest may take longer than others wait for the lock.
+        if conflicting is None:
+            _remove_old(parent, keep)
+            return folder
+        if not replace_other:
+            raise _refusal(run, conflicting[1])
+        _end_launcher(*conflicting)
+    raise CommandFailedError(f"the stack `{run.name}` is started again and again from elsewhere")
+
+
+def _described_folder(parent: Path, run: Run, now: datetime, made_from: MadeFrom | None) -> Path:
+    """The folder of a run with its description; no folder is left if that cannot be written.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    folder = make_run_folder(parent, run.name, now)
+    try:
+        write_run(folder, run, made_from)
+    except OSError:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    return folder
+
+
+def _first_conflicting(parent: Path, run: Run) -> tuple[Path, Run] | None:
+    others = live_folders(parent).items()
+    return next(((folder, other) for folder, other in others if _clash(run, other)), None)
+
+
+def _clash(run: Run, other: Run) -> bool:
+    if other.domain != run.domain:
+        return False
+    is_same_part = not (run.devices and other.devices) or set(run.devices) & set(other.devices)
+    return bool(_common(run, other) or (other.name == run.name and is_same_part))
+
+
+def _common(run: Run, other: Run) -> list[str]:
+    return sorted(set(run.all_nodes) & set(other.all_nodes))
+
+
+def _refusal(run: Run, other: Run) -> CommandFailedError:
+    nodes = ", ".join(_common(run, other) or other.all_nodes)
+    return CommandFailedError(
+        f"the stack `{other.name}` already runs in the ROS domain {other.domain} "
+        f"(process {other.pid}, {nodes})",
+        help="stop it or use another ROS_DOMAIN_ID",
+    )
+
+
+def _end_launcher(folder: Path, other: Run) -> None:
+    end = end_launcher(folder, other, reason="replaced", timeout_s=STOP_S, may_kill=True)
+    if end == "still there":
+        raise CommandFailedError(
+            f"the stack `{other.name}` in the ROS domain {other.domain} does not end "
+            f"(process {other.pid})",
+            help="the system holds on to that process; use another ROS_DOMAIN_ID",
+        )
+
+
+def _remove_old(parent: Path, keep: int) -> None:
+    for old in run_folders(parent)[max(keep, 1) :]:
+        run = read_run(old)
+        if run is None or not is_alive(run):
+            shutil.rmtree(old, ignore_errors=True)
+
+
+@contextmanager
+def _file_lock(path: Path) -> Iterator[None]:
+    """Wait for a file's lock, with a deadline; it is free again at the end, however that comes."""
+    deadline = time.monotonic() + CLAIM_S
+    with path.open("w") as file:
+        while True:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() > deadline:
+                    raise CommandFailedError(
+                        f"another process has held {path} for {CLAIM_S:g} s",
+                        help="end an `obk launch` that is stopped or hangs",
+                    ) from None
+                time.sleep(POLL_S)
+        yield

@@ -1,0 +1,290 @@
+"""Facts of a run: its nodes and processes, the failures so far. Decides and does nothing.
+
+`StackState` knows the nodes, `RunState` why and how fast the run is to end.
+"""
+
+from collections import Counter, deque
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from obelisk_spec.runtime_protocol import Rate
+from obk_cli.launch.asks import NodeStatus
+from obk_cli.launch.process_groups import Unit, rule_of
+from obk_cli.launch.transitions import (
+    ACTIVE,
+    FINALIZED,
+    INACTIVE,
+    RESTING,
+    UNCONFIGURED,
+    UNKNOWN,
+)
+from obk_cli.plan import OnCrash, Plan, Process
+
+__all__ = ["GONE", "Crash", "Failure", "RunState", "StackState"]
+
+GONE: Final = "gone"
+"""Instead of a state, for a node whose process has ended."""
+ORDER: Final = (UNCONFIGURED, INACTIVE, ACTIVE)
+ONE_REQUEST_S: Final = 0.3
+"""Signals this close to the first one belong to it: `timeout` sends two, a closing terminal too."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crash:
+    """Something that the rule `on_crash` applies to and that is not handled yet."""
+
+    unit: str
+    kind: Literal["ended", "hung", "fault"]
+    text: str
+    node: str
+    """The node at fault; of a process that ended or hangs, one of its nodes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Failure:
+    """Why the stack comes down."""
+
+    text: str
+    node: str | None = None
+
+
+class RunState:
+    """Whether a run may go on, and how fast it ends."""
+
+    def __init__(self) -> None:
+        self._failures: list[Failure] = []
+        self._stop_reason: str | None = None
+        self._stopping_since: float | None = None
+        self._is_going_down = False
+        self._force_quit = False
+
+    @property
+    def may_go_on(self) -> bool:
+        """Whether there is no reason to come down."""
+        return self._stop_reason is None and not self._failures
+
+    @property
+    def is_going_down(self) -> bool:
+        """Whether the stack is being brought down; ends of processes are expected then."""
+        return self._is_going_down
+
+    @property
+    def force_quit(self) -> bool:
+        """Whether the stop was requested again, so that nothing is waited for."""
+        return self._force_quit
+
+    @property
+    def must_leave(self) -> bool:
+        """Whether to stop waiting for a transition."""
+        return self._force_quit if self._is_going_down else not self.may_go_on
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """The failures so far, the first cause first."""
+        return tuple(self._failures)
+
+    @property
+    def stop_reason(self) -> str | None:
+        """Why the stack comes down without a failure; None: it need not."""
+        return self._stop_reason
+
+    @property
+    def reason(self) -> str:
+        """Why the stack comes down; empty when nothing has ended the run."""
+        return self._failures[0].text if self._failures else self._stop_reason or ""
+
+    def fail(self, text: str, node: str | None = None) -> None:
+        """Bring the stack down for a failure."""
+        self._failures.append(Failure(text=text, node=node))
+
+    def stop(self, reason: str) -> None:
+        """Bring the stack down without a failure; the first reason stays."""
+        self._stop_reason = self._stop_reason or reason
+
+    def request_stop(self, reason: str, now: float, *, is_urgent: bool) -> None:
+        """Stop on request; a later urgent request, not one of a burst, forces it."""
+        if self._stopping_since is None:
+            self._stopping_since = now
+        elif is_urgent and now - self._stopping_since > ONE_REQUEST_S:
+            self._force_quit = True
+        self.stop(reason)
+
+    def go_down(self, now: float) -> None:
+        """Begin to bring the stack down."""
+        self._is_going_down = True
+        if self._stopping_since is None:
+            self._stopping_since = now
+
+
+class StackState:
+    """The nodes of a plan, those of other devices too, and the processes that run here."""
+
+    def __init__(
+        self, plan: Plan, units: Iterable[Unit], *, lead: str | None, on_crash: OnCrash
+    ) -> None:
+        """Begin with nothing running.
+
+        Args:
+            plan: the whole stack.
+            units: the processes that run here.
+            lead: full name of the state node of the launch that takes the nodes through their
+                transitions; None: this launch does, those of other devices too.
+            on_crash: for nodes whose config sets none.
+        """
+        self.plan: Final = plan
+        self.lead: Final = lead
+        self.units: Final = {unit.name: unit for unit in units}
+        self.unit_of: Final = {
+            node: unit.name for unit in self.units.values() for node in unit.node_names
+        }
+        self.nodes: Final[dict[str, Process]] = {p.full_name: p for p in plan.processes}
+        self.with_lifecycle: Final = frozenset(
+            name
+            for name, p in self.nodes.items()
+            if p.has_lifecycle and (lead is None or name in self.unit_of)
+        )
+        """The nodes that this launch takes through transitions."""
+        self.pids: Final[dict[str, int]] = {}
+        self.running: Final[set[str]] = set()
+        """Names of the units whose process runs, or was requested."""
+        self.ready: Final[set[str]] = set()
+        self.states: Final[dict[str, str]] = {}
+        self.requested: Final[dict[str, str]] = {}
+        """The state that was last requested of a node: to it a node that crashed is restored."""
+        self.lost: Final[set[str]] = set()
+        """Nodes that crashed and that the stack goes on without."""
+        self.failed: Final[set[str]] = set()
+        """Nodes that failed by themselves and were left like that."""
+        self.hung: Final[set[str]] = set()
+        self.in_transition: Final[set[str]] = set()
+        """Nodes with a requested transition that have not answered yet."""
+        self.rates: Final[dict[str, tuple[Rate, ...]]] = {}
+        """The last reported rates of active nodes."""
+        self.restarts: Final[Counter[str]] = Counter()
+        self.crashes: Final[deque[Crash]] = deque()
+        """Those that are not handled yet."""
+        self.moving = ""
+        """The state shown for the whole stack during a transition; empty: that of its nodes."""
+        self._on_crash: OnCrash = on_crash
+
+    def is_here(self, node: str) -> bool:
+        """Whether a node's process is one of this launch."""
+        return node in self.unit_of
+
+    def is_present(self, node: str) -> bool:
+        """Whether requests to a node make sense."""
+        if not self.is_here(node):
+            return node not in self.lost
+        return self.unit_of[node] in self.running
+
+    def is_early(self, unit: str) -> bool:
+        """Whether a process's nodes do not handle signals in their own way yet."""
+        names = self.with_lifecycle.intersection(self.units[unit].node_names)
+        return not names <= self.ready
+
+    def here(self) -> frozenset[str]:
+        """The nodes with a life cycle whose processes are of this launch."""
+        return frozenset(node for node in self.with_lifecycle if self.is_here(node))
+
+    def elsewhere(self) -> frozenset[str]:
+        """The nodes with a life cycle whose processes are of other launches."""
+        return frozenset(
+            name for name, p in self.nodes.items() if p.has_lifecycle and not self.is_here(name)
+        )
+
+    def missing(self, nodes: Collection[str]) -> frozenset[str]:
+        """Those of the nodes that are still to come up."""
+        return frozenset(nodes) - self.ready - self.lost
+
+    def counted(self) -> frozenset[str]:
+        """The nodes with a life cycle that make up the stack's state."""
+        present = {n for n in self.with_lifecycle - self.lost if not self._hangs_ignored(n)}
+        failed = {n for n in self.failed & present if self.states.get(n) == UNCONFIGURED}
+        # If the others are no further, nothing keeps it from coming along.
+        is_behind = any(self.states.get(n) != UNCONFIGURED for n in present - failed)
+        return frozenset(present - failed if is_behind else present)
+
+    def _hangs_ignored(self, node: str) -> bool:
+        """Whether the stack goes on without a node until that answers again."""
+        return node in self.hung and self.on_crash(self.unit_of.get(node, node)) == "ignore"
+
+    def on_crash(self, unit: str) -> OnCrash:
+        """The rule for a process that crashes."""
+        return rule_of(self.members(unit), self._on_crash)
+
+    def members(self, unit: str) -> tuple[Process, ...]:
+        """The nodes in a process; a node of another device by its own name."""
+        return self.units[unit].nodes if unit in self.units else (self.nodes[unit],)
+
+    def process_requested(self, unit: str) -> None:
+        """Forget the nodes of a process that is about to start."""
+        self.running.add(unit)
+        names = self.units[unit].node_names
+        self.ready.difference_update(names)
+        self.hung.difference_update(names)
+        for node in names:
+            self.states.pop(node, None)
+
+    def process_ended(self, unit: str) -> None:
+        """Note that a process has ended, and its nodes with it."""
+        self.running.discard(unit)
+        self.pids.pop(unit, None)
+        for node in self.units[unit].node_names:
+            self.states[node] = GONE
+            self.hung.discard(node)
+            self.in_transition.discard(node)
+
+    def forget_crashes(self, unit: str, *, hangs_only: bool = False) -> None:
+        """Drop the crashes of a process that is handled as a whole."""
+        kept = [c for c in self.crashes if c.unit != unit or (hangs_only and c.kind != "hung")]
+        self.crashes.clear()
+        self.crashes.extend(kept)
+
+    def culprit(self, unit: str, last_words: str) -> str:
+        """The node that ended a process, if its last line names one; otherwise the process."""
+        names = self.units[unit].node_names
+        return next((name for name in names if name in last_words), unit)
+
+    def origin_of_rate(self, node: str, name: str) -> str:
+        """The place of an expected period, `file:line:column`; empty if the config has none."""
+        places = (p.origin for p in self.nodes[node].promises if p.name == name)
+        return str(next(places, ""))
+
+    def is_resting(self, node: str) -> bool:
+        """Whether a node is known to be in no transition."""
+        return self.states.get(node) in RESTING
+
+    def are_all(self, nodes: Collection[str], state: str) -> bool:
+        """Whether there are nodes, and all of them are in a state."""
+        return bool(nodes) and all(self.states.get(node) == state for node in nodes)
+
+    def summary(self) -> str:
+        """The furthest state that every node has reached, or the transition under way."""
+        if self.moving:
+            return self.moving
+        counted = self.counted()
+        if self.are_all(counted, FINALIZED):
+            return FINALIZED
+        states = {self.states.get(node, UNCONFIGURED) for node in counted}
+        ranks = [ORDER.index(state) if state in ORDER else 0 for state in states]
+        return ORDER[min(ranks, default=0)]
+
+    def status(self) -> tuple[NodeStatus, ...]:
+        """Every node, in the order of the plan."""
+        return tuple(self._status(node) for node in self.plan.processes)
+
+    def _status(self, node: Process) -> NodeStatus:
+        name = node.full_name
+        unit = self.unit_of.get(name, name)
+        return NodeStatus(
+            node=name,
+            section=node.section,
+            device=node.device,
+            state=self.states.get(name, UNKNOWN) if node.has_lifecycle else "",
+            process=unit,
+            pid=self.pids.get(unit),
+            restarts=self.restarts[unit],
+            hangs=name in self.hung,
+            rates=self.rates.get(name, ()) if self.states.get(name) == ACTIVE else (),
+        )

@@ -1,0 +1,238 @@
+"""Takes a group of nodes through a transition, tier by tier; rolls back if one of them fails."""
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field, replace
+
+from obk_cli.launch.asks import ChangeAnswer, Member, Result
+from obk_cli.launch.event_loop import RunContext
+from obk_cli.launch.events import Answered, StateAnswered, TransitionEnded
+from obk_cli.launch.process_control import ProcessControl
+from obk_cli.launch.transitions import TRANSITIONS, UNKNOWN, Transition, tiers_down, tiers_up
+
+__all__ = ["Change", "TransitionRunner", "reason"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """A transition of several nodes."""
+
+    transition: Transition
+    nodes: frozenset[str]
+    """Full names; nodes in the goal state already are skipped."""
+    limit_s: float
+    """For each node [s]."""
+
+
+@dataclass(slots=True, kw_only=True)
+class _Progress:
+    """The results of a change so far."""
+
+    members: dict[str, Member] = field(default_factory=dict)
+    reached: list[str] = field(default_factory=list)
+
+    @property
+    def culprit(self) -> Member | None:
+        return next((m for m in self.members.values() if m.is_culprit), None)
+
+
+def reason(culprit: Member, transition: Transition, limit_s: float) -> str:
+    """Why a node's part of a transition failed, as a sentence that names it."""
+    how = {
+        "refused": "failed",
+        "timed out": f"was not done within {limit_s:.1f} s",
+        "gone": "was cut short",
+    }
+    first = f": {culprit.fault.splitlines()[0]}" if culprit.fault else ""
+    return f"{culprit.node}: the transition `{transition.name}` {how[culprit.result]}{first}"
+
+
+class TransitionRunner:
+    """Requests transitions of nodes and waits for their answers."""
+
+    def __init__(self, context: RunContext, control: ProcessControl) -> None:
+        self._context = context
+        self._control = control
+
+    def run(self, change: Change) -> ChangeAnswer:
+        """Take nodes to a transition's goal; on failure those that got there are rolled back.
+
+        Nothing is requested if a node is in a state that does not allow the transition.
+        """
+        context, transition = self._context, change.transition
+        obstacle = self._obstacle(change)
+        if obstacle:
+            return ChangeAnswer(success=False, why=obstacle)
+        progress = _Progress()
+        context.publisher.in_transition(transition.passes)
+        for tier in self._tiers(change):
+            self._take_tier(change, tier, progress)
+            if progress.culprit is not None or not context.run.may_go_on:
+                break
+        culprit = progress.culprit
+        if culprit is not None and context.run.may_go_on:
+            self._roll_back(change, progress)
+            self._learn_refused(progress)
+        context.publisher.in_transition("")
+        members = tuple(progress.members.values())
+        if culprit is not None:
+            why = reason(culprit, transition, change.limit_s)
+            return ChangeAnswer(success=False, why=why, members=members)
+        if not context.run.may_go_on:
+            why = f"the stack comes down: {context.run.stop_reason or context.run.reason}"
+            return ChangeAnswer(success=False, why=why, members=members)
+        for member in members:
+            context.state.requested[member.node] = transition.goal
+        return ChangeAnswer(success=True, members=members)
+
+    def request_all(
+        self, transition: Transition, nodes: Collection[str], limit_s: float
+    ) -> dict[str, Member]:
+        """Request a transition of nodes at once and wait for every answer, at most `limit_s`.
+
+        Nodes that the caller need not wait for any more are left out of the result.
+        """
+        context, state = self._context, self._context.state
+        begin = context.loop.now()
+        # A hung one would do it whenever it wakes.
+        waiting = {node for node in nodes if state.is_present(node) and node not in state.hung}
+        members = {node: self._cut_short(node) for node in nodes if node not in waiting}
+        for node in sorted(waiting):
+            self._request(node, transition.name, limit_s)
+        while (
+            waiting and not context.run.must_leave and (event := context.loop.wait(begin + limit_s))
+        ):
+            if (
+                isinstance(event, Answered)
+                and event.node in waiting
+                and event.transition == transition.name
+            ):
+                waiting.discard(event.node)
+                members[event.node] = self._concluded(transition, event, begin)
+            for node in sorted(waiting):
+                if not state.is_present(node) or node in state.hung:
+                    waiting.discard(node)
+                    members[node] = self._cut_short(node)
+        if context.run.must_leave:
+            return members
+        for node in sorted(waiting):
+            members[node] = self._timed_out(node, transition, begin)
+        return members
+
+    def learn_states(self, nodes: Iterable[str]) -> frozenset[str]:
+        """Ask nodes for their states; gives those that do not answer in time."""
+        context, state = self._context, self._context.state
+        waiting = set(nodes)
+        for node in sorted(waiting):
+            context.lifecycle.ask_state(node)
+        deadline = context.loop.now() + context.limits.answer_s
+        while waiting and not context.run.force_quit and (event := context.loop.wait(deadline)):
+            if isinstance(event, StateAnswered):
+                waiting.discard(event.node)
+                state.states[event.node] = event.state
+            waiting = {node for node in waiting if state.is_present(node)}
+        return frozenset(waiting)
+
+    def _request(self, node: str, transition: str, limit_s: float) -> None:
+        """Request a transition of a node, which may be busy with it for so long."""
+        context = self._context
+        context.heartbeat.received(node, context.loop.now(), limit_s)
+        context.pending.add(node, transition)
+        context.state.in_transition.add(node)
+        context.lifecycle.request(node, transition)
+
+    def _concluded(self, transition: Transition, answer: Answered, begin: float) -> Member:
+        result: Result = "reached" if answer.success else "refused"
+        states = self._context.state.states
+        if answer.success:
+            states[answer.node] = transition.goal
+        self._publish(answer.node, transition, result, begin, answer.fault)
+        state = states.get(answer.node, "")
+        return Member(node=answer.node, result=result, state=state, fault=answer.fault)
+
+    def _timed_out(self, node: str, transition: Transition, begin: float) -> Member:
+        state = self._context.state.states.get(node, "")
+        self._context.pending.time_out(node, transition.name, begin)
+        self._publish(node, transition, "timed out", begin)
+        self._control.report_evidence(node)
+        return Member(node=node, result="timed out", state=state)
+
+    def _cut_short(self, node: str) -> Member:
+        state = self._context.state
+        why = "the node hangs" if node in state.hung else "the node is gone"
+        return Member(node=node, result="gone", state=state.states.get(node, ""), fault=why)
+
+    def _publish(
+        self,
+        node: str,
+        transition: Transition,
+        result: Result,
+        begin: float | None = None,
+        fault: str = "",
+    ) -> None:
+        """Publish a node's result; `begin` is None if nothing was requested of it."""
+        context = self._context
+        context.publisher.publish(
+            TransitionEnded(
+                node=node,
+                transition=transition.name,
+                result=result,
+                seconds=0.0 if begin is None else context.loop.now() - begin,
+                fault=fault,
+            )
+        )
+
+    def _tiers(self, change: Change) -> tuple[tuple[str, ...], ...]:
+        plan = self._context.state.plan
+        tiers = tiers_up(plan) if change.transition.is_up else tiers_down(plan)
+        chosen = (tuple(node for node in tier if node in change.nodes) for tier in tiers)
+        return tuple(tier for tier in chosen if tier)
+
+    def _obstacle(self, change: Change) -> str:
+        """Why the transition cannot begin; empty when it can."""
+        transition, states = change.transition, self._context.state.states
+        for node in sorted(change.nodes):
+            state = states.get(node, UNKNOWN)
+            if state != transition.goal and state not in transition.starts:
+                starts = " or ".join(sorted(transition.starts))
+                return f"`{transition.name}` starts from {starts}, and {node} is {state}"
+        return ""
+
+    def _take_tier(self, change: Change, tier: tuple[str, ...], progress: _Progress) -> None:
+        states, transition = self._context.state.states, change.transition
+        to_request = [node for node in tier if states.get(node) != transition.goal]
+        for node in tier:
+            if node not in to_request:
+                progress.members[node] = Member(
+                    node=node, result="there already", state=transition.goal
+                )
+                self._publish(node, transition, "there already")
+        members = self.request_all(transition, to_request, change.limit_s)
+        progress.members.update(members)
+        progress.reached.extend(
+            node for node in tier if node in members and members[node].result == "reached"
+        )
+
+    def _roll_back(self, change: Change, progress: _Progress) -> None:
+        """Lead the nodes that reached the goal back to where they were."""
+        if not change.transition.undo or not progress.reached:
+            return
+        context = self._context
+        context.publisher.episode("rolling back", ", ".join(progress.reached))
+        undo = TRANSITIONS[change.transition.undo]
+        for tier in reversed(self._tiers(change)):
+            if not context.run.may_go_on:
+                return  # Whatever comes up now would come down at once.
+            nodes = [node for node in tier if node in progress.reached]
+            for node, member in self.request_all(undo, nodes, change.limit_s).items():
+                back = replace(progress.members[node], state=member.state)
+                progress.members[node] = (
+                    replace(back, result="taken back") if member.result == "reached" else back
+                )
+
+    def _learn_refused(self, progress: _Progress) -> None:
+        """Ask nodes that refused: error processing may have led them to another state."""
+        refused = [m.node for m in progress.members.values() if m.result == "refused"]
+        self.learn_states(refused)
+        for node in refused:
+            state = self._context.state.states.get(node, "")
+            progress.members[node] = replace(progress.members[node], state=state)

@@ -1,0 +1,243 @@
+"""Nodes with the same names, unknown publishers and other message types in the ROS domain."""
+
+import math
+import os
+import signal
+import subprocess
+import threading
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from queue import SimpleQueue
+
+import pytest
+
+from obk_cli.adapters.allowed_publisher import ALLOWED_PUBLISHER, is_allowed_publisher
+from obk_cli.errors import CommandFailedError
+from obk_cli.launch import conflicts
+from obk_cli.launch.conflicts import (
+    control_topics,
+    has_hardware,
+    refuse_taken_names,
+    refuse_unknown_publishers,
+    watching_publishers,
+    watching_types,
+)
+from obk_cli.launch.events import InputEvent, UnknownPublisherSeen
+from obk_cli.plan import Endpoint, Plan
+from obk_cli.ros.graph import OWN_DISCOVERY_S, UNNAMED
+
+from ..plans import node  # noqa: TID252 - shared by folders of tests
+
+ROBOT = node(
+    "obelisk_robot_0",
+    "robot",
+    subscribes=(Endpoint(topic="/ctrl", msg_type=None),),
+    model="m.xml",
+)
+PLAN = Plan(name="s", processes=(ROBOT,))
+
+
+class Graph:
+    """Others, as a table."""
+
+    def __init__(self, *strangers: tuple[str, str]) -> None:
+        self.strangers = strangers
+        self.waited: list[float] = []
+        self.looked = threading.Semaphore(0)
+
+    def taken(self, names: Iterable[str], discovery_s: float) -> tuple[str, ...]:
+        return tuple(set(names) & {name for _, name in self.strangers})
+
+    def foreign_publishers(
+        self, topics: Iterable[str], ours: Iterable[str], discovery_s: float
+    ) -> tuple[tuple[str, str], ...]:
+        self.waited.append(discovery_s)
+        self.looked.release()
+        return tuple(s for s in self.strangers if s[0] in set(topics) and s[1] not in set(ours))
+
+
+@pytest.fixture(autouse=True)
+def _looks_often_and_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(conflicts, "PUBLISHERS_PERIOD_S", 0.001)
+    monkeypatch.setattr(conflicts, "FOREIGN_DISCOVERY_S", math.inf)
+
+
+def look_twice(graph: Graph) -> None:
+    """Wait until what the first look gave has been dealt with."""
+    for _ in range(2):
+        assert graph.looked.acquire(timeout=20)
+
+
+def test_a_name_that_somebody_has_is_refused() -> None:
+    with pytest.raises(CommandFailedError, match="domain 7 there is already /obelisk_robot_0"):
+        refuse_taken_names(("/obelisk_robot_0",), Graph(("/x", "/obelisk_robot_0")), 7)  # type: ignore[arg-type]
+
+
+def test_whoever_else_moves_the_robot_is_named() -> None:
+    with pytest.raises(CommandFailedError, match="/teleop publishes on /ctrl") as raised:
+        refuse_unknown_publishers(PLAN, Graph(("/ctrl", "/teleop")), 7)  # type: ignore[arg-type]
+    assert "--allow-foreign" in (raised.value.help or "")
+
+
+def test_publishers_of_other_topics_and_the_plans_own_do_not_matter() -> None:
+    refuse_unknown_publishers(PLAN, Graph(("/x", "/teleop"), ("/ctrl", "/obelisk_robot_0")), 7)  # type: ignore[arg-type]
+
+
+def test_for_a_real_robot_the_look_is_as_long_as_it_takes() -> None:
+    real = Plan(name="s", processes=(replace(ROBOT, model=None),))
+    assert has_hardware(real)
+    assert not has_hardware(PLAN)
+    graph = Graph()
+    refuse_unknown_publishers(PLAN, graph, 7)  # type: ignore[arg-type]
+    refuse_unknown_publishers(real, graph, 7)  # type: ignore[arg-type]
+    assert graph.waited == [OWN_DISCOVERY_S, conflicts.FOREIGN_DISCOVERY_S]
+
+
+def test_one_that_is_found_late_is_told() -> None:
+    heard: SimpleQueue[InputEvent] = SimpleQueue()
+    with watching_publishers(PLAN, Graph(("/ctrl", "/teleop")), heard.put):  # type: ignore[arg-type]
+        assert heard.get(timeout=20) == UnknownPublisherSeen(topic="/ctrl", node="/teleop")
+
+
+def test_one_without_a_name_yet_is_no_stranger_once_our_nodes_have_started() -> None:
+    heard: SimpleQueue[InputEvent] = SimpleQueue()
+    graph = Graph(("/ctrl", UNNAMED))
+    with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
+        look_twice(graph)
+    assert heard.empty()
+
+
+def test_a_command_that_is_let_publish_after_the_start_is_no_stranger(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    heard: SimpleQueue[InputEvent] = SimpleQueue()
+    with _child() as pid:
+        graph = Graph(("/ctrl", f"/{ALLOWED_PUBLISHER}_{pid}"))
+        # It began before this launch: whom it was to move is another matter.
+        with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
+            assert isinstance(heard.get(timeout=20), UnknownPublisherSeen)
+        monkeypatch.setattr(conflicts, "since_boot_s", lambda: 0.0)
+        graph = Graph(*graph.strangers)
+        with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
+            look_twice(graph)
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+            graph.looked = threading.Semaphore(0)
+            look_twice(graph)
+        assert heard.empty()
+
+
+def test_a_publisher_of_that_name_whose_process_is_not_here_is_a_stranger() -> None:
+    with _child() as pid:
+        name = f"/{ALLOWED_PUBLISHER}_{pid}"
+        assert is_allowed_publisher(name, 0.0)
+        assert not is_allowed_publisher(f"/arm{name}", 0.0)
+        assert not is_allowed_publisher(f"{name}x", 0.0)
+        assert not is_allowed_publisher(f"/teleop_{pid}", 0.0)
+    assert not is_allowed_publisher(name, 0.0)
+
+
+@contextmanager
+def _child() -> Iterator[int]:
+    """The number of a process that runs meanwhile."""
+    child = subprocess.Popen(["sleep", "60"])
+    try:
+        yield child.pid
+    finally:
+        child.kill()
+        child.wait()
+
+
+def test_the_look_ends_with_the_run() -> None:
+    graph = Graph()
+    with watching_publishers(PLAN, graph, lambda _: None):  # type: ignore[arg-type]
+        look_twice(graph)
+        assert "publishers" in {thread.name for thread in threading.enumerate()}
+    assert "publishers" not in {thread.name for thread in threading.enumerate()}
+
+
+def test_the_robots_topics_are_those_it_listens_to() -> None:
+    assert control_topics(PLAN) == ("/ctrl",)
+
+
+CONTROL, STRING = "obelisk_control_msgs/msg/PositionSetpoint", "std_msgs/msg/String"
+TYPES_PLAN = Plan(
+    name="s",
+    processes=(
+        node(
+            "obelisk_robot_0",
+            "robot",
+            subscribes=(
+                Endpoint(topic="/ctrl", msg_type=CONTROL),
+                Endpoint(topic="/own", msg_type=None),
+            ),
+        ),
+    ),
+)
+
+
+class TypesGraph:
+    """What is found, look by look; the last look is repeated."""
+
+    def __init__(
+        self, looks: Sequence[Mapping[str, Sequence[str]]], ends: Sequence[tuple[str, ...]]
+    ) -> None:
+        self.looks = list(looks)
+        self.ends = list(ends)
+        self.is_through = threading.Event()
+        self.left = len(looks) + len(ends) + 10
+
+    def topic_types(self) -> Mapping[str, Sequence[str]]:
+        self.left -= 1
+        if self.left <= 0:
+            self.is_through.set()
+        return self.looks.pop(0) if len(self.looks) > 1 else self.looks[0]
+
+    def ends_of_type(self, topic: str, msg_type: str) -> tuple[str, ...]:
+        if (topic, msg_type) != ("/ctrl", STRING):
+            return ()
+        return self.ends.pop(0) if len(self.ends) > 1 else self.ends[0]
+
+
+def told_of(
+    *looks: Mapping[str, Sequence[str]],
+    monkeypatch: pytest.MonkeyPatch,
+    ends: Sequence[tuple[str, ...]] = (("/a", "/b"),),
+) -> list[str]:
+    monkeypatch.setattr(conflicts, "TYPES_PERIOD_S", 0.001)
+    told: list[str] = []
+    graph = TypesGraph(looks, ends)
+    with watching_types(TYPES_PLAN, graph, told.append):  # type: ignore[arg-type]
+        assert graph.is_through.wait(60)
+    return told
+
+
+def test_another_type_is_told_once_with_both_types_and_whose_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    both = {"/ctrl": [CONTROL, STRING]}
+    looks = ({"/ctrl": [CONTROL]}, both, {}, both)
+    assert told_of(*looks, monkeypatch=monkeypatch) == [
+        f"warning: /ctrl is a topic of {CONTROL} here, and /a, /b has it as {STRING}: none of "
+        "these messages get through"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("ends", "who"),
+    [([("/a", UNNAMED), (UNNAMED,), ("/a", "/b")], "/a, /b"), ([(UNNAMED,)], UNNAMED)],
+    ids=["told in time", "never told"],
+)
+def test_a_nodes_name_is_waited_for_and_the_type_told_without_it_in_the_end(
+    ends: Sequence[tuple[str, ...]], who: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (told,) = told_of({"/ctrl": [CONTROL, STRING]}, monkeypatch=monkeypatch, ends=ends)
+    assert f"and {who} has it as {STRING}" in told
+
+
+def test_other_topics_and_those_without_a_type_in_the_plan_do_not_matter(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looks = {"/ctrl": [CONTROL], "/own": [STRING, CONTROL], "/x": [STRING, CONTROL]}
+    assert told_of(looks, monkeypatch=monkeypatch) == []

@@ -1,0 +1,358 @@
+"""The warden and its client, on programs of a line: nothing outlives the client."""
+
+import ctypes
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from queue import SimpleQueue
+
+import psutil
+import pytest
+
+from obk_cli.launch.events import InputEvent, OutputLine, ProcessEnded, ProcessStarted
+from obk_cli.launch.process_groups import Unit
+from obk_cli.launch.processes import NodeCommand, WardenProcesses
+from obk_cli.process import warden
+
+from ..plans import node  # noqa: TID252 - shared by folders of tests
+
+DEADLINE_S = 30.0
+
+
+def unit(name: str) -> Unit:
+    return Unit(name=f"/{name}", nodes=(node(name),))
+
+
+class Bench:
+    """A client, what it heard, and the lines that came."""
+
+    def __init__(self, folder: Path, codes: dict[str, str]) -> None:
+        self.heard: SimpleQueue[InputEvent] = SimpleQueue()
+        self.lines: SimpleQueue[OutputLine] = SimpleQueue()
+        python = (sys.executable, "-I", "-S", "-c")
+        self.processes = WardenProcesses(
+            commands={
+                f"/{name}": NodeCommand(arguments=(*python, code), environment={"GREETING": "hi"})
+                for name, code in codes.items()
+            },
+            folder=folder,
+            marks={},
+            on_event=self.heard.put,
+            on_line=self.lines.put,
+        )
+
+    def close(self) -> None:
+        """End the client."""
+        self.processes.end()
+
+    def start(self, name: str) -> int:
+        """Start a program; gives its process id."""
+        self.processes.start(unit(name))
+        started = self.heard.get(timeout=DEADLINE_S)
+        assert isinstance(started, ProcessStarted)
+        return started.pid
+
+    def line(self) -> str:
+        return self.lines.get(timeout=DEADLINE_S).text
+
+    def ended(self) -> InputEvent:
+        return self.heard.get(timeout=DEADLINE_S)
+
+
+MakeBench = Callable[[dict[str, str]], Bench]
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[MakeBench]:
+    made: list[Bench] = []
+
+    def make(codes: dict[str, str]) -> Bench:
+        made.append(Bench(tmp_path, codes))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+def test_output_environment_folder_and_exit_code_come_through(
+    bench: MakeBench, tmp_path: Path
+) -> None:
+    code = "import os, sys; print(os.environ['GREETING'], os.getcwd()); sys.exit(3)"
+    run = bench({"a": code})
+    run.start("a")
+    assert run.line() == f"hi {tmp_path}"
+    assert run.ended() == ProcessEnded(process="/a", code=3, text=f"hi {tmp_path}")
+
+
+def test_a_program_that_is_not_there_is_told_with_its_reason(bench: MakeBench) -> None:
+    run = bench({})
+    run.processes._commands = {"/a": NodeCommand(arguments=("/no/such",), environment={})}
+    run.processes.start(unit("a"))
+    ended = run.ended()
+    assert isinstance(ended, ProcessEnded)
+    assert ended.code == 127
+    assert "it cannot start: [Errno 2] No such file or directory: '/no/such'" in ended.text
+
+
+def test_a_signal_reaches_the_one_that_is_named(bench: MakeBench) -> None:
+    sleep = "import time; print('up', flush=True); time.sleep(60)"
+    run = bench({"a": sleep, "b": sleep})
+    run.start("a")
+    second = run.start("b")
+    run.line()
+    run.processes.signal("/a", signal.SIGTERM)
+    assert run.ended() == ProcessEnded(process="/a", code=-signal.SIGTERM)
+    assert psutil.pid_exists(second)
+
+
+def test_children_of_a_node_go_with_it(bench: MakeBench) -> None:
+    code = (
+        "import subprocess, sys\n"
+        "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'])\n"
+        "print(child.pid, flush=True)"
+    )
+    run = bench({"a": code})
+    run.start("a")
+    child = psutil.Process(int(run.line()))
+    run.ended()
+    child.wait(DEADLINE_S)
+
+
+HIDING = """
+import os, subprocess, sys, time
+sleep = "import time; time.sleep(600)"
+between = f"import subprocess, sys; p = subprocess.Popen([sys.executable, '-c', {sleep!r}], "
+between += "start_new_session=True); print(p.pid, flush=True); p.wait()"
+child = subprocess.Popen([sys.executable, "-c", between], start_new_session=True)
+print(child.pid, flush=True)
+"""
+"""Starts a child in a session of its own, and that one another; tells both of their numbers."""
+
+
+def test_what_hides_in_sessions_of_its_own_goes_with_its_node_and_not_with_another(
+    bench: MakeBench,
+) -> None:
+    run = bench({"a": f"{HIDING}time.sleep(600)", "b": f"{HIDING}time.sleep(600)"})
+    run.start("b")
+    others = [psutil.Process(int(run.line())) for _ in range(2)]
+    first = run.start("a")
+    hidden = [psutil.Process(int(run.line())) for _ in range(2)]
+    os.kill(first, signal.SIGKILL)
+    assert run.ended() == ProcessEnded(process="/a", code=-signal.SIGKILL)
+    _, alive = psutil.wait_procs(hidden, DEADLINE_S)
+    assert not alive
+    assert all(map(_is_alive, others))
+
+
+def test_at_the_end_each_process_is_asked_once_and_may_come_down_in_order(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A node takes a second SIGTERM for haste, and ends where it is."""
+    leader, other = 11, 12
+    sent: list[tuple[str, int, int]] = []
+    looks = iter([[leader, other]])
+
+    def to_group(pid: int, number: int) -> None:
+        if pid != leader:
+            raise ProcessLookupError
+        sent.append(("group", pid, number))
+
+    monkeypatch.setattr("os.killpg", to_group)
+    monkeypatch.setattr("os.kill", lambda pid, number: sent.append(("process", pid, number)))
+    monkeypatch.setattr(warden, "_children", lambda: next(looks, []))
+    here, there = socket.socketpair()
+    with here, there:
+        warden.Warden(here, ctypes.CDLL(None)).end_all()
+    assert sent == [("group", leader, signal.SIGTERM), ("process", other, signal.SIGTERM)]
+
+
+def test_nothing_outlives_the_client_not_even_what_hides_in_a_session_of_its_own(
+    bench: MakeBench,
+) -> None:
+    deaf = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)"
+    code = (
+        "import subprocess, sys, time\n"
+        f"child = subprocess.Popen([sys.executable, '-c', {deaf!r}], start_new_session=True)\n"
+        "print(child.pid, flush=True)\n"
+        "time.sleep(60)"
+    )
+    run = bench({"a": code})
+    node = psutil.Process(run.start("a"))
+    hidden = psutil.Process(int(run.line()))
+    run.close()
+    assert not _is_alive(node)
+    assert not _is_alive(hidden)
+
+
+def test_a_signal_that_asks_for_the_end_is_for_the_launcher_alone(bench: MakeBench) -> None:
+    """As `systemctl stop` sends it to every process of a stack at once."""
+    sleep = "import time; print('up', flush=True); time.sleep(60)"
+    run = bench({"a": sleep, "b": sleep})
+    first = psutil.Process(run.start("a"))
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        run.processes._warden.send_signal(number)
+    run.line()
+    run.start("b")
+    run.line()
+    assert _is_alive(first)
+
+
+def test_the_loss_of_the_warden_is_told_as_the_end_of_its_nodes(bench: MakeBench) -> None:
+    run = bench({"a": "import time; time.sleep(60)"})
+    node = psutil.Process(run.start("a"))
+    run.processes._warden.kill()
+    assert run.ended() == ProcessEnded(
+        process="/a", code=-signal.SIGKILL, text="the process that watched over the nodes is gone"
+    )
+    node.wait(DEADLINE_S)
+    run.processes.signal("/a", signal.SIGINT)
+    run.processes.start(unit("a"))
+    assert isinstance(run.ended(), ProcessEnded)
+
+
+def test_the_loss_of_the_warden_is_told_once_of_what_it_had_not_started_yet(
+    bench: MakeBench,
+) -> None:
+    run = bench({"a": "import time; time.sleep(60)"})
+    run.processes._warden.send_signal(signal.SIGSTOP)
+    run.processes.start(unit("a"))
+    run.processes._warden.kill()
+    assert run.ended() == ProcessEnded(
+        process="/a", code=127, text="the process that watched over the nodes is gone"
+    )
+    run.close()
+    assert run.heard.empty()
+
+
+def test_what_hides_in_a_session_of_its_own_does_not_outlive_a_killed_warden(
+    bench: MakeBench,
+) -> None:
+    code = (
+        "import subprocess, sys, time\n"
+        "sleep = [sys.executable, '-c', 'import time; time.sleep(60)']\n"
+        "child = subprocess.Popen(sleep, start_new_session=True)\n"
+        "print(child.pid, flush=True)\n"
+        "time.sleep(60)"
+    )
+    run = bench({"a": code})
+    run.start("a")
+    hidden = psutil.Process(int(run.line()))
+    run.processes._warden.kill()
+    run.ended()
+    run.close()
+    assert not _is_alive(hidden)
+
+
+def test_an_environment_larger_than_a_packet_comes_through(bench: MakeBench) -> None:
+    run = bench({"a": "import os; print(sum(map(len, os.environ.values())))"})
+    (command,) = run.processes._commands.values()
+    large = {f"LARGE_{n}": "x" * 100_000 for n in range(4)}
+    run.processes._commands = {"/a": replace(command, environment=large)}
+    run.start("a")
+    assert int(run.line()) >= 400_000
+
+
+@pytest.mark.parametrize("environment", [{"A": "b\0c"}, {"A=B": "c"}])
+def test_what_cannot_be_started_leaves_the_other_nodes_alone(
+    bench: MakeBench, environment: dict[str, str]
+) -> None:
+    run = bench({"a": "", "b": "import time; time.sleep(60)"})
+    commands = dict(run.processes._commands)
+    run.processes._commands = {**commands, "/a": replace(commands["/a"], environment=environment)}
+    second = run.start("b")
+    run.processes.start(unit("a"))
+    ended = run.ended()
+    assert isinstance(ended, ProcessEnded)
+    assert ended.code == 127
+    assert "it cannot start" in ended.text
+    assert psutil.pid_exists(second)
+
+
+def test_output_without_line_ends_comes_in_pieces(bench: MakeBench) -> None:
+    run = bench({"a": "print('x' * 200_000, end='')"})
+    run.start("a")
+    assert run.line() == "x" * 65536
+
+
+def _is_alive(one: psutil.Process) -> bool:
+    return one.is_running() and one.status() != psutil.STATUS_ZOMBIE
+
+
+def test_a_process_that_can_writes_where_it_is(bench: MakeBench) -> None:
+    code = (
+        "import faulthandler, signal, time\n"
+        "faulthandler.register(signal.SIGUSR1)\n"
+        "def stuck():\n    print('up', flush=True); time.sleep(60)\n"
+        "stuck()"
+    )
+    run = bench({"a": code})
+    run.start("a")
+    run.line()
+    run.processes.dump_stack("/a")
+    while "in stuck" not in run.line():
+        pass
+    assert any("in stuck" in line for line in run.processes.last_lines("/a"))
+
+
+def test_a_process_that_knows_nothing_of_stacks_is_not_ended_by_the_question(
+    bench: MakeBench,
+) -> None:
+    run = bench({"a": "import time; print('up', flush=True); time.sleep(60)"})
+    pid = run.start("a")
+    run.line()
+    run.processes.dump_stack("/a")
+    run.processes.signal("/a", signal.SIGTERM)
+    assert run.ended() == ProcessEnded(process="/a", code=-signal.SIGTERM)
+    assert not psutil.pid_exists(pid)
+
+
+def test_a_process_can_be_started_again_under_its_name(bench: MakeBench) -> None:
+    run = bench({"a": "print('hello', flush=True)"})
+    for _ in range(2):
+        run.start("a")
+        assert run.ended() == ProcessEnded(process="/a", code=0)
+        assert run.line() == "hello"
+    assert run.processes.last_lines("/a") == ("hello", "hello")
+
+
+def test_of_a_process_that_is_started_early_nothing_is_told_before_its_start(
+    bench: MakeBench,
+) -> None:
+    one = bench({"a": "print('up'); raise SystemExit(3)", "b": "print('up')"})
+    one.processes.start_early(unit("a"))
+    assert one.line() == "up"
+    # The end of another one comes after that of the first, and is the first that is told.
+    one.start("b")
+    ended = one.ended()
+    assert isinstance(ended, ProcessEnded)
+    assert ended.process == "/b"
+    assert one.heard.empty()
+    one.start("a")
+    assert one.ended() == ProcessEnded(process="/a", code=3, text="up")
+    one.start("a")  # anew, as after a crash
+
+
+def test_a_node_that_was_bound_to_its_warden_too_late_does_not_begin() -> None:
+    """As where the warden is killed between its fork and the bond."""
+    code = f"""
+import ctypes, os, runpy
+Warden = runpy.run_path({warden.__file__!r})["Warden"]
+warden = Warden(None, ctypes.CDLL(None))
+for parent in (os.getpid(), 1):
+    warden._pid = parent
+    child = os.fork()
+    if child == 0:
+        warden._in_child()
+        os._exit(7)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["7", "1"]

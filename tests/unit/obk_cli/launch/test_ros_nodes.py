@@ -1,0 +1,76 @@
+"""Events from what nodes report: transitions and rates."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from obelisk_spec.runtime_protocol import Rate, rate_values
+from obk_cli.launch.events import RatesReported, StateSeen, TransitionBegun
+from obk_cli.launch.ros_nodes import (
+    event_of_passage,
+    failed_transition,
+    rates_of,
+    subscribe_to_diagnostics,
+)
+
+
+def test_a_passage_begins_a_transition_ends_one_or_fails() -> None:
+    begun = event_of_passage("/n", "inactive", "activating")
+    assert begun == TransitionBegun(node="/n", transition="activate")
+    seen = event_of_passage("/n", "activating", "active")
+    assert seen == StateSeen(node="/n", state="active", transition="activate")
+    assert event_of_passage("/n", "activating", "errorprocessing") is None
+    recovered = event_of_passage("/n", "errorprocessing", "unconfigured")
+    assert recovered == StateSeen(node="/n", state="unconfigured")
+
+
+@pytest.mark.parametrize("passed", ["configure", "activate", "shutdown"])
+def test_through_these_a_node_comes_only_when_asked(passed: str) -> None:
+    assert failed_transition(passed, "on_configure: ValueError: x") == passed
+
+
+@pytest.mark.parametrize("passed", ["deactivate", "cleanup"])
+def test_through_these_it_depends_on_what_failed(passed: str) -> None:
+    assert failed_transition(passed, f"on_{passed}: ValueError: x") == passed
+    assert failed_transition(passed, "Controller.compute_control: ValueError: x") == ""
+    assert failed_transition(passed, "") == passed
+
+
+RATE = Rate(
+    name="timer_ctrl",
+    wanted_hz=100.0,
+    measured_hz=87.5,
+    ticks=42,
+    overruns=3,
+    late_p50_us=81.9,
+    late_p99_us=2752.5,
+    late_max_us=3000.0,
+    standing="off",
+)
+
+
+def status(name: str, node: str, values: tuple[tuple[str, str], ...]) -> Any:
+    pairs = [SimpleNamespace(key=key, value=value) for key, value in values]
+    return SimpleNamespace(level=b"\x01", name=name, hardware_id=node, values=pairs)
+
+
+def test_what_else_is_told_beside_rates_is_left_aside() -> None:
+    own = status("c: timer_ctrl", "/c", rate_values(RATE))
+    other = status("c: motor", "/c", (("celsius", "41"),))
+    assert rates_of(SimpleNamespace(status=[other, own])) == RatesReported(node="/c", rates=(RATE,))
+
+
+def test_diagnostics_without_rates_are_none() -> None:
+    assert rates_of(SimpleNamespace(status=[])) is None
+    assert rates_of(SimpleNamespace(status=[status("lidar: x", "lidar", ())])) is None
+
+
+def test_only_the_nodes_that_are_listened_to_are_heard() -> None:
+    heard: list[RatesReported] = []
+    callbacks: list[Any] = []
+    node = SimpleNamespace(create_subscription=lambda *given: callbacks.append(given[2]))
+    subscribe_to_diagnostics(node, ("/c", "/d"), heard.append)
+    for name in ("/c", "/elsewhere", "/d"):
+        callbacks[0](SimpleNamespace(status=[status("c: timer_ctrl", name, rate_values(RATE))]))
+    assert [told.node for told in heard] == ["/c", "/d"]

@@ -1,0 +1,84 @@
+"""How a run joins its parts: the order of subscribers, other terminals, the log."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from queue import SimpleQueue
+from types import SimpleNamespace
+
+from obk_cli.launch.console import Output
+from obk_cli.launch.events import (
+    Ended,
+    InputEvent,
+    OutputEvent,
+    Phase,
+    ProcessEnded,
+    StackStateChanged,
+)
+from obk_cli.launch.run import _events, _process_events, _serve_others
+from obk_cli.report.launch import LaunchReport
+
+from .shown import Shown
+
+
+class Ros:
+    """The interface to ROS, unused here."""
+
+    def look(self) -> None:
+        return None
+
+
+def test_a_socket_that_cannot_be_is_told_and_no_more(tmp_path: Path) -> None:
+    (tmp_path / "control.sock").write_text("in the way")
+    screen = Shown()
+    inbox: SimpleQueue[InputEvent] = SimpleQueue()
+    output = Output(None, screen, LaunchReport((), colour=False, quiet=False), ())
+    with ExitStack() as stack:
+        _serve_others(tmp_path, Ros(), inbox, output, stack)  # type: ignore[arg-type]
+    (line,) = screen.lines
+    assert line.startswith("warning: other terminals are not answered: ")
+
+
+def test_what_the_launcher_says_besides_stands_in_the_runs_log_too(tmp_path: Path) -> None:
+    output = Output(tmp_path, Shown(), LaunchReport((), colour=True, quiet=False), ())
+    with output:
+        output.note("warning: nothing is recorded: there is no folder for it")
+    assert (tmp_path / "launch.log").read_text() == (
+        "warning: nothing is recorded: there is no folder for it\n"
+    )
+
+
+def test_the_end_is_shown_after_what_the_recorder_and_the_films_do() -> None:
+    calls: list[str] = []
+
+    def noting(name: str) -> Callable[[OutputEvent], None]:
+        return lambda _: calls.append(name)
+
+    recorder = SimpleNamespace(on_event=noting("recorder"))
+    films = SimpleNamespace(on_end=noting("results"), on_active=noting("missing films"))
+    output = SimpleNamespace(event=noting("shown"))
+    bus = _events(recorder, films, None, output)  # type: ignore[arg-type]
+    bus.publish(Ended(exit_code=0, cause=""))
+    assert calls == ["recorder", "results", "shown", "missing films"]
+
+
+def test_the_state_node_shows_each_state_before_the_screen() -> None:
+    calls: list[str] = []
+    quiet = SimpleNamespace(
+        on_event=lambda _: None, on_end=lambda _: None, on_active=lambda _: None
+    )
+    node = SimpleNamespace(show=calls.append)
+    output = SimpleNamespace(event=lambda event: calls.append(type(event).__name__))
+    bus = _events(quiet, quiet, node, output)  # type: ignore[arg-type]
+    bus.publish(StackStateChanged(state="inactive"))
+    bus.publish(Phase(name="ready", seconds=0.0))
+    assert calls == ["inactive", "StackStateChanged", "Phase"]
+
+
+def test_the_ends_of_processes_reach_the_recorder_and_the_inbox() -> None:
+    seen: list[object] = []
+    inbox: SimpleQueue[InputEvent] = SimpleQueue()
+    recorder = SimpleNamespace(on_process_event=seen.append)
+    end = ProcessEnded(process="/a", code=0)
+    _process_events(recorder, inbox).publish(end)  # type: ignore[arg-type]
+    assert seen == [inbox.get_nowait()] == [end]

@@ -1,0 +1,37 @@
+"""The stack's node: its name, and how it rejects requests."""
+
+import pytest
+
+from obelisk_spec.names import node_name_fault
+from obk_cli.launch.state_node import rejection, state_node_name
+
+
+@pytest.mark.parametrize(
+    ("config", "name"),
+    [
+        ("dummy", "dummy"),
+        ("my stack-2", "my_stack_2"),
+        ("2d", "_2d"),
+        ("läufer/a", "l_ufer_a"),
+        ("", "_"),
+        ("x" * 300, "x" * 200),
+    ],
+)
+def test_a_configs_name_becomes_one_that_ros_takes(config: str, name: str) -> None:
+    assert state_node_name(config) == name
+    assert node_name_fault(name) is None
+
+
+@pytest.mark.parametrize(
+    ("state", "possible"),
+    [
+        ("active", "deactivate, shutdown"),
+        ("activating", "none before the stack is through with `activating`"),
+        ("unknown", "none before the stack has come up"),
+        ("finalized", "none"),
+    ],
+)
+def test_a_refusal_says_what_is_possible(state: str, possible: str) -> None:
+    assert rejection(state, "", 1) == (
+        f"refused the transition `1` in the state `{state}`; possible here: {possible}"
+    )

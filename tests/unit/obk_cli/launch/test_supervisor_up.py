@@ -1,0 +1,360 @@
+"""A stack that is up: crashes, hangs and requested changes, in a world of tables."""
+
+import signal
+from collections import deque
+from functools import partial
+
+import pytest
+
+from obk_cli.launch.asks import ChangeAnswer, ChangeAsked, StackStatus, StatusAsked
+from obk_cli.launch.events import (
+    AnswersAgain,
+    Evidence,
+    Failed,
+    GoesOnWithout,
+    Hung,
+    Phase,
+    ProcessEnded,
+    Restarted,
+    Restarting,
+    StackStateChanged,
+    StateSeen,
+    StopAsked,
+    TransitionEnded,
+    WaitingFor,
+)
+from obk_cli.plan import Plan
+
+from .world import CONTROLLER, ESTIMATOR, ROBOT, World, process
+
+STOP = StopAsked(reason="SIGINT")
+
+
+def died(name: str = ROBOT) -> ProcessEnded:
+    return ProcessEnded(process=name, code=-11)
+
+
+def test_a_process_that_is_to_be_restarted_comes_back_to_the_stacks_state() -> None:
+    world = World(on_crash="restart", later=deque([died(), 1.0, STOP]))
+    ended = world.run(duration_s=None)
+    assert ended.exit_code == 0
+    assert world.started.count(ROBOT) == 2
+    assert world.transitions_of(ROBOT)[:4] == ["configure", "activate", "configure", "activate"]
+    assert world.transitions_of(CONTROLLER)[:3] == ["configure", "activate", "deactivate"]
+    assert world.of(Restarting) == [Restarting(nodes=(ROBOT,), wait_s=0.1, attempt=1, attempts=5)]
+    assert world.of(Restarted) == [Restarted(nodes=(ROBOT,))]
+    states = [
+        event.state for event in world.of(StackStateChanged) if isinstance(event, StackStateChanged)
+    ]
+    assert states[states.index("active") :][:4] == ["active", "unconfigured", "inactive", "active"]
+
+
+def test_restarts_wait_longer_each_time_and_end_when_the_budget_is_spent() -> None:
+    world = World(on_crash="restart", dies_at_start={}, later=deque([died()]))
+    world.dies_at_start[ROBOT] = 0
+    world.later.appendleft(lambda: world.dies_at_start.update({ROBOT: 99}))
+    ended = world.run(duration_s=None)
+    waits = [event.wait_s for event in world.of(Restarting) if isinstance(event, Restarting)]
+    assert waits == [0.1, 0.2, 0.4, 0.8, 1.6]
+    assert ended.exit_code == 1
+    assert ended.cause.startswith("6 crashes within 30 s; the last one: /obelisk_robot_0: ")
+    assert ended.origin == "c.yaml:1:1"
+
+
+def test_what_is_to_be_ignored_is_told_and_left_out_of_the_stack() -> None:
+    answers: list[ChangeAnswer] = []
+    ask = ChangeAsked(transition="deactivate", reply=answers.append)
+    world = World(on_crash="ignore", later=deque([died(CONTROLLER), ask, STOP]))
+    ended = world.run(duration_s=None)
+    assert ended.exit_code == 0
+    assert world.of(GoesOnWithout) == [GoesOnWithout(nodes=(CONTROLLER,))]
+    assert answers[0].success
+    assert [m.node for m in answers[0].members] == [ESTIMATOR, ROBOT]
+
+
+def test_a_node_that_fails_by_itself_is_brought_back_without_a_new_process() -> None:
+    failed = Failed(node=ESTIMATOR, fault="compute_state_estimate: boom")
+    world = World(on_crash="restart", later=deque([failed, 1.0, STOP]))
+    assert world.run(duration_s=None).exit_code == 0
+    assert world.started.count(ESTIMATOR) == 1
+    assert world.transitions_of(ESTIMATOR)[2:4] == ["configure", "activate"]
+
+
+def test_a_crash_during_the_bring_up_is_mended_on_the_way() -> None:
+    world = World(on_crash="restart", dies_at_start={ESTIMATOR: 2})
+    ended = world.run()
+    assert ended.exit_code == 0
+    assert world.started.count(ESTIMATOR) == 3
+    assert "active" in world.phases
+
+
+def test_a_node_that_fails_again_after_its_restart_uses_up_its_budget() -> None:
+    world = World(on_crash="restart", later=deque([died()]))
+    world.later.appendleft(lambda: world.refuses.update({(ROBOT, "configure"): "no gain"}))
+    ended = world.run(duration_s=None)
+    assert ended.exit_code == 1
+    assert "the transition `configure` failed after a restart" in ended.cause
+
+
+def test_a_hang_is_seen_within_two_seconds_and_stops_the_stack() -> None:
+    world = World()
+    world.later.extend([lambda: world.mute.add(CONTROLLER), 10.0])
+    ended = world.run(duration_s=None)
+    assert ended.cause == f"{CONTROLLER} hangs: no answer for 1.8 s"
+    assert world.of(Hung) == [Hung(node=CONTROLLER, seconds=pytest.approx(1.8))]
+    assert world.of(Evidence) == [
+        Evidence(node=CONTROLLER, lines=(f"the last line of {CONTROLLER}",))
+    ]
+    assert world.dumped == [CONTROLLER]
+    assert next(n for name, n in world.signals if name == CONTROLLER) == signal.SIGKILL
+
+
+def test_a_hanging_node_is_killed_and_started_again_where_its_rule_says_so() -> None:
+    world = World(on_crash="restart")
+    hang = [lambda: world.mute.add(ROBOT), 3.0, lambda: world.mute.discard(ROBOT), 3.0, STOP]
+    world.later.extend(hang)
+    assert world.run(duration_s=None).exit_code == 0
+    assert world.started.count(ROBOT) == 2
+    assert world.of(Restarted) == [Restarted(nodes=(ROBOT,))]
+
+
+def test_a_hanging_node_that_is_ignored_may_answer_again() -> None:
+    world = World(on_crash="ignore")
+    world.later.extend(
+        [lambda: world.mute.add(ROBOT), 5.0, lambda: world.mute.discard(ROBOT), 3.0, STOP]
+    )
+    assert world.run(duration_s=None).exit_code == 0
+    assert len(world.of(Hung)) == 1
+    assert world.of(AnswersAgain) == [AnswersAgain(node=ROBOT)]
+
+
+def test_a_short_silence_is_no_hang() -> None:
+    world = World()
+    world.later.extend(
+        [lambda: world.mute.add(ROBOT), 1.0, lambda: world.mute.discard(ROBOT), 5.0, STOP]
+    )
+    assert world.run(duration_s=None).exit_code == 0
+    assert not world.of(Hung)
+
+
+def test_a_transition_without_an_answer_shows_where_the_node_is_stuck() -> None:
+    world = World(silent={(ROBOT, "configure")})
+    world.run()
+    assert world.dumped == [ROBOT]
+    assert world.of(Evidence) == [Evidence(node=ROBOT, lines=(f"the last line of {ROBOT}",))]
+
+
+def ask(world: World, transition: str, *nodes: str) -> ChangeAnswer:
+    """Ask a stack that is up for a change, then stop it."""
+    answers: list[ChangeAnswer] = []
+    world.later.extend(
+        [ChangeAsked(transition=transition, nodes=nodes, reply=answers.append), 0.1, STOP]
+    )
+    world.run(duration_s=None)
+    (answer,) = answers
+    return answer
+
+
+class Talkative(World):
+    """Processes that have said much, and whose stack dumps are long."""
+
+    said: tuple[str, ...] = tuple(f"line {n}" for n in range(60))
+
+    def dump_stack(self, process: str) -> None:
+        self.said = (*self.said, *(f"frame {n}" for n in range(25)))[-60:]
+
+    def last_lines(self, process: str) -> tuple[str, ...]:
+        return self.said
+
+
+def test_a_long_stack_dump_leaves_room_for_what_the_node_said_before() -> None:
+    world = Talkative(silent={(ROBOT, "configure")})
+    assert world.run().exit_code == 1
+    evidence = world.of(Evidence)[0]
+    assert isinstance(evidence, Evidence)
+    assert evidence.lines[:20] == tuple(f"line {n}" for n in range(40, 60))
+    assert evidence.lines[20:] == tuple(f"frame {n}" for n in range(25))
+
+
+def test_the_whole_stack_is_taken_through_a_transition() -> None:
+    world = World()
+    answer = ask(world, "deactivate")
+    assert answer.success
+    assert [(m.node, m.result, m.state) for m in answer.members] == [
+        (node, "reached", "inactive") for node in (CONTROLLER, ESTIMATOR, ROBOT)
+    ]
+    states = [
+        event.state for event in world.of(StackStateChanged) if isinstance(event, StackStateChanged)
+    ]
+    assert "deactivating" in states
+    assert states[states.index("deactivating") + 1] == "inactive"
+
+
+def test_one_node_alone_takes_the_stack_down_to_its_state() -> None:
+    world = World()
+    assert ask(world, "deactivate", CONTROLLER).success
+    assert world.transitions_of(ROBOT)[2:] == ["deactivate", "cleanup", "shutdown"]
+    assert StackStateChanged(state="inactive") in world.published
+
+
+def test_a_failed_change_is_taken_back_and_leaves_the_stack_up() -> None:
+    world = World(refuses={(ROBOT, "deactivate"): "on_deactivate: no"})
+    answer = ask(world, "deactivate")
+    assert not answer.success
+    assert answer.why == f"{ROBOT}: the transition `deactivate` failed: on_deactivate: no"
+    assert [(m.node, m.result, m.state) for m in answer.members] == [
+        (CONTROLLER, "taken back", "active"),
+        (ESTIMATOR, "taken back", "active"),
+        (ROBOT, "refused", "active"),
+    ]
+    assert StackStateChanged(state="active") in world.published
+
+
+def test_what_cannot_begin_is_refused_as_a_whole() -> None:
+    world = World()
+    answer = ask(world, "cleanup")
+    assert answer.why == f"`cleanup` starts from inactive, and {CONTROLLER} is active"
+    assert not answer.members
+    assert "taken back" not in world.phases
+
+
+def test_a_node_that_is_not_there_is_named() -> None:
+    assert ask(World(), "deactivate", "/nobody").why == (
+        "no such node with a life cycle is driven here: /nobody"
+    )
+
+
+def test_a_shutdown_of_all_ends_the_run_in_order() -> None:
+    world = World()
+    answers: list[ChangeAnswer] = []
+    world.later.append(ChangeAsked(transition="shutdown", reply=answers.append))
+    assert world.run(duration_s=None).exit_code == 0
+    assert answers[0].success
+
+
+def test_a_change_asked_for_during_another_one_is_refused() -> None:
+    answers: list[ChangeAnswer] = []
+    world = World(silent={(ROBOT, "configure")})
+    world.later.append(ChangeAsked(transition="activate", reply=answers.append))
+    world.run()
+    assert answers == [ChangeAnswer(success=False, why="the stack is on its way up")]
+
+
+def test_how_the_stack_is_can_be_asked_at_any_time() -> None:
+    seen: list[StackStatus] = []
+    world = World(silent={(ROBOT, "configure")})
+    world.later.append(StatusAsked(reply=seen.append))
+    world.run()
+    assert seen[0].state == "configuring"
+    assert seen[0].nodes[2].node == ROBOT
+    assert seen[0].nodes[2].pid == 1
+
+
+def test_nodes_that_share_a_process_are_started_and_ended_as_one() -> None:
+    both = frozenset({CONTROLLER, ESTIMATOR})
+    world = World(together=both)
+    assert world.run().exit_code == 0
+    assert world.started == ["/s/composed", ROBOT]
+    assert world.signals.count(("/s/composed", signal.SIGINT)) == 1
+    assert world.transitions_of(CONTROLLER)[:2] == ["configure", "activate"]
+
+
+def test_a_crash_of_a_shared_process_restarts_all_of_its_nodes() -> None:
+    world = World(
+        on_crash="restart",
+        together=frozenset({CONTROLLER, ESTIMATOR}),
+        later=deque([died("/s/composed"), 2.0, STOP]),
+    )
+    assert world.run(duration_s=None).exit_code == 0
+    assert world.transitions_of(CONTROLLER)[2:4] == ["configure", "activate"]
+    assert world.transitions_of(ESTIMATOR)[2:4] == ["configure", "activate"]
+
+
+def hang_together(world: World, *, for_s: float) -> None:
+    nodes = {CONTROLLER, ESTIMATOR, ROBOT}
+    freeze, thaw = partial(world.mute.update, nodes), partial(world.mute.difference_update, nodes)
+    world.later.extend([freeze, for_s, thaw, 3.0, STOP])
+
+
+def test_a_hang_is_dealt_with_also_where_nobody_else_says_anything() -> None:
+    world = World()
+    hang_together(world, for_s=1000.0)
+    ended = world.run(duration_s=None)
+    assert ended.exit_code == 1
+    assert "hangs: no answer for 1.8 s" in ended.cause
+    assert world.now < 20
+
+
+def test_nodes_that_hang_in_one_process_restart_it_once() -> None:
+    world = World(on_crash="restart", together=frozenset({CONTROLLER, ESTIMATOR, ROBOT}))
+    hang_together(world, for_s=3.0)
+    assert world.run(duration_s=None).exit_code == 0
+    assert len(world.of(Hung)) == 3
+    assert world.started == ["/s/composed", "/s/composed"]
+    assert len(world.of(Restarted)) == 1
+
+
+def test_nodes_that_hang_in_one_process_are_gone_on_without_once() -> None:
+    world = World(on_crash="ignore", together=frozenset({CONTROLLER, ESTIMATOR, ROBOT}))
+    hang_together(world, for_s=3.0)
+    assert world.run(duration_s=None).exit_code == 0
+    assert len(world.of(GoesOnWithout)) == 1
+    assert len(world.of(AnswersAgain)) == 3
+
+
+TWO = Plan(name="s", processes=(process("control", device="offboard"), process("robot")))
+
+
+def test_a_lead_waits_for_other_devices_and_takes_their_nodes_along() -> None:
+    world = World(plan=TWO, devices=frozenset({"offboard"}), never_ready={ROBOT})
+
+    def arrives() -> None:
+        world.never_ready.clear()
+        world.watch([ROBOT])
+
+    world.later.extend([12.0, arrives])
+    assert world.run().exit_code == 0
+    assert world.of(WaitingFor)[0] == WaitingFor(devices=("onboard",), nodes=(ROBOT,))
+    assert len(world.of(WaitingFor)) == 3
+    assert world.started == [CONTROLLER]
+    assert world.done[:2] == [(ROBOT, "configure"), (CONTROLLER, "configure")]
+    assert (ROBOT, signal.SIGINT) not in world.signals
+
+
+def test_a_node_of_another_device_is_not_waited_for_longer_than_its_restarts_may_take() -> None:
+    world = World(plan=TWO, devices=frozenset({"offboard"}), on_crash="restart")
+    world.later.extend([lambda: world.mute.add(ROBOT), 60.0])
+    ended = world.run(duration_s=None)
+    assert ended.exit_code == 1
+    assert ended.cause.startswith(f"{ROBOT} has not answered for 3")
+    assert ended.cause.endswith(" s, and the launch of its device has not brought it back")
+    assert world.now < 45.0
+
+
+def test_a_follower_makes_no_transitions_until_the_end() -> None:
+    world = World(plan=TWO, lead="/s", later=deque([5.0, STOP]))
+    assert world.run(duration_s=None).exit_code == 0
+    assert world.started == [ROBOT]
+    assert world.done == [(ROBOT, "shutdown")]
+    assert Phase(name="following", seconds=0.0, detail="/s") in world.published
+
+
+def test_a_follower_ends_when_its_nodes_were_shut_down() -> None:
+    seen = StateSeen(node=ROBOT, state="finalized", transition="shutdown")
+    world = World(plan=TWO, lead="/s", later=deque([seen]))
+    assert world.run(duration_s=None).exit_code == 0
+
+
+def test_a_follower_does_not_outlive_its_lead() -> None:
+    world = World(plan=TWO, lead="/s")
+    world.later.extend([3.0, lambda: world.mute.add("/s"), 10.0])
+    ended = world.run(duration_s=None)
+    assert ended.cause.startswith("the lead /s has not answered for ")
+
+
+def test_a_transition_that_is_not_asked_for_here_moves_the_wish_of_a_restart_too() -> None:
+    seen = StateSeen(node=ROBOT, state="inactive", transition="deactivate")
+    world = World(on_crash="restart", later=deque([seen, died(), 1.0, STOP]))
+    world.run(duration_s=None)
+    assert world.transitions_of(ROBOT)[2:4] == ["configure", "cleanup"]
+    assert not [e for e in world.of(TransitionEnded) if e.result == "timed out"]  # type: ignore[union-attr]
