@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Final
 from obk_cli.launch.wire import (
     CONTROL_SOCKET,
     LONGEST_ANSWER,
-    LONGEST_REQUEST,
     ChangeRequest,
     LookRequest,
     Request,
@@ -27,7 +26,7 @@ from obk_cli.launch.wire import (
 if TYPE_CHECKING:
     from obk_cli.launch.asks import ChangeAnswer, StackStatus
 
-__all__ = ["ANSWER_S", "ask_change", "ask_look", "ask_status", "ask_stop", "is_askable"]
+__all__ = ["ANSWER_S", "ask_change", "ask_look", "ask_status", "ask_stop"]
 
 ANSWER_S: Final = 3.0
 """How long a launcher that is well may take at most to say how its stack is: ms, but seconds on a
@@ -82,11 +81,6 @@ def ask_look(
     """
     line = _ask(folder, LookRequest(question=question), timeout_s)
     return None if line is None else parse_look(line)
-
-
-def is_askable(question: Mapping[str, Any]) -> bool:
-    """Whether a question is short enough for a launcher to read."""
-    return len(emit_request(LookRequest(question=question))) < LONGEST_REQUEST
 
 
 def ask_stop(folder: Path, reason: str, timeout_s: float = ANSWER_S) -> bool:

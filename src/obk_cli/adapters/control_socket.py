@@ -223,10 +223,10 @@ def _settle(answer: "asyncio.Future[bytes]", line: bytes) -> None:
 
 
 def _given_s(question: Mapping[str, Any]) -> float:
-    """How long a question has others asked or measured at most [s]."""
-    given = (question.get(key) for key in ("timeout_s", "duration_s"))
-    waits = (min(each, LONGEST_WAIT_S) for each in given if isinstance(each, int | float))
-    return max((each for each in waits if each > 0), default=0.0)
+    """How long a question gives a node to answer [s]."""
+    given = question.get("timeout_s")
+    wait_s = min(given, LONGEST_WAIT_S) if isinstance(given, int | float) else 0.0
+    return wait_s if wait_s > 0 else 0.0
 
 
 def _user(writer: asyncio.StreamWriter) -> int:

@@ -6,14 +6,12 @@ Used like a `RosLook`, without ROS: an answer takes some ms, and nobody has to b
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
-from obk_cli.adapters.control_client import ask_look, is_askable
+from obk_cli.adapters.control_client import ask_look
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.json_values import value_of
 from obk_cli.looking.graph import Graph, TopicSeen
 from obk_cli.looking.parameters import Parameter
-from obk_cli.looking.plain_data import Plain
 from obk_cli.looking.told import (
     GraphTold,
     NodeEnds,
@@ -21,10 +19,6 @@ from obk_cli.looking.told import (
     parse_graph,
     parse_parameter_told,
 )
-
-if TYPE_CHECKING:
-    from obk_cli.looking.delays import Delay
-    from obk_cli.looking.rates import Rate
 
 __all__ = ["LauncherLook", "LauncherParameters", "ask_launcher"]
 
@@ -34,8 +28,6 @@ LOOK_S: Final = 0.05
 """Between two questions while something is waited for [s]."""
 MARGIN_S: Final = 3.0
 """For the way to the launcher and back, beside what a node may take [s]."""
-PUBLISH_S: Final = 10.0
-"""For a message on its way by the launcher's node, which waits for some seconds at most [s]."""
 NOTHING: Final = NodeEnds(publishes={}, subscribes={}, services={})
 
 
@@ -109,121 +101,6 @@ class LauncherLook:
     def parameters(self, node: str, timeout_s: float) -> "LauncherParameters":
         """The parameters of a node; each answer has this deadline [s]."""
         return LauncherParameters(self._folder, node, timeout_s)
-
-    def fields_of(self, name: str) -> Mapping[str, str]:
-        """The names and types of a message's fields, by `pkg/Name` or a full name.
-
-        Raises:
-            CommandFailedError: the launcher does not have the type, or gives no answer.
-        """
-        told = _told(self._folder, {"about": "fields", "type": name}, MARGIN_S, fields=dict)
-        return {str(field): str(kind) for field, kind in told["fields"].items()}
-
-    def has_type(self, name: str) -> bool:
-        """Whether the launcher has a type of message."""
-        try:
-            self.fields_of(name)
-        except CommandFailedError:
-            return False
-        return True
-
-    def call(self, service: str, kind: str, request: object, timeout_s: float) -> Plain:
-        """The response of a service, which the launcher's node calls; None: the request is long.
-
-        Args:
-            service: full name.
-            kind: full, `pkg/srv/Name`.
-            request: JSON's values, checked against the type.
-            timeout_s: for the response [s].
-
-        Raises:
-            CommandFailedError: none came in time, or there is no server.
-        """
-        question = {"about": "call", "service": service, "type": kind, "request": request}
-        question["timeout_s"] = timeout_s
-        if not is_askable(question):
-            return None
-        told = _told(self._folder, question, timeout_s + MARGIN_S, response=object)
-        response: Plain = told["response"]
-        return response
-
-    def publish(self, topic: str, kind: str, message: object, subscribers: int) -> bool | None:
-        """Have the launcher's node publish a message.
-
-        Args:
-            topic: full name.
-            kind: full, `pkg/msg/Name`.
-            message: JSON's values, checked against the type.
-            subscribers: how many have to hear it.
-
-        Returns:
-            Whether all who hear it have confirmed it. None: nothing was sent; the message is long,
-            the topic moves a robot, or not so many hear the launcher's node.
-
-        Raises:
-            CommandFailedError: the launcher gives no answer.
-        """
-        question = {"about": "publish", "topic": topic, "type": kind, "message": message}
-        question["subscribers"] = subscribers
-        if not is_askable(question):
-            return None
-        confirmed = _told(self._folder, question, PUBLISH_S, confirmed=object)["confirmed"]
-        return None if confirmed is None else bool(confirmed)
-
-    def rates(self, topics: Mapping[str, str], duration_s: float) -> "Mapping[str, Rate]":
-        """What the launcher's node measures of topics.
-
-        Args:
-            topics: full name -> full type.
-            duration_s: for how long, at most `LAUNCHER_COUNTS_S` [s].
-
-        Raises:
-            CommandFailedError: the launcher gives no answer.
-        """
-        from obk_cli.looking.rates import Rate
-
-        question = {"about": "rates", "topics": dict(topics), "duration_s": duration_s}
-        told = _told(self._folder, question, duration_s + MARGIN_S, rates=dict)["rates"]
-        rates = {name: value_of(Rate, told.get(name)) for name in topics}
-        return {name: rate for name, rate in rates.items() if rate is not None}
-
-    def delay(
-        self, topic: str, kind: str, window: int, duration_s: float
-    ) -> "tuple[Delay | None, int]":
-        """How late messages came to the launcher's node, and how many had no stamp.
-
-        Args:
-            topic: full name.
-            kind: full, `pkg/msg/Name`.
-            window: messages that the figures go back.
-            duration_s: for how long, at most `LAUNCHER_COUNTS_S` [s].
-
-        Raises:
-            CommandFailedError: messages of the type have no stamp, or the launcher is silent.
-        """
-        from obk_cli.looking.delays import Delay
-
-        question = {"about": "delay", "topic": topic, "type": kind, "window": window}
-        question["duration_s"] = duration_s
-        wait_s = duration_s + MARGIN_S
-        told = _told(self._folder, question, wait_s, delay=object, unstamped=int)
-        return value_of(Delay, told["delay"]), told["unstamped"]
-
-    def next_message(self, topic: str, kind: str, timeout_s: float) -> Plain:
-        """The next message of a topic, which the launcher's node hears; None: it is too long.
-
-        Args:
-            topic: full name.
-            kind: full, `pkg/msg/Name`.
-            timeout_s: for the message [s].
-
-        Raises:
-            CommandFailedError: none came in time.
-        """
-        question = {"about": "message", "topic": topic, "type": kind, "timeout_s": timeout_s}
-        told = _told(self._folder, question, timeout_s + MARGIN_S, message=object)
-        message: Plain = told["message"]
-        return message
 
 
 class LauncherParameters:

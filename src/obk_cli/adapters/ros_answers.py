@@ -5,7 +5,6 @@ In: a question and what takes the answer, both JSON's values:
 - `{"about": "graph"}`: see `looking.told`.
 - `{"about": "parameters", "node": NAME, "timeout_s": S, "do": ...}`: `names`; `values` of `names`;
   `kind` of `name`; `set` of `name` to `parameter`.
-- Those about messages: see `adapters.ros_errands`.
 
 What cannot be answered is `{"failed": SENTENCE}`. Each question has a thread of its own, so that a
 node that hangs holds up nobody.
@@ -15,7 +14,6 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from obk_cli.adapters.ros_errands import run_errand
 from obk_cli.adapters.ros_look import RosLook
 from obk_cli.adapters.ros_parameters import NodeParameters
 from obk_cli.errors import CommandFailedError, MisuseError
@@ -69,9 +67,6 @@ class RosAnswers:
             case {"about": "parameters", "node": str(node), "timeout_s": int() | float() as wait_s}:
                 parameters = NodeParameters(self._look, node, min(float(wait_s), LONGEST_S))
                 return _of_parameters(parameters, question)
-        told = run_errand(self._look, question)
-        if told is not None:
-            return told
         raise CommandFailedError("the launcher does not know such a question")
 
     def _graph(self) -> GraphTold:

@@ -93,13 +93,10 @@ def call(
     place = here(domain, timeout)
 
     from obk_cli.cli.message_argument import load_message
-    from obk_cli.looking.errands import call_by_launcher
     from obk_cli.report.messages import json_line, message_text
 
     asked = load_message(request)
-    response = call_by_launcher(place, service, service_type, asked, timeout)
-    if response is None:
-        response = _call(with_types(place), service, service_type, asked, timeout)
+    response = _call(with_types(place), service, service_type, asked, timeout)
     if is_json:
         print(json.dumps(json.loads(json_line(response)), indent=1))
     else:
@@ -111,7 +108,7 @@ def call(
 def _call(
     place: "Place", service: str, service_type: str | None, request: object, timeout_s: float
 ) -> "Plain":
-    """The response of a service, called by a participant of our own."""
+    """Call a service and return its response."""
     from obk_cli.adapters.ros_calls import ServiceClient
     from obk_cli.adapters.ros_look import open_look
     from obk_cli.adapters.ros_types import fields_of, find_type, make_message

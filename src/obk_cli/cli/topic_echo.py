@@ -63,18 +63,12 @@ def command(
         raise MisuseError("`--csv` and `--format json` ask for different things")
     most = 1 if once else count
 
-    from obk_cli.looking.errands import message_by_launcher
     from obk_cli.looking.selection import parse_selection
     from obk_cli.report.show import Shower
 
     selections = [parse_selection(text) for text in (*(fields or ()), *(field or ()))]
     shower = Shower(selections, "csv" if csv else format, is_whole=full, warn=_warn)
-    place = here(domain, timeout)
-    only = message_by_launcher(place, topic, selections, timeout) if most == 1 else None
-    if only is None:
-        _listen(with_types(place), topic, selections, shower, most, timeout)
-    elif lines := list(shower.lines(only)):
-        print("\n".join(lines))
+    _listen(with_types(here(domain, timeout)), topic, selections, shower, most, timeout)
 
 
 def _listen(
@@ -85,7 +79,7 @@ def _listen(
     most: int | None,
     timeout_s: float,
 ) -> None:
-    """Show messages that a participant of our own hears."""
+    """Show the messages that a subscription receives."""
     from obk_cli.adapters.ros_listen import messages
     from obk_cli.adapters.ros_look import open_look
     from obk_cli.adapters.ros_types import fields_of, find_type, short_type

@@ -66,7 +66,6 @@ def command(
     most = 1 if once else count
 
     from obk_cli.cli.message_argument import load_message
-    from obk_cli.looking.errands import publish_by_launcher
     from obk_cli.looking.publishing import Publication
 
     publication = Publication(
@@ -77,9 +76,7 @@ def command(
         timeout_s=timeout,
         may_move=allow_foreign,
     )
-    published = publish_by_launcher(place, publication) if most == 1 else None
-    if published is None:
-        published = _publish(with_types(place), publication, most, rate)
+    published = _publish(with_types(place), publication, most, rate)
     if not published.is_confirmed:
         print("warning: not every subscriber has confirmed the last message", file=sys.stderr)
     messages = "messages" if published.count > 1 else "message"
@@ -89,7 +86,7 @@ def command(
 def _publish(
     place: "Place", publication: "Publication", most: int | None, rate_hz: float
 ) -> "Published":
-    """Publish by a participant of our own.
+    """Publish messages.
 
     Args:
         place: where.

@@ -62,12 +62,7 @@ def hz(
     require_positive("--window", window, "seconds")
     require_positive("--duration", duration, "seconds")
     place = here(domain, timeout)
-
-    from obk_cli.looking.errands import rates_by_launcher
-
-    counted = rates_by_launcher(place, topics, duration, timeout) if duration else None
-    if counted is None:
-        counted = _count(with_types(place), topics, window, duration, timeout, is_json=is_json)
+    counted = _count(with_types(place), topics, window, duration, timeout, is_json=is_json)
     if duration is not None:
         _tell_rates(counted, is_json=is_json)
         _require_messages(counted, duration, duration)
@@ -82,7 +77,7 @@ def _count(
     *,
     is_json: bool,
 ) -> "Mapping[str, Rate]":
-    """What a participant of our own measures; without a duration it tells, without end."""
+    """Measure rates; without a duration, report them each second until Ctrl-C."""
     from obk_cli.adapters.ros_look import open_look
     from obk_cli.adapters.ros_meter import RosMeter
     from obk_cli.adapters.ros_types import raw_type
@@ -121,14 +116,8 @@ def delay(
     """
     is_json = wants_json(format)
     require_positive("--duration", duration, "seconds")
-    place = here(domain, timeout)
-
-    from obk_cli.looking.errands import delay_by_launcher
-
-    counted = delay_by_launcher(place, topic, window, duration, timeout) if duration else None
-    if counted is None:
-        place = with_types(place)
-        counted = _heard(place, topic, window, duration, timeout, is_json=is_json)
+    place = with_types(here(domain, timeout))
+    counted = _heard(place, topic, window, duration, timeout, is_json=is_json)
     if duration is not None:
         _tell_delay(*counted, duration, duration, is_json=is_json)
 
@@ -142,7 +131,7 @@ def _heard(
     *,
     is_json: bool,
 ) -> "tuple[str, Delay | None, int]":
-    """What a participant of our own hears; without a duration it tells, without end."""
+    """Measure delays; without a duration, report them each second until Ctrl-C."""
     from obk_cli.adapters.ros_listen import arrived
     from obk_cli.adapters.ros_look import open_look
     from obk_cli.adapters.ros_types import fields_of, find_type, short_type

@@ -14,12 +14,10 @@ from typing import Final
 
 from obk_cli.recording.tally import Tally
 
-__all__ = ["LAUNCHER_COUNTS_S", "MOST_KEPT", "Meter", "Rate"]
+__all__ = ["MOST_KEPT", "Meter", "Rate"]
 
 MOST_KEPT: Final = 100_000
 """Messages of one topic that a window may hold: 10 s at 10 kHz."""
-LAUNCHER_COUNTS_S: Final = 1.0
-"""For how long a stack's launcher counts messages for others, beside its own work [s]."""
 _NS: Final = 1e-9
 _NEAR_ALL: Final = 0.99
 

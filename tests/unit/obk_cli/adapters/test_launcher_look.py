@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +11,8 @@ from obk_cli.adapters.control_socket import serve_control
 from obk_cli.adapters.launcher_look import LauncherLook, ask_launcher
 from obk_cli.adapters.ros_answers import RosAnswers
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.wire import LONGEST_REQUEST
-from obk_cli.looking.delays import Delay
 from obk_cli.looking.graph import Graph, TopicSeen
 from obk_cli.looking.parameters import Parameter
-from obk_cli.looking.rates import Rate
 
 WAIT_S = 20.0
 TYPES = {"/q": ("p/msg/M",)}
@@ -110,83 +106,6 @@ def test_parameters_are_asked_for_by_the_launcher(tmp_path: Path) -> None:
     }
 
 
-def test_calls_and_messages_go_by_the_launcher(tmp_path: Path) -> None:
-    heard: list[Mapping[str, Any]] = []
-
-    def answer(question: Mapping[str, Any]) -> Mapping[str, Any]:
-        heard.append(question)
-        return {
-            "fields": {"data": "boolean"},
-            "response": {"success": True},
-            "message": {"x": 1},
-            "confirmed": False,
-        }
-
-    with launcher(tmp_path, answer) as look:
-        assert look.has_type("p/srv/S_Request")
-        assert look.fields_of("p/srv/S_Request") == {"data": "boolean"}
-        assert look.call("/pause", "p/srv/S", {"data": True}, WAIT_S) == {"success": True}
-        assert look.next_message("/q", "p/msg/M", WAIT_S) == {"x": 1}
-        assert look.publish("/q", "p/msg/M", {"x": 1}, 2) is False
-    assert heard[1:] == [
-        {"about": "fields", "type": "p/srv/S_Request"},
-        {
-            "about": "call",
-            "service": "/pause",
-            "type": "p/srv/S",
-            "request": {"data": True},
-            "timeout_s": WAIT_S,
-        },
-        {"about": "message", "topic": "/q", "type": "p/msg/M", "timeout_s": WAIT_S},
-        {
-            "about": "publish",
-            "topic": "/q",
-            "type": "p/msg/M",
-            "message": {"x": 1},
-            "subscribers": 2,
-        },
-    ]
-
-
-def test_short_counts_are_the_launchers(tmp_path: Path) -> None:
-    rate = Rate(count=3, lost=None, seen=3, window_s=0.1, rate_hz=20.0)
-    delay = Delay(
-        seen=3, is_relative=False, pace=1.0, mean_s=2e-3, min_s=1e-3, max_s=3e-3, std_dev_s=1e-3
-    )
-    heard: list[Mapping[str, Any]] = []
-
-    def answer(question: Mapping[str, Any]) -> Mapping[str, Any]:
-        heard.append(question)
-        return {"rates": {"/q": asdict(rate)}, "delay": asdict(delay), "unstamped": 1}
-
-    with launcher(tmp_path, answer) as look:
-        assert look.rates({"/q": "p/msg/M"}, 0.1) == {"/q": rate}
-        assert look.delay("/q", "p/msg/M", 10, 0.1) == (delay, 1)
-    assert heard == [
-        {"about": "rates", "topics": {"/q": "p/msg/M"}, "duration_s": 0.1},
-        {"about": "delay", "topic": "/q", "type": "p/msg/M", "window": 10, "duration_s": 0.1},
-    ]
-
-
-def test_a_request_that_is_too_long_for_the_launcher_is_not_sent_to_it(tmp_path: Path) -> None:
-    def answer(question: Mapping[str, Any]) -> Mapping[str, Any]:
-        pytest.fail(f"it was asked: {question}")
-
-    with launcher(tmp_path, answer) as look:
-        assert look.call("/load", "p/srv/S", {"text": "x" * LONGEST_REQUEST}, WAIT_S) is None
-        assert look.publish("/load", "p/msg/M", {"text": "x" * LONGEST_REQUEST}, 0) is None
-
-
-def test_a_launcher_that_has_sent_nothing_says_so(tmp_path: Path) -> None:
-    with launcher(tmp_path, lambda _: {"confirmed": None}) as look:
-        assert look.publish("/q", "p/msg/M", {}, 1) is None
-
-
-def test_a_type_that_the_launcher_lacks_is_told(tmp_path: Path) -> None:
-    with launcher(tmp_path, lambda _: {"failed": "the type is not here", "help": None}) as look:
-        assert not look.has_type("p/msg/M")
-
-
 def test_what_a_node_does_not_answer_is_told_in_the_launchers_words(tmp_path: Path) -> None:
     with launcher(tmp_path, lambda _: {"failed": "/arm gave no answer", "help": "look"}) as look:
         with pytest.raises(CommandFailedError, match="/arm gave no answer") as failed:
@@ -213,8 +132,7 @@ def test_a_launcher_that_does_not_tell_is_passed_over(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("ask", "missing"),
     [
-        (lambda look: look.fields_of("p/msg/M"), "fields"),
-        (lambda look: look.delay("/q", "p/msg/M", 10, 0.1), "unstamped"),
+        (lambda look: look.parameters("/n0", WAIT_S).names(), "names"),
         (lambda look: look.parameters("/n0", WAIT_S).declared_kind("gain"), "kind"),
     ],
 )
@@ -222,7 +140,7 @@ def test_a_launcher_that_speaks_otherwise_is_told(
     ask: Callable[[LauncherLook], object], missing: str, tmp_path: Path
 ) -> None:
     with (
-        launcher(tmp_path, lambda _: {"delay": None}) as look,
+        launcher(tmp_path, lambda _: {"reason": None}) as look,
         pytest.raises(
             CommandFailedError, match=f"^the launcher of the stack answers without `{missing}`$"
         ),
@@ -232,11 +150,8 @@ def test_a_launcher_that_speaks_otherwise_is_told(
 
 @pytest.mark.parametrize("told", [None, 5, "x", ["x"], {"x": {"y": 1}}])
 def test_whatever_a_launcher_says_it_raises_nothing_else(told: object, tmp_path: Path) -> None:
-    keys = ("fields", "rates", "delay", "unstamped", "names", "values", "kind")
+    keys = ("names", "values", "kind")
     asked: tuple[Callable[[LauncherLook], object], ...] = (
-        lambda look: look.fields_of("p/msg/M"),
-        lambda look: look.rates({"/q": "p/msg/M"}, 0.1),
-        lambda look: look.delay("/q", "p/msg/M", 10, 0.1),
         lambda look: look.parameters("/n0", WAIT_S).names(),
         lambda look: look.parameters("/n0", WAIT_S).values(("a", "b")),
         lambda look: look.parameters("/n0", WAIT_S).declared_kind("a"),

@@ -9,13 +9,11 @@ import pytest
 
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.runs import Run
-from obk_cli.looking import errands
-from obk_cli.looking.errands import publish_by_launcher
 from obk_cli.looking.graph import End, TopicSeen
 from obk_cli.looking.place import Place
 from obk_cli.looking.publishing import (
     Publication,
-    Published,
+    refuse_moving,
     topic_to_publish,
     wait_for_subscribers,
 )
@@ -23,9 +21,7 @@ from obk_cli.plan import Endpoint, Plan
 from obk_cli.recording.qos import Offer
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
-from .definitions import FIELDS
 
-TYPES = {**FIELDS, "pkg/msg/State": FIELDS["pkg/State"]}
 RUN = Run(name="arm", pid=1, started=0.0, domain=7, config="arm.yaml", nodes=("/n0",))
 ROBOT = "/left/obelisk_robot_0"
 
@@ -49,13 +45,11 @@ def wanted(topic: str = "state", **more: Any) -> Publication:
 
 
 class Look:
-    """A graph with one topic, which one more listens to at each look; a launcher's, too."""
+    """A graph with one topic, which one more node subscribes to at each look."""
 
-    def __init__(self, *listeners: tuple[str, str], confirmed: bool | None = True) -> None:
+    def __init__(self, *listeners: tuple[str, str]) -> None:
         self._listeners = listeners
-        self._confirmed = confirmed
         self.looks = 0
-        self.published: list[tuple[Any, ...]] = []
 
     def nodes(self) -> tuple[str, ...]:
         return ("/n0",)
@@ -84,16 +78,6 @@ class Look:
             self.looks += 1
         return None
 
-    def has_type(self, name: str) -> bool:
-        return name in TYPES
-
-    def fields_of(self, name: str) -> Mapping[str, str]:
-        return TYPES[name]
-
-    def publish(self, *question: Any) -> bool | None:
-        self.published.append(question)
-        return self._confirmed
-
 
 def wait(look: Look, publication: Publication) -> None:
     """Wait for subscribers of the type, as many as listen."""
@@ -102,11 +86,6 @@ def wait(look: Look, publication: Publication) -> None:
         return sum(end.msg_type == "pkg/msg/State" for end in look.topic("/a").subscriptions)
 
     wait_for_subscribers(cast(Any, look), "/a", "pkg/msg/State", publication, count)
-
-
-def launcher(monkeypatch: pytest.MonkeyPatch, look: Look | None) -> None:
-    """Have this launcher in every place; None: none."""
-    monkeypatch.setattr(errands, "ask_launcher", lambda _: look)
 
 
 def test_subscribers_are_waited_for() -> None:
@@ -135,62 +114,28 @@ def test_a_topic_that_nobody_has_needs_a_name_and_a_type() -> None:
         topic_to_publish(look, place(), wanted("/new"))
 
 
-@pytest.mark.parametrize("confirmed", [True, False])
-def test_a_launcher_publishes_once_somebody_listens(
-    confirmed: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    look = Look(("/b", "pkg/msg/State"), confirmed=confirmed)
-    launcher(monkeypatch, look)
-    published = publish_by_launcher(place(), wanted())
-    assert published == Published(topic="/arm/state", count=1, is_confirmed=confirmed)
-    assert look.published == [("/arm/state", "pkg/msg/State", {"count": 1}, 1)]
-
-
-def test_a_launcher_is_not_asked_to_publish_what_does_not_fit(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_message_of_another_type_than_the_subscribers_is_refused() -> None:
     look = Look(("/b", "pkg/msg/Other"))
-    launcher(monkeypatch, look)
-    with pytest.raises(MisuseError, match="count: expected"):
-        publish_by_launcher(place(), wanted(message={"count": "a"}))
-    with pytest.raises(CommandFailedError, match="/arm/state is of the type pkg/msg/Other"):
-        publish_by_launcher(place(), wanted())
-    assert look.published == []
-
-
-def test_a_launcher_is_not_asked_to_move_a_robot(monkeypatch: pytest.MonkeyPatch) -> None:
-    look = Look((ROBOT, "pkg/msg/State"))
     look.looks = 1
-    launcher(monkeypatch, look)
+    with pytest.raises(CommandFailedError, match="is of the type pkg/msg/Other"):
+        topic_to_publish(cast(Any, look), place(), wanted(msg_type="pkg/msg/State"))
+
+
+def test_a_topic_that_a_robot_subscribes_to_is_refused() -> None:
+    look = Look((ROBOT, "pkg/msg/State"))
+    refuse_moving(look.topic("/arm/state"), place())
+    look.looks = 1
     with pytest.raises(CommandFailedError, match=f"/arm/state moves `{ROBOT}`"):
-        publish_by_launcher(place(), wanted())
-    assert publish_by_launcher(place(), wanted(may_move=True)) is None
-    assert look.published == []
+        refuse_moving(look.topic("/arm/state"), place())
 
 
-def test_the_robots_of_every_stack_here_are_minded_before_they_listen(
+def test_the_robots_of_every_stack_here_count_before_they_subscribe(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     robot = node("r", "robot", subscribes=(Endpoint(topic="/arm/state", msg_type=None),))
     plans = {"a": Plan(name="a", processes=()), "b": Plan(name="b", processes=(robot,))}
     monkeypatch.setattr("obk_cli.looking.place.run_plan", lambda folder: plans[folder.name])
-    monkeypatch.setattr("obk_cli.looking.place.run_topics", lambda _: {})
-    look = Look(("/b", "pkg/msg/State"))
-    launcher(monkeypatch, look)
+    topic = Look().topic("/arm/state")
+    refuse_moving(topic, place("a"))
     with pytest.raises(CommandFailedError, match="/arm/state moves `/r`"):
-        publish_by_launcher(place("a", "b"), wanted())
-    assert publish_by_launcher(place("a", "b"), wanted(may_move=True)) is None
-    assert look.published == []
-    assert publish_by_launcher(place("a"), wanted()) is not None
-
-
-def test_what_no_launcher_publishes_is_left_to_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    launcher(monkeypatch, None)
-    assert publish_by_launcher(place(), wanted()) is None
-    look = Look(("/b", "pkg/msg/State"), confirmed=None)
-    launcher(monkeypatch, look)
-    assert publish_by_launcher(place(), wanted("/new", msg_type="other/msg/Kind")) is None
-    assert look.published == []
-    # It has seen by itself that a robot listens, say.
-    assert publish_by_launcher(place(), wanted()) is None
-    assert len(look.published) == 1
+        refuse_moving(topic, place("a", "b"))
