@@ -22,8 +22,9 @@ from obk_cli.adapters.ros_environment import RosEnvironment, ros_environment
 from obk_cli.adapters.ros_graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S
 from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
 from obk_cli.adapters.state_node import StateNode
-from obk_cli.launch.asks import ChangeAnswer, ChangeAsked
+from obk_cli.launch.asks import ChangeAsked
 from obk_cli.launch.events import Answered, Heard, Ready, StateAnswered, StateSeen, TransitionBegun
+from obk_cli.runs.protocol import ChangeAnswer
 
 from .stack import DEADLINE_S, eventually
 

@@ -8,17 +8,27 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from obk_cli.adapters.control_client import ask_look
 from obk_cli.errors import CommandFailedError
 from obk_cli.looking.graph import Graph, TopicSeen
 from obk_cli.looking.parameters import Parameter
 from obk_cli.looking.told import (
-    GraphTold,
+    GraphKnown,
+    GraphQuestion,
+    GraphReply,
+    KindReply,
+    NamesReply,
     NodeEnds,
-    emit_parameter,
-    parse_graph,
-    parse_parameter_told,
+    ParameterQuestion,
+    Question,
+    ReasonReply,
+    ValuesReply,
+    decode_reply,
+    graph_of,
+    parameter_of,
+    wire_parameter,
 )
+from obk_cli.runs.control_client import ANSWER_S, ask_graph
+from obk_cli.runs.protocol import Fault, encode
 
 __all__ = ["LauncherLook", "LauncherParameters", "ask_launcher"]
 
@@ -34,53 +44,53 @@ NOTHING: Final = NodeEnds(publishes={}, subscribes={}, services={})
 def ask_launcher(folders: Collection[Path]) -> "LauncherLook | None":
     """The graph as the first of these runs' launchers tells it; None: none of them does."""
     for folder in folders:
-        told = _graph(folder)
-        if told is not None:
-            return LauncherLook(folder, told)
+        known = _graph(folder)
+        if known is not None:
+            return LauncherLook(folder, known)
     return None
 
 
 class LauncherLook:
     """The graph by a launcher's word."""
 
-    def __init__(self, folder: Path, told: GraphTold) -> None:
-        """Begin with what was told.
+    def __init__(self, folder: Path, known: GraphKnown) -> None:
+        """Start with what the launcher knows now.
 
         Args:
             folder: the run's.
-            told: by its launcher.
+            known: by its launcher.
         """
         self._folder = folder
-        self._told = told
+        self._known = known
 
     def nodes(self) -> tuple[str, ...]:
         """Full names of the nodes."""
-        return self._told.graph.nodes
+        return self._known.graph.nodes
 
     def topic_types(self) -> dict[str, tuple[str, ...]]:
         """Full name -> types of the topics."""
-        return {topic.name: topic.msg_types for topic in self._told.graph.topics}
+        return {topic.name: topic.msg_types for topic in self._known.graph.topics}
 
     def service_types(self) -> dict[str, tuple[str, ...]]:
         """Full name -> types of the services."""
-        return dict(self._told.graph.services)
+        return dict(self._known.graph.services)
 
     def topics_of(self, node: str) -> tuple[Mapping[str, tuple[str, ...]], ...]:
         """Topic -> types of a node's publishers, and of its subscriptions."""
-        ends = self._told.nodes.get(node, NOTHING)
+        ends = self._known.nodes.get(node, NOTHING)
         return ends.publishes, ends.subscribes
 
     def services_of(self, node: str) -> Mapping[str, tuple[str, ...]]:
         """Full name -> types of a node's services."""
-        return self._told.nodes.get(node, NOTHING).services
+        return self._known.nodes.get(node, NOTHING).services
 
     def topic(self, name: str) -> TopicSeen:
         """A topic with its ends."""
-        return self._told.graph.topic(name)
+        return self._known.graph.topic(name)
 
     def graph(self) -> Graph:
         """All that was told."""
-        return self._told.graph
+        return self._known.graph
 
     def settle(self, expected: Collection[str], _quiet_s: float, timeout_s: float) -> bool:
         """Wait until the expected nodes are there; see `RosLook.settle`."""
@@ -95,7 +105,7 @@ class LauncherLook:
         end = time.monotonic() + timeout_s
         while (found := probe()) is None and time.monotonic() < end:
             time.sleep(LOOK_S)
-            self._told = _graph(self._folder) or self._told
+            self._known = _graph(self._folder) or self._known
         return found
 
     def parameters(self, node: str, timeout_s: float) -> "LauncherParameters":
@@ -104,7 +114,7 @@ class LauncherLook:
 
 
 class LauncherParameters:
-    """The parameters of one node, asked for by its launcher; used like `NodeParameters`."""
+    """The parameters of one node, read by its launcher; used like `NodeParameters`."""
 
     def __init__(self, folder: Path, node: str, timeout_s: float) -> None:
         """Ask nothing yet.
@@ -115,8 +125,8 @@ class LauncherParameters:
             timeout_s: for each answer [s].
         """
         self._folder = folder
-        self._question = {"about": "parameters", "node": node, "timeout_s": timeout_s}
-        self._wait_s = timeout_s + MARGIN_S
+        self._node = node
+        self._timeout_s = timeout_s
 
     def names(self) -> tuple[str, ...]:
         """The names of all.
@@ -124,65 +134,59 @@ class LauncherParameters:
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        return tuple(map(str, self._ask("names", list, do="names")))
+        return self._ask(NamesReply, do="names").names
 
     def values(self, names: Sequence[str]) -> Mapping[str, Parameter]:
-        """The values of these; `not set` where the node has none of that name.
+        """The values of these; `not set` if the node has none of that name.
 
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        told = self._ask("values", list, do="values", names=list(names))
-        if len(told) != len(names):
-            raise _otherwise("values")
-        found = {name: parse_parameter_told(one) for name, one in zip(names, told, strict=True)}
-        return {name: one for name, one in found.items() if one is not None}
+        values = self._ask(ValuesReply, do="values", names=tuple(names)).values
+        if len(values) != len(names):
+            raise CommandFailedError(
+                f"the launcher of the stack answers {len(values)} values, expected {len(names)}"
+            )
+        return {name: parameter_of(one) for name, one in zip(names, values, strict=True)}
 
     def declared_kind(self, name: str) -> str:
-        """The type that a parameter is declared with, also where it has no value.
+        """The type that a parameter is declared with, also if it has no value.
 
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        return str(self._ask("kind", str, do="kind", name=name))
+        return self._ask(KindReply, do="kind", name=name).kind
 
     def set(self, name: str, parameter: Parameter) -> str | None:
-        """Set one; gives the node's reason where it refuses.
+        """Set one; returns the node's reason if it rejects the value.
 
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        told = emit_parameter(parameter)
-        reason = self._ask("reason", object, do="set", name=name, parameter=told)
-        return None if reason is None else str(reason)
+        wire = wire_parameter(parameter)
+        return self._ask(ReasonReply, do="set", name=name, parameter=wire).reason
 
-    def _ask(self, key: str, kind: type, **more: Any) -> Any:
-        question = {**self._question, **more}
-        return _told(self._folder, question, self._wait_s, **{key: kind})[key]
+    def _ask(self, kind: type[T], **words: Any) -> T:
+        question = ParameterQuestion(node=self._node, timeout_s=self._timeout_s, **words)
+        return _ask(self._folder, question, kind, self._timeout_s + MARGIN_S)
 
 
-def _told(
-    folder: Path, question: Mapping[str, Any], wait_s: float, **kinds: type
-) -> Mapping[str, Any]:
-    told = ask_look(folder, question, wait_s)
-    if told is None:
+def _ask(folder: Path, question: Question, kind: type[T], wait_s: float) -> T:
+    """The launcher's reply to a question.
+
+    Raises:
+        CommandFailedError: it gives none, or reports why it cannot.
+    """
+    answer = ask_graph(folder, encode(question), wait_s)
+    if answer is None:
         raise CommandFailedError("the launcher of the stack gave no answer", help="see `obk ps`")
-    if "failed" in told:
-        raise CommandFailedError(str(told["failed"]), help=told.get("help"))
-    for key, kind in kinds.items():
-        if key not in told or not isinstance(told[key], kind):
-            raise _otherwise(key, is_there=key in told)
-    return told
+    if isinstance(answer, Fault):
+        raise CommandFailedError(f"the launcher of the stack: {answer.error}")
+    return decode_reply(answer, kind)
 
 
-def _otherwise(key: str, *, is_there: bool = True) -> CommandFailedError:
-    how = f"with `{key}` in another form" if is_there else f"without `{key}`"
-    return CommandFailedError(
-        f"the launcher of the stack answers {how}",
-        help="is it of another version? Stop the stack, and launch it by this one",
-    )
-
-
-def _graph(folder: Path) -> GraphTold | None:
-    told = ask_look(folder, {"about": "graph"})
-    return None if told is None else parse_graph(told)
+def _graph(folder: Path) -> GraphKnown | None:
+    try:
+        return graph_of(_ask(folder, GraphQuestion(), GraphReply, ANSWER_S))
+    except CommandFailedError:
+        return None

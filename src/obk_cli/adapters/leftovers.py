@@ -22,7 +22,7 @@ from obk_cli.adapters.process_start import (
     this_process,
     wait_for_ends,
 )
-from obk_cli.launch.runs import read_run
+from obk_cli.runs.folder import read_run
 
 __all__ = ["UNRECORDED", "Leftover", "end_leftovers", "find_leftovers", "launch_marks"]
 

@@ -19,7 +19,6 @@ from textual.message import Message
 from textual.widgets import Input, Static
 
 from obk_cli.errors import ObkError
-from obk_cli.launch.asks import ChangeAnswer
 from obk_cli.monitoring.view import StackView
 from obk_cli.report.escapes import plain
 from obk_cli.report.launch import short_name
@@ -31,6 +30,7 @@ from obk_cli.report.monitor import (
     passage_line,
     topic_lines,
 )
+from obk_cli.runs.protocol import ChangeAnswer
 
 __all__ = ["Change", "MonitorApp", "Views", "run_monitor"]
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Final, Literal
 
 from obk_cli.adapters.planted import is_planted
-from obk_cli.launch.json_values import value_of
 
 __all__ = [
     "FOLDER",
@@ -71,10 +70,12 @@ def read_record(workspace: Path) -> OverlayRecord | None:
     if is_planted(workspace / FOLDER):
         return None
     try:
-        told = json.loads((overlay_folder(workspace) / RECORD).read_bytes())
+        record = json.loads((overlay_folder(workspace) / RECORD).read_bytes())
+        import msgspec  # only if there is an overlay, for the start-up time of `obk validate`
+
+        return msgspec.convert(record, OverlayRecord)
     except (OSError, ValueError, RecursionError):
         return None
-    return value_of(OverlayRecord, told)
 
 
 def overlay_prefixes(workspaces: Iterable[Path]) -> tuple[Path, ...]:

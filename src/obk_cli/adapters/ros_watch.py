@@ -13,7 +13,7 @@ from typing import Any, Final
 from obk_cli.adapters.ros_clients import NodeClients
 from obk_cli.launch.events import Failed, Heard, Ready, StateSeen, TransitionBegun
 from obk_cli.launch.state_machine import PASSED
-from obk_cli.launch.transitions import RESTING
+from obk_cli.runs.lifecycle import RESTING
 
 __all__ = ["NodeWatch", "failed_transition", "heard_of_passage"]
 

@@ -7,10 +7,10 @@ from typing import Final
 from obelisk_spec.near import did_you_mean
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
-from obk_cli.asking.names import NO_ANSWER, in_tier_order, nodes_meant, stack_nodes
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.asks import ChangeAnswer, Member, Result
-from obk_cli.launch.transitions import TRANSITIONS
+from obk_cli.runs.lifecycle import TRANSITIONS
+from obk_cli.runs.protocol import ChangeAnswer, Member, Result
+from obk_cli.runs.stacks import NO_ANSWER, in_tier_order, nodes_meant, stack_nodes
 
 __all__ = ["Wanted", "change_in_graph", "states_in_graph"]
 

@@ -8,15 +8,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from obk_cli.adapters.control_client import ask_change
-from obk_cli.adapters.live_runs import live_runs
 from obk_cli.adapters.ros_environment import RosEnvironment
-from obk_cli.asking.names import NO_ANSWER, in_tier_order
-from obk_cli.asking.stacks import Choice, choose_stack, live_stacks, node_statuses, runs_meant
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.asks import ChangeAnswer, NodeStatus
-from obk_cli.launch.runs import Run, runs_folder
-from obk_cli.launch.transitions import TRANSITIONS
+from obk_cli.runs.control_client import ask_change
+from obk_cli.runs.folder import Run, runs_folder
+from obk_cli.runs.lifecycle import TRANSITIONS
+from obk_cli.runs.protocol import ChangeAnswer, NodeStatus
+from obk_cli.runs.registry import live_runs
+from obk_cli.runs.stacks import (
+    NO_ANSWER,
+    Choice,
+    choose_stack,
+    in_tier_order,
+    live_stacks,
+    node_statuses,
+    runs_meant,
+)
 
 __all__ = ["Asked", "change_states", "node_states", "possible_transitions"]
 

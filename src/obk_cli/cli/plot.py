@@ -11,9 +11,9 @@ from typing import Annotated
 import typer
 
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.launch.runs import runs_folder
 from obk_cli.recording.fields import Lines, parse_field, topic_meant
 from obk_cli.recording.find import recording_meant
+from obk_cli.runs.folder import runs_folder
 
 __all__ = ["EXAMPLE", "command"]
 

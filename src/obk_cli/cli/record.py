@@ -10,14 +10,15 @@ import typer
 
 from obk_cli.adapters.clock import local_time
 from obk_cli.adapters.ros_environment import ros_environment
-from obk_cli.asking.stacks import runs_meant
 from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.type_paths import with_run_types
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.launch.runs import runs_folder
 from obk_cli.recording.choice import Wish
 from obk_cli.recording.job import Job
-from obk_cli.recording.made_from import Background, background_of, file_name, run_topics
+from obk_cli.recording.made_from import Background, background_of, file_name
+from obk_cli.runs.folder import runs_folder
+from obk_cli.runs.run_plan import run_topics
+from obk_cli.runs.stacks import runs_meant
 
 __all__ = ["EXAMPLE", "command"]
 

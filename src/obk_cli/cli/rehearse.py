@@ -12,7 +12,6 @@ from typing import Annotated, cast, get_args
 import typer
 
 from obelisk_spec.near import did_you_mean
-from obk_cli.asking.names import nodes_meant
 from obk_cli.cli.config_options import (
     ColourOption,
     IgnoreOption,
@@ -33,6 +32,7 @@ from obk_cli.rehearsal.judge import Row
 from obk_cli.rehearsal.promise import FAULTS, Fault
 from obk_cli.report.launch import short_name
 from obk_cli.running.simulated import require_libraries
+from obk_cli.runs.stacks import nodes_meant
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -147,10 +147,10 @@ def _rehearse(
     plan: Plan, cases: Sequence[Case], arguments: Sequence[str], domain: int | None
 ) -> tuple[Row, ...]:
     from obk_cli.adapters.free_domain import free_domain
-    from obk_cli.launch.runs import runs_folder
     from obk_cli.rehearsal.conductor import Setting, rehearse
     from obk_cli.rehearsal.guard import refuse_running
     from obk_cli.rehearsal.home import make_home
+    from obk_cli.runs.folder import runs_folder
 
     runs = runs_folder(os.environ)
     refuse_running(runs, plan.name)

@@ -8,7 +8,7 @@ from obk_cli.adapters.overlay_environment import import_from, with_overlays
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.process_start import working_folder
 from obk_cli.adapters.ros_environment import RosEnvironment
-from obk_cli.launch.runs import read_run
+from obk_cli.runs.folder import read_run
 
 __all__ = ["with_run_types"]
 

@@ -10,8 +10,8 @@ import typer
 from obk_cli.adapters.extras import require_extra
 from obk_cli.cli.looking_options import TIMEOUT_S, DomainOption, here, with_types
 from obk_cli.errors import EXIT_DONE
-from obk_cli.launch.runs import runs_folder
 from obk_cli.monitoring.watcher import Target, Watcher
+from obk_cli.runs.folder import runs_folder
 
 __all__ = ["EXAMPLE", "command"]
 

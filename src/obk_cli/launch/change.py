@@ -3,12 +3,12 @@
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
 
-from obk_cli.launch.asks import ChangeAnswer, Member, Result
 from obk_cli.launch.events import Answered, StateAnswered, TransitionEnded
 from obk_cli.launch.hearing import Hearing
 from obk_cli.launch.order import tiers_down, tiers_up
 from obk_cli.launch.roster import Roster
-from obk_cli.launch.transitions import TRANSITIONS, Transition
+from obk_cli.runs.lifecycle import TRANSITIONS, Transition
+from obk_cli.runs.protocol import ChangeAnswer, Member, Result
 
 __all__ = ["Change", "ask_all", "learn_states", "make_change", "reason"]
 

@@ -6,11 +6,12 @@ Goes on whatever the nodes do; what did not end in order is a failure of the run
 import signal
 from collections.abc import Iterable
 
-from obk_cli.launch.asks import Member
 from obk_cli.launch.change import ask_all, learn_states, reason
 from obk_cli.launch.hearing import Hearing
 from obk_cli.launch.order import tiers_down
-from obk_cli.launch.transitions import ACTIVE, FINALIZED, Transition, way_down
+from obk_cli.launch.transitions import way_down
+from obk_cli.runs.lifecycle import ACTIVE, FINALIZED, Transition
+from obk_cli.runs.protocol import Member
 
 __all__ = ["bring_down"]
 

@@ -4,7 +4,8 @@ import signal
 from dataclasses import dataclass
 
 from obelisk_spec.rates import Rate
-from obk_cli.launch.asks import ChangeAsked, Result, StatusAsked
+from obk_cli.launch.asks import ChangeAsked, StatusAsked
+from obk_cli.runs.protocol import Result
 
 __all__ = [
     "Answered",

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from queue import Empty
 from typing import Final, Literal
 
-from obk_cli.launch.asks import ChangeAnswer, ChangeAsked, StatusAsked
+from obk_cli.launch.asks import ChangeAsked, StatusAsked
 from obk_cli.launch.awake import SLICE_S, AwakeClock
 from obk_cli.launch.doors import Inbox, Lifecycle, Limits, Processes
 from obk_cli.launch.echoes import Echoes
@@ -39,7 +39,8 @@ from obk_cli.launch.pulse import Pulse
 from obk_cli.launch.rates import RateWatch
 from obk_cli.launch.roster import Roster
 from obk_cli.launch.story import Story
-from obk_cli.launch.transitions import FINALIZED, TRANSITIONS, UNCONFIGURED
+from obk_cli.runs.lifecycle import FINALIZED, TRANSITIONS, UNCONFIGURED
+from obk_cli.runs.protocol import ChangeAnswer
 
 __all__ = ["Hearing"]
 

@@ -2,8 +2,8 @@
 
 from typing import Final, Literal
 
-from obk_cli.launch.transitions import ACTIVE, INACTIVE, UNCONFIGURED
 from obk_cli.plan import Plan
+from obk_cli.runs.lifecycle import ACTIVE, INACTIVE, UNCONFIGURED
 
 __all__ = ["UNTIL", "Until", "tiers_down", "tiers_up"]
 

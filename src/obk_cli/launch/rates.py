@@ -11,7 +11,7 @@ from typing import Final
 from obelisk_spec.rates import Rate
 from obk_cli.launch.events import RateBroken, RateKept, RateMoved, RatesHeard, Told
 from obk_cli.launch.roster import Roster
-from obk_cli.launch.transitions import ACTIVE
+from obk_cli.runs.lifecycle import ACTIVE
 
 __all__ = ["SILENT_S", "RateWatch"]
 

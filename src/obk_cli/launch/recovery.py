@@ -9,7 +9,8 @@ from obk_cli.launch.failures import Crash
 from obk_cli.launch.hearing import Hearing
 from obk_cli.launch.order import tiers_up
 from obk_cli.launch.restarts import Budget
-from obk_cli.launch.transitions import ACTIVE, UNCONFIGURED, Transition, way_up
+from obk_cli.launch.transitions import way_up
+from obk_cli.runs.lifecycle import ACTIVE, UNCONFIGURED, Transition
 
 __all__ = ["Recovery"]
 

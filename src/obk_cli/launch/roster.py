@@ -5,11 +5,11 @@ from collections.abc import Collection, Iterable
 from typing import Final
 
 from obelisk_spec.rates import Rate
-from obk_cli.launch.asks import NodeStatus
 from obk_cli.launch.events import ProcessEnded
-from obk_cli.launch.transitions import ACTIVE, FINALIZED, INACTIVE, RESTING, UNCONFIGURED
 from obk_cli.launch.units import Unit, rule_of
 from obk_cli.plan import OnCrash, Plan, Process
+from obk_cli.runs.lifecycle import ACTIVE, FINALIZED, INACTIVE, RESTING, UNCONFIGURED
+from obk_cli.runs.protocol import NodeStatus
 
 __all__ = ["GONE", "UNKNOWN", "Roster"]
 

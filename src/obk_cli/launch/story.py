@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
-from obk_cli.launch.asks import StackStatus
 from obk_cli.launch.events import Phase, StackState, Told
 from obk_cli.launch.roster import Roster
+from obk_cli.runs.protocol import StackStatus
 
 __all__ = ["Story"]
 

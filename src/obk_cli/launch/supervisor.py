@@ -15,10 +15,11 @@ from obk_cli.launch.hearing import Hearing
 from obk_cli.launch.order import UNTIL, Until
 from obk_cli.launch.recovery import Recovery
 from obk_cli.launch.roster import Roster
-from obk_cli.launch.transitions import Transition, way_up
+from obk_cli.launch.transitions import way_up
 from obk_cli.launch.units import Unit
 from obk_cli.launch.vigil import keep_vigil
 from obk_cli.plan import OnCrash, Plan
+from obk_cli.runs.lifecycle import Transition
 
 __all__ = ["Supervisor"]
 

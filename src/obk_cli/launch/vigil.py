@@ -1,10 +1,11 @@
 """Watches a stack that is up: makes the changes that are asked for, deals with crashes."""
 
-from obk_cli.launch.asks import ChangeAnswer, ChangeAsked
+from obk_cli.launch.asks import ChangeAsked
 from obk_cli.launch.change import Change, make_change
 from obk_cli.launch.hearing import FROM_ELSEWHERE, Hearing
 from obk_cli.launch.recovery import Recovery
-from obk_cli.launch.transitions import FINALIZED, TRANSITIONS
+from obk_cli.runs.lifecycle import FINALIZED, TRANSITIONS
+from obk_cli.runs.protocol import ChangeAnswer
 
 __all__ = ["keep_vigil"]
 

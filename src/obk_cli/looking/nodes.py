@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from obk_cli.adapters.control_client import ask_status
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.asks import NodeStatus
 from obk_cli.looking.place import Place
 from obk_cli.looking.sight import Sight, parameters_of
+from obk_cli.runs.control_client import ask_status
+from obk_cli.runs.protocol import NodeStatus
 
 __all__ = ["NodeSeen", "known_nodes", "look_at_node"]
 

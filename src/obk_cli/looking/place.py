@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from obk_cli.adapters.live_runs import live_folders
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.runs import Run, runs_folder
 from obk_cli.looking.names import meant
 from obk_cli.plan import Plan
-from obk_cli.recording.made_from import run_plan, run_topics
+from obk_cli.runs.folder import Run, runs_folder
+from obk_cli.runs.registry import live_folders
+from obk_cli.runs.run_plan import run_plan, run_topics
 
 __all__ = ["NOBODY_S", "Place", "place_of"]
 

@@ -1,24 +1,42 @@
-"""What one process tells another of a ROS graph, as JSON: who is there, and parameters. Pure."""
+"""Questions about a ROS graph to a launcher, and its answers: JSON, checked against these types."""
 
+import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeVar, cast
 
-from obk_cli.launch.json_values import value_of
+import msgspec
+
+from obk_cli.errors import CommandFailedError
 from obk_cli.looking.graph import Graph, TopicSeen
 from obk_cli.looking.parameters import KINDS, Parameter
+from obk_cli.runs.protocol import decode
 
 __all__ = [
-    "GraphTold",
+    "FailedReply",
+    "GraphKnown",
+    "GraphQuestion",
+    "GraphReply",
+    "KindReply",
+    "NamesReply",
     "NodeEnds",
-    "emit_graph",
-    "emit_parameter",
-    "parse_graph",
-    "parse_parameter_told",
+    "ParameterQuestion",
+    "Question",
+    "ReasonReply",
+    "ValuesReply",
+    "WireParameter",
+    "decode_reply",
+    "graph_of",
+    "graph_reply",
+    "parameter_of",
+    "wire_parameter",
 ]
+
+T = TypeVar("T")
 
 Types = Mapping[str, tuple[str, ...]]
 """Full name -> types."""
+Scalar = bool | int | float | str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +49,7 @@ class NodeEnds:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GraphTold:
+class GraphKnown:
     """A graph, and what each of its nodes has."""
 
     graph: Graph
@@ -39,73 +57,186 @@ class GraphTold:
     """By full name."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Named:
+class WireParameter(msgspec.Struct, frozen=True, kw_only=True):
+    """A parameter; `inf` and `nan`, which JSON does not have, are texts."""
+
+    kind: str
+    """One of `KINDS`."""
+    value: Scalar | tuple[Scalar, ...] | None
+
+
+class GraphQuestion(msgspec.Struct, frozen=True, kw_only=True, tag_field="about", tag="graph"):
+    """Ask for the whole graph."""
+
+
+class ParameterQuestion(
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    omit_defaults=True,
+    tag_field="about",
+    tag="parameters",
+):
+    """Ask for a node's parameters, or set one."""
+
+    node: str
+    """Full name."""
+    timeout_s: Annotated[float, msgspec.Meta(gt=0.0)]
+    """For each answer of the node [s]."""
+    do: Literal["names", "values", "kind", "set"]
+    names: tuple[str, ...] = ()
+    """Of `values`."""
+    name: str = ""
+    """Of `kind` and `set`."""
+    parameter: WireParameter | None = None
+    """Of `set`."""
+
+
+Question = GraphQuestion | ParameterQuestion
+
+
+class _Named(msgspec.Struct, frozen=True, kw_only=True):
     name: str
     types: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Node:
+class _Node(msgspec.Struct, frozen=True, kw_only=True):
     node: str
     publishes: tuple[_Named, ...]
     subscribes: tuple[_Named, ...]
     services: tuple[_Named, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Told:
+class GraphReply(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole graph."""
+
     nodes: tuple[str, ...]
     topics: tuple[TopicSeen, ...]
     services: tuple[_Named, ...]
     ends: tuple[_Node, ...]
 
 
-def emit_graph(told: GraphTold) -> Mapping[str, Any]:
-    """A graph as JSON's values."""
-    ends = tuple(
-        _Node(
-            node=node,
-            publishes=_named(one.publishes),
-            subscribes=_named(one.subscribes),
-            services=_named(one.services),
-        )
-        for node, one in told.nodes.items()
+class NamesReply(msgspec.Struct, frozen=True, kw_only=True):
+    """The names of a node's parameters."""
+
+    names: tuple[str, ...]
+
+
+class ValuesReply(msgspec.Struct, frozen=True, kw_only=True):
+    """The values of the parameters that were asked for, in the same order."""
+
+    values: tuple[WireParameter, ...]
+
+
+class KindReply(msgspec.Struct, frozen=True, kw_only=True):
+    """The type that a parameter is declared with."""
+
+    kind: str
+
+
+class ReasonReply(msgspec.Struct, frozen=True, kw_only=True):
+    """Why a node rejects a value; None: it is set."""
+
+    reason: str | None
+
+
+class FailedReply(msgspec.Struct, frozen=True, kw_only=True):
+    """Why there is no answer."""
+
+    failed: str
+    help: str | None = None
+
+
+def decode_reply(data: bytes | msgspec.Raw, kind: type[T]) -> T:
+    """A launcher's reply.
+
+    Args:
+        data: JSON.
+        kind: the reply that the question asks for.
+
+    Raises:
+        CommandFailedError: the launcher reports a failure, or gives no such reply.
+    """
+    try:
+        return cast(T, decode(data, kind))
+    except ValueError as error:
+        fault = error
+    try:
+        failed = decode(data, FailedReply)
+    except ValueError:
+        raise CommandFailedError(
+            f"the launcher of the stack gives an invalid answer: {fault}",
+            help="is it of another version? Stop the stack, and launch it by this one",
+        ) from fault
+    raise CommandFailedError(failed.failed, help=failed.help)
+
+
+def graph_reply(known: GraphKnown) -> GraphReply:
+    """A graph as a reply."""
+    graph = known.graph
+    return GraphReply(
+        nodes=graph.nodes,
+        topics=graph.topics,
+        services=_named(graph.services),
+        ends=tuple(
+            _Node(
+                node=node,
+                publishes=_named(ends.publishes),
+                subscribes=_named(ends.subscribes),
+                services=_named(ends.services),
+            )
+            for node, ends in known.nodes.items()
+        ),
     )
-    graph = told.graph
-    services = _named(graph.services)
-    return asdict(_Told(nodes=graph.nodes, topics=graph.topics, services=services, ends=ends))
 
 
-def parse_graph(data: Mapping[str, Any]) -> GraphTold | None:
-    """The graph that JSON's values tell of; None: they tell of none."""
-    told = value_of(_Told, data)
-    if told is None:
-        return None
-    return GraphTold(
-        graph=Graph(nodes=told.nodes, topics=told.topics, services=_types(told.services)),
+def graph_of(reply: GraphReply) -> GraphKnown:
+    """The graph in a reply."""
+    return GraphKnown(
+        graph=Graph(nodes=reply.nodes, topics=reply.topics, services=_types(reply.services)),
         nodes={
             one.node: NodeEnds(
                 publishes=_types(one.publishes),
                 subscribes=_types(one.subscribes),
                 services=_types(one.services),
             )
-            for one in told.ends
+            for one in reply.ends
         },
     )
 
 
-def emit_parameter(parameter: Parameter) -> Mapping[str, Any]:
-    """A parameter as JSON's values."""
-    return {"kind": parameter.kind, "value": parameter.value}
+def wire_parameter(parameter: Parameter) -> WireParameter:
+    """A parameter for the wire."""
+    value: Any = parameter.value
+    if parameter.kind == "double":
+        value = _double(value)
+    elif parameter.kind == "double_array":
+        value = tuple(map(_double, value))
+    return WireParameter(kind=parameter.kind, value=value)
 
 
-def parse_parameter_told(data: Any) -> Parameter | None:
-    """The parameter that JSON's values tell of; None: they tell of none."""
-    if not isinstance(data, dict) or data.get("kind") not in KINDS:
-        return None
-    value = data.get("value")
-    return Parameter(kind=data["kind"], value=tuple(value) if isinstance(value, list) else value)
+def parameter_of(wire: WireParameter) -> Parameter:
+    """The parameter that came over the wire.
+
+    Raises:
+        CommandFailedError: there is no such type, or the value is of another one.
+    """
+    value: Any = wire.value
+    try:
+        if wire.kind not in KINDS or isinstance(value, tuple) is not wire.kind.endswith("_array"):
+            raise ValueError
+        if wire.kind == "double":
+            value = float(value)
+        elif wire.kind == "double_array":
+            value = tuple(map(float, value))
+    except (TypeError, ValueError):
+        fault = f"the value of a parameter is not of the type {wire.kind}"
+        raise CommandFailedError(fault) from None
+    return Parameter(kind=wire.kind, value=value)
+
+
+def _double(value: float) -> float | str:
+    return value if math.isfinite(value) else str(value)
 
 
 def _named(types: Types) -> tuple[_Named, ...]:

@@ -11,12 +11,12 @@ from obk_cli.adapters.process_load import OwnCost
 from obk_cli.adapters.ros_calls import ServiceClient
 from obk_cli.adapters.ros_look import LOOKER, RosLook
 from obk_cli.adapters.ros_types import find_type
-from obk_cli.asking.names import in_tier_order, section_of
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.transitions import ACTIVE
 from obk_cli.monitoring.promised import PlannedTopic
 from obk_cli.monitoring.topic_watch import RTF_TYPE, TopicWatch
 from obk_cli.monitoring.view import NodeView, StackView
+from obk_cli.runs.lifecycle import ACTIVE
+from obk_cli.runs.stacks import in_tier_order, section_of
 
 __all__ = ["ElsewhereObserver"]
 

@@ -10,24 +10,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from obk_cli.adapters.control_client import ask_status
-from obk_cli.adapters.follow import last_lines
 from obk_cli.adapters.launcher_look import LauncherParameters
-from obk_cli.adapters.live_runs import is_alive
 from obk_cli.adapters.process_load import OwnCost, ProcessLoad, ProcessLoads
 from obk_cli.adapters.ros_look import RosLook
-from obk_cli.asking.names import section_of
-from obk_cli.asking.run_logs import LAUNCH_LOG
-from obk_cli.launch.asks import NodeStatus, StackStatus
-from obk_cli.launch.runs import Run, read_run
 from obk_cli.launch.state_machine import UNKNOWN
-from obk_cli.launch.transitions import ACTIVE
 from obk_cli.looking.parameters import Parameter
 from obk_cli.monitoring.promised import planned_topics, simulated_robots
 from obk_cli.monitoring.speeds import REALTIME_FACTOR, Speeds
 from obk_cli.monitoring.topic_watch import WINDOW_S, TopicWatch
 from obk_cli.monitoring.view import NodeView, StackView
-from obk_cli.recording.made_from import run_plan
+from obk_cli.runs.control_client import ask_status
+from obk_cli.runs.folder import Run, read_run
+from obk_cli.runs.lifecycle import ACTIVE
+from obk_cli.runs.logs import LAUNCH_LOG, last_lines
+from obk_cli.runs.protocol import NodeStatus, StackStatus
+from obk_cli.runs.registry import is_alive
+from obk_cli.runs.run_plan import run_plan
+from obk_cli.runs.stacks import section_of
 
 __all__ = ["WINDOW_S", "Observer"]
 

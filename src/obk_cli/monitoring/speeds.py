@@ -8,9 +8,9 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Final
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.asks import NodeStatus
-from obk_cli.launch.transitions import ACTIVE, INACTIVE
 from obk_cli.looking.parameters import Parameter
+from obk_cli.runs.lifecycle import ACTIVE, INACTIVE
+from obk_cli.runs.protocol import NodeStatus
 
 __all__ = ["REALTIME_FACTOR", "AskFactor", "Speeds"]
 

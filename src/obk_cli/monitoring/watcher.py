@@ -11,17 +11,17 @@ from threading import Event
 from typing import Final, Protocol
 
 from obelisk_spec.near import did_you_mean
-from obk_cli.adapters.live_runs import live_folders
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_look import RosLook, open_look
 from obk_cli.asking.lifecycle import Asked, change_states
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.launch.asks import ChangeAnswer
-from obk_cli.launch.runs import Run, runs_folder
 from obk_cli.looking.place import DOMAIN, Place, place_of
 from obk_cli.monitoring.elsewhere import ElsewhereObserver
 from obk_cli.monitoring.observer import Observer
 from obk_cli.monitoring.view import StackView
+from obk_cli.runs.folder import Run, runs_folder
+from obk_cli.runs.protocol import ChangeAnswer
+from obk_cli.runs.registry import live_folders
 
 __all__ = ["Target", "Watcher"]
 

@@ -13,11 +13,11 @@ from typing import Final
 from obk_cli.adapters.clock import wall_s
 from obk_cli.adapters.strokes import freeze, kill, thaw
 from obk_cli.launch.events import AnswersAgain, Ended, Phase
-from obk_cli.launch.transitions import ACTIVE
 from obk_cli.rehearsal.cases import Case
 from obk_cli.rehearsal.judge import Row, has_concluded, judge, not_whole
 from obk_cli.rehearsal.launched import Launched
 from obk_cli.rehearsal.scene import Moment, Scene
+from obk_cli.runs.lifecycle import ACTIVE
 
 __all__ = ["Setting", "rehearse"]
 

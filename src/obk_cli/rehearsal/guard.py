@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from obk_cli.adapters.live_runs import live_folders
 from obk_cli.config import Stack
 from obk_cli.errors import CommandFailedError
+from obk_cli.runs.registry import live_folders
 
 __all__ = ["refuse_hardware", "refuse_running"]
 

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Final
 
 from obk_cli.adapters.clock import local_time
-from obk_cli.adapters.live_runs import live_folders
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.runs import make_run_folder, run_folders
+from obk_cli.runs.folder import make_run_folder, run_folders
+from obk_cli.runs.registry import live_folders
 
 __all__ = ["make_home"]
 

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from obk_cli.launch.asks import StackStatus
 from obk_cli.launch.events import (
     AnswersAgain,
     Ended,
@@ -16,9 +15,10 @@ from obk_cli.launch.events import (
     Restarted,
     Restarting,
 )
-from obk_cli.launch.transitions import ACTIVE
 from obk_cli.rehearsal.cases import Case
 from obk_cli.rehearsal.scene import Moment, Scene
+from obk_cli.runs.lifecycle import ACTIVE
+from obk_cli.runs.protocol import StackStatus
 
 __all__ = ["Row", "has_concluded", "judge", "not_whole"]
 

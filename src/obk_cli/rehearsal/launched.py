@@ -11,11 +11,11 @@ from typing import Final
 
 from obk_cli.adapters.bound_process import BoundProcess
 from obk_cli.adapters.clock import monotonic_s, wall_s
-from obk_cli.adapters.control_client import ask_status
 from obk_cli.adapters.leftovers import end_leftovers, find_leftovers
-from obk_cli.adapters.live_runs import live_folders
-from obk_cli.launch.asks import StackStatus
 from obk_cli.rehearsal.scene import Moment, parse_moment
+from obk_cli.runs.control_client import ask_status
+from obk_cli.runs.protocol import StackStatus
+from obk_cli.runs.registry import live_folders
 
 __all__ = ["Launched"]
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, get_args
 
-from obk_cli.launch.asks import StackStatus
 from obk_cli.launch.events import Told
+from obk_cli.runs.protocol import StackStatus
 
 __all__ = ["Moment", "Scene", "parse_moment"]
 

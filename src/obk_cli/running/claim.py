@@ -5,7 +5,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from obk_cli.adapters.claims import claim_run
 from obk_cli.adapters.clock import local_time, wall_s
 from obk_cli.adapters.process_start import this_process
 from obk_cli.adapters.ros_environment import RosEnvironment
@@ -13,10 +12,11 @@ from obk_cli.adapters.versions import run_versions
 from obk_cli.emit.plan_json import emit_plan
 from obk_cli.errors import ObkError
 from obk_cli.launch.events import Ended
-from obk_cli.launch.runs import MadeFrom, Run, note_end, runs_folder
 from obk_cli.plan import Plan
 from obk_cli.running.options import LaunchOptions
 from obk_cli.running.output import Output
+from obk_cli.runs.folder import MadeFrom, Run, record_end, runs_folder
+from obk_cli.runs.run_lock import claim_run
 
 __all__ = ["Claim", "claimed"]
 
@@ -68,7 +68,9 @@ def claimed(plan: Plan, environment: RosEnvironment, options: LaunchOptions) -> 
     finally:
         # Where it cannot be noted, the launcher's end will tell.
         with suppress(OSError):
-            note_end(folder, run, claim.ended, wall_s())
+            ended = claim.ended
+            exit_code, cause = (ended.exit_code, ended.cause) if ended else (None, "")
+            record_end(folder, run, wall_s(), exit_code, cause)
 
 
 def _run(plan: Plan, environment: RosEnvironment, options: LaunchOptions) -> Run:

@@ -3,12 +3,12 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from obk_cli.adapters.claims import KEPT_RUNS
 from obk_cli.launch.devices import Share
 from obk_cli.launch.doors import Limits
 from obk_cli.launch.order import Until
 from obk_cli.plan import OnCrash
 from obk_cli.recording.choice import Wish
+from obk_cli.runs.run_lock import KEPT_RUNS
 
 __all__ = ["LaunchOptions"]
 

@@ -19,8 +19,9 @@ from obk_cli.launch.units import Unit
 from obk_cli.recording.choice import Wish
 from obk_cli.recording.find import RECORDING
 from obk_cli.recording.job import BEGUN, Job, job_to_json
-from obk_cli.recording.made_from import background_of, run_topics
+from obk_cli.recording.made_from import background_of
 from obk_cli.running.output import Output
+from obk_cli.runs.run_plan import run_topics
 
 __all__ = ["UNIT", "Recorder"]
 

@@ -17,7 +17,7 @@ from obk_cli.adapters.end_signals import end_signals_heard
 from obk_cli.adapters.leftovers import launch_marks
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
-from obk_cli.adapters.ros_answers import RosAnswers
+from obk_cli.adapters.ros_answers import GraphService
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
 from obk_cli.adapters.shared_memory import remove_dead_segments
@@ -194,7 +194,7 @@ def _serve_others(
     if folder is None:
         return
     try:
-        stack.enter_context(serve_control(folder, inbox.put, RosAnswers(ros.look()).ask))
+        stack.enter_context(serve_control(folder, inbox.put, GraphService(ros.look()).ask))
     except OSError as error:
         output.note(f"warning: other terminals are not answered: {error}")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from obk_cli.monitoring.view import StackView
-from obk_cli.recording.made_from import run_plan
+from obk_cli.runs.run_plan import run_plan
 from obk_cli.web.picture import live_picture
 
 __all__ = ["Feed", "Moment", "Views"]

@@ -11,7 +11,7 @@ from pathlib import Path
 from obk_cli.adapters.model_cache import cache_folder
 from obk_cli.adapters.probes.shared_memory import write_fault
 from obk_cli.doctor.folders import FolderFacts
-from obk_cli.launch.runs import runs_folder
+from obk_cli.runs.folder import runs_folder
 
 __all__ = ["probe_folders"]
 

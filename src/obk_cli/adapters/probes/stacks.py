@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 
 from obk_cli.adapters.leftovers import find_leftovers
-from obk_cli.adapters.live_runs import live_runs
 from obk_cli.doctor.stacks import RunningStack, StackFacts
-from obk_cli.launch.runs import runs_folder
 from obk_cli.report.escapes import plain
+from obk_cli.runs.folder import runs_folder
+from obk_cli.runs.registry import live_runs
 
 __all__ = ["probe_stacks"]
 

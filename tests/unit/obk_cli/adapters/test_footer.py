@@ -8,9 +8,9 @@ import pytest
 
 from obk_cli.adapters.footer import Footer, takes_footer
 from obk_cli.adapters.screen import Screen
-from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.report.escapes import plain
 from obk_cli.report.status_area import status_lines
+from obk_cli.runs.protocol import NodeStatus, StackStatus
 
 from .terminal import Terminal
 

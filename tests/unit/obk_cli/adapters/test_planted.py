@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.claims import claim_run
-from obk_cli.adapters.live_runs import live_folders
 from obk_cli.adapters.overlay import FOLDER, RECORD, overlay_prefixes
 from obk_cli.adapters.overlay_change import build_turn
 from obk_cli.adapters.packages import PackageIndex, find_workspace, package_names_in
 from obk_cli.adapters.planted import is_planted
 from obk_cli.adapters.process_start import this_process
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.runs import Run
+from obk_cli.runs.folder import Run
+from obk_cli.runs.registry import live_folders
+from obk_cli.runs.run_lock import claim_run
 
 ANOTHER = 54321
 """The number of a user who is neither this one nor root."""

@@ -7,13 +7,15 @@ from pathlib import Path
 import pytest
 
 from obk_cli.adapters.ros_environment import RosEnvironment
-from obk_cli.asking import graph, stacks
+from obk_cli.asking import graph
 from obk_cli.asking.lifecycle import Asked, change_states, node_states, possible_transitions
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.launch.asks import ChangeAsked, Member
+from obk_cli.launch.asks import ChangeAsked
 from obk_cli.launch.events import Answered, Heard
+from obk_cli.runs import stacks
+from obk_cli.runs.protocol import Member
 
-from .fake_stack import CONTROL, JOY, ROBOT, FakeStack, fake_stack
+from ..runs.fake_stack import CONTROL, JOY, ROBOT, FakeStack, fake_stack  # noqa: TID252 - shared by folders of tests
 
 ACTIVE = {ROBOT: "active", CONTROL: "active"}
 OTHER = {"/left/obelisk_control_1": "inactive"}

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from obelisk_spec.rates import Rate
-from obk_cli.launch.asks import StackStatus, StatusAsked
+from obk_cli.launch.asks import StatusAsked
 from obk_cli.launch.events import (
     Heard,
     ProcessEnded,
@@ -19,6 +19,7 @@ from obk_cli.launch.events import (
     Told,
 )
 from obk_cli.plan import Origin, Promise
+from obk_cli.runs.protocol import StackStatus
 
 from .world import CONTROLLER, ESTIMATOR, PLAN, World, rates
 

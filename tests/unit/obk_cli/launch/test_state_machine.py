@@ -12,7 +12,7 @@ from obk_cli.launch.state_machine import (
     edges_from,
     find_edge,
 )
-from obk_cli.launch.transitions import RESTING, TRANSITIONS
+from obk_cli.runs.lifecycle import RESTING, TRANSITIONS
 
 
 def test_what_can_be_asked_for_is_what_the_launcher_knows() -> None:

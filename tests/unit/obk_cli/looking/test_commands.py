@@ -11,9 +11,9 @@ from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.cli.complete import complete_nodes, complete_topics
 from obk_cli.cli.main import main
 from obk_cli.cli.topic_pub import _type_and_text
-from obk_cli.launch.runs import MadeFrom, Run, make_run_folder, write_run
 from obk_cli.looking.place import place_of
 from obk_cli.monitoring.watcher import Target
+from obk_cli.runs.folder import MadeFrom, Run, make_run_folder, write_run
 
 PLAN = {
     "name": "arm",

@@ -8,9 +8,9 @@ import pytest
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_look import RosLook
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.runs import Run
 from obk_cli.looking.finding import find_node, find_topic, settle
 from obk_cli.looking.place import NOBODY_S, Place
+from obk_cli.runs.folder import Run
 
 RUN = Run(name="dummy", pid=1, started=0.0, domain=7, config="dummy.yaml", nodes=("/arm",))
 

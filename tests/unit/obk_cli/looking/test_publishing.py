@@ -8,7 +8,6 @@ from typing import Any, cast
 import pytest
 
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.launch.runs import Run
 from obk_cli.looking.graph import End, TopicSeen
 from obk_cli.looking.place import Place
 from obk_cli.looking.publishing import (
@@ -19,6 +18,7 @@ from obk_cli.looking.publishing import (
 )
 from obk_cli.plan import Endpoint, Plan
 from obk_cli.recording.qos import Offer
+from obk_cli.runs.folder import Run
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 

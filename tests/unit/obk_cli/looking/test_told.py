@@ -1,20 +1,28 @@
-"""What one process tells another of a ROS graph, told and read back."""
+"""Questions about a ROS graph and their replies, written and read back."""
 
 import json
 
 import pytest
 
+from obk_cli.errors import CommandFailedError
 from obk_cli.looking.graph import End, Graph, TopicSeen
 from obk_cli.looking.parameters import NOT_SET, Parameter
 from obk_cli.looking.told import (
-    GraphTold,
+    FailedReply,
+    GraphKnown,
+    GraphReply,
+    NamesReply,
     NodeEnds,
-    emit_graph,
-    emit_parameter,
-    parse_graph,
-    parse_parameter_told,
+    ReasonReply,
+    WireParameter,
+    decode_reply,
+    graph_of,
+    graph_reply,
+    parameter_of,
+    wire_parameter,
 )
 from obk_cli.recording.qos import Offer
+from obk_cli.runs.protocol import decode, encode
 
 OFFER = Offer(
     history="keep_last",
@@ -27,7 +35,7 @@ OFFER = Offer(
     lease_ns=2**63 - 1,
 )
 TALKER = End(node="/talker", role="publisher", msg_type="p/msg/M", qos=OFFER, type_hash="RIHS01_0")
-TOLD = GraphTold(
+KNOWN = GraphKnown(
     graph=Graph(
         nodes=("/talker", "/talker"),
         topics=(TopicSeen(name="/q", msg_types=("p/msg/M",), publishers=(TALKER,)),),
@@ -44,15 +52,24 @@ TOLD = GraphTold(
 
 
 def test_a_graph_is_read_back() -> None:
-    assert parse_graph(json.loads(json.dumps(emit_graph(TOLD)))) == TOLD
+    assert graph_of(decode_reply(encode(graph_reply(KNOWN)), GraphReply)) == KNOWN
 
 
 @pytest.mark.parametrize("key", ["nodes", "topics", "services", "ends"])
-def test_a_graph_of_another_shape_is_none(key: str) -> None:
-    told = json.loads(json.dumps(emit_graph(TOLD)))
-    assert parse_graph({**told, key: 7}) is None
-    del told[key]
-    assert parse_graph(told) is None
+def test_a_graph_of_another_shape_is_an_error(key: str) -> None:
+    data = json.loads(encode(graph_reply(KNOWN)))
+    with pytest.raises(CommandFailedError, match=rf"\$\.{key}"):
+        decode_reply(json.dumps({**data, key: 7}).encode(), GraphReply)
+    del data[key]
+    with pytest.raises(CommandFailedError, match=f"`{key}`"):
+        decode_reply(json.dumps(data).encode(), GraphReply)
+
+
+def test_a_failure_is_raised_in_the_words_of_the_launcher() -> None:
+    data = encode(FailedReply(failed="/arm gave no answer", help="look"))
+    with pytest.raises(CommandFailedError, match="/arm gave no answer") as failed:
+        decode_reply(data, NamesReply)
+    assert failed.value.help == "look"
 
 
 @pytest.mark.parametrize(
@@ -60,6 +77,7 @@ def test_a_graph_of_another_shape_is_none(key: str) -> None:
     [
         Parameter(kind="double", value=1.5),
         Parameter(kind="double", value=float("inf")),
+        Parameter(kind="double_array", value=(1.0, float("-inf"))),
         Parameter(kind="bool", value=True),
         Parameter(kind="string_array", value=("a", "b")),
         Parameter(kind="byte_array", value=(0, 255)),
@@ -67,10 +85,26 @@ def test_a_graph_of_another_shape_is_none(key: str) -> None:
     ],
 )
 def test_a_parameter_is_read_back(parameter: Parameter) -> None:
-    told = json.loads(json.dumps(emit_parameter(parameter)))
-    assert parse_parameter_told(told) == parameter
+    wire = decode(encode(wire_parameter(parameter)), WireParameter)
+    assert parameter_of(wire) == parameter
 
 
-@pytest.mark.parametrize("data", [None, 7, {}, {"kind": "colour", "value": "red"}])
-def test_a_parameter_of_another_shape_is_none(data: object) -> None:
-    assert parse_parameter_told(data) is None
+@pytest.mark.parametrize(
+    "wire",
+    [
+        WireParameter(kind="colour", value="red"),
+        WireParameter(kind="double", value="red"),
+        WireParameter(kind="double", value=(1.0,)),
+        WireParameter(kind="string_array", value="red"),
+        WireParameter(kind="double_array", value=("red",)),
+    ],
+)
+def test_a_parameter_of_another_shape_is_an_error(wire: WireParameter) -> None:
+    with pytest.raises(CommandFailedError, match=wire.kind):
+        parameter_of(wire)
+
+
+@pytest.mark.parametrize("data", [b"", b"7", b"[]", b"{}", b"\xff", b'{"reason":' * 10_000])
+def test_bytes_that_are_no_reply_are_an_error(data: bytes) -> None:
+    with pytest.raises(CommandFailedError, match="invalid answer"):
+        decode_reply(data, ReasonReply)

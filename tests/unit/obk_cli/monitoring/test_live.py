@@ -12,8 +12,8 @@ from textual.widgets import Input, Static
 
 from obk_cli.adapters.monitor_app import HELP, MonitorApp
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.asks import ChangeAnswer
 from obk_cli.monitoring.view import StackView
+from obk_cli.runs.protocol import ChangeAnswer
 
 from .stacks import BROKEN, HEALTHY
 

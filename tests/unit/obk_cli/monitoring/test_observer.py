@@ -9,11 +9,11 @@ from typing import Any, Final
 import pytest
 
 from obk_cli.adapters.process_start import this_process
-from obk_cli.launch.asks import NodeStatus, StackStatus
-from obk_cli.launch.runs import Run
 from obk_cli.monitoring import observer
 from obk_cli.monitoring.observer import Observer
 from obk_cli.monitoring.topic_watch import TopicWatch
+from obk_cli.runs.folder import Run
+from obk_cli.runs.protocol import NodeStatus, StackStatus
 
 PID, STARTED = this_process()
 ROBOT, JOY = "/obelisk_robot_0", "/joy"

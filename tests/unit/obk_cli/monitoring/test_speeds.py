@@ -1,9 +1,9 @@
 """The speeds of simulated robots, with a function in the place of their nodes."""
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.asks import NodeStatus
 from obk_cli.looking.parameters import Parameter
 from obk_cli.monitoring.speeds import Speeds
+from obk_cli.runs.protocol import NodeStatus
 
 EVENT = b"\x00\x01\x00\x00 /arm/r realtime_factor"
 

@@ -10,7 +10,7 @@ import pytest
 
 from obk_cli.errors import MisuseError
 from obk_cli.monitoring.view import StackView
-from obk_cli.recording.made_from import run_plan
+from obk_cli.runs.run_plan import run_plan
 from obk_cli.web.feed import Feed, Moment
 from obk_cli.web.picture import live_picture
 

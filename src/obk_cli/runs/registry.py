@@ -1,18 +1,18 @@
-"""The end of another launcher on this host, when it is asked for."""
+"""Runs whose launcher is alive, and how to end one."""
 
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final, Literal
 
-from obk_cli.adapters.control_client import ask_stop
 from obk_cli.adapters.leftovers import end_leftovers, find_leftovers
-from obk_cli.adapters.live_runs import is_alive
-from obk_cli.adapters.process_start import signal_process, wait_for_ends
-from obk_cli.launch.runs import Run, read_run
+from obk_cli.adapters.planted import is_planted, is_within_planted
+from obk_cli.adapters.process_start import boot_id, is_process, signal_process, wait_for_ends
+from obk_cli.runs.control_client import ask_stop
+from obk_cli.runs.folder import Run, read_run, run_folders
 
-__all__ = ["STOP_S", "LauncherEnd", "end_launcher"]
+__all__ = ["STOP_S", "LauncherEnd", "end_launcher", "is_alive", "live_folders", "live_runs"]
 
 LauncherEnd = Literal["ended", "killed", "still there"]
 STOP_S: Final = 15.0
@@ -24,6 +24,27 @@ EXIT_S: Final = 2.0
 WARDEN_S: Final = 2.0
 """How long the nodes of a killed launcher may take to follow it [s]."""
 POLL_S: Final = 0.02
+
+
+def is_alive(run: Run) -> bool:
+    """Whether the run's launcher is there and has not brought the run to its end."""
+    if run.ended is not None or run.boot not in ("", boot_id()):
+        return False
+    return is_process(run.pid, run.started)
+
+
+def live_folders(parent: Path) -> Mapping[Path, Run]:
+    """Folder -> run of this user's launchers that are alive, newest first, in all domains."""
+    if is_within_planted(parent):
+        return {}
+    own = (folder for folder in run_folders(parent) if not is_planted(folder))
+    told = ((folder, read_run(folder)) for folder in own)
+    return {folder: run for folder, run in told if run is not None and is_alive(run)}
+
+
+def live_runs(parent: Path) -> tuple[Run, ...]:
+    """The runs of this machine's launchers that are alive, in every ROS domain."""
+    return tuple(live_folders(parent).values())
 
 
 def end_launcher(

@@ -1,18 +1,34 @@
-"""The stacks that run on this host, asked over their control sockets, and which one is meant."""
+"""The stacks that run on this host, and which of them and of their nodes a name means."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from obelisk_spec.near import did_you_mean
-from obk_cli.adapters.control_client import ANSWER_S, ask_status
-from obk_cli.adapters.live_runs import live_folders
-from obk_cli.asking.names import nodes_meant
+from obelisk_spec.sections import TIERS
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.launch.asks import NodeStatus, StackStatus
-from obk_cli.launch.runs import Run
+from obk_cli.runs.control_client import ANSWER_S, ask_status
+from obk_cli.runs.folder import Run
+from obk_cli.runs.protocol import NodeStatus, StackStatus
+from obk_cli.runs.registry import live_folders
 
-__all__ = ["Choice", "Stack", "choose_stack", "live_stacks", "node_statuses", "runs_meant"]
+__all__ = [
+    "NO_ANSWER",
+    "Choice",
+    "Stack",
+    "choose_stack",
+    "in_tier_order",
+    "live_stacks",
+    "node_statuses",
+    "nodes_meant",
+    "runs_meant",
+    "section_of",
+    "stack_nodes",
+]
+
+NO_ANSWER: Final = "no answer"
+"""In place of a node's state."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,3 +158,40 @@ def _in_order_of(known: Iterable[str], meant: Iterable[tuple[str, ...]]) -> Iter
 def _fitness(choice: Choice) -> tuple[bool, bool]:
     run = choice.stack.run
     return bool(choice.nodes) and set(choice.nodes) <= set(run.nodes), run.leads
+
+
+def nodes_meant(name: str, known: Iterable[str]) -> tuple[str, ...]:
+    """The nodes that a user means by a name, full or short (`control_0`), or by a section's."""
+    every = tuple(known)
+    if name in every:
+        return (name,)
+    tails = (f"/{name.lstrip('/')}", f"/obelisk_{name.lstrip('/')}")
+    by_name = tuple(node for node in every if node.endswith(tails))
+    return by_name or tuple(node for node in every if section_of(node) == name)
+
+
+def stack_nodes(found: Iterable[str]) -> tuple[str, ...]:
+    """Of life-cycle nodes in the ROS graph those of a stack, in tier order.
+
+    A stack's nodes are named by their sections, its state node by its config; where nothing is
+    named by a section, all are meant.
+    """
+    every = in_tier_order(found)
+    return tuple(node for node in every if section_of(node)) or every
+
+
+def section_of(node: str) -> str | None:
+    """The section that a node's name tells (`/ns/obelisk_control_0` -> `control`), or None."""
+    parts = node.rpartition("/")[2].split("_")
+    is_ours = len(parts) > 2 and parts[0] == "obelisk" and parts[1] in TIERS
+    return parts[1] if is_ours else None
+
+
+def in_tier_order(nodes: Iterable[str]) -> tuple[str, ...]:
+    """Nodes by the tier that their names tell, unknown ones last."""
+
+    def rank(node: str) -> tuple[int, str]:
+        section = section_of(node)
+        return (TIERS.index(section) if section else len(TIERS), node)
+
+    return tuple(sorted(nodes, key=rank))

@@ -9,14 +9,13 @@ from pathlib import Path
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.events import Ended
-from obk_cli.launch.runs import (
+from obk_cli.runs.folder import (
     MadeFrom,
     Run,
     make_run_folder,
-    note_end,
     read_run,
     read_runs,
+    record_end,
     run_folders,
     runs_folder,
     write_run,
@@ -134,7 +133,7 @@ def test_a_user_without_a_home_is_told_what_to_set(monkeypatch: pytest.MonkeyPat
 
 def test_the_end_is_noted_beside_what_the_run_was_made_from(tmp_path: Path) -> None:
     write_run(tmp_path, RUN, MadeFrom(plan='{"name": "dummy"}', versions={"obk": "1"}))
-    note_end(tmp_path, RUN, Ended(exit_code=1, cause="a node crashed"), 7.0)
+    record_end(tmp_path, RUN, 7.0, exit_code=1, cause="a node crashed")
     assert read_run(tmp_path) == replace(RUN, ended=7.0, exit_code=1, cause="a node crashed")
     told = json.loads((tmp_path / "run.json").read_text())
     assert (told["plan"], told["versions"]) == ({"name": "dummy"}, {"obk": "1"})

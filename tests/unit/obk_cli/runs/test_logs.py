@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.asking.run_logs import log_meant
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.runs import Run, make_run_folder, write_run
+from obk_cli.runs.folder import Run, make_run_folder, write_run
+from obk_cli.runs.logs import log_meant
 
 NODES = ("/obelisk_robot_0", "/obelisk_control_0", "/left/obelisk_control_1")
 

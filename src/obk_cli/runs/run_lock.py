@@ -11,12 +11,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import Final
 
-from obk_cli.adapters.launchers import STOP_S, end_launcher
-from obk_cli.adapters.live_runs import is_alive, live_folders
 from obk_cli.adapters.planted import is_within_planted
 from obk_cli.adapters.process_start import boot_id
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.runs import MadeFrom, Run, make_run_folder, read_run, run_folders, write_run
+from obk_cli.runs.folder import MadeFrom, Run, make_run_folder, read_run, run_folders, write_run
+from obk_cli.runs.registry import STOP_S, end_launcher, is_alive, live_folders
 
 __all__ = ["KEPT_RUNS", "claim_run"]
 

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters import follow
-from obk_cli.adapters.follow import follow_lines, last_lines, read_lines
+from obk_cli.runs import logs
+from obk_cli.runs.logs import follow_lines, last_lines, read_lines
 
 
 @pytest.fixture(autouse=True)
 def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(follow, "POLL_S", 0.0)
+    monkeypatch.setattr(logs, "POLL_S", 0.0)
 
 
 def append(path: Path, text: bytes) -> None:
@@ -73,7 +73,7 @@ def test_the_last_lines_of_a_long_file_are_whole(tmp_path: Path) -> None:
 def test_the_last_lines_are_those_of_the_file_however_much_is_read_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
 ) -> None:
-    monkeypatch.setattr(follow, "_BLOCK", block)
+    monkeypatch.setattr(logs, "_BLOCK", block)
     path = tmp_path / "log"
     for text in ("", "\n", "a", "a\n", "\n\na\n", "ä\nb\r\u2028c\n\nd"):
         path.write_bytes(text.encode())
@@ -85,8 +85,8 @@ def test_the_last_lines_are_those_of_the_file_however_much_is_read_at_once(
 def test_of_lines_without_end_only_so_much_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(follow, "_BLOCK", 10)
-    monkeypatch.setattr(follow, "_MOST", 100)
+    monkeypatch.setattr(logs, "_BLOCK", 10)
+    monkeypatch.setattr(logs, "_MOST", 100)
     path = tmp_path / "log"
     path.write_text("first\n" + "x" * 500 + "\nlast\n")
     assert last_lines(path, 3) == ("last",)

@@ -13,12 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters import claims
-from obk_cli.adapters.claims import KEPT_RUNS, claim_run
-from obk_cli.adapters.live_runs import is_alive, live_runs
 from obk_cli.adapters.process_start import boot_id, start_s, this_process
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.runs import (
+from obk_cli.runs import run_lock
+from obk_cli.runs.folder import (
     MadeFrom,
     Run,
     make_run_folder,
@@ -26,6 +24,8 @@ from obk_cli.launch.runs import (
     run_folders,
     write_run,
 )
+from obk_cli.runs.registry import is_alive, live_runs
+from obk_cli.runs.run_lock import KEPT_RUNS, claim_run
 
 from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 
@@ -119,9 +119,9 @@ def test_two_claims_at_the_same_moment_do_not_both_pass(tmp_path: Path) -> None:
         "from dataclasses import replace\n"
         "from datetime import datetime\n"
         "from pathlib import Path\n"
-        "from obk_cli.adapters.claims import claim_run\n"
+        "from obk_cli.runs.run_lock import claim_run\n"
         "from obk_cli.adapters.process_start import this_process\n"
-        "from obk_cli.launch.runs import Run\n"
+        "from obk_cli.runs.folder import Run\n"
         "pid, started = this_process()\n"
         "run = Run(name='s', pid=pid, started=started, domain=1, config='c', nodes=('/a',))\n"
         "print(flush=True); sys.stdin.readline()\n"
@@ -193,7 +193,7 @@ def test_a_disk_that_takes_a_folder_and_no_file_is_left_as_it_was(
         (folder / ".run.json").touch()
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(claims, "write_run", full)
+    monkeypatch.setattr(run_lock, "write_run", full)
     with pytest.raises(OSError, match="No space"):
         claim_run(tmp_path, RUN, NOW)
     assert run_folders(tmp_path) == ()
@@ -224,7 +224,7 @@ def test_who_cannot_replace_another_says_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, sentence: str
 ) -> None:
     claim_run(tmp_path, RUN, NOW)
-    monkeypatch.setattr(claims, "end_launcher", lambda *_, **__: end)
+    monkeypatch.setattr(run_lock, "end_launcher", lambda *_, **__: end)
     with pytest.raises(CommandFailedError, match=sentence):
         claim_run(tmp_path, RUN, NOW, replace_other=True)
     assert len(run_folders(tmp_path)) == 1
@@ -233,7 +233,7 @@ def test_who_cannot_replace_another_says_why(
 def test_a_claim_that_is_held_is_not_waited_for_without_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(claims, "CLAIM_S", 0.0)
+    monkeypatch.setattr(run_lock, "CLAIM_S", 0.0)
     path = tmp_path / ".domain_80.lock"
     with path.open("w") as held:
         fcntl.flock(held, fcntl.LOCK_EX)

@@ -9,12 +9,13 @@ from pathlib import Path
 import psutil
 import pytest
 
-from obk_cli.adapters import launchers, leftovers
+from obk_cli.adapters import leftovers
 from obk_cli.adapters.process_start import this_process
 from obk_cli.asking import lifecycle
 from obk_cli.cli import stop
 from obk_cli.cli.main import main
 from obk_cli.launch.events import StopAsked
+from obk_cli.runs import registry
 
 from ....turns import turn_of_leftovers  # noqa: TID252 - shared by folders of tests
 from ....waiting import DEADLINE_S  # noqa: TID252
@@ -29,7 +30,7 @@ def parent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("OBK_HOME", str(tmp_path))
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     # The launcher is this very process, which stays.
-    monkeypatch.setattr(launchers, "EXIT_S", 0.0)
+    monkeypatch.setattr(registry, "EXIT_S", 0.0)
     # What others leave behind on this host is neither shown nor ended.
     monkeypatch.setattr(leftovers, "_own_processes", psutil.Process().children)
     return tmp_path / "runs"

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters import launchers
-from obk_cli.adapters.control_client import ANSWER_S
 from obk_cli.adapters.control_socket import serve_control
-from obk_cli.adapters.launchers import end_launcher
 from obk_cli.adapters.process_start import start_s
 from obk_cli.launch.events import StopAsked
-from obk_cli.launch.runs import Run, write_run
+from obk_cli.runs import registry
+from obk_cli.runs.control_client import ANSWER_S
+from obk_cli.runs.folder import Run, write_run
+from obk_cli.runs.registry import end_launcher
 
 from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 
@@ -65,7 +65,7 @@ def test_a_launcher_that_does_not_end_is_left_or_killed_as_asked(tmp_path: Path)
 def test_a_launcher_that_answers_is_asked_and_not_signalled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(launchers, "EXIT_S", 0.0)
+    monkeypatch.setattr(registry, "EXIT_S", 0.0)
     heard = []
 
     with launcher(WAIT, tmp_path) as (process, run):
@@ -83,7 +83,7 @@ def test_a_launcher_that_answers_is_asked_and_not_signalled(
 def test_a_launcher_that_is_slow_to_answer_is_not_hurried(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(launchers, "EXIT_S", 0.0)
+    monkeypatch.setattr(registry, "EXIT_S", 0.0)
     sent: list[tuple[float, ...]] = []
 
     with launcher(WAIT, tmp_path) as (_, run):
@@ -92,8 +92,8 @@ def test_a_launcher_that_is_slow_to_answer_is_not_hurried(
             write_run(folder, replace(run, ended=1.0))
             return timeout_s >= 5
 
-        monkeypatch.setattr(launchers, "ask_stop", answer_in_5_s)
-        monkeypatch.setattr(launchers, "signal_process", lambda *signalled: sent.append(signalled))
+        monkeypatch.setattr(registry, "ask_stop", answer_in_5_s)
+        monkeypatch.setattr(registry, "signal_process", lambda *signalled: sent.append(signalled))
         assert end_launcher(tmp_path, run, reason="test") == "ended"
         assert [number for *_, number in sent] == [signal.SIGCONT]
 

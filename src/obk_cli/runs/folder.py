@@ -1,4 +1,4 @@
-"""Run folders: where a run keeps its logs and tells other terminals what it is.
+"""Run folders: where a run keeps its logs and records what it is, for other terminals.
 
 `<state folder>/obk/runs/<config>_<date>_<time>/` with `run.json` (what runs, under which pid, from
 which plan and versions, how it ended), `events.jsonl`, `launch.log` (what the terminal showed), one
@@ -11,23 +11,21 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
+
+import msgspec
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.json_values import value_of
-
-if TYPE_CHECKING:
-    from obk_cli.launch.events import Ended
 
 __all__ = [
     "MadeFrom",
     "Run",
     "config_of",
     "make_run_folder",
-    "note_end",
+    "read_record",
     "read_run",
     "read_runs",
-    "read_told",
+    "record_end",
     "run_folders",
     "runs_folder",
     "write_run",
@@ -41,13 +39,13 @@ _FOLDER_NAME: Final = re.compile(r"(?P<config>.+)_(?P<stamp>\d{8}_\d{6})(?:_(?P<
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """What another terminal needs to know of a run."""
+    """What another terminal needs to know about a run."""
 
     name: str
     pid: int
     """Of the launcher."""
     started: float
-    """When the launcher's process started [s since boot], so that a reused pid is told apart."""
+    """When the launcher's process started [s since boot]: a reused pid has another start."""
     domain: int
     config: str
     nodes: tuple[str, ...]
@@ -75,7 +73,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MadeFrom:
-    """What a run was made from, for whoever looks at it later."""
+    """What a run was made from."""
 
     plan: str
     """The compiled config, as `emit_plan` writes it."""
@@ -85,7 +83,7 @@ class MadeFrom:
     @property
     def plan_sha256(self) -> str:
         """The hash of the plan's text: the same for the same compiled config."""
-        import hashlib  # for this alone; who only reads runs is quicker without
+        import hashlib  # only here: commands that only read runs start faster without it
 
         return hashlib.sha256(self.plan.encode()).hexdigest()
 
@@ -94,7 +92,7 @@ def runs_folder(environment: Mapping[str, str]) -> Path:
     """The folder of all runs: below OBK_HOME, else ROS_LOG_DIR, else the user's state folder.
 
     Raises:
-        CommandFailedError: nothing tells where that is.
+        CommandFailedError: there is no place for it, since the user has no home.
     """
     home = environment.get("OBK_HOME")
     logs = environment.get("ROS_LOG_DIR")
@@ -103,7 +101,7 @@ def runs_folder(environment: Mapping[str, str]) -> Path:
     if logs:
         return Path(logs) / "obk" / "runs"
 
-    from platformdirs import user_state_path  # only where nothing else says
+    from platformdirs import user_state_path  # only if no variable sets the folder
 
     try:
         return user_state_path("obk") / "runs"
@@ -136,40 +134,42 @@ def write_run(folder: Path, run: Run, made_from: MadeFrom | None = None) -> None
     Raises:
         OSError: it cannot be written.
     """
-    told = {**read_told(folder), **asdict(run)}
+    record = {**read_record(folder), **asdict(run)}
     if made_from is not None:
-        told["versions"] = dict(made_from.versions)
-        told["plan_sha256"] = made_from.plan_sha256
-        told["plan"] = json.loads(made_from.plan)
+        record["versions"] = dict(made_from.versions)
+        record["plan_sha256"] = made_from.plan_sha256
+        record["plan"] = json.loads(made_from.plan)
     temporary = folder / f".{RUN_FILE}"
     try:
         temporary.touch(mode=0o600)
-        temporary.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
         temporary.replace(folder / RUN_FILE)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
 
 
-def note_end(folder: Path, run: Run, ended: "Ended | None", now_s: float) -> None:
-    """Write how a run ended, beside what is known of it.
+def record_end(
+    folder: Path, run: Run, now_s: float, exit_code: int | None = None, cause: str = ""
+) -> None:
+    """Record how a run ended, in addition to what its `run.json` holds.
 
     Args:
         folder: the run's.
-        run: as it was claimed.
-        ended: the launcher's own word; None where it had none, for it failed otherwise.
+        run: as it was claimed; used if its `run.json` cannot be read.
         now_s: the time [s since 1970].
+        exit_code: the launcher's; None if it failed before it had one.
+        cause: what went wrong first.
 
     Raises:
         OSError: it cannot be written.
     """
-    exit_code, cause = (ended.exit_code, ended.cause) if ended else (None, "")
     claimed = read_run(folder) or run
     write_run(folder, replace(claimed, ended=now_s, exit_code=exit_code, cause=cause))
 
 
 def read_runs(parent: Path) -> tuple[Run, ...]:
-    """Every run that is told of in the folder, newest first; unreadable ones are left out."""
+    """Every run in the folder, newest first; unreadable ones are left out."""
     return tuple(run for folder in run_folders(parent) if (run := read_run(folder)) is not None)
 
 
@@ -194,17 +194,19 @@ def config_of(folder: Path) -> str:
 
 
 def read_run(folder: Path) -> Run | None:
-    """What a run folder's `run.json` tells; None where it cannot be read."""
-    run = value_of(Run, read_told(folder))
-    is_shown = run is not None and all(map(str.isprintable, (run.name, *run.all_nodes)))
-    return run if is_shown else None
+    """The run that a folder's `run.json` describes; None if it cannot be read or shown."""
+    try:
+        run = msgspec.convert(read_record(folder), Run)
+    except (ValueError, RecursionError):
+        return None
+    return run if all(map(str.isprintable, (run.name, *run.all_nodes))) else None
 
 
-def read_told(folder: Path) -> Mapping[str, Any]:
-    """All that a run folder's `run.json` tells; empty where it cannot be read."""
+def read_record(folder: Path) -> Mapping[str, Any]:
+    """The content of a run folder's `run.json`; empty if it cannot be read."""
     path = folder / RUN_FILE
     try:
-        # A pipe would never end, and what is longer is none of ours.
+        # A pipe would never end; a longer file is not from `obk`.
         if not path.is_file() or path.stat().st_size > LONGEST_RUN_FILE:
             return {}
         data = json.loads(path.read_bytes())

@@ -7,21 +7,15 @@ from datetime import datetime
 from pathlib import Path
 from queue import SimpleQueue
 
-from obk_cli.adapters.claims import claim_run
 from obk_cli.adapters.control_socket import serve_control
 from obk_cli.adapters.process_start import this_process
-from obk_cli.asking.names import section_of
-from obk_cli.launch.asks import (
-    ChangeAnswer,
-    ChangeAsked,
-    Member,
-    NodeStatus,
-    StackStatus,
-    StatusAsked,
-)
-from obk_cli.launch.events import Ended, Heard, StopAsked
-from obk_cli.launch.runs import Run, note_end
-from obk_cli.launch.transitions import TRANSITIONS
+from obk_cli.launch.asks import ChangeAsked, StatusAsked
+from obk_cli.launch.events import Heard, StopAsked
+from obk_cli.runs.folder import Run, record_end
+from obk_cli.runs.lifecycle import TRANSITIONS
+from obk_cli.runs.protocol import ChangeAnswer, Member, NodeStatus, StackStatus
+from obk_cli.runs.run_lock import claim_run
+from obk_cli.runs.stacks import section_of
 
 NOW = datetime(2031, 2, 3, 4, 5, 6)
 ROBOT, CONTROL, JOY = "/obelisk_robot_0", "/obelisk_control_0", "/joy"
@@ -46,7 +40,7 @@ class FakeStack:
             case ChangeAsked():
                 heard.reply(self._changed(heard))
             case StopAsked():
-                note_end(self.folder, self.run, Ended(exit_code=0, cause=""), 1.0)
+                record_end(self.folder, self.run, 1.0, exit_code=0)
             case _:
                 return
 
@@ -136,4 +130,4 @@ def fake_stack(
     finally:
         inbox.put(None)
         thread.join()
-        note_end(stack.folder, run, None, 1.0)
+        record_end(stack.folder, run, 1.0)
