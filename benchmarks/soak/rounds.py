@@ -26,7 +26,7 @@ from benchmarks.soak.stack import Stack
 from benchmarks.stolen import StolenTime
 from obk_cli.adapters.free_domain import free_domain
 from obk_cli.adapters.ros_environment import ros_environment
-from obk_cli.asking.lifecycle import Asked, change_states
+from obk_cli.introspect.lifecycle import Asked, change_states
 
 __all__ = ["main"]
 

@@ -19,7 +19,7 @@ from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_graph import full_name
 from obk_cli.adapters.shared_memory_room import require_shared_memory
 from obk_cli.errors import CommandFailedError
-from obk_cli.looking.graph import End, Graph, Role, TopicSeen
+from obk_cli.introspect.graph_model import End, Role, RosGraph, TopicSeen
 
 __all__ = ["LOOKER", "RosLook", "open_look"]
 
@@ -138,9 +138,9 @@ class RosLook:
             subscriptions=subscriptions,
         )
 
-    def graph(self) -> Graph:
+    def graph(self) -> RosGraph:
         """All that is told of by now."""
-        return Graph(
+        return RosGraph(
             nodes=self.nodes(),
             topics=tuple(self.topic(name) for name in self.topic_types()),
             services=self.service_types(),

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from obk_cli.adapters.raw_topics import RawTopic
 from obk_cli.adapters.ros_look import RosLook
-from obk_cli.looking.rates import Meter, Rate
+from obk_cli.introspect.rates import Meter, TopicRate
 
 __all__ = ["RosMeter", "Watch"]
 
@@ -82,7 +82,7 @@ class RosMeter:
         self._take(begin)
         time.sleep(max(0.0, self._turn_s - (time.monotonic() - begin)))
 
-    def rates(self) -> Mapping[str, Rate]:
+    def rates(self) -> Mapping[str, TopicRate]:
         """What was measured by now, by topic."""
         # Whoever asks may have rested or waited for others: what has come since is counted too.
         self._take(time.monotonic())

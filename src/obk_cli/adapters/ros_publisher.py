@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from obk_cli.adapters.ros_look import RosLook
 from obk_cli.adapters.type_support import require_message
-from obk_cli.looking.graph import TopicSeen
+from obk_cli.introspect.graph_model import TopicSeen
 
 __all__ = ["RosPublisher"]
 

@@ -14,8 +14,8 @@ from typing import Any, Final
 from obelisk_spec.near import did_you_mean
 from obk_cli.adapters.type_support import require_message
 from obk_cli.errors import CommandFailedError
-from obk_cli.looking.field_types import ArrayType, FieldType, Message, Number, parse_type
-from obk_cli.looking.fill import Data, Now
+from obk_cli.introspect.field_path import ArrayType, FieldType, Message, Number, parse_type
+from obk_cli.introspect.message_input import Data, Now
 
 __all__ = ["fields_of", "find_type", "make_message", "raw_type", "short_type"]
 

@@ -9,10 +9,10 @@ import typer
 
 from obelisk_spec.near import did_you_mean
 from obk_cli.adapters.ros_environment import ros_environment
-from obk_cli.asking.lifecycle import Asked, change_states, node_states, possible_transitions
 from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
+from obk_cli.introspect.lifecycle import Asked, change_states, node_states, possible_transitions
 from obk_cli.launch.roster import GONE, UNKNOWN
 from obk_cli.report.escapes import plain
 from obk_cli.runs.lifecycle import RESTING, TRANSITIONS

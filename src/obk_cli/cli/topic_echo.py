@@ -18,8 +18,8 @@ from obk_cli.cli.looking_options import (
 from obk_cli.errors import MisuseError
 
 if TYPE_CHECKING:
-    from obk_cli.looking.place import Place
-    from obk_cli.looking.selection import Selection
+    from obk_cli.introspect.field_path import Selection
+    from obk_cli.introspect.target import GraphTarget
     from obk_cli.report.show import Shower
 
 __all__ = ["EXAMPLE", "command"]
@@ -63,7 +63,7 @@ def command(
         raise MisuseError("`--csv` and `--format json` ask for different things")
     most = 1 if once else count
 
-    from obk_cli.looking.selection import parse_selection
+    from obk_cli.introspect.field_path import parse_selection
     from obk_cli.report.show import Shower
 
     selections = [parse_selection(text) for text in (*(fields or ()), *(field or ()))]
@@ -72,7 +72,7 @@ def command(
 
 
 def _listen(
-    place: "Place",
+    target: "GraphTarget",
     topic: str,
     selections: "Sequence[Selection]",
     shower: "Shower",
@@ -83,13 +83,13 @@ def _listen(
     from obk_cli.adapters.ros_listen import messages
     from obk_cli.adapters.ros_look import open_look
     from obk_cli.adapters.ros_types import fields_of, find_type, short_type
-    from obk_cli.looking.finding import find_topic, the_type
-    from obk_cli.looking.selection import check_selection
+    from obk_cli.introspect.field_path import check_selection
+    from obk_cli.introspect.resolve import find_topic, the_type
     from obk_cli.recording.tally import Tally
 
-    needs = ("rclpy.serialization", *place.modules([topic]))
-    with open_look(place.environment, needs) as look:
-        seen = find_topic(look, place, topic, timeout_s)
+    needs = ("rclpy.serialization", *target.modules([topic]))
+    with open_look(target.environment, needs) as look:
+        seen = find_topic(look, target, topic, timeout_s)
         msg_type = the_type("topic", seen.name, seen.heard_types)
         python_type = find_type(msg_type)
         for selection in selections:

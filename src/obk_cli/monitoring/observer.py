@@ -10,11 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from obk_cli.adapters.launcher_look import LauncherParameters
 from obk_cli.adapters.process_load import OwnCost, ProcessLoad, ProcessLoads
 from obk_cli.adapters.ros_look import RosLook
+from obk_cli.introspect.graph_source import LauncherParameters
+from obk_cli.introspect.parameters import NodeParameter
 from obk_cli.launch.state_machine import UNKNOWN
-from obk_cli.looking.parameters import Parameter
 from obk_cli.monitoring.promised import planned_topics, simulated_robots
 from obk_cli.monitoring.speeds import REALTIME_FACTOR, Speeds
 from obk_cli.monitoring.topic_watch import WINDOW_S, TopicWatch
@@ -102,7 +102,7 @@ class Observer:
         if self._speeds.factors != before:
             self._watch.want(planned_topics(self._plan, self._speeds.factors))
 
-    def _ask_factor(self, node: str) -> Parameter:
+    def _ask_factor(self, node: str) -> NodeParameter:
         parameters = LauncherParameters(self._folder, node, ANSWER_S)
         return parameters.values([REALTIME_FACTOR])[REALTIME_FACTOR]
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Final
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.looking.parameters import Parameter
+from obk_cli.introspect.parameters import NodeParameter
 from obk_cli.runs.lifecycle import ACTIVE, INACTIVE
 from obk_cli.runs.protocol import NodeStatus
 
@@ -17,7 +17,7 @@ __all__ = ["REALTIME_FACTOR", "AskFactor", "Speeds"]
 REALTIME_FACTOR: Final = "realtime_factor"
 """The parameter: simulation time over wall time; 0: as fast as possible."""
 
-AskFactor = Callable[[str], Parameter]
+AskFactor = Callable[[str], NodeParameter]
 """Asks a node, by its full name, for the parameter; raises a CommandFailedError without answer."""
 
 

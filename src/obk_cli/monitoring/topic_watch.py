@@ -13,9 +13,9 @@ from obk_cli.adapters.ros_look import RosLook
 from obk_cli.adapters.ros_meter import RosMeter, Watch
 from obk_cli.adapters.ros_types import fields_of, find_type, raw_type, short_type
 from obk_cli.errors import CommandFailedError
-from obk_cli.looking.graph import TopicSeen
-from obk_cli.looking.rates import Rate
-from obk_cli.looking.stamps import HEADER
+from obk_cli.introspect.graph_model import TopicSeen
+from obk_cli.introspect.latency import HEADER
+from obk_cli.introspect.rates import TopicRate
 from obk_cli.monitoring.passages import PassageMeter
 from obk_cli.monitoring.promised import PlannedTopic
 from obk_cli.monitoring.view import TopicView
@@ -93,7 +93,7 @@ class TopicWatch:
         return tuple(self._view(topic, rates, active) for topic in self._topics.values())
 
     def _view(
-        self, topic: PlannedTopic, rates: Mapping[str, Rate], active: Collection[str]
+        self, topic: PlannedTopic, rates: Mapping[str, TopicRate], active: Collection[str]
     ) -> TopicView:
         seen = self._look.topic(topic.name)
         if topic.name not in self._heard:

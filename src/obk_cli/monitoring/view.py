@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from obelisk_spec.rates import TOLERANCE
 from obelisk_spec.rates import Rate as Promised
 from obk_cli.adapters.process_load import ProcessLoad
-from obk_cli.looking.rates import Rate
+from obk_cli.introspect.rates import TopicRate
 
 __all__ = ["NodeView", "Passage", "StackView", "TopicView"]
 
@@ -53,7 +53,7 @@ class TopicView:
     """Without that of whoever measures."""
     wanted_hz: float | None
     """What the config promises; None: nothing."""
-    rate: Rate | None
+    rate: TopicRate | None
     """As measured; None: it is not listened to."""
     passage: Passage | None = None
     """None: no stamps, or those of another clock."""

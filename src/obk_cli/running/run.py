@@ -17,12 +17,12 @@ from obk_cli.adapters.end_signals import end_signals_heard
 from obk_cli.adapters.leftovers import launch_marks
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.processes import NodeCommand, WardenProcesses
-from obk_cli.adapters.ros_answers import GraphService
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_lifecycle import RosLifecycle, open_ros
 from obk_cli.adapters.shared_memory import remove_dead_segments
 from obk_cli.adapters.state_node import StateNode, state_node_name
 from obk_cli.errors import CommandFailedError
+from obk_cli.introspect.graph_service import GraphService
 from obk_cli.launch.events import Ended, Heard, StackState, StopAsked, Told
 from obk_cli.launch.supervisor import Supervisor
 from obk_cli.launch.units import Unit, units_of

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
-from obk_cli.asking.lifecycle import possible_transitions
+from obk_cli.introspect.lifecycle import possible_transitions
 from obk_cli.monitoring.view import StackView
 from obk_cli.report.escapes import plain
 from obk_cli.report.messages import json_line

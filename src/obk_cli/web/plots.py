@@ -15,8 +15,14 @@ from obk_cli.adapters.ros_listen import arrived
 from obk_cli.adapters.ros_look import RosLook
 from obk_cli.adapters.ros_types import fields_of, find_type, short_type
 from obk_cli.errors import ObkError
-from obk_cli.looking.field_types import ArrayType, Text
-from obk_cli.looking.selection import Selection, check_selection, parse_selection, selected
+from obk_cli.introspect.field_path import (
+    ArrayType,
+    Selection,
+    Text,
+    check_selection,
+    parse_selection,
+    selected,
+)
 from obk_cli.web.traces import Heard, Trace, Wish, numbers_in
 
 __all__ = ["Plots"]

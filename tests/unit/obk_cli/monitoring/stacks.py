@@ -5,7 +5,7 @@ from typing import Final
 
 from obelisk_spec.rates import Rate as Promised
 from obk_cli.adapters.process_load import ProcessLoad
-from obk_cli.looking.rates import Rate
+from obk_cli.introspect.rates import TopicRate
 from obk_cli.monitoring.view import NodeView, Passage, StackView, TopicView
 
 __all__ = ["BROKEN", "COMPOSED", "ELSEWHERE", "HEALTHY", "node", "topic"]
@@ -44,7 +44,7 @@ def topic(
         publishers=1,
         subscriptions=1,
         wanted_hz=1000.0,
-        rate=Rate(
+        rate=TopicRate(
             count=5000,
             lost=0,
             seen=2000 if hz else 0,

@@ -11,9 +11,9 @@ import pytest
 
 from obk_cli.adapters import leftovers
 from obk_cli.adapters.process_start import this_process
-from obk_cli.asking import lifecycle
 from obk_cli.cli import stop
 from obk_cli.cli.main import main
+from obk_cli.introspect import lifecycle
 from obk_cli.launch.events import StopAsked
 from obk_cli.runs import registry
 
