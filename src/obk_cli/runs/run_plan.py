@@ -38,7 +38,10 @@ def run_topics(folder: Path) -> Mapping[str, str | None]:
 
 
 def run_plan(folder: Path) -> Plan:
-    """A run's config as compiled; empty if its folder keeps none that can be read."""
+    """A run's config as compiled; empty if its folder keeps none that can be read.
+
+    Parameters that JSON cannot hold are texts, as `emit_plan` writes them: `.inf`, `.nan`.
+    """
     try:
         kept = msgspec.convert(read_record(folder).get("plan"), _KeptPlan)
     except (ValueError, RecursionError):
