@@ -20,7 +20,7 @@ from pictures import PICTURES, terminal, without_fonts
 from playwright.sync_api import sync_playwright
 
 from obk_cli.cli.looking_options import TIMEOUT_S, with_types
-from obk_cli.looking.place import place_of
+from obk_cli.introspect.target import target_of
 from obk_cli.monitor.app import MonitorApp
 from obk_cli.monitor.stack_follower import Target, Watcher
 from obk_cli.ros.environment import ros_environment
@@ -67,7 +67,7 @@ def _stack() -> Iterator[None]:
 
 
 async def _monitor() -> None:
-    place = place_of(ros_environment(), None, TIMEOUT_S)
+    place = target_of(ros_environment(), None, TIMEOUT_S)
     target = Target(environment=place.environment, domain=None, run=None)
     app = MonitorApp(Watcher(target, with_types, 1.0), target.change)
     async with app.run_test(size=(100, 26)) as pilot:

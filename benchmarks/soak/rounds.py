@@ -24,7 +24,7 @@ from benchmarks.soak.counts import of_process, verdicts
 from benchmarks.soak.results import keep_result
 from benchmarks.soak.stack import Stack
 from benchmarks.stolen import StolenTime
-from obk_cli.asking.lifecycle import Asked, change_states
+from obk_cli.introspect.lifecycle import Asked, change_states
 from obk_cli.ros.environment import free_domain, ros_environment
 
 __all__ = ["main"]

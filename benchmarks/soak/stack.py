@@ -13,8 +13,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from obk_cli.asking.stacks import live_stacks, runs_meant
-from obk_cli.launch.runs import runs_folder
+from obk_cli.runs.folder import runs_folder
+from obk_cli.runs.stacks import live_stacks, runs_meant
 
 __all__ = ["Stack"]
 

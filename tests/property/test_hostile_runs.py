@@ -11,16 +11,23 @@ from unittest import mock
 from hypothesis import given
 from hypothesis import strategies as st
 
-from obk_cli.adapters.live_runs import live_folders
-from obk_cli.asking.stacks import Stack
 from obk_cli.cli import lifecycle, logs, ps
 from obk_cli.errors import ObkError
-from obk_cli.launch.answers import parse_change, parse_status
-from obk_cli.launch.runs import RUN_FILE, Run, read_runs
-from obk_cli.launch.wire import emit_fault, parse_request
 from obk_cli.monitor.expected_topics import planned_topics
 from obk_cli.process.identity import boot_id, this_process
-from obk_cli.record.run_metadata import run_metadata_of, run_plan, run_topics
+from obk_cli.record.run_metadata import run_metadata_of
+from obk_cli.runs.folder import RUN_FILE, Run, read_runs
+from obk_cli.runs.protocol import (
+    ChangeAnswer,
+    Fault,
+    StackStatus,
+    decode_answer,
+    decode_request,
+    encode_line,
+)
+from obk_cli.runs.registry import live_folders
+from obk_cli.runs.run_plan import run_plan, run_topics
+from obk_cli.runs.stacks import Stack
 from obk_cli.web.feed import live_picture
 from obk_cli.workspace.overlay import FOLDER, RECORD, overlay_prefixes, read_record
 
@@ -134,18 +141,20 @@ def test_a_run_file_of_any_content_is_shown_or_left_out(content: bytes | str) ->
 @given(st.binary() | damaged(ANSWERS) | JSON.map(json.dumps))
 def test_any_answer_of_a_launcher_is_understood_or_none(line: bytes | str) -> None:
     data = line.encode() if isinstance(line, str) else line
-    parse_status(data)
-    parse_change(data)
-    asked = parse_request(data)
-    if isinstance(asked, str):
-        assert_shows_only_text(asked)
-        assert emit_fault(asked).endswith(b"\n")
+    decode_answer(data, StackStatus)
+    decode_answer(data, ChangeAnswer)
+    request = decode_request(data)
+    if isinstance(request, Fault):
+        assert_shows_only_text(request.error)
+        assert encode_line(request).endswith(b"\n")
 
 
 @FEW
 @given(respelt(STATUS), SPOILT)
 def test_a_status_of_any_shape_is_shown(told: object, spoilt: str) -> None:
-    status = parse_status(json.dumps(told).replace("/a", json.dumps(spoilt)[1:-1]).encode())
+    line = json.dumps(told).replace("/a", json.dumps(spoilt)[1:-1]).encode()
+    answer = decode_answer(line, StackStatus)
+    status = answer if isinstance(answer, StackStatus) else None
     run = Run(name="arm", pid=PID, started=STARTED, domain=1, config=f"{spoilt}.yaml", nodes=())
     stack = Stack(folder=Path("runs/arm"), run=run, status=status)
     with mock.patch.object(ps, "live_stacks", return_value=(stack,)), no_leftovers():
@@ -156,8 +165,9 @@ def test_a_status_of_any_shape_is_shown(told: object, spoilt: str) -> None:
 @FEW
 @given(respelt(CHANGE), SPOILT)
 def test_a_change_of_any_shape_is_shown(told: object, spoilt: str) -> None:
-    answer = parse_change(json.dumps(told).replace("no", json.dumps(spoilt)[1:-1]).encode())
-    if answer is not None:
+    line = json.dumps(told).replace("no", json.dumps(spoilt)[1:-1]).encode()
+    answer = decode_answer(line, ChangeAnswer)
+    if isinstance(answer, ChangeAnswer):
         assert_shows_only_text(shown(lifecycle._report_change, answer, is_json=False))
         shown(lifecycle._report_change, answer, is_json=True)
 

@@ -12,9 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from obelisk_spec.runtime_protocol import Rate, parse_rate, rate_values
-from obk_cli.adapters.follow import last_lines, read_lines
 from obk_cli.cli.commands import _complain
-from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.events import OutputEvent
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.table import monitor_text
@@ -25,6 +23,8 @@ from obk_cli.report.launch import LaunchReport
 from obk_cli.report.launch_status import with_event
 from obk_cli.report.messages import csv_row, json_line, message_text
 from obk_cli.report.text import report_text
+from obk_cli.runs.logs import last_lines, read_lines
+from obk_cli.runs.protocol import NodeStatus, StackStatus
 from obk_cli.scaffold.names import check_name, suggest_name
 from obk_cli.source import SourceFile
 from obk_interfaces import PackageError, Prefixes, load_package

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from obelisk_spec.values import ParameterValue
 from obk_cli.emit.params import emit_params
-from obk_cli.plan import Origin, ParameterValue, Process
+from obk_cli.plan import Origin, Process
 
 NODE = """
 import json, sys, rclpy

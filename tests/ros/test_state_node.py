@@ -13,7 +13,7 @@ import pytest
 from lifecycle_msgs.msg import TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTransitions, GetState
 
-from obk_cli.launch.asks import ChangeAnswer, ChangeAsked
+from obk_cli.launch.asks import ChangeAsked
 from obk_cli.launch.events import (
     Answered,
     InputEvent,
@@ -26,6 +26,7 @@ from obk_cli.launch.ros_nodes import RosNodes, open_ros_nodes
 from obk_cli.launch.state_node import StateNode
 from obk_cli.ros.environment import RosEnvironment, ros_environment
 from obk_cli.ros.graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S
+from obk_cli.runs.protocol import ChangeAnswer
 
 from .stack import DEADLINE_S, eventually
 

@@ -15,7 +15,8 @@ from pathlib import PurePosixPath
 from types import MappingProxyType
 from typing import Any, Final
 
-from obk_cli.launch.json_values import value_of
+import msgspec
+
 from obk_cli.scaffold.fields import Filling
 from obk_cli.scaffold.questions import MessageType
 from obk_cli.scaffold.render import RenderedFile, Template, TemplateFaultError, render_templates
@@ -90,7 +91,7 @@ def _as_json(value: Any) -> dict[str, object]:
 
 
 def _from_json(data: dict[str, Any]) -> object:
-    return value_of(_KINDS[data[_KIND]], data) if _KIND in data else data
+    return msgspec.convert(data, _KINDS[data[_KIND]]) if _KIND in data else data
 
 
 def _answer(data: bytes) -> dict[str, object]:

@@ -14,7 +14,6 @@ from typing import Final
 
 import psutil
 
-from obk_cli.launch.runs import read_run
 from obk_cli.process.identity import (
     counts_as_here,
     is_process,
@@ -23,6 +22,7 @@ from obk_cli.process.identity import (
     this_process,
     wait_for_ends,
 )
+from obk_cli.runs.folder import read_run
 
 __all__ = ["UNRECORDED", "Leftover", "end_leftovers", "find_leftovers", "launch_marks"]
 

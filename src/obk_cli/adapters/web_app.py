@@ -7,7 +7,6 @@ at what the watching thread has put down; transitions wait in threads of their o
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractContextManager
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -23,10 +22,10 @@ import obk_cli.web
 from obk_cli.adapters.connections import user_of_connection
 from obk_cli.clock import wall_s
 from obk_cli.errors import ObkError
-from obk_cli.launch.asks import ChangeAnswer
-from obk_cli.launch.transitions import TRANSITIONS
 from obk_cli.monitor.model import StackView
 from obk_cli.ros.types import fields_of, short_type
+from obk_cli.runs.lifecycle import TRANSITIONS
+from obk_cli.runs.protocol import ChangeAnswer, change_data
 from obk_cli.web.data import event, lines_data, samples_data, view_data
 from obk_cli.web.feed import Moment
 from obk_cli.web.guard import HEADERS, Ticket, WebRequest, refusal
@@ -135,7 +134,7 @@ class Site:
             )
         except ObkError as error:
             answer = ChangeAnswer(success=False, why=_sentence(error))
-        return JSONResponse(asdict(answer))
+        return JSONResponse(change_data(answer))
 
     async def _events(self, wishes: list[Wish]) -> AsyncIterator[str]:
         shown: Moment | None = None

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 
-from obelisk_spec.sim_checks import SimFault, check_sim
+from obelisk_spec.sim_block import SimFault
+from obelisk_spec.sim_checks import check_sim
 from obelisk_spec.suggestions import list_names
 from obk_cli.check.files import no_such_package, where_it_is_not
 from obk_cli.config import FileSearch, Node, Sim, Stack

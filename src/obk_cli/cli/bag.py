@@ -7,9 +7,9 @@ from typing import Annotated
 import typer
 
 from obk_cli.cli.text_or_json import FormatOption, wants_json
-from obk_cli.launch.runs import runs_folder
 from obk_cli.record.recording import find_recording
 from obk_cli.report.bag import bag_data, bag_text
+from obk_cli.runs.folder import runs_folder
 
 __all__ = ["app"]
 

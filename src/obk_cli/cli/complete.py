@@ -15,7 +15,7 @@ import click
 from click.shell_completion import CompletionItem
 
 if TYPE_CHECKING:
-    from obk_cli.launch.runs import Run
+    from obk_cli.runs.folder import Run
 
 __all__ = [
     "complete_kept_runs",
@@ -36,7 +36,7 @@ def complete_runs(incomplete: str) -> list[str]:
 
 def complete_kept_runs(incomplete: str) -> list[str]:
     """The runs that have logs: by their configs' names, where more is typed by their folders'."""
-    from obk_cli.launch.runs import config_of, run_folders, runs_folder
+    from obk_cli.runs.folder import config_of, run_folders, runs_folder
 
     with suppress(OSError):
         folders = run_folders(runs_folder(os.environ))
@@ -54,7 +54,7 @@ def complete_rules(incomplete: str) -> list[str]:
 
 def complete_topics(incomplete: str) -> list[str]:
     """The topics that a user may be about to name, in full or by their last part."""
-    from obk_cli.record.run_metadata import run_topics
+    from obk_cli.runs.run_plan import run_topics
 
     return _fitting(incomplete, (topic for folder, _ in _runs() for topic in run_topics(folder)))
 
@@ -65,8 +65,8 @@ def complete_nodes(incomplete: str) -> list[str]:
 
 
 def _runs() -> "Iterator[tuple[Path, Run]]":
-    from obk_cli.adapters.live_runs import live_folders
-    from obk_cli.launch.runs import runs_folder
+    from obk_cli.runs.folder import runs_folder
+    from obk_cli.runs.registry import live_folders
 
     # Whatever cannot be read is not completed.
     with suppress(OSError):

@@ -9,6 +9,7 @@ from typing import Annotated, cast, get_args
 
 import typer
 
+from obelisk_spec.values import ParameterValue
 from obk_cli.cli.config_options import (
     ColourOption,
     ConfigArgument,
@@ -34,7 +35,7 @@ from obk_cli.launch.sim_options import require_libraries, with_simulator_paramet
 from obk_cli.launch.transitions import UNTIL, Until
 from obk_cli.optional_deps import require_extra
 from obk_cli.pipeline import compile_config
-from obk_cli.plan import OnCrash, ParameterValue, Plan
+from obk_cli.plan import OnCrash, Plan
 from obk_cli.read.nodes import LOG_LEVELS
 from obk_cli.record.topic_filter import RecordRequest
 

@@ -3,22 +3,22 @@
 import json
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
 from typing import Annotated
 
 import typer
 
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.asking.lifecycle import Asked, change_states, node_states, possible_transitions
-from obk_cli.asking.names import NO_ANSWER
 from obk_cli.cli.option_values import require_positive
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
-from obk_cli.launch.asks import ChangeAnswer, Member
+from obk_cli.introspect.lifecycle import Asked, change_states, node_states, possible_transitions
 from obk_cli.launch.stack_state import GONE
-from obk_cli.launch.transitions import RESTING, TRANSITIONS, UNKNOWN
+from obk_cli.launch.transitions import UNKNOWN
 from obk_cli.report.escapes import plain
 from obk_cli.ros.environment import ros_environment
+from obk_cli.runs.lifecycle import RESTING, TRANSITIONS
+from obk_cli.runs.protocol import ChangeAnswer, Member, change_data
+from obk_cli.runs.stacks import NO_ANSWER
 
 __all__ = ["EXAMPLE", "WORDS", "command"]
 
@@ -95,7 +95,7 @@ def _report_change(answer: ChangeAnswer, *, is_json: bool) -> None:
     if not answer.success:
         print(f"error: {plain(answer.why.splitlines()[0] if answer.why else '')}", file=sys.stderr)
     if is_json:
-        print(json.dumps(asdict(answer), indent=1))
+        print(json.dumps(change_data(answer), indent=1))
         return
     # The culprit first, as the first sentence says.
     members = sorted(answer.members, key=lambda member: not member.is_culprit)

@@ -13,7 +13,7 @@ from obk_cli.cli.complete import complete_nodes, complete_topics
 from obk_cli.cli.option_values import require_positive
 
 if TYPE_CHECKING:
-    from obk_cli.looking.place import Place
+    from obk_cli.introspect.target import GraphTarget
 
 __all__ = [
     "TIMEOUT_S",
@@ -46,14 +46,14 @@ TimeoutOption = Annotated[
 ]
 
 
-def here(domain: int | None, timeout_s: float) -> "Place":
+def here(domain: int | None, timeout_s: float) -> "GraphTarget":
     """Where to look, by these options of a command.
 
     Raises:
         CommandFailedError: ROS_DOMAIN_ID is no domain.
         MisuseError: the time is none.
     """
-    from obk_cli.looking.place import NOBODY_S, place_of
+    from obk_cli.introspect.target import NOBODY_S, target_of
     from obk_cli.ros.environment import ros_environment
 
     require_positive("--timeout", timeout_s, "seconds")
@@ -61,17 +61,17 @@ def here(domain: int | None, timeout_s: float) -> "Place":
     for note in environment.notes:
         print(f"warning: {note}", file=sys.stderr)
     is_asked_for = click.get_current_context().get_parameter_source("timeout") in GIVEN
-    return place_of(environment, domain, timeout_s if is_asked_for else NOBODY_S)
+    return target_of(environment, domain, timeout_s if is_asked_for else NOBODY_S)
 
 
-def with_types(place: "Place") -> "Place":
-    """The place where the message types of its stacks are found, for this process too."""
+def with_types(target: "GraphTarget") -> "GraphTarget":
+    """The target, with the message types of its stacks known to this process too."""
     from obk_cli.cli.type_paths import with_run_types
 
-    environment = place.environment
-    for folder in place.runs or (None,):
+    environment = target.environment
+    for folder in target.runs or (None,):
         environment = with_run_types(environment, folder)
-    return replace(place, environment=environment)
+    return replace(target, environment=environment)
 
 
 def print_json(value: object) -> None:

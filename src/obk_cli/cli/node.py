@@ -46,17 +46,17 @@ def list_(
     """
     is_json = wants_json(format)
     require_positive("--wait", wait, "seconds")
-    place = here(domain, timeout)
+    target = here(domain, timeout)
 
-    from obk_cli.looking.finding import settle
-    from obk_cli.looking.nodes import known_nodes
-    from obk_cli.looking.sight import open_sight
+    from obk_cli.introspect.graph_source import open_graph
+    from obk_cli.introspect.nodes import known_nodes
+    from obk_cli.introspect.resolve import settle
     from obk_cli.report.nodes import nodes_data, nodes_text
 
-    with open_sight(place) as look:
-        settle(look, place, timeout, wait_s=wait)
+    with open_graph(target) as look:
+        settle(look, target, timeout, wait_s=wait)
         nodes = look.nodes()
-    known = known_nodes(place)
+    known = known_nodes(target)
     if is_json:
         print_json(nodes_data(nodes, known))
         return
@@ -75,17 +75,17 @@ def info(
     The state is the launcher's word where `obk launch` started the node here, else the node's.
     """
     is_json = wants_json(format)
-    place = here(domain, timeout)
+    target = here(domain, timeout)
 
-    from obk_cli.looking.finding import find_node, settle
-    from obk_cli.looking.nodes import look_at_node
-    from obk_cli.looking.sight import open_sight
+    from obk_cli.introspect.graph_source import open_graph
+    from obk_cli.introspect.nodes import look_at_node
+    from obk_cli.introspect.resolve import find_node, settle
     from obk_cli.report.nodes import node_data, node_text
 
-    with open_sight(place, node, asks_nodes=True) as look:
-        name = find_node(look, place, node, timeout)
-        settle(look, place, timeout)
-        seen = look_at_node(look, place, name, timeout)
+    with open_graph(target, node, asks_nodes=True) as look:
+        name = find_node(look, target, node, timeout)
+        settle(look, target, timeout)
+        seen = look_at_node(look, target, name, timeout)
     if is_json:
         print_json(node_data(seen))
         return

@@ -22,11 +22,17 @@ from obk_cli.cli.looking_options import (
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.emit.params import emit_node_params, emit_value
 from obk_cli.errors import CommandFailedError
-from obk_cli.looking.parameters import NOT_SET, Parameter, fit_parameter, parse_parameter, refusal
+from obk_cli.introspect.parameters import (
+    NOT_SET,
+    NodeParameter,
+    fit_parameter,
+    parse_parameter,
+    refusal,
+)
 from obk_cli.report.escapes import escaped, plain
 
 if TYPE_CHECKING:
-    from obk_cli.looking.sight import Parameters
+    from obk_cli.introspect.graph_source import Parameters
 
 __all__ = ["app"]
 
@@ -55,20 +61,20 @@ def list_(
 ) -> None:
     """Show the names of a node's parameters, or of all nodes'."""
     is_json = wants_json(format)
-    place = here(domain, timeout)
+    target = here(domain, timeout)
 
-    from obk_cli.looking.finding import find_node, settle
-    from obk_cli.looking.graph import parameter_nodes
-    from obk_cli.looking.sight import open_sight, parameters_of
+    from obk_cli.introspect.graph_model import parameter_nodes
+    from obk_cli.introspect.graph_source import open_graph, parameters_of
+    from obk_cli.introspect.resolve import find_node, settle
 
     names: dict[str, tuple[str, ...]] = {}
     silent: list[str] = []
-    with open_sight(place, node, asks_nodes=True) as look:
+    with open_graph(target, node, asks_nodes=True) as look:
         if node is None:
-            settle(look, place, timeout)
+            settle(look, target, timeout)
             meant = parameter_nodes(look.graph())
         else:
-            meant = (find_node(look, place, node, timeout),)
+            meant = (find_node(look, target, node, timeout),)
         for one in meant:
             try:
                 names[one] = parameters_of(look, one, timeout).names()
@@ -189,13 +195,13 @@ class _Asked:
 
 @contextmanager
 def _asked(node: str, domain: int | None, timeout_s: float) -> Iterator[_Asked]:
-    place = here(domain, timeout_s)
+    target = here(domain, timeout_s)
 
-    from obk_cli.looking.finding import find_node
-    from obk_cli.looking.sight import open_sight, parameters_of
+    from obk_cli.introspect.graph_source import open_graph, parameters_of
+    from obk_cli.introspect.resolve import find_node
 
-    with open_sight(place, node, asks_nodes=True) as look:
-        found = find_node(look, place, node, timeout_s)
+    with open_graph(target, node, asks_nodes=True) as look:
+        found = find_node(look, target, node, timeout_s)
         yield _Asked(node=found, parameters=parameters_of(look, found, timeout_s))
 
 
@@ -207,12 +213,12 @@ def _require_known(node: str, wanted: Sequence[str], known: Sequence[str]) -> No
         )
 
 
-def _lines(values: Mapping[str, Parameter]) -> Iterator[str]:
+def _lines(values: Mapping[str, NodeParameter]) -> Iterator[str]:
     names = max(map(len, values), default=0)
     kinds = max((len(one.kind) for one in values.values()), default=0)
     for name, one in values.items():
         yield f"{name:<{names}}  {one.kind:<{kinds}}  {_text(one)}"
 
 
-def _text(parameter: Parameter) -> str:
+def _text(parameter: NodeParameter) -> str:
     return NOT_SET if parameter.value is None else plain(emit_value(parameter.value))

@@ -11,9 +11,9 @@ from typing import Annotated
 import typer
 
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.launch.runs import runs_folder
 from obk_cli.record.plot import PlotField, parse_field, resolve_topic
 from obk_cli.record.recording import find_recording
+from obk_cli.runs.folder import runs_folder
 
 __all__ = ["EXAMPLE", "command"]
 

@@ -12,7 +12,6 @@ from typing import Annotated, cast, get_args
 import typer
 
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.asking.names import nodes_meant
 from obk_cli.cli.config_options import (
     ColourOption,
     IgnoreOption,
@@ -31,6 +30,7 @@ from obk_cli.launch.sim_options import require_libraries
 from obk_cli.pipeline import compile_config
 from obk_cli.plan import OnCrash, Plan
 from obk_cli.report.launch import short_name
+from obk_cli.runs.stacks import nodes_meant
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -148,8 +148,8 @@ def _rehearse(
 ) -> tuple[Verdict, ...]:
     from obk_cli.faultinject.runner import LaunchSettings, run_cases
     from obk_cli.faultinject.setup import make_rehearsal_folder, refuse_running
-    from obk_cli.launch.runs import runs_folder
     from obk_cli.ros.environment import free_domain
+    from obk_cli.runs.folder import runs_folder
 
     runs = runs_folder(os.environ)
     refuse_running(runs, plan.name)

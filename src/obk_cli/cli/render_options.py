@@ -8,12 +8,13 @@ from typing import Annotated
 import typer
 
 from obelisk_spec.suggestions import did_you_mean, list_names
+from obelisk_spec.values import ParameterValue
 from obelisk_spec.video import VideoError, VideoSettings, read_video
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.process_groups import Share
 from obk_cli.launch.sim_options import simulated_robots, with_simulator_parameters
 from obk_cli.optional_deps import require_extra
-from obk_cli.plan import ParameterValue, Plan
+from obk_cli.plan import Plan
 from obk_cli.surroundings import ModelRead
 
 __all__ = [

@@ -18,8 +18,8 @@ from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import EXIT_FAILED, MisuseError
 
 if TYPE_CHECKING:
-    from obk_cli.looking.place import Place
-    from obk_cli.looking.plain_data import Plain
+    from obk_cli.introspect.message_dict import Plain
+    from obk_cli.introspect.target import GraphTarget
 
 __all__ = ["app"]
 
@@ -50,16 +50,16 @@ def list_(
 ) -> None:
     """Show the services with their types."""
     is_json = wants_json(format)
-    place = here(domain, timeout)
+    target = here(domain, timeout)
 
-    from obk_cli.looking.finding import find_node, settle
-    from obk_cli.looking.graph import special_services
-    from obk_cli.looking.sight import open_sight
+    from obk_cli.introspect.graph_model import special_services
+    from obk_cli.introspect.graph_source import open_graph
+    from obk_cli.introspect.resolve import find_node, settle
     from obk_cli.report.graph import services_text
 
-    with open_sight(place) as look:
-        of_node = None if node is None else find_node(look, place, node, timeout)
-        settle(look, place, timeout)
+    with open_graph(target) as look:
+        of_node = None if node is None else find_node(look, target, node, timeout)
+        settle(look, target, timeout)
         services = look.service_types() if of_node is None else look.services_of(of_node)
     shown = services if all_ else special_services(services)
     if is_json:
@@ -90,16 +90,13 @@ def call(
     is_json = wants_json(format)
     if service_type is not None and not _SERVICE_TYPE.fullmatch(service_type):
         raise MisuseError(f"`--type {service_type}`: expected such as `std_srvs/srv/Trigger`")
-    place = here(domain, timeout)
+    target = here(domain, timeout)
 
     from obk_cli.cli.message_argument import load_message
-    from obk_cli.looking.errands import call_by_launcher
     from obk_cli.report.messages import json_line, message_text
 
     asked = load_message(request)
-    response = call_by_launcher(place, service, service_type, asked, timeout)
-    if response is None:
-        response = _call(with_types(place), service, service_type, asked, timeout)
+    response = _call(with_types(target), service, service_type, asked, timeout)
     if is_json:
         print(json.dumps(json.loads(json_line(response)), indent=1))
     else:
@@ -109,18 +106,18 @@ def call(
 
 
 def _call(
-    place: "Place", service: str, service_type: str | None, request: object, timeout_s: float
+    target: "GraphTarget", service: str, service_type: str | None, request: object, timeout_s: float
 ) -> "Plain":
-    """The response of a service, called by a participant of our own."""
-    from obk_cli.looking.fill import require_fit
-    from obk_cli.looking.finding import find_service, the_type
-    from obk_cli.looking.plain_data import plain_data
+    """Call a service and return its response."""
+    from obk_cli.introspect.message_dict import plain_data
+    from obk_cli.introspect.message_input import require_fit
+    from obk_cli.introspect.resolve import find_service, the_type
     from obk_cli.ros.participant import open_look
     from obk_cli.ros.services import ServiceClient
     from obk_cli.ros.types import fields_of, find_type, make_message
 
-    with open_look(place.environment, ("rosidl_generator_py",)) as look:
-        name = find_service(look, place, service, timeout_s)
+    with open_look(target.environment, ("rosidl_generator_py",)) as look:
+        name = find_service(look, target, service, timeout_s)
         types = (service_type,) if service_type else look.service_types()[name]
         kind = the_type("service", name, types)
         data = require_fit(request, f"{kind}_Request", fields_of)

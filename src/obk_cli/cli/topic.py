@@ -47,15 +47,15 @@ def list_(
     """Show every topic with its type and how many publish and subscribe."""
     is_json = wants_json(format)
     require_positive("--wait", wait, "seconds")
-    place = here(domain, timeout)
+    target = here(domain, timeout)
 
-    from obk_cli.looking.finding import settle
-    from obk_cli.looking.graph import visible
-    from obk_cli.looking.sight import open_sight
+    from obk_cli.introspect.graph_model import visible
+    from obk_cli.introspect.graph_source import open_graph
+    from obk_cli.introspect.resolve import settle
     from obk_cli.report.graph import topics_data, topics_text
 
-    with open_sight(place) as look:
-        settle(look, place, timeout, wait_s=wait)
+    with open_graph(target) as look:
+        settle(look, target, timeout, wait_s=wait)
         graph = look.graph() if all_ else visible(look.graph())
     if is_json:
         print_json(topics_data(graph))
@@ -75,15 +75,15 @@ def info(
     Ends that do not hear each other, for their type or quality of service, are told.
     """
     is_json = wants_json(format)
-    place = here(domain, timeout)
+    target = here(domain, timeout)
 
-    from obk_cli.looking.finding import find_topic, settle
-    from obk_cli.looking.sight import open_sight
+    from obk_cli.introspect.graph_source import open_graph
+    from obk_cli.introspect.resolve import find_topic, settle
     from obk_cli.report.graph import topic_data, topic_text
 
-    with open_sight(place) as look:
-        found = find_topic(look, place, topic, timeout, is_heard=False)
-        settle(look, place, timeout)
+    with open_graph(target) as look:
+        found = find_topic(look, target, topic, timeout, is_heard=False)
+        settle(look, target, timeout)
         seen = look.topic(found.name)
     if is_json:
         print_json(topic_data(seen))

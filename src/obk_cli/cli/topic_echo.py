@@ -18,8 +18,8 @@ from obk_cli.cli.looking_options import (
 from obk_cli.errors import MisuseError
 
 if TYPE_CHECKING:
-    from obk_cli.looking.place import Place
-    from obk_cli.looking.selection import Selection
+    from obk_cli.introspect.field_path import Selection
+    from obk_cli.introspect.target import GraphTarget
     from obk_cli.report.show import Shower
 
 __all__ = ["EXAMPLE", "command"]
@@ -63,38 +63,32 @@ def command(
         raise MisuseError("`--csv` and `--format json` ask for different things")
     most = 1 if once else count
 
-    from obk_cli.looking.errands import message_by_launcher
-    from obk_cli.looking.selection import parse_selection
+    from obk_cli.introspect.field_path import parse_selection
     from obk_cli.report.show import Shower
 
     selections = [parse_selection(text) for text in (*(fields or ()), *(field or ()))]
     shower = Shower(selections, "csv" if csv else format, is_whole=full, warn=_warn)
-    place = here(domain, timeout)
-    only = message_by_launcher(place, topic, selections, timeout) if most == 1 else None
-    if only is None:
-        _listen(with_types(place), topic, selections, shower, most, timeout)
-    elif lines := list(shower.lines(only)):
-        print("\n".join(lines))
+    _listen(with_types(here(domain, timeout)), topic, selections, shower, most, timeout)
 
 
 def _listen(
-    place: "Place",
+    target: "GraphTarget",
     topic: str,
     selections: "Sequence[Selection]",
     shower: "Shower",
     most: int | None,
     timeout_s: float,
 ) -> None:
-    """Show messages that a participant of our own hears."""
-    from obk_cli.looking.finding import find_topic, the_type
-    from obk_cli.looking.selection import check_selection
+    """Show the messages that a subscription receives."""
+    from obk_cli.introspect.field_path import check_selection
+    from obk_cli.introspect.resolve import find_topic, the_type
     from obk_cli.ros.participant import open_look
     from obk_cli.ros.raw_subscription import DropCounter, messages
     from obk_cli.ros.types import fields_of, find_type, short_type
 
-    needs = ("rclpy.serialization", *place.modules([topic]))
-    with open_look(place.environment, needs) as look:
-        seen = find_topic(look, place, topic, timeout_s)
+    needs = ("rclpy.serialization", *target.modules([topic]))
+    with open_look(target.environment, needs) as look:
+        seen = find_topic(look, target, topic, timeout_s)
         msg_type = the_type("topic", seen.name, seen.heard_types)
         python_type = find_type(msg_type)
         for selection in selections:

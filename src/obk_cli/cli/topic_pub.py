@@ -20,8 +20,8 @@ from obk_cli.cli.option_values import require_positive
 from obk_cli.errors import MisuseError
 
 if TYPE_CHECKING:
-    from obk_cli.looking.place import Place
-    from obk_cli.looking.publishing import Publication, Published
+    from obk_cli.introspect.publishing import Publication, Published
+    from obk_cli.introspect.target import GraphTarget
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -62,12 +62,11 @@ def command(
     """
     require_positive("--rate", rate)
     msg_type, text = _type_and_text(words or [])
-    place = here(domain, timeout)
+    target = here(domain, timeout)
     most = 1 if once else count
 
     from obk_cli.cli.message_argument import load_message
-    from obk_cli.looking.errands import publish_by_launcher
-    from obk_cli.looking.publishing import Publication
+    from obk_cli.introspect.publishing import Publication
 
     publication = Publication(
         topic=topic,
@@ -77,9 +76,7 @@ def command(
         timeout_s=timeout,
         may_move=allow_foreign,
     )
-    published = publish_by_launcher(place, publication) if most == 1 else None
-    if published is None:
-        published = _publish(with_types(place), publication, most, rate)
+    published = _publish(with_types(target), publication, most, rate)
     if not published.is_confirmed:
         print("warning: not every subscriber has confirmed the last message", file=sys.stderr)
     messages = "messages" if published.count > 1 else "message"
@@ -87,19 +84,19 @@ def command(
 
 
 def _publish(
-    place: "Place", publication: "Publication", most: int | None, rate_hz: float
+    target: "GraphTarget", publication: "Publication", most: int | None, rate_hz: float
 ) -> "Published":
-    """Publish by a participant of our own.
+    """Publish messages.
 
     Args:
-        place: where.
+        target: where.
         publication: what.
         most: messages; None: without end.
         rate_hz: messages per second.
     """
     from obk_cli.adapters.allowed_publisher import ALLOWED_PUBLISHER
-    from obk_cli.looking.fill import require_fit
-    from obk_cli.looking.publishing import (
+    from obk_cli.introspect.message_input import require_fit
+    from obk_cli.introspect.publishing import (
         Published,
         refuse_moving,
         topic_to_publish,
@@ -110,17 +107,17 @@ def _publish(
     from obk_cli.ros.types import fields_of, find_type, make_message
 
     node = ALLOWED_PUBLISHER if publication.may_move else LOOKER
-    with open_look(place.environment, place.modules([publication.topic]), node) as look:
-        seen, kind = topic_to_publish(look, place, publication)
+    with open_look(target.environment, target.modules([publication.topic]), node) as look:
+        seen, kind = topic_to_publish(look, target, publication)
         data = require_fit(publication.message, kind, fields_of)
         if not publication.may_move:
-            refuse_moving(seen, place)
+            refuse_moving(seen, target)
         publisher = RosPublisher(look, seen, find_type(kind))
         wait_for_subscribers(look, seen.name, kind, publication, lambda: publisher.subscribers)
         publisher.become_known(look.topic(seen.name))
         # Nodes of other hosts may have become known only now.
         if not publication.may_move:
-            refuse_moving(look.topic(seen.name), place)
+            refuse_moving(look.topic(seen.name), target)
         begin, sent = time.monotonic(), 0
         while most is None or sent < most:
             publisher.until(begin + sent / rate_hz)

@@ -22,9 +22,9 @@ from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.errors import CommandFailedError
 
 if TYPE_CHECKING:
-    from obk_cli.looking.delays import Delay
-    from obk_cli.looking.place import Place
-    from obk_cli.looking.rates import Rate
+    from obk_cli.introspect.latency import Delay
+    from obk_cli.introspect.rates import TopicRate
+    from obk_cli.introspect.target import GraphTarget
 
 __all__ = ["DELAY_EXAMPLE", "HZ_EXAMPLE", "delay", "hz"]
 
@@ -61,37 +61,32 @@ def hz(
     is_json = wants_json(format)
     require_positive("--window", window, "seconds")
     require_positive("--duration", duration, "seconds")
-    place = here(domain, timeout)
-
-    from obk_cli.looking.errands import rates_by_launcher
-
-    counted = rates_by_launcher(place, topics, duration, timeout) if duration else None
-    if counted is None:
-        counted = _count(with_types(place), topics, window, duration, timeout, is_json=is_json)
+    target = here(domain, timeout)
+    counted = _count(with_types(target), topics, window, duration, timeout, is_json=is_json)
     if duration is not None:
         _tell_rates(counted, is_json=is_json)
         _require_messages(counted, duration, duration)
 
 
 def _count(
-    place: "Place",
+    target: "GraphTarget",
     topics: Sequence[str],
     window_s: float,
     duration_s: float | None,
     timeout_s: float,
     *,
     is_json: bool,
-) -> "Mapping[str, Rate]":
-    """What a participant of our own measures; without a duration it tells, without end."""
-    from obk_cli.looking.finding import find_topic, the_type
+) -> "Mapping[str, TopicRate]":
+    """Measure rates; without a duration, report them each second until Ctrl-C."""
+    from obk_cli.introspect.resolve import find_topic, the_type
     from obk_cli.ros.participant import open_look
     from obk_cli.ros.rate_meter import RosMeter
     from obk_cli.ros.types import raw_type
 
-    with open_look(place.environment, place.modules(topics)) as look:
+    with open_look(target.environment, target.modules(topics)) as look:
         meter = RosMeter(look, duration_s or window_s)
         for topic in topics:
-            seen = find_topic(look, place, topic, timeout_s)
+            seen = find_topic(look, target, topic, timeout_s)
             msg_type = the_type("topic", seen.name, seen.heard_types)
             hashes = (end.type_hash for end in seen.publishers)
             meter.add(seen.name, msg_type, raw_type(msg_type, hashes))
@@ -121,20 +116,14 @@ def delay(
     """
     is_json = wants_json(format)
     require_positive("--duration", duration, "seconds")
-    place = here(domain, timeout)
-
-    from obk_cli.looking.errands import delay_by_launcher
-
-    counted = delay_by_launcher(place, topic, window, duration, timeout) if duration else None
-    if counted is None:
-        place = with_types(place)
-        counted = _heard(place, topic, window, duration, timeout, is_json=is_json)
+    target = with_types(here(domain, timeout))
+    counted = _heard(target, topic, window, duration, timeout, is_json=is_json)
     if duration is not None:
         _tell_delay(*counted, duration, duration, is_json=is_json)
 
 
 def _heard(
-    place: "Place",
+    target: "GraphTarget",
     topic: str,
     window: int,
     duration_s: float | None,
@@ -142,17 +131,16 @@ def _heard(
     *,
     is_json: bool,
 ) -> "tuple[str, Delay | None, int]":
-    """What a participant of our own hears; without a duration it tells, without end."""
-    from obk_cli.looking.delays import DelayMeter
-    from obk_cli.looking.finding import find_topic, the_type
-    from obk_cli.looking.stamps import stamp_of
+    """Measure delays; without a duration, report them each second until Ctrl-C."""
+    from obk_cli.introspect.latency import DelayMeter, stamp_of
+    from obk_cli.introspect.resolve import find_topic, the_type
     from obk_cli.ros.participant import open_look
     from obk_cli.ros.raw_subscription import arrived
     from obk_cli.ros.types import fields_of, find_type, short_type
 
-    needs = ("rclpy.serialization", *place.modules([topic]))
-    with open_look(place.environment, needs) as look:
-        seen = find_topic(look, place, topic, timeout_s)
+    needs = ("rclpy.serialization", *target.modules([topic]))
+    with open_look(target.environment, needs) as look:
+        seen = find_topic(look, target, topic, timeout_s)
         msg_type = the_type("topic", seen.name, seen.heard_types)
         python_type = find_type(msg_type)
         stamp = stamp_of(short_type(msg_type), fields_of)
@@ -185,7 +173,7 @@ def _told_when_interrupted(tell: Callable[[], None]) -> Iterator[None]:
         raise
 
 
-def _tell_rates(rates: "Mapping[str, Rate]", *, is_json: bool) -> None:
+def _tell_rates(rates: "Mapping[str, TopicRate]", *, is_json: bool) -> None:
     from obk_cli.report.messages import json_line
     from obk_cli.report.rates import rate_data, rate_text
 
@@ -195,7 +183,7 @@ def _tell_rates(rates: "Mapping[str, Rate]", *, is_json: bool) -> None:
         print(json_line(rate_data(name, rate)) if is_json else text, flush=True)
 
 
-def _require_messages(rates: "Mapping[str, Rate]", passed_s: float, limit_s: float) -> None:
+def _require_messages(rates: "Mapping[str, TopicRate]", passed_s: float, limit_s: float) -> None:
     silent = [name for name, rate in rates.items() if not rate.count]
     if silent and passed_s >= limit_s:
         raise CommandFailedError(f"no message came on {', '.join(silent)} within {limit_s:g} s")

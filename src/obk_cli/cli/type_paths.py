@@ -3,9 +3,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-from obk_cli.launch.runs import read_run
 from obk_cli.process.identity import working_folder
 from obk_cli.ros.environment import RosEnvironment
+from obk_cli.runs.folder import read_run
 from obk_cli.workspace.overlay import import_from, overlay_prefixes, with_overlays
 from obk_cli.workspace.package_index import PackageIndex
 

@@ -9,9 +9,9 @@ import typer
 
 from obk_cli.cli.looking_options import TIMEOUT_S, DomainOption, here, with_types
 from obk_cli.errors import EXIT_DONE
-from obk_cli.launch.runs import runs_folder
 from obk_cli.monitor.stack_follower import Target, Watcher
 from obk_cli.optional_deps import require_extra
+from obk_cli.runs.folder import runs_folder
 
 __all__ = ["EXAMPLE", "command"]
 

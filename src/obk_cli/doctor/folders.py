@@ -9,7 +9,7 @@ from typing import Final
 
 from obk_cli.doctor.finding import GIB, MIB, Fact, Finding, bytes_text, ok, warning
 from obk_cli.doctor.memory import write_fault
-from obk_cli.launch.runs import runs_folder
+from obk_cli.runs.folder import runs_folder
 from obk_cli.workspace.model_cache import cache_folder
 
 __all__ = ["FolderFacts", "judge_folders", "probe_folders"]

@@ -4,10 +4,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from obk_cli.adapters.leftovers import find_leftovers
-from obk_cli.adapters.live_runs import live_runs
 from obk_cli.doctor.finding import Finding, note, ok, warning
-from obk_cli.launch.runs import runs_folder
 from obk_cli.report.escapes import plain
+from obk_cli.runs.folder import runs_folder
+from obk_cli.runs.registry import live_runs
 
 __all__ = ["RunningStack", "StackFacts", "judge_stacks", "probe_stacks"]
 

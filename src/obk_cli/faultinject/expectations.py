@@ -4,9 +4,9 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from obk_cli.launch.process_groups import Unit
-from obk_cli.launch.process_groups import rule_of
-from obk_cli.plan import TIERS, OnCrash
+from obelisk_spec.components import TIERS
+from obk_cli.launch.process_groups import Unit, rule_of
+from obk_cli.plan import OnCrash
 
 __all__ = [
     "FAULTS",

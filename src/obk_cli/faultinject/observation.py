@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from obk_cli.launch.asks import StackStatus
 from obk_cli.launch.events import OUTPUT_EVENTS, OutputEvent
+from obk_cli.runs.protocol import StackStatus
 
 __all__ = ["Observation", "TimedEvent", "parse_event"]
 

@@ -16,8 +16,8 @@ from obk_cli.faultinject.launched_stack import LaunchedStack
 from obk_cli.faultinject.observation import Observation, TimedEvent
 from obk_cli.faultinject.verdict import Verdict, has_concluded, incompleteness, verdict_of
 from obk_cli.launch.events import AnswersAgain, Ended, Phase
-from obk_cli.launch.transitions import ACTIVE
 from obk_cli.process.signals import freeze, kill, thaw
+from obk_cli.runs.lifecycle import ACTIVE
 
 __all__ = ["LaunchSettings", "run_cases"]
 

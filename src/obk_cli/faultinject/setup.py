@@ -4,11 +4,11 @@ import shutil
 from pathlib import Path
 from typing import Final
 
-from obk_cli.adapters.live_runs import live_folders
 from obk_cli.clock import local_time
 from obk_cli.config import Stack
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.runs import make_run_folder, run_folders
+from obk_cli.runs.folder import make_run_folder, run_folders
+from obk_cli.runs.registry import live_folders
 
 __all__ = ["make_rehearsal_folder", "refuse_hardware", "refuse_running"]
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from obk_cli.faultinject.expectations import Case
 from obk_cli.faultinject.observation import Observation, TimedEvent
-from obk_cli.launch.asks import StackStatus
 from obk_cli.launch.events import (
     AnswersAgain,
     Ended,
@@ -18,7 +17,8 @@ from obk_cli.launch.events import (
     Restarted,
     Restarting,
 )
-from obk_cli.launch.transitions import ACTIVE
+from obk_cli.runs.lifecycle import ACTIVE
+from obk_cli.runs.protocol import StackStatus
 
 __all__ = ["Verdict", "has_concluded", "incompleteness", "verdict_of"]
 

@@ -10,31 +10,37 @@ import os
 import socket
 import struct
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from obk_cli.launch.answers import emit_answer
-from obk_cli.launch.asks import ChangeAnswer, ChangeAsked, StackStatus, StatusAsked
+import msgspec
+
+from obk_cli.launch.asks import ChangeAsked, StatusAsked
 from obk_cli.launch.events import InputEvent, StopAsked
-from obk_cli.launch.wire import (
+from obk_cli.runs.protocol import (
     CONTROL_SOCKET,
     LONGEST_REQUEST,
     LONGEST_WAIT_S,
+    ChangeAnswer,
     ChangeRequest,
-    LookRequest,
+    Fault,
+    GraphAnswer,
+    GraphRequest,
+    StackStatus,
     StatusRequest,
+    Stopping,
     StopRequest,
-    emit_fault,
-    emit_look,
-    parse_request,
+    decode,
+    decode_request,
+    encode_line,
 )
 
 __all__ = ["Look", "serve_control"]
 
-Look = Callable[[Mapping[str, Any], Callable[[Mapping[str, Any]], None]], object]
-"""Takes a question about the ROS graph and a callback for the answer, which a thread calls."""
+Look = Callable[[bytes, Callable[[bytes], None]], object]
+"""Takes a question about the ROS graph and what is to be called with the answer, from a thread."""
 
 READ_S: Final = 2.0
 """How long a request may take to come [s]."""
@@ -120,7 +126,7 @@ class _Server:
         server.close()
         # What the supervisor answers on its way out comes before this.
         for answer in self._waiting:
-            _settle(answer, emit_fault("the stack has ended"))
+            _settle(answer, encode_line(Fault(error="the stack has ended")))
         if self._handlers:
             await asyncio.wait(self._handlers, timeout=END_S)
 
@@ -142,28 +148,28 @@ class _Server:
 
     async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bytes:
         if len(self._handlers) > MOST_CONNECTIONS:
-            return emit_fault(f"more than {MOST_CONNECTIONS} ask at the same moment")
+            return encode_line(Fault(error=f"more than {MOST_CONNECTIONS} ask at the same moment"))
         if _user(writer) not in (os.getuid(), 0):
-            return emit_fault("the stack is another user's")
+            return encode_line(Fault(error="the stack is another user's"))
         try:
             async with asyncio.timeout(READ_S):
                 line = await reader.readline()
         except TimeoutError:
-            return emit_fault(f"no request came within {READ_S:g} s")
+            return encode_line(Fault(error=f"no request came within {READ_S:g} s"))
         except ValueError:
-            return emit_fault(f"a request has at most {LONGEST_REQUEST} bytes")
-        match parse_request(line):
+            return encode_line(Fault(error=f"a request has at most {LONGEST_REQUEST} bytes"))
+        match decode_request(line):
             case StatusRequest():
                 return await self._status()
             case ChangeRequest() as request:
                 return await self._change(request)
             case StopRequest(reason=reason):
                 self._put(StopAsked(reason=reason))
-                return emit_answer(None)
-            case LookRequest(question=question):
+                return encode_line(Stopping())
+            case GraphRequest(question=question):
                 return await self._look_at(question)
-            case str() as fault:
-                return emit_fault(fault)
+            case Fault() as fault:
+                return encode_line(fault)
 
     async def _status(self) -> bytes:
         answer = self._awaited()
@@ -172,7 +178,7 @@ class _Server:
             async with asyncio.timeout(STATUS_S):
                 return await answer
         except TimeoutError:
-            return emit_fault(f"the launcher has not answered for {STATUS_S:g} s")
+            return encode_line(Fault(error=f"the launcher has not answered for {STATUS_S:g} s"))
 
     async def _change(self, request: ChangeRequest) -> bytes:
         answer = self._awaited()
@@ -186,17 +192,21 @@ class _Server:
         )
         return await answer
 
-    async def _look_at(self, question: Mapping[str, Any]) -> bytes:
+    async def _look_at(self, question: msgspec.Raw) -> bytes:
         if self._look is None:
-            return emit_fault("the launcher does not tell of the ROS graph")
+            return encode_line(Fault(error="the launcher does not tell of the ROS graph"))
         answer = self._awaited()
-        self._look(question, lambda found: self._settle_from_a_thread(answer, emit_look(found)))
-        wait_s = LOOK_S + _limit_s(question)
+
+        def reply(data: bytes) -> None:
+            self._settle_from_a_thread(answer, encode_line(GraphAnswer(told=msgspec.Raw(data))))
+
+        self._look(bytes(question), reply)
+        wait_s = LOOK_S + _given_s(question)
         try:
             async with asyncio.timeout(wait_s):
                 return await answer
         except TimeoutError:
-            return emit_fault(f"the launcher has not answered for {wait_s:g} s")
+            return encode_line(Fault(error=f"the launcher has not answered for {wait_s:g} s"))
 
     def _awaited(self) -> "asyncio.Future[bytes]":
         answer: asyncio.Future[bytes] = self._loop.create_future()
@@ -208,7 +218,7 @@ class _Server:
         self, answer: "asyncio.Future[bytes]"
     ) -> Callable[[StackStatus | ChangeAnswer], None]:
         def reply(value: StackStatus | ChangeAnswer) -> None:
-            self._settle_from_a_thread(answer, emit_answer(value))
+            self._settle_from_a_thread(answer, encode_line(value))
 
         return reply
 
@@ -222,11 +232,17 @@ def _settle(answer: "asyncio.Future[bytes]", line: bytes) -> None:
         answer.set_result(line)
 
 
-def _limit_s(question: Mapping[str, Any]) -> float:
-    """How long a question may take by the time limits that it sets [s]."""
-    given = (question.get(key) for key in ("timeout_s", "duration_s"))
-    waits = (min(each, LONGEST_WAIT_S) for each in given if isinstance(each, int | float))
-    return max((each for each in waits if each > 0), default=0.0)
+class _Timed(msgspec.Struct, frozen=True):
+    timeout_s: float = 0.0
+
+
+def _given_s(question: bytes | msgspec.Raw) -> float:
+    """How long a question gives a node to answer [s]."""
+    try:
+        timed: _Timed = decode(question, _Timed)
+    except ValueError:
+        return 0.0
+    return max(0.0, min(timed.timeout_s, LONGEST_WAIT_S))
 
 
 def _user(writer: asyncio.StreamWriter) -> int:

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Final, Generic, TypeVar, get_args
 
 from obelisk_spec.runtime_protocol import Rate
 from obelisk_spec.video import VideoStatus
-from obk_cli.launch.asks import ChangeAsked, Result, StackStatus, StatusAsked
+from obk_cli.launch.asks import ChangeAsked, StatusAsked
+from obk_cli.runs.protocol import Result, StackStatus
 
 if TYPE_CHECKING:
     from obk_cli.launch.stack_state import StackState

@@ -11,7 +11,7 @@ from typing import Final
 from obelisk_spec.runtime_protocol import Rate
 from obk_cli.launch.events import OutputEvent, RateBroken, RateKept, RateMoved, RatesReported
 from obk_cli.launch.stack_state import StackState
-from obk_cli.launch.transitions import ACTIVE
+from obk_cli.runs.lifecycle import ACTIVE
 
 __all__ = ["SILENT_S", "RateWatch"]
 

@@ -12,7 +12,8 @@ from obk_cli.launch.events import GoesOnWithout, Restarted, Restarting
 from obk_cli.launch.process_control import ProcessControl
 from obk_cli.launch.stack_state import Crash
 from obk_cli.launch.transition_runner import TransitionRunner
-from obk_cli.launch.transitions import ACTIVE, UNCONFIGURED, Transition, tiers_up, way_up
+from obk_cli.launch.transitions import tiers_up, way_up
+from obk_cli.runs.lifecycle import ACTIVE, UNCONFIGURED, Transition
 
 __all__ = ["RestartPolicy"]
 

@@ -25,8 +25,9 @@ from obk_cli.launch.events import (
     TransitionBegun,
     VideoReported,
 )
-from obk_cli.launch.transitions import PASSED, RESTING
+from obk_cli.launch.transitions import PASSED
 from obk_cli.ros.environment import RosEnvironment
+from obk_cli.runs.lifecycle import RESTING
 
 __all__ = [
     "NodeWatch",

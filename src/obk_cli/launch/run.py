@@ -13,9 +13,9 @@ from queue import SimpleQueue
 from tempfile import TemporaryDirectory
 
 from obk_cli.adapters.leftovers import launch_marks
-from obk_cli.adapters.ros_answers import RosAnswers
 from obk_cli.clock import monotonic_s
 from obk_cli.errors import CommandFailedError
+from obk_cli.introspect.graph_service import GraphService
 from obk_cli.launch.commands import Executables, composable, find_executables, unit_commands
 from obk_cli.launch.conflicts import (
     refuse_taken_names,
@@ -212,7 +212,7 @@ def _serve_others(
     if folder is None:
         return
     try:
-        stack.enter_context(serve_control(folder, inbox.put, RosAnswers(ros.look()).ask))
+        stack.enter_context(serve_control(folder, inbox.put, GraphService(ros.look()).ask))
     except OSError as error:
         output.note(f"warning: other terminals are not answered: {error}")
 

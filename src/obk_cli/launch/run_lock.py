@@ -15,28 +15,27 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from obk_cli.adapters.launchers import STOP_S, end_launcher
-from obk_cli.adapters.live_runs import is_alive, live_folders
 from obk_cli.clock import local_time, wall_s
 from obk_cli.emit.json import emit_plan
 from obk_cli.errors import CommandFailedError, ObkError
 from obk_cli.files import is_within_planted
 from obk_cli.launch.events import Ended
 from obk_cli.launch.options import KEPT_RUNS, LaunchOptions
-from obk_cli.launch.runs import (
-    MadeFrom,
-    Run,
-    make_run_folder,
-    note_end,
-    read_run,
-    run_folders,
-    runs_folder,
-    write_run,
-)
 from obk_cli.optional_deps import run_versions
 from obk_cli.plan import Plan
 from obk_cli.process.identity import boot_id, this_process
 from obk_cli.ros.environment import RosEnvironment
+from obk_cli.runs.folder import (
+    MadeFrom,
+    Run,
+    make_run_folder,
+    read_run,
+    record_end,
+    run_folders,
+    runs_folder,
+    write_run,
+)
+from obk_cli.runs.registry import STOP_S, end_launcher, is_alive, live_folders
 
 if TYPE_CHECKING:
     from obk_cli.launch.console import Output
@@ -99,7 +98,9 @@ def locked_run(
     finally:
         # If it cannot be written, the end of the process shows that the run is over.
         with suppress(OSError):
-            note_end(folder, run, lock.ended, wall_s())
+            ended = lock.ended
+            exit_code, cause = (ended.exit_code, ended.cause) if ended else (None, "")
+            record_end(folder, run, wall_s(), exit_code, cause)
 
 
 def _run(plan: Plan, environment: RosEnvironment, options: LaunchOptions) -> Run:

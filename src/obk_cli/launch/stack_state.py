@@ -9,17 +9,11 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from obelisk_spec.runtime_protocol import Rate
-from obk_cli.launch.asks import NodeStatus
 from obk_cli.launch.process_groups import Unit, rule_of
-from obk_cli.launch.transitions import (
-    ACTIVE,
-    FINALIZED,
-    INACTIVE,
-    RESTING,
-    UNCONFIGURED,
-    UNKNOWN,
-)
+from obk_cli.launch.transitions import UNKNOWN
 from obk_cli.plan import OnCrash, Plan, Process
+from obk_cli.runs.lifecycle import ACTIVE, FINALIZED, INACTIVE, RESTING, UNCONFIGURED
+from obk_cli.runs.protocol import NodeStatus
 
 __all__ = ["GONE", "Crash", "Failure", "RunState", "StackState"]
 

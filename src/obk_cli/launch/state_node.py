@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from obelisk_spec.names import node_name_fault
 from obk_cli.adapters.lifecycle_client import LifecycleClient
-from obk_cli.launch.asks import ChangeAnswer, ChangeAsked
+from obk_cli.launch.asks import ChangeAsked
 from obk_cli.launch.events import InputEvent
 from obk_cli.launch.transitions import (
     EDGES,
@@ -24,6 +24,7 @@ from obk_cli.launch.transitions import (
     edges_from,
     find_edge,
 )
+from obk_cli.runs.protocol import ChangeAnswer
 
 __all__ = ["StateNode", "rejection", "state_node_name"]
 

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from typing import Final
 
-from obk_cli.launch.asks import ChangeAnswer, ChangeAsked, Member, StatusAsked
+from obk_cli.launch.asks import ChangeAsked, StatusAsked
 from obk_cli.launch.event_loop import EventLoop, RunContext
 from obk_cli.launch.events import (
     Answered,
@@ -42,20 +42,10 @@ from obk_cli.launch.rates import RateWatch
 from obk_cli.launch.restart_policy import RestartPolicy
 from obk_cli.launch.stack_state import RunState, StackState
 from obk_cli.launch.transition_runner import Change, TransitionRunner, reason
-from obk_cli.launch.transitions import (
-    ACTIVE,
-    FINALIZED,
-    TRANSITIONS,
-    UNCONFIGURED,
-    UNTIL,
-    PendingRequests,
-    Transition,
-    Until,
-    tiers_down,
-    way_down,
-    way_up,
-)
+from obk_cli.launch.transitions import UNTIL, PendingRequests, Until, tiers_down, way_down, way_up
 from obk_cli.plan import OnCrash, Plan
+from obk_cli.runs.lifecycle import ACTIVE, FINALIZED, TRANSITIONS, UNCONFIGURED, Transition
+from obk_cli.runs.protocol import ChangeAnswer, Member
 
 __all__ = ["Supervisor"]
 

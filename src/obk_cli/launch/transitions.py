@@ -1,34 +1,37 @@
-"""The life cycle of a stack: its transitions as one table, the order of tiers, pending requests.
+"""The life cycle of a stack: its numbered edges, the order of tiers, pending requests.
 
-Pure. `TRANSITIONS` is the table; `EDGES`, the numbered edges that ROS clients see, follow from it.
+`EDGES`, which ROS clients see, follow from the table `obk_cli.runs.lifecycle.TRANSITIONS`.
 Source: https://design.ros2.org/articles/node_lifecycle.html; lifecycle_msgs/msg/State,
 lifecycle_msgs/msg/Transition; rcl_lifecycle's default state machine.
 """
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
-if TYPE_CHECKING:  # the control protocol needs the table alone, and has to load fast
+from obk_cli.runs.lifecycle import (
+    ACTIVE,
+    FINALIZED,
+    INACTIVE,
+    RESTING,
+    TRANSITIONS,
+    UNCONFIGURED,
+    Transition,
+)
+
+if TYPE_CHECKING:
     from obk_cli.launch.events import Answered, Failed, StateSeen
     from obk_cli.plan import Plan
 
 __all__ = [
-    "ACTIVE",
     "EDGES",
-    "FINALIZED",
-    "INACTIVE",
     "PASSED",
-    "RESTING",
     "STATES",
-    "TRANSITIONS",
-    "UNCONFIGURED",
     "UNKNOWN",
     "UNTIL",
     "Edge",
     "PendingRequests",
-    "Transition",
     "Until",
     "edge_between",
     "edges_from",
@@ -40,12 +43,6 @@ __all__ = [
 ]
 
 UNKNOWN: Final = "unknown"
-UNCONFIGURED: Final = "unconfigured"
-INACTIVE: Final = "inactive"
-ACTIVE: Final = "active"
-FINALIZED: Final = "finalized"
-RESTING: Final = frozenset({UNCONFIGURED, INACTIVE, ACTIVE, FINALIZED})
-"""States in which a node stays until a transition is requested."""
 
 STATES: Final = {
     UNKNOWN: 0,
@@ -65,84 +62,6 @@ STATES: Final = {
 Until = Literal["none", "configured", "active"]
 UNTIL: Final[dict[Until, str]] = {"none": UNCONFIGURED, "configured": INACTIVE, "active": ACTIVE}
 """How far a bring-up goes -> the state of the stack at its end."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Transition:
-    """One transition that a user can request."""
-
-    name: str
-    numbers: Mapping[str, int]
-    """State from which it is allowed -> its number in ROS."""
-    goal: str
-    passes: str
-    """The state of a node during the transition."""
-    success: int
-    """The number of its successful end in ROS."""
-    failure: int | None = None
-    """The number of its failed end in ROS; None: ROS has none."""
-    undo: str | None = None
-    """The transition that takes it back."""
-
-    @property
-    def starts(self) -> frozenset[str]:
-        """States from which it is allowed."""
-        return frozenset(self.numbers)
-
-    @property
-    def is_up(self) -> bool:
-        """Whether it leads towards `active`; then the robot comes first."""
-        return self.name in ("configure", "activate")
-
-
-TRANSITIONS: Final = {
-    t.name: t
-    for t in (
-        Transition(
-            name="configure",
-            numbers={UNCONFIGURED: 1},
-            goal=INACTIVE,
-            passes="configuring",
-            success=10,
-            failure=11,
-            undo="cleanup",
-        ),
-        Transition(
-            name="activate",
-            numbers={INACTIVE: 3},
-            goal=ACTIVE,
-            passes="activating",
-            success=30,
-            failure=31,
-            undo="deactivate",
-        ),
-        Transition(
-            name="deactivate",
-            numbers={ACTIVE: 4},
-            goal=INACTIVE,
-            passes="deactivating",
-            success=40,
-            failure=41,
-            undo="activate",
-        ),
-        Transition(
-            name="cleanup",
-            numbers={INACTIVE: 2},
-            goal=UNCONFIGURED,
-            passes="cleaningup",
-            success=20,
-            failure=21,
-            undo="configure",
-        ),
-        Transition(
-            name="shutdown",
-            numbers={UNCONFIGURED: 5, INACTIVE: 6, ACTIVE: 7},
-            goal=FINALIZED,
-            passes="shuttingdown",
-            success=50,
-        ),
-    )
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,17 +6,17 @@ from dataclasses import dataclass
 from typing import Final
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.asks import NodeStatus
-from obk_cli.launch.transitions import ACTIVE, INACTIVE
-from obk_cli.looking.parameters import Parameter
+from obk_cli.introspect.parameters import NodeParameter
 from obk_cli.plan import Plan, Process
+from obk_cli.runs.lifecycle import ACTIVE, INACTIVE
+from obk_cli.runs.protocol import NodeStatus
 
 __all__ = ["REALTIME_FACTOR", "PlannedTopic", "Speeds", "planned_topics", "simulated_robots"]
 
 REALTIME_FACTOR: Final = "realtime_factor"
 """The parameter: simulation time over wall time; 0: as fast as possible."""
 
-AskFactor = Callable[[str], Parameter]
+AskFactor = Callable[[str], NodeParameter]
 """Asks a node, by its full name, for the parameter; raises a CommandFailedError without answer."""
 
 

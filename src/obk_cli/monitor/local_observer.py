@@ -10,16 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from obk_cli.adapters.control_client import ask_status
-from obk_cli.adapters.follow import last_lines
-from obk_cli.adapters.launcher_look import LauncherParameters
-from obk_cli.adapters.live_runs import is_alive
-from obk_cli.asking.names import section_of
-from obk_cli.asking.run_logs import LAUNCH_LOG
-from obk_cli.launch.asks import NodeStatus, StackStatus
-from obk_cli.launch.runs import Run, read_run
-from obk_cli.launch.transitions import ACTIVE, UNKNOWN
-from obk_cli.looking.parameters import Parameter
+from obk_cli.introspect.graph_source import LauncherParameters
+from obk_cli.introspect.parameters import NodeParameter
+from obk_cli.launch.transitions import UNKNOWN
 from obk_cli.monitor.expected_topics import (
     REALTIME_FACTOR,
     Speeds,
@@ -29,8 +22,15 @@ from obk_cli.monitor.expected_topics import (
 from obk_cli.monitor.model import NodeView, StackView
 from obk_cli.monitor.topic_watch import WINDOW_S, TopicWatch
 from obk_cli.process.load import OwnCost, ProcessLoad, ProcessLoads
-from obk_cli.record.run_metadata import run_plan
 from obk_cli.ros.participant import RosLook
+from obk_cli.runs.control_client import ask_status
+from obk_cli.runs.folder import Run, read_run
+from obk_cli.runs.lifecycle import ACTIVE
+from obk_cli.runs.logs import LAUNCH_LOG, last_lines
+from obk_cli.runs.protocol import NodeStatus, StackStatus
+from obk_cli.runs.registry import is_alive
+from obk_cli.runs.run_plan import run_plan
+from obk_cli.runs.stacks import section_of
 
 __all__ = ["WINDOW_S", "Observer"]
 
@@ -106,7 +106,7 @@ class Observer:
         if self._speeds.factors != before:
             self._watch.want(planned_topics(self._plan, self._speeds.factors))
 
-    def _ask_factor(self, node: str) -> Parameter:
+    def _ask_factor(self, node: str) -> NodeParameter:
         parameters = LauncherParameters(self._folder, node, ANSWER_S)
         return parameters.values([REALTIME_FACTOR])[REALTIME_FACTOR]
 

@@ -13,7 +13,7 @@ from collections.abc import Collection, Sequence
 from itertools import chain
 from typing import Final
 
-from obk_cli.looking.delays import OTHER_CLOCK_NS
+from obk_cli.introspect.latency import OTHER_CLOCK_NS
 from obk_cli.monitor.model import Passage
 
 __all__ = ["PassageMeter"]

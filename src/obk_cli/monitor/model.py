@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from obelisk_spec.runtime_protocol import TOLERANCE
 from obelisk_spec.runtime_protocol import Rate as Promised
-from obk_cli.looking.rates import Rate
+from obk_cli.introspect.rates import TopicRate
 from obk_cli.process.load import ProcessLoad
 
 __all__ = ["NodeView", "Passage", "StackView", "TopicView"]
@@ -53,7 +53,7 @@ class TopicView:
     """Without that of whoever measures."""
     wanted_hz: float | None
     """What the config promises; None: nothing."""
-    rate: Rate | None
+    rate: TopicRate | None
     """As measured; None: it is not listened to."""
     passage: Passage | None = None
     """None: no stamps, or those of another clock."""

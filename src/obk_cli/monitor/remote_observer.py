@@ -7,9 +7,7 @@ these only its launcher's host knows.
 from contextlib import suppress
 from typing import Final
 
-from obk_cli.asking.names import in_tier_order, section_of
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.transitions import ACTIVE
 from obk_cli.monitor.expected_topics import PlannedTopic
 from obk_cli.monitor.model import NodeView, StackView
 from obk_cli.monitor.topic_watch import RTF_TYPE, TopicWatch
@@ -17,6 +15,8 @@ from obk_cli.process.load import OwnCost
 from obk_cli.ros.participant import LOOKER, RosLook
 from obk_cli.ros.services import ServiceClient
 from obk_cli.ros.types import find_type
+from obk_cli.runs.lifecycle import ACTIVE
+from obk_cli.runs.stacks import in_tier_order, section_of
 
 __all__ = ["ElsewhereObserver"]
 

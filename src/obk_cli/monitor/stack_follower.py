@@ -11,17 +11,17 @@ from threading import Event
 from typing import Final, Protocol
 
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.adapters.live_runs import live_folders
-from obk_cli.asking.lifecycle import Asked, change_states
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.launch.asks import ChangeAnswer
-from obk_cli.launch.runs import Run, runs_folder
-from obk_cli.looking.place import DOMAIN, Place, place_of
+from obk_cli.introspect.lifecycle import Asked, change_states
+from obk_cli.introspect.target import DOMAIN, GraphTarget, target_of
 from obk_cli.monitor.local_observer import Observer
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.remote_observer import ElsewhereObserver
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.ros.participant import RosLook, open_look
+from obk_cli.runs.folder import Run, runs_folder
+from obk_cli.runs.protocol import ChangeAnswer
+from obk_cli.runs.registry import live_folders
 
 __all__ = ["Target", "Watcher"]
 
@@ -48,13 +48,13 @@ class Target:
     run: str | None = None
     """A config's name or a run folder's; None: whatever runs there."""
 
-    def place(self) -> Place:
+    def place(self) -> GraphTarget:
         """Where it is now."""
         if self.run is None or self.domain is not None:
-            return place_of(self.environment, self.domain)
+            return target_of(self.environment, self.domain)
         live = live_folders(runs_folder(self.environment.variables))
         meant = (run.domain for folder, run in live.items() if self._is_meant(folder, run))
-        return place_of(self.environment, next(meant, None))
+        return target_of(self.environment, next(meant, None))
 
     def nobody(self) -> CommandFailedError:
         """The error that nothing of what is meant runs."""
@@ -67,7 +67,7 @@ class Target:
             help=did_you_mean(self.run, names),
         )
 
-    def choose(self, place: Place) -> tuple[Path, Run] | None:
+    def choose(self, place: GraphTarget) -> tuple[Path, Run] | None:
         """The run there that is meant; None: no launcher of this host runs one.
 
         Raises:
@@ -108,7 +108,7 @@ class Watcher:
     def __init__(
         self,
         target: Target,
-        with_types: Callable[[Place], Place],
+        with_types: Callable[[GraphTarget], GraphTarget],
         period_s: float,
         beside: Callable[[RosLook], None] = lambda _: None,
     ) -> None:
@@ -148,7 +148,7 @@ class Watcher:
                 yield None
                 self._stop.wait(self._period_s)
 
-    def _of_run(self, place: Place, folder: Path, run: Run) -> Iterator[StackView]:
+    def _of_run(self, place: GraphTarget, folder: Path, run: Run) -> Iterator[StackView]:
         with open_look(self._with_types(place).environment) as look:
             observer = Observer(folder, run, look)
             while not self._stop.is_set():
@@ -157,7 +157,7 @@ class Watcher:
                 if view.has_ended:
                     return
 
-    def _of_graph(self, place: Place) -> Iterator[StackView | None]:
+    def _of_graph(self, place: GraphTarget) -> Iterator[StackView | None]:
         """Of nodes without a launcher here, until one begins."""
         with open_look(self._with_types(place).environment) as look:
             look.settle((), QUIET_S, self._period_s)

@@ -10,9 +10,9 @@ from typing import Any, Final
 
 from obk_cli.clock import monotonic_s, wall_s
 from obk_cli.errors import CommandFailedError
-from obk_cli.looking.graph import TopicSeen
-from obk_cli.looking.rates import Rate
-from obk_cli.looking.stamps import HEADER
+from obk_cli.introspect.graph_model import TopicSeen
+from obk_cli.introspect.latency import HEADER
+from obk_cli.introspect.rates import TopicRate
 from obk_cli.monitor.expected_topics import PlannedTopic
 from obk_cli.monitor.message_age import PassageMeter
 from obk_cli.monitor.model import TopicView
@@ -93,7 +93,7 @@ class TopicWatch:
         return tuple(self._view(topic, rates, active) for topic in self._topics.values())
 
     def _view(
-        self, topic: PlannedTopic, rates: Mapping[str, Rate], active: Collection[str]
+        self, topic: PlannedTopic, rates: Mapping[str, TopicRate], active: Collection[str]
     ) -> TopicView:
         seen = self._look.topic(topic.name)
         if topic.name not in self._heard:

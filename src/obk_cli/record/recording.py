@@ -11,7 +11,7 @@ from typing import Final
 
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.runs import config_of, run_folders
+from obk_cli.runs.folder import config_of, run_folders
 
 __all__ = ["DROPS", "RECORDING", "Bag", "BagTopic", "find_recording"]
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from obelisk_spec.wording import with_number
-from obk_cli.looking.graph import End, Graph, TopicSeen, misfits
+from obk_cli.introspect.graph_model import End, RosGraph, TopicSeen, misfits
 from obk_cli.report.escapes import plain
 
 __all__ = ["services_text", "topic_data", "topic_text", "topics_data", "topics_text"]
@@ -12,7 +12,7 @@ __all__ = ["services_text", "topic_data", "topic_text", "topics_data", "topics_t
 UNNAMED = "(a node whose name was not told)"
 
 
-def topics_text(graph: Graph) -> Iterator[str]:
+def topics_text(graph: RosGraph) -> Iterator[str]:
     """A line for each topic: name, type, how many ends."""
     rows = [
         (
@@ -26,7 +26,7 @@ def topics_text(graph: Graph) -> Iterator[str]:
     return _columns(rows)
 
 
-def topics_data(graph: Graph) -> list[dict[str, Any]]:
+def topics_data(graph: RosGraph) -> list[dict[str, Any]]:
     """The topics, with how many ends each has."""
     return [
         {

@@ -26,8 +26,8 @@ from obk_cli.launch.events import (
     VideoReported,
     WaitingFor,
 )
-from obk_cli.launch.transitions import ACTIVE, INACTIVE, UNCONFIGURED
 from obk_cli.report.escapes import only_colour, plain
+from obk_cli.runs.lifecycle import ACTIVE, INACTIVE, UNCONFIGURED
 
 __all__ = ["STEADY", "LaunchReport", "short_name"]
 

@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Final
 
+from msgspec import structs
+
 from obelisk_spec.runtime_protocol import Rate
-from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.events import (
     AnswersAgain,
     Failed,
@@ -26,9 +27,10 @@ from obk_cli.launch.events import (
     TransitionEnded,
 )
 from obk_cli.launch.process_groups import Unit
-from obk_cli.launch.transitions import ACTIVE, FINALIZED, TRANSITIONS, UNCONFIGURED
 from obk_cli.plan import Plan
 from obk_cli.report.launch import LaunchReport
+from obk_cli.runs.lifecycle import ACTIVE, FINALIZED, TRANSITIONS, UNCONFIGURED
+from obk_cli.runs.protocol import NodeStatus, StackStatus
 
 __all__ = ["LiveReport", "opening_status", "with_event"]
 
@@ -68,12 +70,12 @@ def with_event(status: StackStatus, event: OutputEvent) -> StackStatus:
         case Phase(name="rolling back"):
             return status  # an episode, after which the stack is where it was
         case Phase():
-            status = replace(status, phase=event.name, seconds=event.seconds)
+            status = structs.replace(status, phase=event.name, seconds=event.seconds)
         case StackStateChanged():
-            return replace(status, state=event.state)
+            return structs.replace(status, state=event.state)
         case _:
             pass
-    return replace(status, nodes=tuple(_with_rates(node, event) for node in status.nodes))
+    return structs.replace(status, nodes=tuple(_with_rates(node, event) for node in status.nodes))
 
 
 def _with_rates(node: NodeStatus, event: OutputEvent) -> NodeStatus:
@@ -163,7 +165,7 @@ class LiveReport:
         from obk_cli.report.status_area import status_lines  # rich is slow to import
 
         seconds = int(self._clock() - self._begin_s)
-        wanted = (replace(self._status, seconds=seconds), width, height)
+        wanted = (structs.replace(self._status, seconds=seconds), width, height)
         if self._drawn[0] != wanted:
             self._drawn = (wanted, status_lines(*wanted, colour=self._colour))
         return self._drawn[1]

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
-from obk_cli.looking.plain_data import Plain
+from obk_cli.introspect.message_dict import Plain
 from obk_cli.report.escapes import escaped
 
 __all__ = ["MOST_ITEMS", "MOST_LETTERS", "csv_row", "json_line", "message_text"]

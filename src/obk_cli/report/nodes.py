@@ -4,11 +4,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from obelisk_spec.wording import with_number
-from obk_cli.launch.asks import NodeStatus
-from obk_cli.looking.graph import special_services
-from obk_cli.looking.nodes import NodeSeen
+from obk_cli.introspect.graph_model import special_services
+from obk_cli.introspect.nodes import NodeSeen
 from obk_cli.report.escapes import plain
 from obk_cli.report.node_status import status_text
+from obk_cli.runs.protocol import NodeStatus
 
 __all__ = ["node_data", "node_text", "nodes_data", "nodes_text"]
 

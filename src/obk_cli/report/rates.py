@@ -3,8 +3,8 @@
 from dataclasses import asdict
 from typing import Any, Final
 
-from obk_cli.looking.delays import Delay
-from obk_cli.looking.rates import Rate
+from obk_cli.introspect.latency import Delay
+from obk_cli.introspect.rates import TopicRate
 
 __all__ = ["delay_data", "delay_text", "rate_data", "rate_text"]
 
@@ -13,7 +13,7 @@ SILENT_S: Final = 1.0
 """Without a message, and for twice as long as ever in the window, a topic counts as silent [s]."""
 
 
-def rate_text(rate: Rate) -> str:
+def rate_text(rate: TopicRate) -> str:
     """What was measured of a topic, for a person."""
     age_s = rate.age_s or 0.0
     if rate.rate_hz is None:
@@ -35,7 +35,7 @@ def rate_text(rate: Rate) -> str:
     return "  ".join(parts)
 
 
-def rate_data(topic: str, rate: Rate) -> dict[str, Any]:
+def rate_data(topic: str, rate: TopicRate) -> dict[str, Any]:
     """What was measured of a topic, for a program."""
     return {"topic": topic, **asdict(rate)}
 

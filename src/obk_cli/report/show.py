@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from obk_cli.looking.plain_data import Plain, columns, plain_data
-from obk_cli.looking.selection import MISSING, Selection, selected
+from obk_cli.introspect.field_path import MISSING, Selection, selected
+from obk_cli.introspect.message_dict import Plain, columns, plain_data
 from obk_cli.report.messages import csv_row, json_line, message_text
 
 __all__ = ["Shower"]

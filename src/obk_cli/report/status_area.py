@@ -16,9 +16,9 @@ from rich.rule import Rule
 from rich.text import Text
 
 from obelisk_spec.wording import with_number
-from obk_cli.launch.asks import NodeStatus, StackStatus
-from obk_cli.launch.transitions import ACTIVE, FINALIZED, INACTIVE, RESTING
 from obk_cli.report.launch import STEADY, short_name
+from obk_cli.runs.lifecycle import ACTIVE, FINALIZED, INACTIVE, RESTING
+from obk_cli.runs.protocol import NodeStatus, StackStatus
 
 __all__ = ["status_lines"]
 

@@ -6,7 +6,7 @@ Source: rcl_interfaces/srv.
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from obk_cli.looking.parameters import KINDS, NOT_SET, Parameter
+from obk_cli.introspect.parameters import KINDS, NOT_SET, NodeParameter
 from obk_cli.ros.participant import RosLook
 from obk_cli.ros.services import ServiceClient
 from obk_cli.ros.types import find_type
@@ -42,7 +42,7 @@ class NodeParameters:
         response = self._ask("ListParameters", "list_parameters", depth=0)
         return tuple(sorted(response.result.names))
 
-    def values(self, names: Sequence[str]) -> Mapping[str, Parameter]:
+    def values(self, names: Sequence[str]) -> Mapping[str, NodeParameter]:
         """The values of these; `not set` where the node has none of that name.
 
         Raises:
@@ -63,7 +63,7 @@ class NodeParameters:
         response = self._ask("DescribeParameters", "describe_parameters", names=[name])
         return next((KINDS[one.type] for one in response.descriptors), NOT_SET)
 
-    def set(self, name: str, parameter: Parameter) -> str | None:
+    def set(self, name: str, parameter: NodeParameter) -> str | None:
         """Set one; gives the node's reason where it refuses.
 
         Raises:
@@ -92,17 +92,17 @@ class NodeParameters:
         return ServiceClient(self._look, f"{self._node}/{service}", python_type)
 
 
-def _parameter(message: Any) -> Parameter:
+def _parameter(message: Any) -> NodeParameter:
     kind = KINDS[message.type] if message is not None else NOT_SET
     if kind == NOT_SET:
-        return Parameter(kind=kind, value=None)
+        return NodeParameter(kind=kind, value=None)
     value = getattr(message, f"{kind}_value")
     if kind == "byte_array":
-        return Parameter(kind=kind, value=tuple(byte[0] for byte in value))
-    return Parameter(kind=kind, value=tuple(value) if kind.endswith("_array") else value)
+        return NodeParameter(kind=kind, value=tuple(byte[0] for byte in value))
+    return NodeParameter(kind=kind, value=tuple(value) if kind.endswith("_array") else value)
 
 
-def _for_message(parameter: Parameter) -> Any:
+def _for_message(parameter: NodeParameter) -> Any:
     if not isinstance(parameter.value, tuple):
         return parameter.value
     if parameter.kind == "byte_array":

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, Final, TypeVar
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.looking.graph import End, Graph, Role, TopicSeen
+from obk_cli.introspect.graph_model import End, Role, RosGraph, TopicSeen
 from obk_cli.optional_deps import no_ros
 from obk_cli.process.shared_memory_check import require_shared_memory
 from obk_cli.ros.environment import RosEnvironment
@@ -138,9 +138,9 @@ class RosLook:
             subscriptions=subscriptions,
         )
 
-    def graph(self) -> Graph:
+    def graph(self) -> RosGraph:
         """All that is told of by now."""
-        return Graph(
+        return RosGraph(
             nodes=self.nodes(),
             topics=tuple(self.topic(name) for name in self.topic_types()),
             services=self.service_types(),

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from obk_cli.looking.rates import Meter, Rate
+from obk_cli.introspect.rates import Meter, TopicRate
 from obk_cli.ros.participant import RosLook
 from obk_cli.ros.raw_subscription import RawTopic
 
@@ -82,7 +82,7 @@ class RosMeter:
         self._take(begin)
         time.sleep(max(0.0, self._turn_s - (time.monotonic() - begin)))
 
-    def rates(self) -> Mapping[str, Rate]:
+    def rates(self) -> Mapping[str, TopicRate]:
         """What was measured by now, by topic."""
         # Whoever asks may have rested or waited for others: what has come since is counted too.
         self._take(time.monotonic())

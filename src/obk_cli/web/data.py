@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
-from obk_cli.asking.lifecycle import possible_transitions
+from obk_cli.introspect.lifecycle import possible_transitions
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.table import monitor_data
 from obk_cli.report.escapes import plain

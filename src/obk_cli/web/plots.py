@@ -11,8 +11,14 @@ from typing import Final
 
 from obk_cli.clock import monotonic_s
 from obk_cli.errors import ObkError
-from obk_cli.looking.field_types import ArrayType, Text
-from obk_cli.looking.selection import Selection, check_selection, parse_selection, selected
+from obk_cli.introspect.field_path import (
+    ArrayType,
+    Selection,
+    Text,
+    check_selection,
+    parse_selection,
+    selected,
+)
 from obk_cli.ros.participant import RosLook
 from obk_cli.ros.raw_subscription import RawTopic, arrived
 from obk_cli.ros.types import fields_of, find_type, short_type

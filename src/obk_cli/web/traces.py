@@ -9,9 +9,15 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Final
 
-from obk_cli.looking.field_types import ArrayType, FieldType, Message, Number, parse_type
-from obk_cli.looking.plain_data import columns, plain_data
-from obk_cli.looking.selection import FieldsOf
+from obk_cli.introspect.field_path import (
+    ArrayType,
+    FieldsOf,
+    FieldType,
+    Message,
+    Number,
+    parse_type,
+)
+from obk_cli.introspect.message_dict import columns, plain_data
 
 __all__ = [
     "MOST_LINES",

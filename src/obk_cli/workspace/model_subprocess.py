@@ -14,7 +14,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final, NoReturn
 
-from obk_cli.launch.json_values import value_of
 from obk_cli.surroundings import ModelFault, ModelRead
 from obk_cli.workspace.mjcf_locations import mjcf_files
 from obk_cli.workspace.model_reader import import_mujoco, read_model
@@ -58,11 +57,14 @@ def _is_odd(path: Path) -> bool:
 
 
 def _read_answer(output: bytes) -> ModelRead | ModelFault | None:
+    import msgspec  # only here: a model that is in the cache needs no process
+
     try:
         data = json.loads(output)
+        kind: type[ModelRead | ModelFault] = ModelFault if "message" in data else ModelRead
+        return msgspec.convert(data, kind)
     except ValueError:  # the process ended before it could answer
         return None
-    return value_of(ModelRead, data) or value_of(ModelFault, data)
 
 
 def _end_of(exit_code: int) -> str:

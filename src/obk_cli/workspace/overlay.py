@@ -19,7 +19,6 @@ from typing import Final, Literal
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import is_planted, write_text
-from obk_cli.launch.json_values import value_of
 
 __all__ = [
     "FOLDER",
@@ -84,10 +83,12 @@ def read_record(workspace: Path) -> OverlayRecord | None:
     if is_planted(workspace / FOLDER):
         return None
     try:
-        told = json.loads((overlay_folder(workspace) / RECORD).read_bytes())
+        record = json.loads((overlay_folder(workspace) / RECORD).read_bytes())
+        import msgspec  # only if there is an overlay, for the start-up time of `obk validate`
+
+        return msgspec.convert(record, OverlayRecord)
     except (OSError, ValueError, RecursionError):
         return None
-    return value_of(OverlayRecord, told)
 
 
 def overlay_prefixes(workspaces: Iterable[Path]) -> tuple[Path, ...]:

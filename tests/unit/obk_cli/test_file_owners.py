@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters.live_runs import live_folders
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import is_planted
 from obk_cli.launch.run_lock import claim_run
-from obk_cli.launch.runs import Run
 from obk_cli.process.identity import this_process
+from obk_cli.runs.folder import Run
+from obk_cli.runs.registry import live_folders
 from obk_cli.workspace.overlay import FOLDER, RECORD, build_turn, overlay_prefixes
 from obk_cli.workspace.package_index import PackageIndex, find_workspace, package_names_in
 

@@ -12,8 +12,8 @@ import pytest
 
 from obk_cli.adapters import leftovers
 from obk_cli.adapters.leftovers import end_leftovers, find_leftovers, launch_marks
-from obk_cli.launch.runs import Run, write_run
 from obk_cli.process.identity import start_s, this_process
+from obk_cli.runs.folder import Run, write_run
 
 from ....turns import turn_of_leftovers  # noqa: TID252 - shared by folders of tests
 from ....waiting import DEADLINE_S  # noqa: TID252

@@ -12,9 +12,9 @@ from obk_cli.faultinject.launched_stack import LaunchedStack
 from obk_cli.faultinject.runner import LaunchSettings, run_cases
 from obk_cli.faultinject.setup import make_rehearsal_folder, refuse_hardware, refuse_running
 from obk_cli.launch.run_lock import claim_run
-from obk_cli.launch.runs import Run
 from obk_cli.pipeline import Options, compile_config
 from obk_cli.process.identity import this_process
+from obk_cli.runs.folder import Run
 
 from .made_up import case
 

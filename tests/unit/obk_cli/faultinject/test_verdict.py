@@ -13,10 +13,10 @@ from obk_cli.launch.events import (
     Ended,
     GoesOnWithout,
     Hung,
+    OutputEvent,
     ProcessEnded,
     Restarted,
     Restarting,
-    OutputEvent,
 )
 from obk_cli.launch.journal import event_record
 from obk_cli.plan import OnCrash

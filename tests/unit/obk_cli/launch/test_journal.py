@@ -67,5 +67,6 @@ def test_the_names_of_events_are_those_of_the_json_stream() -> None:
         "RateMoved",
         "WaitingFor",
         "Evidence",
+        "VideoReported",
         "Ended",
     }

@@ -6,7 +6,7 @@ from queue import Empty
 
 import pytest
 
-from obk_cli.launch.asks import ChangeAnswer, ChangeAsked
+from obk_cli.launch.asks import ChangeAsked
 from obk_cli.launch.events import (
     Answered,
     Failed,
@@ -23,6 +23,7 @@ from obk_cli.launch.events import (
     TransitionEnded,
 )
 from obk_cli.plan import Origin, Plan
+from obk_cli.runs.protocol import ChangeAnswer
 
 from .world import CONTROLLER, ESTIMATOR, ROBOT, World, process
 

@@ -7,7 +7,7 @@ import pytest
 
 from obelisk_spec.runtime_protocol import Rate
 from obelisk_spec.video import VideoStatus
-from obk_cli.launch.asks import StackStatus, StatusAsked
+from obk_cli.launch.asks import StatusAsked
 from obk_cli.launch.events import (
     InputEvent,
     OutputEvent,
@@ -21,6 +21,7 @@ from obk_cli.launch.events import (
     VideoReported,
 )
 from obk_cli.plan import Origin, Promise
+from obk_cli.runs.protocol import StackStatus
 
 from .world import CONTROLLER, ESTIMATOR, PLAN, ROBOT, World, rates
 

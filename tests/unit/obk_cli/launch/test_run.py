@@ -48,25 +48,23 @@ def test_what_the_launcher_says_besides_stands_in_the_runs_log_too(tmp_path: Pat
     )
 
 
-def test_the_end_is_shown_after_what_the_recorder_and_the_films_do() -> None:
+def test_the_end_is_shown_after_the_recorder_and_the_videos_are_done() -> None:
     calls: list[str] = []
 
     def noting(name: str) -> Callable[[OutputEvent], None]:
         return lambda _: calls.append(name)
 
     recorder = SimpleNamespace(on_event=noting("recorder"))
-    films = SimpleNamespace(on_end=noting("results"), on_active=noting("missing films"))
+    videos = SimpleNamespace(on_event=noting("videos"))
     output = SimpleNamespace(event=noting("shown"))
-    bus = _events(recorder, films, None, output)  # type: ignore[arg-type]
+    bus = _events(recorder, videos, None, output)  # type: ignore[arg-type]
     bus.publish(Ended(exit_code=0, cause=""))
-    assert calls == ["recorder", "results", "shown", "missing films"]
+    assert calls == ["recorder", "videos", "shown"]
 
 
 def test_the_state_node_shows_each_state_before_the_screen() -> None:
     calls: list[str] = []
-    quiet = SimpleNamespace(
-        on_event=lambda _: None, on_end=lambda _: None, on_active=lambda _: None
-    )
+    quiet = SimpleNamespace(on_event=lambda _: None)
     node = SimpleNamespace(show=calls.append)
     output = SimpleNamespace(event=lambda event: calls.append(type(event).__name__))
     bus = _events(quiet, quiet, node, output)  # type: ignore[arg-type]

@@ -14,14 +14,17 @@ from typing import Any, Final, cast
 
 import pytest
 
-from obk_cli.adapters.live_runs import is_alive, live_runs
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch import run_lock
 from obk_cli.launch.console import Output
 from obk_cli.launch.options import KEPT_RUNS, LaunchOptions
 from obk_cli.launch.process_groups import Share
 from obk_cli.launch.run_lock import claim_run, locked_run
-from obk_cli.launch.runs import (
+from obk_cli.plan import Plan
+from obk_cli.process.identity import boot_id, start_s, this_process
+from obk_cli.report.launch import LaunchReport
+from obk_cli.ros.environment import RosEnvironment
+from obk_cli.runs.folder import (
     MadeFrom,
     Run,
     make_run_folder,
@@ -29,10 +32,7 @@ from obk_cli.launch.runs import (
     run_folders,
     write_run,
 )
-from obk_cli.plan import Plan
-from obk_cli.process.identity import boot_id, start_s, this_process
-from obk_cli.report.launch import LaunchReport
-from obk_cli.ros.environment import RosEnvironment
+from obk_cli.runs.registry import is_alive, live_runs
 
 from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 from ..plans import node  # noqa: TID252 - shared by folders of tests
@@ -130,7 +130,7 @@ def test_two_claims_at_the_same_moment_do_not_both_pass(tmp_path: Path) -> None:
         "from pathlib import Path\n"
         "from obk_cli.launch.run_lock import claim_run\n"
         "from obk_cli.process.identity import this_process\n"
-        "from obk_cli.launch.runs import Run\n"
+        "from obk_cli.runs.folder import Run\n"
         "pid, started = this_process()\n"
         "run = Run(name='s', pid=pid, started=started, domain=1, config='c', nodes=('/a',))\n"
         "print(flush=True); sys.stdin.readline()\n"

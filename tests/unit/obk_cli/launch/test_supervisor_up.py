@@ -6,7 +6,7 @@ from functools import partial
 
 import pytest
 
-from obk_cli.launch.asks import ChangeAnswer, ChangeAsked, StackStatus, StatusAsked
+from obk_cli.launch.asks import ChangeAsked, StatusAsked
 from obk_cli.launch.events import (
     AnswersAgain,
     Evidence,
@@ -24,6 +24,7 @@ from obk_cli.launch.events import (
     WaitingFor,
 )
 from obk_cli.plan import Plan
+from obk_cli.runs.protocol import ChangeAnswer, StackStatus
 
 from .world import CONTROLLER, ESTIMATOR, ROBOT, World, process
 

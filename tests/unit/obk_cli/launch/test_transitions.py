@@ -6,14 +6,13 @@ from lifecycle_msgs.msg import State, Transition
 from obk_cli.launch.transitions import (
     EDGES,
     PASSED,
-    RESTING,
     STATES,
-    TRANSITIONS,
     Edge,
     edge_between,
     edges_from,
     find_edge,
 )
+from obk_cli.runs.lifecycle import RESTING, TRANSITIONS
 
 
 def test_what_can_be_asked_for_is_what_the_launcher_knows() -> None:

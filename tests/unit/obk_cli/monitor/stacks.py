@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Final
 
 from obelisk_spec.runtime_protocol import Rate as Promised
-from obk_cli.looking.rates import Rate
+from obk_cli.introspect.rates import TopicRate
 from obk_cli.monitor.model import NodeView, Passage, StackView, TopicView
 from obk_cli.process.load import ProcessLoad
 
@@ -44,7 +44,7 @@ def topic(
         publishers=1,
         subscriptions=1,
         wanted_hz=1000.0,
-        rate=Rate(
+        rate=TopicRate(
             count=5000,
             lost=0,
             seen=2000 if hz else 0,

@@ -11,9 +11,9 @@ from textual.pilot import Pilot
 from textual.widgets import Input, Static
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.asks import ChangeAnswer
 from obk_cli.monitor.app import HELP, MonitorApp
 from obk_cli.monitor.model import StackView
+from obk_cli.runs.protocol import ChangeAnswer
 
 from .stacks import BROKEN, HEALTHY
 

@@ -8,12 +8,12 @@ from typing import Any, Final
 
 import pytest
 
-from obk_cli.launch.asks import NodeStatus, StackStatus
-from obk_cli.launch.runs import Run
 from obk_cli.monitor import local_observer
 from obk_cli.monitor.local_observer import Observer
 from obk_cli.monitor.topic_watch import TopicWatch
 from obk_cli.process.identity import this_process
+from obk_cli.runs.folder import Run
+from obk_cli.runs.protocol import NodeStatus, StackStatus
 
 PID, STARTED = this_process()
 ROBOT, JOY = "/obelisk_robot_0", "/joy"

@@ -1,9 +1,9 @@
 """The speeds of simulated robots, with a function in the place of their nodes."""
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.asks import NodeStatus
-from obk_cli.looking.parameters import Parameter
+from obk_cli.introspect.parameters import NodeParameter
 from obk_cli.monitor.expected_topics import Speeds
+from obk_cli.runs.protocol import NodeStatus
 
 EVENT = b"\x00\x01\x00\x00 /arm/r realtime_factor"
 
@@ -15,11 +15,11 @@ class Robots:
         self.factor: float | None = 1.0
         self.asked: list[str] = []
 
-    def ask(self, node: str) -> Parameter:
+    def ask(self, node: str) -> NodeParameter:
         self.asked.append(node)
         if self.factor is None:
             raise CommandFailedError("no answer")
-        return Parameter(kind="double", value=self.factor)
+        return NodeParameter(kind="double", value=self.factor)
 
 
 def status(state: str, node: str = "/arm/r") -> NodeStatus:

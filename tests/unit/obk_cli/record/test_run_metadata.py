@@ -9,14 +9,9 @@ from pathlib import Path
 from obk_cli.emit.json import emit_plan
 from obk_cli.plan import Endpoint, Plan, SensorGroup
 from obk_cli.record.recorder_job import RecorderJob, job_from_json, job_to_json
-from obk_cli.record.run_metadata import (
-    RunMetadata,
-    file_name,
-    run_metadata_of,
-    run_plan,
-    run_topics,
-)
+from obk_cli.record.run_metadata import RunMetadata, file_name, run_metadata_of
 from obk_cli.record.topic_filter import RecordRequest
+from obk_cli.runs.run_plan import run_plan, run_topics
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 
@@ -83,7 +78,7 @@ def test_the_topics_of_a_run_have_the_types_that_either_end_knows(tmp_path: Path
     assert run_topics(run_folder(tmp_path)) == {"/a": "x/msg/A", "/b": "x/msg/B"}
 
 
-def test_of_a_runs_plan_comes_back_what_is_looked_at_while_it_runs(tmp_path: Path) -> None:
+def test_the_plan_of_a_run_is_read_back(tmp_path: Path) -> None:
     robot = node(
         "robot",
         "robot",
@@ -92,10 +87,12 @@ def test_of_a_runs_plan_comes_back_what_is_looked_at_while_it_runs(tmp_path: Pat
         model="arm.xml",
         sensor_groups=(SensorGroup(topic="/q", kind="Q", sensors={"j": "jointpos"}),),
     )
-    told = replace(robot, parameters={**robot.parameters, "bounds": (0.0, inf)}, env={"A": "1"})
-    text = emit_plan(Plan(name="arm", processes=(told,)))
-    (tmp_path / "run.json").write_text(json.dumps({"plan": json.loads(text)}), encoding="utf-8")
-    assert run_plan(tmp_path) == Plan(name="arm", processes=(robot,))
+    every = replace(robot, parameters={**robot.parameters, "bounds": (0.0, inf)}, env={"A": "1"})
+    plan = Plan(name="arm", processes=(every,))
+    record = {"plan": json.loads(emit_plan(plan))}
+    (tmp_path / "run.json").write_text(json.dumps(record), encoding="utf-8")
+    kept = replace(every, parameters={**robot.parameters, "bounds": (0.0, ".inf")})
+    assert run_plan(tmp_path) == Plan(name="arm", processes=(kept,))
 
 
 def test_a_folder_without_a_run_tells_nothing(tmp_path: Path) -> None:

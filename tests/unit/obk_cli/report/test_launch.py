@@ -3,7 +3,6 @@
 import pytest
 
 from obelisk_spec.runtime_protocol import Rate
-from obk_cli.launch.asks import Result
 from obk_cli.launch.events import (
     AnswersAgain,
     Ended,
@@ -25,6 +24,7 @@ from obk_cli.launch.events import (
     WaitingFor,
 )
 from obk_cli.report.launch import LaunchReport, short_name
+from obk_cli.runs.protocol import Result
 
 CONTROL, ROBOT = "/obelisk_control_0", "/obelisk_robot_0"
 

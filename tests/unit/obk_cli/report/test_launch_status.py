@@ -4,7 +4,6 @@ import pytest
 from rich.cells import cell_len
 
 from obelisk_spec.runtime_protocol import Rate, Standing
-from obk_cli.launch.asks import Result, StackStatus
 from obk_cli.launch.events import (
     AnswersAgain,
     Failed,
@@ -27,6 +26,7 @@ from obk_cli.report.escapes import plain
 from obk_cli.report.launch import LaunchReport
 from obk_cli.report.launch_status import LiveReport, opening_status, with_event
 from obk_cli.report.status_area import status_lines
+from obk_cli.runs.protocol import Result, StackStatus
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 

@@ -1,6 +1,6 @@
 """A node as lines for a person."""
 
-from obk_cli.looking.nodes import NodeSeen
+from obk_cli.introspect.nodes import NodeSeen
 from obk_cli.report.nodes import node_text
 
 OWN = {"/arm/get_state": ("lifecycle_msgs/srv/GetState",)}

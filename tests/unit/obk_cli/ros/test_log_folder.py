@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.launch.runs import runs_folder
 from obk_cli.ros.environment import set_log_folder
+from obk_cli.runs.folder import runs_folder
 
 
 @pytest.fixture(autouse=True)

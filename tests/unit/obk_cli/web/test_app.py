@@ -11,8 +11,8 @@ from urllib.parse import quote
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.asks import ChangeAnswer, Member
 from obk_cli.monitor.model import StackView
+from obk_cli.runs.protocol import ChangeAnswer, Member
 from obk_cli.web.feed import Moment
 from obk_cli.web.guard import HEADERS, Ticket, new_token
 from obk_cli.web.traces import Heard, Wish

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from obk_cli.looking.selection import MISSING
+from obk_cli.introspect.field_path import MISSING
 from obk_cli.web.traces import (
     MOST_LINES,
     SAMPLES_HZ,
@@ -16,7 +16,7 @@ from obk_cli.web.traces import (
     numbers_in,
 )
 
-from ..looking.definitions import Message, fields_of  # noqa: TID252 - shared by folders of tests
+from ..introspect.definitions import Message, fields_of  # noqa: TID252 - shared by folders of tests
 
 SECOND = 1_000_000_000
 

@@ -1,1 +1,0 @@
-"""Asking running stacks: the library behind `obk lifecycle`, `obk ps`, `obk stop`, `obk logs`."""

@@ -1,0 +1,1 @@
+"""Topics, nodes, parameters, services and life cycles of a running stack."""

@@ -1,0 +1,187 @@
+"""Fields of messages: their types, and paths to them such as `q_joints[0]`.
+
+Paths are checked against the message type, then taken out of messages.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+from obelisk_spec.suggestions import did_you_mean
+from obk_cli.errors import CommandFailedError, MisuseError
+
+__all__ = [
+    "INTEGERS",
+    "MISSING",
+    "ArrayType",
+    "FieldType",
+    "FieldsOf",
+    "Message",
+    "Number",
+    "Selection",
+    "Text",
+    "check_selection",
+    "field_steps",
+    "parse_selection",
+    "parse_type",
+    "selected",
+]
+
+INTEGERS: Final = {
+    **{f"int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
+    **{f"uint{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
+    "octet": (0, 255),
+    "char": (0, 255),
+}
+"""Name -> least and greatest value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A number or truth value: `boolean`, `float`, `double`, or one of `INTEGERS`."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A string."""
+
+    longest: int | None = None
+    """Characters; None: as many as there are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A message within the message."""
+
+    name: str
+    """`pkg/Name`."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArrayType:
+    """Several of the same type."""
+
+    item: "FieldType"
+    size: int | None = None
+    """How many exactly, or at most; None: any number."""
+    rule: Literal["any", "most", "exactly"] = "any"
+
+
+FieldType = Number | Text | Message | ArrayType
+
+_SEQUENCE: Final = re.compile(r"sequence<(?P<item>.+?)(?:,\s*(?P<most>\d+))?>")
+_ARRAY: Final = re.compile(r"(?P<item>.+)\[(?P<size>\d+)\]")
+_TEXT: Final = re.compile(r"w?string(?:<(?P<longest>\d+)>)?")
+
+
+def parse_type(text: str) -> FieldType:
+    """The type that a text names; total, as generated packages name no others."""
+    if match := _SEQUENCE.fullmatch(text):
+        item = parse_type(match["item"])
+        if match["most"]:
+            return ArrayType(item, int(match["most"]), "most")
+        return ArrayType(item)
+    if match := _ARRAY.fullmatch(text):
+        return ArrayType(parse_type(match["item"]), int(match["size"]), "exactly")
+    if match := _TEXT.fullmatch(text):
+        return Text(int(match["longest"]) if match["longest"] else None)
+    return Message(text) if "/" in text else Number(text)
+
+
+FieldsOf = Callable[[str], Mapping[str, str]]
+"""`pkg/Name` -> the names and types of that message's fields, as generated packages name them."""
+_STEP: Final = re.compile(r"\.(?P<name>[A-Za-z]\w*)|\[(?P<index>[0-9]{1,9})\]")
+
+
+class _Missing:
+    """What an array that is shorter than usual has in the place that was selected."""
+
+
+MISSING: Final = _Missing()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Selection:
+    """One field."""
+
+    steps: tuple[str | int, ...]
+    """Names of fields and places in arrays, outermost first."""
+    text: str
+    """As the user has it."""
+
+
+def parse_selection(text: str) -> Selection:
+    """Take `header.stamp.sec` or `q_joints[0]` apart.
+
+    Raises:
+        MisuseError: it is not of that form.
+    """
+    steps = field_steps(text if text.startswith(".") else f".{text}")
+    if not steps:
+        raise MisuseError(
+            f"`{text}` names no field", help="expected such as q_joints[0] or header.stamp.sec"
+        )
+    return Selection(steps=steps, text=text)
+
+
+def field_steps(text: str) -> tuple[str | int, ...]:
+    """Names and array indices, outermost first, of `.position[0]`; empty if it is not a path."""
+    steps = [*_STEP.finditer(text)]
+    if sum(len(step[0]) for step in steps) != len(text):
+        return ()
+    return tuple(step["name"] or int(step["index"]) for step in steps)
+
+
+def check_selection(selection: Selection, msg_type: str, fields_of: FieldsOf) -> FieldType:
+    """The type of the field that is selected.
+
+    Args:
+        selection: the field.
+        msg_type: `pkg/Name` of the topic's messages.
+        fields_of: where types are looked up.
+
+    Raises:
+        CommandFailedError: messages of that type have no such field.
+    """
+    kind: FieldType = Message(msg_type)
+    for step in selection.steps:
+        match kind, step:
+            case ArrayType(item, size, rule), int():
+                if size is not None and step >= size:
+                    word = "has" if rule == "exactly" else "holds at most"
+                    raise CommandFailedError(f"`{selection.text}`: the array {word} {size}")
+                kind = item
+            case Message(name), str():
+                fields = fields_of(name)
+                if step not in fields:
+                    raise CommandFailedError(
+                        f"`{selection.text}`: {name} has no field `{step}`",
+                        help=did_you_mean(step, fields),
+                    )
+                kind = parse_type(fields[step])
+            case _, int():
+                raise CommandFailedError(f"`{selection.text}`: [{step}] is of no array")
+            case _:
+                raise CommandFailedError(f"`{selection.text}`: `{step}` is of no message")
+    return kind
+
+
+def selected(message: Any, selection: Selection) -> Any:
+    """The value in a message of the checked type; `MISSING` where its array has fewer.
+
+    Args:
+        message: of a generated package, or as plain data.
+        selection: the field.
+    """
+    value = message
+    for step in selection.steps:
+        if isinstance(step, str):
+            value = value[step] if isinstance(value, dict) else getattr(value, step)
+        elif step < len(value):
+            value = value[step]
+        else:
+            return MISSING
+    return value

@@ -1,0 +1,257 @@
+"""Where a ROS graph is read from: the launcher of a stack on this host, else a participant.
+
+The launcher knows the whole graph and answers in some ms; a participant has to load ROS and to
+discover all nodes first.
+"""
+
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeVar, Union
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.introspect.graph_model import RosGraph, TopicSeen
+from obk_cli.introspect.parameters import NodeParameter
+from obk_cli.introspect.protocol import (
+    GraphKnown,
+    GraphQuestion,
+    GraphReply,
+    KindReply,
+    NamesReply,
+    NodeEnds,
+    ParameterQuestion,
+    Question,
+    ReasonReply,
+    ValuesReply,
+    decode_reply,
+    graph_of,
+    parameter_of,
+    wire_parameter,
+)
+from obk_cli.introspect.resolve import meant
+from obk_cli.introspect.target import GraphTarget
+from obk_cli.runs.control_client import ANSWER_S, ask_graph
+from obk_cli.runs.protocol import Fault, encode
+
+if TYPE_CHECKING:
+    from obk_cli.ros.parameters import NodeParameters
+    from obk_cli.ros.participant import RosLook
+
+__all__ = [
+    "GraphSource",
+    "LauncherLook",
+    "LauncherParameters",
+    "Parameters",
+    "ask_launcher",
+    "open_graph",
+    "parameters_of",
+]
+
+T = TypeVar("T")
+
+LOOK_S: Final = 0.05
+"""Between two questions while something is waited for [s]."""
+MARGIN_S: Final = 3.0
+"""For the way to the launcher and back, beside what a node may take [s]."""
+NOTHING: Final = NodeEnds(publishes={}, subscribes={}, services={})
+
+
+def ask_launcher(folders: Collection[Path]) -> "LauncherLook | None":
+    """The graph as the first of these runs' launchers tells it; None: none of them does."""
+    for folder in folders:
+        known = _graph(folder)
+        if known is not None:
+            return LauncherLook(folder, known)
+    return None
+
+
+class LauncherLook:
+    """The graph by a launcher's word."""
+
+    def __init__(self, folder: Path, known: GraphKnown) -> None:
+        """Start with what the launcher knows now.
+
+        Args:
+            folder: the run's.
+            known: by its launcher.
+        """
+        self._folder = folder
+        self._known = known
+
+    def nodes(self) -> tuple[str, ...]:
+        """Full names of the nodes."""
+        return self._known.graph.nodes
+
+    def topic_types(self) -> dict[str, tuple[str, ...]]:
+        """Full name -> types of the topics."""
+        return {topic.name: topic.msg_types for topic in self._known.graph.topics}
+
+    def service_types(self) -> dict[str, tuple[str, ...]]:
+        """Full name -> types of the services."""
+        return dict(self._known.graph.services)
+
+    def topics_of(self, node: str) -> tuple[Mapping[str, tuple[str, ...]], ...]:
+        """Topic -> types of a node's publishers, and of its subscriptions."""
+        ends = self._known.nodes.get(node, NOTHING)
+        return ends.publishes, ends.subscribes
+
+    def services_of(self, node: str) -> Mapping[str, tuple[str, ...]]:
+        """Full name -> types of a node's services."""
+        return self._known.nodes.get(node, NOTHING).services
+
+    def topic(self, name: str) -> TopicSeen:
+        """A topic with its ends."""
+        return self._known.graph.topic(name)
+
+    def graph(self) -> RosGraph:
+        """All that was told."""
+        return self._known.graph
+
+    def settle(self, expected: Collection[str], _quiet_s: float, timeout_s: float) -> bool:
+        """Wait until the expected nodes are there; see `RosLook.settle`."""
+        wanted = frozenset(expected)
+        return bool(self.wait_for(lambda: wanted <= set(self.nodes()) or None, timeout_s))
+
+    def rest(self, seconds: float) -> None:
+        """Return at once: the launcher was told of others long ago."""
+
+    def wait_for(self, probe: Callable[[], T | None], timeout_s: float) -> T | None:
+        """What a probe finds, asked again and again; None: nothing in time."""
+        end = time.monotonic() + timeout_s
+        while (found := probe()) is None and time.monotonic() < end:
+            time.sleep(LOOK_S)
+            self._known = _graph(self._folder) or self._known
+        return found
+
+    def parameters(self, node: str, timeout_s: float) -> "LauncherParameters":
+        """The parameters of a node; each answer has this deadline [s]."""
+        return LauncherParameters(self._folder, node, timeout_s)
+
+
+class LauncherParameters:
+    """The parameters of one node, read by its launcher; used like `NodeParameters`."""
+
+    def __init__(self, folder: Path, node: str, timeout_s: float) -> None:
+        """Ask nothing yet.
+
+        Args:
+            folder: the run's.
+            node: full name.
+            timeout_s: for each answer [s].
+        """
+        self._folder = folder
+        self._node = node
+        self._timeout_s = timeout_s
+
+    def names(self) -> tuple[str, ...]:
+        """The names of all.
+
+        Raises:
+            CommandFailedError: the node gives no answer.
+        """
+        return self._ask(NamesReply, do="names").names
+
+    def values(self, names: Sequence[str]) -> Mapping[str, NodeParameter]:
+        """The values of these; `not set` if the node has none of that name.
+
+        Raises:
+            CommandFailedError: the node gives no answer.
+        """
+        values = self._ask(ValuesReply, do="values", names=tuple(names)).values
+        if len(values) != len(names):
+            raise CommandFailedError(
+                f"the launcher of the stack answers {len(values)} values, expected {len(names)}"
+            )
+        return {name: parameter_of(one) for name, one in zip(names, values, strict=True)}
+
+    def declared_kind(self, name: str) -> str:
+        """The type that a parameter is declared with, also if it has no value.
+
+        Raises:
+            CommandFailedError: the node gives no answer.
+        """
+        return self._ask(KindReply, do="kind", name=name).kind
+
+    def set(self, name: str, parameter: NodeParameter) -> str | None:
+        """Set one; returns the node's reason if it rejects the value.
+
+        Raises:
+            CommandFailedError: the node gives no answer.
+        """
+        wire = wire_parameter(parameter)
+        return self._ask(ReasonReply, do="set", name=name, parameter=wire).reason
+
+    def _ask(self, kind: type[T], **words: Any) -> T:
+        question = ParameterQuestion(node=self._node, timeout_s=self._timeout_s, **words)
+        return _ask(self._folder, question, kind, self._timeout_s + MARGIN_S)
+
+
+def _ask(folder: Path, question: Question, kind: type[T], wait_s: float) -> T:
+    """The launcher's reply to a question.
+
+    Raises:
+        CommandFailedError: it gives none, or reports why it cannot.
+    """
+    answer = ask_graph(folder, encode(question), wait_s)
+    if answer is None:
+        raise CommandFailedError("the launcher of the stack gave no answer", help="see `obk ps`")
+    if isinstance(answer, Fault):
+        raise CommandFailedError(f"the launcher of the stack: {answer.error}")
+    return decode_reply(answer, kind)
+
+
+def _graph(folder: Path) -> GraphKnown | None:
+    try:
+        return graph_of(_ask(folder, GraphQuestion(), GraphReply, ANSWER_S))
+    except CommandFailedError:
+        return None
+
+
+GraphSource = Union[LauncherLook, "RosLook"]
+"""A graph that is looked at."""
+Parameters = Union[LauncherParameters, "NodeParameters"]
+"""The parameters of one node."""
+
+
+@contextmanager
+def open_graph(
+    target: GraphTarget, node: str | None = None, *, asks_nodes: bool = False
+) -> Iterator[GraphSource]:
+    """Open the graph of a target.
+
+    Args:
+        target: where to look.
+        node: as a user names it; a launcher answers for the nodes of its stack only. None: of none.
+        asks_nodes: whether nodes will be asked for their parameters.
+
+    Raises:
+        CommandFailedError: no launcher answers, and there is no rclpy, or it does not start.
+    """
+    is_ours = node is None or len(meant(node, target.nodes)) == 1
+    told = ask_launcher(target.runs) if is_ours else None
+    if told is not None:
+        yield told
+        return
+
+    from obk_cli.ros.parameters import MODULES
+    from obk_cli.ros.participant import open_look
+
+    with open_look(target.environment, MODULES if asks_nodes else ()) as look:
+        yield look
+
+
+def parameters_of(sight: GraphSource, node: str, timeout_s: float) -> Parameters:
+    """The parameters of a node.
+
+    Args:
+        sight: where the node was seen.
+        node: full name.
+        timeout_s: for each answer [s].
+    """
+    if isinstance(sight, LauncherLook):
+        return sight.parameters(node, timeout_s)
+
+    from obk_cli.ros.parameters import NodeParameters
+
+    return NodeParameters(sight, node, timeout_s)

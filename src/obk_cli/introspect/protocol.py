@@ -1,0 +1,247 @@
+"""Questions about a ROS graph to a launcher, and its answers: JSON, checked against these types."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeVar, cast
+
+import msgspec
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.introspect.graph_model import RosGraph, TopicSeen
+from obk_cli.introspect.parameters import KINDS, NodeParameter
+from obk_cli.runs.protocol import decode
+
+__all__ = [
+    "FailedReply",
+    "GraphKnown",
+    "GraphQuestion",
+    "GraphReply",
+    "KindReply",
+    "NamesReply",
+    "NodeEnds",
+    "ParameterQuestion",
+    "Question",
+    "ReasonReply",
+    "ValuesReply",
+    "WireParameter",
+    "decode_reply",
+    "graph_of",
+    "graph_reply",
+    "parameter_of",
+    "wire_parameter",
+]
+
+T = TypeVar("T")
+
+Types = Mapping[str, tuple[str, ...]]
+"""Full name -> types."""
+Scalar = bool | int | float | str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeEnds:
+    """What a node has."""
+
+    publishes: Types
+    subscribes: Types
+    services: Types
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GraphKnown:
+    """A graph, and what each of its nodes has."""
+
+    graph: RosGraph
+    nodes: Mapping[str, NodeEnds]
+    """By full name."""
+
+
+class WireParameter(msgspec.Struct, frozen=True, kw_only=True):
+    """A parameter; `inf` and `nan`, which JSON does not have, are texts."""
+
+    kind: str
+    """One of `KINDS`."""
+    value: Scalar | tuple[Scalar, ...] | None
+
+
+class GraphQuestion(msgspec.Struct, frozen=True, kw_only=True, tag_field="about", tag="graph"):
+    """Ask for the whole graph."""
+
+
+class ParameterQuestion(
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    omit_defaults=True,
+    tag_field="about",
+    tag="parameters",
+):
+    """Ask for a node's parameters, or set one."""
+
+    node: str
+    """Full name."""
+    timeout_s: Annotated[float, msgspec.Meta(gt=0.0)]
+    """For each answer of the node [s]."""
+    do: Literal["names", "values", "kind", "set"]
+    names: tuple[str, ...] = ()
+    """Of `values`."""
+    name: str = ""
+    """Of `kind` and `set`."""
+    parameter: WireParameter | None = None
+    """Of `set`."""
+
+
+Question = GraphQuestion | ParameterQuestion
+
+
+class _Named(msgspec.Struct, frozen=True, kw_only=True):
+    name: str
+    types: tuple[str, ...]
+
+
+class _Node(msgspec.Struct, frozen=True, kw_only=True):
+    node: str
+    publishes: tuple[_Named, ...]
+    subscribes: tuple[_Named, ...]
+    services: tuple[_Named, ...]
+
+
+class GraphReply(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole graph."""
+
+    nodes: tuple[str, ...]
+    topics: tuple[TopicSeen, ...]
+    services: tuple[_Named, ...]
+    ends: tuple[_Node, ...]
+
+
+class NamesReply(msgspec.Struct, frozen=True, kw_only=True):
+    """The names of a node's parameters."""
+
+    names: tuple[str, ...]
+
+
+class ValuesReply(msgspec.Struct, frozen=True, kw_only=True):
+    """The values of the parameters that were asked for, in the same order."""
+
+    values: tuple[WireParameter, ...]
+
+
+class KindReply(msgspec.Struct, frozen=True, kw_only=True):
+    """The type that a parameter is declared with."""
+
+    kind: str
+
+
+class ReasonReply(msgspec.Struct, frozen=True, kw_only=True):
+    """Why a node rejects a value; None: it is set."""
+
+    reason: str | None
+
+
+class FailedReply(msgspec.Struct, frozen=True, kw_only=True):
+    """Why there is no answer."""
+
+    failed: str
+    help: str | None = None
+
+
+def decode_reply(data: bytes | msgspec.Raw, kind: type[T]) -> T:
+    """A launcher's reply.
+
+    Args:
+        data: JSON.
+        kind: the reply that the question asks for.
+
+    Raises:
+        CommandFailedError: the launcher reports a failure, or gives no such reply.
+    """
+    try:
+        return cast(T, decode(data, kind))
+    except ValueError as error:
+        fault = error
+    try:
+        failed = decode(data, FailedReply)
+    except ValueError:
+        raise CommandFailedError(
+            f"the launcher of the stack gives an invalid answer: {fault}",
+            help="is it of another version? Stop the stack, and launch it by this one",
+        ) from fault
+    raise CommandFailedError(failed.failed, help=failed.help)
+
+
+def graph_reply(known: GraphKnown) -> GraphReply:
+    """A graph as a reply."""
+    graph = known.graph
+    return GraphReply(
+        nodes=graph.nodes,
+        topics=graph.topics,
+        services=_named(graph.services),
+        ends=tuple(
+            _Node(
+                node=node,
+                publishes=_named(ends.publishes),
+                subscribes=_named(ends.subscribes),
+                services=_named(ends.services),
+            )
+            for node, ends in known.nodes.items()
+        ),
+    )
+
+
+def graph_of(reply: GraphReply) -> GraphKnown:
+    """The graph in a reply."""
+    return GraphKnown(
+        graph=RosGraph(nodes=reply.nodes, topics=reply.topics, services=_types(reply.services)),
+        nodes={
+            one.node: NodeEnds(
+                publishes=_types(one.publishes),
+                subscribes=_types(one.subscribes),
+                services=_types(one.services),
+            )
+            for one in reply.ends
+        },
+    )
+
+
+def wire_parameter(parameter: NodeParameter) -> WireParameter:
+    """A parameter for the wire."""
+    value: Any = parameter.value
+    if parameter.kind == "double":
+        value = _double(value)
+    elif parameter.kind == "double_array":
+        value = tuple(map(_double, value))
+    return WireParameter(kind=parameter.kind, value=value)
+
+
+def parameter_of(wire: WireParameter) -> NodeParameter:
+    """The parameter that came over the wire.
+
+    Raises:
+        CommandFailedError: there is no such type, or the value is of another one.
+    """
+    value: Any = wire.value
+    try:
+        if wire.kind not in KINDS or isinstance(value, tuple) is not wire.kind.endswith("_array"):
+            raise ValueError
+        if wire.kind == "double":
+            value = float(value)
+        elif wire.kind == "double_array":
+            value = tuple(map(float, value))
+    except (TypeError, ValueError):
+        fault = f"the value of a parameter is not of the type {wire.kind}"
+        raise CommandFailedError(fault) from None
+    return NodeParameter(kind=wire.kind, value=value)
+
+
+def _double(value: float) -> float | str:
+    return value if math.isfinite(value) else str(value)
+
+
+def _named(types: Types) -> tuple[_Named, ...]:
+    return tuple(_Named(name=name, types=kinds) for name, kinds in types.items())
+
+
+def _types(named: tuple[_Named, ...]) -> Types:
+    return {one.name: one.types for one in named}

@@ -1,0 +1,154 @@
+"""What a command publishes, and the checks before: topic, type, subscribers, no robot is moved."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from obelisk_spec.names import topic_name_fault
+from obelisk_spec.suggestions import list_names
+from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.introspect.graph_model import TopicSeen
+from obk_cli.introspect.resolve import find_topic, the_type
+from obk_cli.introspect.target import GraphTarget
+
+if TYPE_CHECKING:
+    from obk_cli.introspect.graph_source import GraphSource
+from collections.abc import Iterable
+
+from obk_cli.plan import Plan
+
+__all__ = [
+    "Publication",
+    "Published",
+    "moved_by",
+    "refuse_moving",
+    "topic_to_publish",
+    "wait_for_subscribers",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Publication:
+    """What a user wants to have published."""
+
+    topic: str
+    """Full name, or the end of one."""
+    msg_type: str | None
+    """Full, `pkg/msg/Name`; None: the one that the topic has."""
+    message: object
+    """Of YAML; not checked yet."""
+    subscribers: int
+    """How many are waited for."""
+    timeout_s: float
+    """How long for the topic, and for its subscribers [s]."""
+    may_move: bool
+    """Whether on a topic that moves a robot, too."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Published:
+    """What was published."""
+
+    topic: str
+    """Full name."""
+    count: int
+    is_confirmed: bool
+    """Whether all who hear the topic reliably have the last message."""
+
+
+def topic_to_publish(
+    look: "GraphSource", target: GraphTarget, publication: Publication
+) -> tuple[TopicSeen, str]:
+    """The topic and its full type; one that nobody has yet needs a full name and a type.
+
+    Raises:
+        CommandFailedError: there is none of that name, or it has another type.
+        MisuseError: a new one's name is none.
+    """
+    name, msg_type, timeout_s = publication.topic, publication.msg_type, publication.timeout_s
+    if msg_type is None or not name.startswith("/"):
+        seen = find_topic(look, target, name, timeout_s, is_heard=False)
+        msg_type = the_type("topic", seen.name, {msg_type} if msg_type else seen.msg_types)
+    else:
+        if fault := topic_name_fault(name):
+            raise MisuseError(f"`{name}` is no topic: {fault}")
+        # Who listens is to be known, for the sake of robots.
+        look.settle(target.nodes, 0.5, timeout_s if target.nodes else 0.5)
+        seen = look.topic(name)
+    _require_type(seen, msg_type)
+    return seen, msg_type
+
+
+def wait_for_subscribers(
+    look: "GraphSource",
+    name: str,
+    msg_type: str,
+    publication: Publication,
+    count: Callable[[], int],
+) -> None:
+    """Wait until as many hear a topic as the publication wants.
+
+    Args:
+        look: the graph.
+        name: full, of the topic.
+        msg_type: full, of what is published.
+        publication: what is wanted.
+        count: how many hear it by now.
+
+    Raises:
+        CommandFailedError: they do not come in time, or all that are there want another type.
+    """
+
+    def are_there() -> bool | None:
+        if count() >= publication.subscribers:
+            return True
+        _require_type(look.topic(name), msg_type)
+        return None
+
+    if not look.wait_for(are_there, publication.timeout_s):
+        raise CommandFailedError(
+            f"{count()} of {publication.subscribers} subscribers of {name} came within "
+            f"{publication.timeout_s:g} s",
+            help="`--wait-for 0` publishes without any",
+        )
+
+
+def refuse_moving(topic: TopicSeen, target: GraphTarget) -> None:
+    """Have nothing published where a robot listens.
+
+    Raises:
+        CommandFailedError: one does.
+    """
+    if robots := moved_by(topic, target.plans):
+        raise CommandFailedError(
+            f"{topic.name} moves {list_names(robots)}, "
+            f"which runs in the ROS domain {target.domain}",
+            help="publish there only on purpose, with `--allow-foreign`",
+        )
+
+
+def _require_type(topic: TopicSeen, msg_type: str) -> None:
+    others = [end.msg_type for end in topic.subscriptions if end.msg_type != msg_type]
+    if others and len(others) == len(topic.subscriptions):
+        raise CommandFailedError(
+            f"{topic.name} is of the type {others[0]}, not {msg_type}",
+            help="nobody would hear the messages",
+        )
+
+
+def moved_by(topic: TopicSeen, plans: Iterable[Plan]) -> tuple[str, ...]:
+    """Full names of the robots that listen to a topic.
+
+    Args:
+        topic: with its ends.
+        plans: of the stacks that are known to run.
+    """
+    planned = (
+        process.full_name
+        for plan in plans
+        for process in plan.processes
+        if process.section == "robot" and any(end.topic == topic.name for end in process.subscribes)
+    )
+    # A stack of another host is known by its nodes' names only.
+    named = (end.node for end in topic.subscriptions if "/obelisk_robot_" in end.node)
+    return tuple(dict.fromkeys((*planned, *named)))

@@ -1,0 +1,102 @@
+"""Where a command looks: a ROS domain, and the stacks of this host that run in it."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.introspect.resolve import meant
+from obk_cli.plan import Plan
+from obk_cli.ros.environment import RosEnvironment
+from obk_cli.runs.folder import Run, runs_folder
+from obk_cli.runs.registry import live_folders
+from obk_cli.runs.run_plan import run_plan, run_topics
+
+__all__ = ["NOBODY_S", "GraphTarget", "target_of"]
+
+DOMAIN: Final = "ROS_DOMAIN_ID"
+NOBODY_S: Final = 1.0
+"""After which there is nobody: longer than nodes that obk started take to be found [s]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GraphTarget:
+    """A ROS domain, and what this host's run folders tell of it."""
+
+    environment: RosEnvironment
+    runs: Mapping[Path, Run]
+    """Folder -> live run of this host in the domain, newest first."""
+    nobody_s: float
+    """In which some node has to be found where none is known to run [s]."""
+
+    @property
+    def domain(self) -> int:
+        """The ROS domain."""
+        return self.environment.domain
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """Full names of the nodes that are known to run."""
+        return tuple(node for run in self.runs.values() for node in run.all_nodes)
+
+    @property
+    def topics(self) -> Mapping[str, str | None]:
+        """The topics of the runs' plans, with their types where the plans tell."""
+        return {name: kind for folder in self.runs for name, kind in run_topics(folder).items()}
+
+    def modules(self, topics: Iterable[str]) -> tuple[str, ...]:
+        """The Python modules in which the types of these topics are, as far as the plans tell."""
+        planned = self.topics
+        names = (name for topic in topics for name in meant(topic, planned))
+        types = (kind for name in names if (kind := planned[name]))
+        packages = dict.fromkeys(kind.partition("/")[0] for kind in types)
+        return ("rosidl_generator_py", *(f"{package}.msg" for package in packages))
+
+    @property
+    def plans(self) -> tuple[Plan, ...]:
+        """The configs of the runs as compiled."""
+        return tuple(run_plan(folder) for folder in self.runs)
+
+    def nobody(self) -> CommandFailedError:
+        """The error that no node was found in the domain."""
+        if self.runs:
+            names = ", ".join(sorted({run.name for run in self.runs.values()}))
+            return CommandFailedError(
+                f"none of the nodes of {names} was found in the ROS domain {self.domain} in time",
+                help="wait longer with `--timeout`; `obk ps` shows whether they run",
+            )
+        live = live_folders(runs_folder(self.environment.variables)).values()
+        others = [f"{run.name} in {run.domain}" for run in live if run.domain != self.domain]
+        return CommandFailedError(
+            f"no stack runs in the ROS domain {self.domain}, and no other node was found in it",
+            help=(
+                f"in other domains there are: {', '.join(others)}; use `--domain`, see `obk ps`"
+                if others
+                else "start a stack with `obk launch`; nodes that obk did not start tell of "
+                "themselves every 3 s, `--timeout 5` waits for them; a stack on another host needs "
+                "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET here and there"
+            ),
+        )
+
+
+def target_of(
+    environment: RosEnvironment, domain: int | None, nobody_s: float = NOBODY_S
+) -> GraphTarget:
+    """Where to look.
+
+    Args:
+        environment: of ROS, as the user has it.
+        domain: as the user names it; None: that of ROS_DOMAIN_ID, else that of the stacks of this
+            host where all are in one, else 0.
+        nobody_s: in which some node has to be found where none is known to run [s].
+    """
+    variables = environment.variables
+    live = live_folders(runs_folder(variables))
+    if domain is None and not variables.get(DOMAIN):
+        domains = {run.domain for run in live.values()}
+        domain = domains.pop() if len(domains) == 1 else None
+    if domain is not None:
+        environment = replace(environment, variables={**variables, DOMAIN: str(domain)})
+    here = {folder: run for folder, run in live.items() if run.domain == environment.domain}
+    return GraphTarget(environment=environment, runs=here, nobody_s=nobody_s)

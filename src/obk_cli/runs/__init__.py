@@ -1,0 +1,1 @@
+"""Runs of this host: their folders, which of them are alive, and how to talk to their launchers."""

@@ -1,0 +1,215 @@
+"""Run folders: where a run keeps its logs and records what it is, for other terminals.
+
+`<state folder>/obk/runs/<config>_<date>_<time>/` with `run.json` (what runs, under which pid, from
+which plan and versions, how it ended), `events.jsonl`, `launch.log` (what the terminal showed), one
+log a node, and while it runs `control.sock`.
+"""
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from obk_cli.errors import CommandFailedError
+
+__all__ = [
+    "MadeFrom",
+    "Run",
+    "config_of",
+    "make_run_folder",
+    "read_record",
+    "read_run",
+    "read_runs",
+    "record_end",
+    "run_folders",
+    "runs_folder",
+    "write_run",
+]
+
+RUN_FILE: Final = "run.json"
+LONGEST_RUN_FILE: Final = 1 << 23
+"""A stack of hundreds of nodes, with its plan [bytes]."""
+_FOLDER_NAME: Final = re.compile(r"(?P<config>.+)_(?P<stamp>\d{8}_\d{6})(?:_(?P<suffix>\d+))?")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """What another terminal needs to know about a run."""
+
+    name: str
+    pid: int
+    """Of the launcher."""
+    started: float
+    """When the launcher's process started [s since boot]: a reused pid has another start."""
+    domain: int
+    config: str
+    nodes: tuple[str, ...]
+    """Full names of the nodes with a life cycle that run here, in bring-up order."""
+    other_nodes: tuple[str, ...] = ()
+    """Full names of those without one."""
+    devices: tuple[str, ...] = ()
+    """Those that this launcher runs; empty: all of the config."""
+    leads: bool = True
+    """Whether this launcher drives the stack as a whole, other devices' nodes too."""
+    boot: str = ""
+    """Which start of which machine `started` counts from; filled in by the claim."""
+    ended: float | None = None
+    """When the run came to its end [s since 1970]; None: not yet, or its launcher was killed."""
+    exit_code: int | None = None
+    """The launcher's, once the run has ended."""
+    cause: str = ""
+    """What went wrong first; empty while all goes well."""
+
+    @property
+    def all_nodes(self) -> tuple[str, ...]:
+        """Every node's full name."""
+        return (*self.nodes, *self.other_nodes)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MadeFrom:
+    """What a run was made from."""
+
+    plan: str
+    """The compiled config, as `emit_plan` writes it."""
+    versions: Mapping[str, str]
+    """Program or library -> version."""
+
+    @property
+    def plan_sha256(self) -> str:
+        """The hash of the plan's text: the same for the same compiled config."""
+        import hashlib  # only here: commands that only read runs start faster without it
+
+        return hashlib.sha256(self.plan.encode()).hexdigest()
+
+
+def runs_folder(environment: Mapping[str, str]) -> Path:
+    """The folder of all runs: below OBK_HOME, else ROS_LOG_DIR, else the user's state folder.
+
+    Raises:
+        CommandFailedError: there is no place for it, since the user has no home.
+    """
+    home = environment.get("OBK_HOME")
+    logs = environment.get("ROS_LOG_DIR")
+    if home:
+        return Path(home) / "runs"
+    if logs:
+        return Path(logs) / "obk" / "runs"
+
+    from platformdirs import user_state_path  # only if no variable sets the folder
+
+    try:
+        return user_state_path("obk") / "runs"
+    except RuntimeError as error:
+        raise CommandFailedError(
+            "there is no folder for runs: this user has no home", help="set HOME, or OBK_HOME"
+        ) from error
+
+
+def make_run_folder(parent: Path, name: str, now: datetime) -> Path:
+    """Make the folder of a new run, for its owner only.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    stem = f"{name.replace('/', '_')}_{now:%Y%m%d_%H%M%S}"
+    for suffix in ("", *(f"_{n}" for n in range(2, 100))):
+        try:
+            (parent / f"{stem}{suffix}").mkdir(mode=0o700)
+        except FileExistsError:
+            continue
+        return parent / f"{stem}{suffix}"
+    raise FileExistsError(f"{parent / stem}: there are 99 runs of this second")
+
+
+def write_run(folder: Path, run: Run, made_from: MadeFrom | None = None) -> None:
+    """Write a run's `run.json`, whole or not at all; what it was made from stays once it is there.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    record = {**read_record(folder), **asdict(run)}
+    if made_from is not None:
+        record["versions"] = dict(made_from.versions)
+        record["plan_sha256"] = made_from.plan_sha256
+        record["plan"] = json.loads(made_from.plan)
+    temporary = folder / f".{RUN_FILE}"
+    try:
+        temporary.touch(mode=0o600)
+        temporary.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        temporary.replace(folder / RUN_FILE)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def record_end(
+    folder: Path, run: Run, now_s: float, exit_code: int | None = None, cause: str = ""
+) -> None:
+    """Record how a run ended, in addition to what its `run.json` holds.
+
+    Args:
+        folder: the run's.
+        run: as it was claimed; used if its `run.json` cannot be read.
+        now_s: the time [s since 1970].
+        exit_code: the launcher's; None if it failed before it had one.
+        cause: what went wrong first.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    claimed = read_run(folder) or run
+    write_run(folder, replace(claimed, ended=now_s, exit_code=exit_code, cause=cause))
+
+
+def read_runs(parent: Path) -> tuple[Run, ...]:
+    """Every run in the folder, newest first; unreadable ones are left out."""
+    return tuple(run for folder in run_folders(parent) if (run := read_run(folder)) is not None)
+
+
+def run_folders(parent: Path) -> tuple[Path, ...]:
+    """The folders of all runs, newest first; what is not named like one is left out.
+
+    In a folder that is closed to this user there are none.
+    """
+    try:
+        found = list(parent.glob("*/"))
+    except PermissionError:
+        return ()
+    named = ((path, _FOLDER_NAME.fullmatch(path.name)) for path in found)
+    dated = [(m["stamp"], int(m["suffix"] or 0), path) for path, m in named if m]
+    return tuple(path for _, _, path in sorted(dated, reverse=True))
+
+
+def config_of(folder: Path) -> str:
+    """The config's name in a run folder's; a slash in it is an underscore here."""
+    match = _FOLDER_NAME.fullmatch(folder.name)
+    return match["config"] if match else folder.name
+
+
+def read_run(folder: Path) -> Run | None:
+    """The run that a folder's `run.json` describes; None if it cannot be read or shown."""
+    try:
+        run = msgspec.convert(read_record(folder), Run)
+    except (ValueError, RecursionError):
+        return None
+    return run if all(map(str.isprintable, (run.name, *run.all_nodes))) else None
+
+
+def read_record(folder: Path) -> Mapping[str, Any]:
+    """The content of a run folder's `run.json`; empty if it cannot be read."""
+    path = folder / RUN_FILE
+    try:
+        # A pipe would never end; a longer file is not from `obk`.
+        if not path.is_file() or path.stat().st_size > LONGEST_RUN_FILE:
+            return {}
+        data = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return data if isinstance(data, dict) else {}

@@ -1,0 +1,168 @@
+"""Log files of runs: which one a name means, its lines, and those that are added."""
+
+import os
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import IO, Final
+
+from obelisk_spec.suggestions import did_you_mean, list_names
+from obk_cli.errors import CommandFailedError
+from obk_cli.runs.folder import config_of, read_run, run_folders
+from obk_cli.runs.stacks import nodes_meant
+
+__all__ = ["LAUNCH_LOG", "follow_lines", "last_lines", "log_meant", "read_lines"]
+
+LAUNCH_LOG: Final = "launch.log"
+POLL_S: Final = 0.1
+_BLOCK: Final = 1 << 15
+"""Read at once from behind, where the last lines are wanted [bytes]."""
+_MOST: Final = 1 << 20
+"""Of the last lines: what the longest may have in all [bytes]."""
+
+
+def log_meant(parent: Path, run: str | None, node: str | None) -> Path:
+    """The path of a log, which may not be there yet.
+
+    Args:
+        parent: the folder of all runs.
+        run: a config's name or a run folder's; None: the newest run. What is no run is taken for a
+            node of the newest one where no node is given.
+        node: full or in short; None: what the launcher showed.
+
+    Raises:
+        CommandFailedError: there is no such run or node, or the name means several nodes.
+    """
+    folders = run_folders(parent)
+    if not folders:
+        raise CommandFailedError(
+            f"there are no runs in {parent}", help="start a stack with `obk launch`"
+        )
+    named = None if run is None else _folder(folders, run)
+    if run is not None and named is None:
+        if node is None and nodes_meant(run, _nodes(folders[0])):
+            return _node_log(folders[0], run)
+        names = dict.fromkeys(config_of(folder) for folder in folders)
+        of_newest = () if node else tuple(map(_short, _nodes(folders[0])))
+        what = "run" if node else "run, nor a node of the newest one,"
+        raise CommandFailedError(
+            f"there is no {what} called `{run}`", help=did_you_mean(run, (*names, *of_newest))
+        )
+    folder = named or folders[0]
+    return folder / LAUNCH_LOG if node is None else _node_log(folder, node)
+
+
+def _folder(folders: Sequence[Path], name: str) -> Path | None:
+    """The newest of a config, or the very one."""
+    config = name.replace("/", "_")
+    fitting = (folder for folder in folders if name == folder.name or config == config_of(folder))
+    return next(fitting, None)
+
+
+def _nodes(folder: Path) -> tuple[str, ...]:
+    """Full names of the nodes that have a log, or will have one."""
+    run = read_run(folder)
+    logs = (path.stem for path in sorted(folder.glob("*.log")) if path.name != LAUNCH_LOG)
+    written = (f"/{stem.replace('.', '/')}" for stem in logs)
+    return tuple(dict.fromkeys((*(run.all_nodes if run else ()), *written)))
+
+
+def _node_log(folder: Path, name: str) -> Path:
+    known = _nodes(folder)
+    meant = nodes_meant(name, known)
+    if not meant:
+        raise CommandFailedError(
+            f"the run {folder.name} has no node `{name}`",
+            help=did_you_mean(name, map(_short, known)),
+        )
+    if len(meant) > 1:
+        raise CommandFailedError(
+            f"`{name}` means several nodes", help=f"name one of {list_names(map(_short, meant))}"
+        )
+    return folder / f"{meant[0].strip('/').replace('/', '.')}.log"
+
+
+def _short(node: str) -> str:
+    return node.strip("/").removeprefix("obelisk_")
+
+
+def read_lines(path: Path) -> Iterator[str]:
+    """The lines of a file, without their ends; none where there is no file.
+
+    Raises:
+        OSError: it is there and cannot be read.
+    """
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            yield from (line.rstrip("\n") for line in file)
+    except FileNotFoundError:
+        return
+
+
+def last_lines(path: Path, count: int) -> tuple[str, ...]:
+    """The last lines of a file, however long it is; fewer where they have 1 MiB and more.
+
+    Raises:
+        OSError: it is there and cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            begin = file.seek(0, os.SEEK_END)
+            data = b""
+            # One line end more than lines: what stands before the first is not whole.
+            while begin > 0 and data.count(b"\n") <= count and len(data) < _MOST:
+                size = min(_BLOCK, begin)
+                begin -= size
+                file.seek(begin)
+                data = file.read(size) + data
+    except FileNotFoundError:
+        return ()
+    lines = data.decode(errors="replace").removesuffix("\n").split("\n") if data else []
+    whole = lines[1:] if begin else lines
+    return tuple(whole[max(0, len(whole) - count) :])
+
+
+def follow_lines(path: Path) -> Iterator[str | None]:
+    """The lines of a file, then those that come, without end; None each time that it waits.
+
+    Waits for a file that is not there yet, and goes on with one that takes its place.
+
+    Raises:
+        OSError: it is there and cannot be read.
+    """
+    while True:
+        try:
+            with path.open("rb") as file:
+                yield from _of_one_file(path, file)
+        except FileNotFoundError:
+            yield None
+            time.sleep(POLL_S)
+
+
+def _of_one_file(path: Path, file: IO[bytes]) -> Iterator[str | None]:
+    """Lines until another file has the name, or this one was cut short."""
+    begun = b""
+    while True:
+        # Asked before reading: what was written before the file was replaced is still read.
+        is_current = _is_current(path, file)
+        while piece := file.readline():
+            begun += piece
+            if begun.endswith(b"\n"):
+                yield begun[:-1].decode(errors="replace")
+                begun = b""
+        if not is_current:
+            if begun:
+                yield begun.decode(errors="replace")
+            return
+        yield None
+        time.sleep(POLL_S)
+
+
+def _is_current(path: Path, file: IO[bytes]) -> bool:
+    opened = os.fstat(file.fileno())
+    try:
+        named = path.stat()
+    except FileNotFoundError:
+        return False
+    is_same = (named.st_dev, named.st_ino) == (opened.st_dev, opened.st_ino)
+    return is_same and named.st_size >= os.lseek(file.fileno(), 0, os.SEEK_CUR)

@@ -1,0 +1,169 @@
+"""Commands that look into a stack, as far as they get without ROS: misuse, domains, completion."""
+
+import json
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+
+from obk_cli.cli.complete import complete_nodes, complete_topics
+from obk_cli.cli.main import main
+from obk_cli.cli.topic_pub import _type_and_text
+from obk_cli.introspect.target import target_of
+from obk_cli.monitor.stack_follower import Target
+from obk_cli.process.identity import this_process
+from obk_cli.ros.environment import RosEnvironment
+from obk_cli.runs.folder import MadeFrom, Run, make_run_folder, write_run
+
+PLAN = {
+    "name": "arm",
+    "processes": [
+        {
+            "node": "estimator",
+            "namespace": "/arm",
+            "section": "estimation",
+            "device": "onboard",
+            "package": "arm_py",
+            "executable": "estimator",
+            "origin": {"path": "arm.yaml", "line": 1, "column": 1},
+            "publishes": [{"topic": "/arm/est", "msg_type": "pkg/msg/State"}],
+            "subscribes": [{"topic": "/arm/imu", "msg_type": None}],
+        }
+    ],
+}
+
+
+def runs_in(home: Path, **domains: int) -> None:
+    """Live runs, each of this process, by name."""
+    pid, started = this_process()
+    for name, domain in domains.items():
+        folder = make_run_folder(home / "runs", name, datetime(2031, 2, 3, 4, 5, 6))
+        run = Run(
+            name=name,
+            pid=pid,
+            started=started,
+            domain=domain,
+            config=f"{name}.yaml",
+            nodes=("/obelisk_robot_0",),
+            other_nodes=("/joy",),
+        )
+        write_run(folder, run, MadeFrom(plan=json.dumps(PLAN), versions={}))
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("OBK_HOME", str(tmp_path))
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    return tmp_path
+
+
+def environment(home: Path, **variables: str) -> RosEnvironment:
+    return RosEnvironment(
+        variables={"OBK_HOME": str(home), **variables}, range="LOCALHOST", notes=()
+    )
+
+
+def test_where_all_stacks_run_in_one_domain_it_is_looked_at(home: Path) -> None:
+    runs_in(home, arm=7, leg=7)
+    place = target_of(environment(home), None)
+    assert place.domain == 7
+    assert place.nodes == ("/obelisk_robot_0", "/joy") * 2
+    assert place.topics == {"/arm/est": "pkg/msg/State", "/arm/imu": None}
+
+
+def test_a_domain_that_is_named_or_set_comes_first(home: Path) -> None:
+    runs_in(home, arm=7)
+    assert target_of(environment(home, ROS_DOMAIN_ID="3"), None).domain == 3
+    assert target_of(environment(home, ROS_DOMAIN_ID="3"), 7).nodes
+    assert not target_of(environment(home), 4).nodes
+
+
+def test_stacks_in_several_domains_leave_it_to_the_user(home: Path) -> None:
+    runs_in(home, arm=7, leg=8)
+    place = target_of(environment(home), None)
+    assert place.domain == 0
+    nobody = place.nobody()
+    assert nobody.message.startswith("no stack runs in the ROS domain 0")
+    assert nobody.help is not None
+    assert {"arm in 7", "leg in 8"} <= set(
+        nobody.help.removeprefix("in other domains there are: ").partition(";")[0].split(", ")
+    )
+
+
+def test_stacks_whose_nodes_were_not_found_in_time_are_not_said_not_to_run(home: Path) -> None:
+    runs_in(home, arm=7, leg=7)
+    nobody = target_of(environment(home), None).nobody()
+    assert nobody.message == "none of the nodes of arm, leg was found in the ROS domain 7 in time"
+
+
+def test_a_stack_to_watch_that_does_not_run_is_told_with_those_that_do(home: Path) -> None:
+    runs_in(home, arm=7)
+    nobody = Target(environment=environment(home), domain=7, run="amr").nobody()
+    assert nobody.message == "no stack `amr` runs in the ROS domain 7"
+    assert nobody.help == "did you mean `arm`?"
+    elsewhere = Target(environment=environment(home), domain=8, run="arm").nobody()
+    assert elsewhere.message.startswith("no stack runs in the ROS domain 8")
+
+
+def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs_in(home, arm=7)
+    assert complete_topics("") == ["/arm/est", "/arm/imu"]
+    assert complete_topics("/arm/i") == ["/arm/imu"]
+    assert complete_topics("e") == ["est"]
+    assert complete_nodes("r") == ["robot_0"]
+    assert complete_nodes("/") == ["/joy", "/obelisk_robot_0"]
+    monkeypatch.setenv("ROS_DOMAIN_ID", "8")
+    assert complete_topics("") == []
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        ("topic list --timeout 0", "`--timeout 0`: expected seconds above 0"),
+        ("topic list --timeout inf", "`--timeout inf`: expected seconds up to 1000000"),
+        ("topic list --wait -1", "`--wait -1`: expected seconds above 0"),
+        ("node list --wait nan", "`--wait nan`: expected seconds above 0"),
+        ("monitor --once --period 1e300", "`--period 1e+300`: expected seconds up to 1000000"),
+        ("topic list --format yaml", "`--format yaml`: expected `text` or `json`"),
+        ("topic echo est --format yaml", "expected `text`, `json` or `csv`"),
+        ("topic echo est --csv --format json", "`--csv` and `--format json` ask for different"),
+        ("service call a/b --type Trigger", "`--type Trigger`: expected such as `std_srvs/srv/"),
+        ("topic echo est a..b", "`a..b` names no field"),
+        ("topic hz est --window 0", "`--window 0`: expected seconds above 0"),
+        ("topic hz est --duration -1", "`--duration -1`: expected seconds above 0"),
+        ("topic pub est pkg/msg/State {} {}", "`{}` is too much"),
+        ("topic pub est PositionSetpiont {}", "did you mean `PositionSetpoint`"),
+        ("topic pub est --rate 0", "`--rate 0`: expected a number above 0"),
+        ("param set arm gain [1,a]", "`[1,a]` is no value of a parameter"),
+        ("param set arm gain [", "`[` is not YAML"),
+    ],
+)
+def test_a_command_that_is_wrong_is_told_so_before_ros_is_loaded(
+    words: str, complaint: str, home: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(words.split())
+    assert end.value.code == 2
+    assert complaint in capsys.readouterr().err
+
+
+def test_the_modules_of_a_topics_type_are_known_from_the_plan(home: Path) -> None:
+    runs_in(home, arm=7)
+    place = target_of(environment(home), None)
+    assert place.modules(["est", "imu", "other"]) == ("rosidl_generator_py", "pkg.msg")
+
+
+@pytest.mark.parametrize(
+    ("words", "msg_type", "text"),
+    [
+        ("", None, ""),
+        ("{u_mujoco:1}", None, "{u_mujoco:1}"),
+        ("PositionSetpoint", "obelisk_control_msgs/msg/PositionSetpoint", ""),
+        ("my_msgs/Example {}", "my_msgs/msg/Example", "{}"),
+        ("std_msgs/msg/Float64 {}", "std_msgs/msg/Float64", "{}"),
+    ],
+)
+def test_a_type_to_publish_is_written_as_in_a_config(
+    words: str, msg_type: str | None, text: str
+) -> None:
+    assert _type_and_text(words.split()) == (msg_type, text)

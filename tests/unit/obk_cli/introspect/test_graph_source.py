@@ -1,0 +1,162 @@
+"""A launcher that tells of the ROS graph, with a function in the place of its node."""
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.introspect.graph_model import RosGraph, TopicSeen
+from obk_cli.introspect.graph_service import GraphService
+from obk_cli.introspect.graph_source import LauncherLook, ask_launcher
+from obk_cli.introspect.parameters import NodeParameter
+from obk_cli.launch.control_server import serve_control
+
+WAIT_S = 20.0
+TYPES = {"/q": ("p/msg/M",)}
+SERVICES = {"/arm/get_state": ("p/srv/S",)}
+
+
+class Node:
+    """The launcher's look, with one more node at each question."""
+
+    name = "/obk_launch_1"
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def nodes(self) -> tuple[str, ...]:
+        self.asked += 1
+        return tuple(f"/n{number}" for number in range(self.asked))
+
+    def topics_of(self, node: str) -> tuple[Mapping[str, tuple[str, ...]], ...]:
+        return (TYPES, {}) if node == "/n0" else ({}, {})
+
+    def services_of(self, node: str) -> Mapping[str, tuple[str, ...]]:
+        return SERVICES if node == "/n0" else {}
+
+    def graph(self) -> RosGraph:
+        topics = (TopicSeen(name="/q", msg_types=("p/msg/M",)),)
+        names = tuple(f"/n{number}" for number in range(self.asked))
+        return RosGraph(nodes=names, topics=topics, services=SERVICES)
+
+
+@contextmanager
+def launcher(
+    folder: Path, answer: Callable[[Mapping[str, Any]], Mapping[str, Any]] | None = None
+) -> Iterator[LauncherLook]:
+    """The look of a launcher with such a node; `answer` answers later questions in its place."""
+    service = GraphService(Node())  # type: ignore[arg-type]
+
+    def look(question: bytes, reply: Callable[[bytes], None]) -> None:
+        data = json.loads(question)
+        if answer is None or data == {"about": "graph"}:
+            service.ask(question, reply)
+        else:
+            reply(json.dumps(answer(data)).encode())
+
+    with serve_control(folder, lambda _: None, look):
+        found = ask_launcher([folder])
+        assert found is not None
+        yield found
+
+
+def test_a_launcher_tells_of_the_graph(tmp_path: Path) -> None:
+    with launcher(tmp_path) as look:
+        assert look.nodes() == ("/n0",)
+        assert look.topic_types() == TYPES
+        assert look.topic("/q").msg_types == ("p/msg/M",)
+        assert look.service_types() == SERVICES
+        assert look.topics_of("/n0") == (TYPES, {})
+        assert look.services_of("/n0") == SERVICES
+        assert look.services_of("/gone") == {}
+
+
+def test_what_is_not_there_yet_is_asked_for_again(tmp_path: Path) -> None:
+    with launcher(tmp_path) as look:
+        assert look.settle(("/n2",), 0.0, WAIT_S)
+        assert "/n2" in look.nodes()
+        assert not look.settle(("/never",), 0.0, 0.01)
+
+
+def test_parameters_are_asked_for_by_the_launcher(tmp_path: Path) -> None:
+    heard: list[Mapping[str, Any]] = []
+
+    def answer(question: Mapping[str, Any]) -> Mapping[str, Any]:
+        heard.append(question)
+        value = {"kind": "double", "value": 1.5}
+        reason = "too much"
+        return {"names": ["gain"], "values": [value], "kind": "double", "reason": reason}
+
+    with launcher(tmp_path, answer) as look:
+        parameters = look.parameters("/arm", WAIT_S)
+        gain = NodeParameter(kind="double", value=1.5)
+        assert parameters.names() == ("gain",)
+        assert parameters.values(["gain"]) == {"gain": gain}
+        assert parameters.declared_kind("gain") == "double"
+        assert parameters.set("gain", gain) == "too much"
+    assert heard[-1] == {
+        "about": "parameters",
+        "node": "/arm",
+        "timeout_s": WAIT_S,
+        "do": "set",
+        "name": "gain",
+        "parameter": {"kind": "double", "value": 1.5},
+    }
+
+
+def test_what_a_node_does_not_answer_is_told_in_the_launchers_words(tmp_path: Path) -> None:
+    with launcher(tmp_path, lambda _: {"failed": "/arm gave no answer", "help": "look"}) as look:
+        with pytest.raises(CommandFailedError, match="/arm gave no answer") as failed:
+            look.parameters("/arm", WAIT_S).names()
+        assert failed.value.help == "look"
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        b"",
+        b"{}",
+        b'{"about": "weather"}',
+        b'{"about": "parameters", "node": "/a", "timeout_s": 1}',
+        b'{"about": "parameters", "node": "/a", "timeout_s": -1, "do": "names"}',
+        b'{"about": "parameters", "node": "/a", "timeout_s": 1, "do": "set", "name": "a"}',
+    ],
+)
+def test_a_question_that_is_none_is_answered_by_a_failure(question: bytes) -> None:
+    replies: list[bytes] = []
+    service = GraphService(Node())  # type: ignore[arg-type]
+    service.ask(question, replies.append).join(WAIT_S)
+    (reply,) = map(json.loads, replies)
+    assert reply["failed"].startswith("invalid question: ")
+
+
+def test_a_launcher_that_does_not_tell_is_passed_over(tmp_path: Path) -> None:
+    assert ask_launcher([tmp_path]) is None
+    with serve_control(tmp_path, lambda _: None):
+        assert ask_launcher([tmp_path]) is None
+
+
+@pytest.mark.parametrize("told", [None, 5, "x", ["x"], {"x": {"y": 1}}])
+def test_whatever_a_launcher_says_it_raises_nothing_else(told: object, tmp_path: Path) -> None:
+    keys = ("names", "values", "kind")
+    asked: tuple[Callable[[LauncherLook], object], ...] = (
+        lambda look: look.parameters("/n0", WAIT_S).names(),
+        lambda look: look.parameters("/n0", WAIT_S).values(("a", "b")),
+        lambda look: look.parameters("/n0", WAIT_S).declared_kind("a"),
+    )
+    with launcher(tmp_path, lambda _: dict.fromkeys(keys, told)) as look:
+        for ask in asked:
+            with suppress(CommandFailedError):  # what fits is taken
+                ask(look)
+
+
+def test_a_list_that_is_no_answer_to_all_that_was_asked_is_told(tmp_path: Path) -> None:
+    with (
+        launcher(tmp_path, lambda _: {"values": []}) as look,
+        pytest.raises(CommandFailedError, match="0 values"),
+    ):
+        look.parameters("/n0", WAIT_S).values(("gain",))

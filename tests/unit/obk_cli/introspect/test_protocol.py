@@ -1,0 +1,110 @@
+"""Questions about a ROS graph and their replies, written and read back."""
+
+import json
+
+import pytest
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.introspect.graph_model import End, RosGraph, TopicSeen
+from obk_cli.introspect.parameters import NOT_SET, NodeParameter
+from obk_cli.introspect.protocol import (
+    FailedReply,
+    GraphKnown,
+    GraphReply,
+    NamesReply,
+    NodeEnds,
+    ReasonReply,
+    WireParameter,
+    decode_reply,
+    graph_of,
+    graph_reply,
+    parameter_of,
+    wire_parameter,
+)
+from obk_cli.ros.raw_subscription import Offer
+from obk_cli.runs.protocol import decode, encode
+
+OFFER = Offer(
+    history="keep_last",
+    depth=10,
+    reliability="reliable",
+    durability="volatile",
+    liveliness="automatic",
+    deadline_ns=2**63 - 1,
+    lifespan_ns=2**63 - 1,
+    lease_ns=2**63 - 1,
+)
+TALKER = End(node="/talker", role="publisher", msg_type="p/msg/M", qos=OFFER, type_hash="RIHS01_0")
+KNOWN = GraphKnown(
+    graph=RosGraph(
+        nodes=("/talker", "/talker"),
+        topics=(TopicSeen(name="/q", msg_types=("p/msg/M",), publishers=(TALKER,)),),
+        services={"/talker/get_state": ("p/srv/S", "p/srv/T")},
+    ),
+    nodes={
+        "/talker": NodeEnds(
+            publishes={"/q": ("p/msg/M",)},
+            subscribes={},
+            services={"/talker/get_state": ("p/srv/S",)},
+        )
+    },
+)
+
+
+def test_a_graph_is_read_back() -> None:
+    assert graph_of(decode_reply(encode(graph_reply(KNOWN)), GraphReply)) == KNOWN
+
+
+@pytest.mark.parametrize("key", ["nodes", "topics", "services", "ends"])
+def test_a_graph_of_another_shape_is_an_error(key: str) -> None:
+    data = json.loads(encode(graph_reply(KNOWN)))
+    with pytest.raises(CommandFailedError, match=rf"\$\.{key}"):
+        decode_reply(json.dumps({**data, key: 7}).encode(), GraphReply)
+    del data[key]
+    with pytest.raises(CommandFailedError, match=f"`{key}`"):
+        decode_reply(json.dumps(data).encode(), GraphReply)
+
+
+def test_a_failure_is_raised_in_the_words_of_the_launcher() -> None:
+    data = encode(FailedReply(failed="/arm gave no answer", help="look"))
+    with pytest.raises(CommandFailedError, match="/arm gave no answer") as failed:
+        decode_reply(data, NamesReply)
+    assert failed.value.help == "look"
+
+
+@pytest.mark.parametrize(
+    "parameter",
+    [
+        NodeParameter(kind="double", value=1.5),
+        NodeParameter(kind="double", value=float("inf")),
+        NodeParameter(kind="double_array", value=(1.0, float("-inf"))),
+        NodeParameter(kind="bool", value=True),
+        NodeParameter(kind="string_array", value=("a", "b")),
+        NodeParameter(kind="byte_array", value=(0, 255)),
+        NodeParameter(kind=NOT_SET, value=None),
+    ],
+)
+def test_a_parameter_is_read_back(parameter: NodeParameter) -> None:
+    wire = decode(encode(wire_parameter(parameter)), WireParameter)
+    assert parameter_of(wire) == parameter
+
+
+@pytest.mark.parametrize(
+    "wire",
+    [
+        WireParameter(kind="colour", value="red"),
+        WireParameter(kind="double", value="red"),
+        WireParameter(kind="double", value=(1.0,)),
+        WireParameter(kind="string_array", value="red"),
+        WireParameter(kind="double_array", value=("red",)),
+    ],
+)
+def test_a_parameter_of_another_shape_is_an_error(wire: WireParameter) -> None:
+    with pytest.raises(CommandFailedError, match=wire.kind):
+        parameter_of(wire)
+
+
+@pytest.mark.parametrize("data", [b"", b"7", b"[]", b"{}", b"\xff", b'{"reason":' * 10_000])
+def test_bytes_that_are_no_reply_are_an_error(data: bytes) -> None:
+    with pytest.raises(CommandFailedError, match="invalid answer"):
+        decode_reply(data, ReasonReply)

@@ -1,0 +1,71 @@
+"""Which log is meant."""
+
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.runs.folder import Run, make_run_folder, write_run
+from obk_cli.runs.logs import log_meant
+
+NODES = ("/obelisk_robot_0", "/obelisk_control_0", "/left/obelisk_control_1")
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> list[Path]:
+    """Two runs of one config, a newer one of another."""
+    made = []
+    for year, name in ((2031, "dummy"), (2032, "dummy"), (2033, "other")):
+        folder = make_run_folder(tmp_path, name, datetime(year, 2, 3))
+        run = Run(name=name, pid=1, started=1.0, domain=1, config="c", nodes=NODES)
+        write_run(folder, run)
+        made.append(folder)
+    return made
+
+
+def test_the_newest_run_is_meant_unless_one_is_named(tmp_path: Path, folders: list[Path]) -> None:
+    old, new, other = folders
+    assert log_meant(tmp_path, None, None) == other / "launch.log"
+    assert log_meant(tmp_path, "dummy", None) == new / "launch.log"
+    assert log_meant(tmp_path, old.name, None) == old / "launch.log"
+
+
+def test_a_node_is_named_in_full_or_in_short(tmp_path: Path, folders: list[Path]) -> None:
+    _, new, other = folders
+    assert log_meant(tmp_path, "dummy", "control_0") == new / "obelisk_control_0.log"
+    assert log_meant(tmp_path, "dummy", NODES[2]) == new / "left.obelisk_control_1.log"
+    assert log_meant(tmp_path, "control_1", None) == other / "left.obelisk_control_1.log"
+
+
+def test_a_log_of_a_run_that_tells_nothing_is_found(tmp_path: Path) -> None:
+    folder = make_run_folder(tmp_path, "dummy", datetime(2031, 2, 3))
+    (folder / "obelisk_robot_0.log").write_text("")
+    assert log_meant(tmp_path, "dummy", "robot_0") == folder / "obelisk_robot_0.log"
+
+
+@pytest.mark.parametrize(
+    ("names", "message", "help"),
+    [
+        (
+            ("dumy", None),
+            "there is no run, nor a node of the newest one, called `dumy`",
+            "did you mean `dummy`?",
+        ),
+        (("contrl_0", "robot_0"), "there is no run called `contrl_0`", "there is: `other`, `dumm"),
+        (("dummy", "robo_0"), r"the run dummy_\d+_\d+ has no node `robo_0`", "did you mean `robot"),
+        (("dummy", "control"), "`control` means several nodes", "name one of `control_0`, `left/"),
+    ],
+)
+def test_what_is_not_there_is_told_with_what_is(
+    tmp_path: Path, folders: list[Path], names: tuple[str, str | None], message: str, help: str
+) -> None:
+    with pytest.raises(CommandFailedError, match=message) as raised:
+        log_meant(tmp_path, *names)
+    assert raised.value.help is not None
+    assert raised.value.help.startswith(help)
+
+
+def test_no_runs_at_all(tmp_path: Path) -> None:
+    with pytest.raises(CommandFailedError, match="there are no runs in"):
+        log_meant(tmp_path / "none", None, None)

@@ -1,0 +1,49 @@
+"""Which nodes a name means."""
+
+from obk_cli.runs.stacks import in_tier_order, nodes_meant, section_of, stack_nodes
+
+KNOWN = ("/obelisk_robot_0", "/obelisk_control_0", "/left/obelisk_control_1", "/dummy")
+
+
+def test_a_name_is_full_or_short_or_a_sections() -> None:
+    assert nodes_meant("/obelisk_control_0", KNOWN) == ("/obelisk_control_0",)
+    assert nodes_meant("obelisk_control_0", KNOWN) == ("/obelisk_control_0",)
+    assert nodes_meant("control_1", KNOWN) == ("/left/obelisk_control_1",)
+    assert nodes_meant("control", KNOWN) == ("/obelisk_control_0", "/left/obelisk_control_1")
+    assert nodes_meant("dummy", KNOWN) == ("/dummy",)
+    assert nodes_meant("contrl", KNOWN) == ()
+
+
+def test_the_state_node_is_no_node_of_the_stack() -> None:
+    assert stack_nodes(KNOWN) == (
+        "/obelisk_robot_0",
+        "/left/obelisk_control_1",
+        "/obelisk_control_0",
+    )
+    assert stack_nodes(("/b", "/a")) == ("/a", "/b")
+
+
+def test_the_section_is_read_from_a_nodes_name() -> None:
+    assert section_of("/arm/obelisk_estimation_0") == "estimation"
+    assert section_of("/obelisk_control_fast_one") == "control"
+
+
+def test_a_name_that_is_none_of_ours_has_no_section() -> None:
+    assert section_of("/camera") is None
+    assert section_of("/obelisk_dance_0") is None
+
+
+def test_robot_first_and_strangers_last() -> None:
+    nodes = ["/camera", "/obelisk_control_0", "/obelisk_robot_0", "/obelisk_estimation_0"]
+    assert in_tier_order(nodes) == (
+        "/obelisk_robot_0",
+        "/obelisk_estimation_0",
+        "/obelisk_control_0",
+        "/camera",
+    )
+
+
+def test_a_full_name_means_that_node_and_none_of_another_namespace() -> None:
+    known = ("/obelisk_control_0", "/arm/obelisk_control_0")
+    assert nodes_meant("/obelisk_control_0", known) == ("/obelisk_control_0",)
+    assert nodes_meant("control_0", known) == known
