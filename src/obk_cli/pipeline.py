@@ -1,4 +1,4 @@
-"""Text -> tree -> resolved -> typed -> checked -> plan: the one module that knows the order.
+"""Compile a config: load -> read -> locate -> check -> lower, the only module that knows the order.
 
 The library entry for everything that needs a config: the command line, the launcher, editors.
 """
@@ -16,25 +16,14 @@ from obk_cli.check import check_stack
 from obk_cli.config import Stack
 from obk_cli.diagnostics import Diagnostic, counted, found, in_order, worst
 from obk_cli.lower import lower_stack
-from obk_cli.node_code import NodeCode
-from obk_cli.parse import (
-    MOST_VALUES,
-    decode_source,
-    parse_source,
-    too_many_values,
-)
+from obk_cli.parse import decode_source
 from obk_cli.plan import Plan
 from obk_cli.read.stack import read_stack
-from obk_cli.resolve.include import Loaded, resolve_includes
-from obk_cli.resolve.overrides import resolve_overrides
-from obk_cli.resolve.paths import resolve_paths
-from obk_cli.resolve.ray_casters import resolve_ray_casters
-from obk_cli.resolve.types import resolve_types
-from obk_cli.resolve.variables import resolve_variables
+from obk_cli.resolve.loader import ConfigFiles, load_config
+from obk_cli.resolve.locate import locate_stack
 from obk_cli.silence import check_ignores, said_on_command_line, silence
-from obk_cli.source import LONGEST_FILE_BYTES, SourceFile, Span
+from obk_cli.source import SourceFile, Span
 from obk_cli.surroundings import Surroundings
-from obk_cli.tree import Tree, TreeMap
 
 __all__ = ["Options", "Outcome", "compile_config", "compile_source"]
 
@@ -77,8 +66,8 @@ class Outcome:
     plan: Plan | None
     config: Stack | None
     diagnostics: tuple[Diagnostic, ...] = field(default=())
-    spun: frozenset[tuple[str, str]] = frozenset()
-    """Package and executable of the nodes whose source says which class it spins."""
+    surroundings: Surroundings | None = None
+    """What was asked about packages and models; None if nothing was."""
 
 
 def compile_config(path: str, options: Options) -> Outcome:
@@ -105,12 +94,20 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
     surroundings = options.surroundings or MachineSurroundings(
         folder, options.working_folder, options.environment
     )
-    files = _Files(source, options)
-    stack, faults = _front(source, files, options)
+    files = ConfigFiles(
+        source,
+        variables=options.environment,
+        working_folder=options.working_folder,
+        read=options.read,
+    )
+    tree, faults = load_config(source, files, options.overrides)
+    stack: Stack | None = None
+    if tree is not None:
+        stack, read_faults = read_stack(tree)
+        faults += read_faults
     if stack is not None:
-        stack = resolve_types(resolve_paths(stack, folder, surroundings), surroundings)
-        stack, scan_faults = resolve_ray_casters(stack, files.load_shown)
-        faults += scan_faults
+        stack, locate_faults = locate_stack(stack, folder, files, surroundings)
+        faults += locate_faults
         is_whole = files.are_whole and not any(fault.code in _LOSES_TEXT for fault in faults)
         faults += check_stack(stack, surroundings, is_whole=is_whole)
     ignored = tuple(said_on_command_line(code) for code in options.ignore)
@@ -124,16 +121,7 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
         plan=plan,
         config=stack,
         diagnostics=counted(heard),
-        spun=_spun(plan, surroundings),
-    )
-
-
-def _spun(plan: Plan | None, surroundings: Surroundings) -> frozenset[tuple[str, str]]:
-    programs = {(node.package, node.executable) for node in (plan.processes if plan else ())}
-    return frozenset(
-        program
-        for program in programs
-        if isinstance(surroundings.read_node_code(*program), NodeCode)
+        surroundings=surroundings,
     )
 
 
@@ -159,93 +147,3 @@ def _covers(span: Span, columns: Sequence[int]) -> bool:
     """Whether any of the columns, which ascend, is within the stretch on its first line."""
     first = bisect_left(columns, span.column)
     return first < len(columns) and columns[first] < span.first_line_end
-
-
-def _front(
-    source: SourceFile, files: "_Files", options: Options
-) -> tuple[Stack | None, tuple[Diagnostic, ...]]:
-    """From text to the typed config."""
-    tree, faults = files.parse(source)
-    if tree is None:
-        if not faults:
-            place = Span.at(source, 1, 1)
-            faults = (found("OBK114", "the file is empty, not a config", place),)
-        return None, faults
-    if isinstance(tree, TreeMap):
-        tree, include_faults = resolve_includes(tree, source.path, files.load)
-        faults += include_faults
-        tree, override_faults = resolve_overrides(tree, options.overrides, _parse_value)
-        faults += override_faults
-    stack, read_faults = read_stack(tree)
-    return stack, faults + read_faults
-
-
-def _parse_value(source: SourceFile) -> tuple[Tree | None, tuple[Diagnostic, ...]]:
-    parsed = parse_source(source)
-    return parsed.tree, parsed.diagnostics
-
-
-class _Files:
-    """The files of one config: each read once, all together no longer than one may be."""
-
-    def __init__(self, source: SourceFile, options: Options) -> None:
-        self._options = options
-        self.sources = [source]
-        self.are_whole = True
-        """Whether nothing was left out of what could be read."""
-        self._bytes = len(source.text.encode("utf-8", "surrogatepass"))
-        self._values = 0
-        self._read: dict[str, tuple[Loaded, int]] = {}
-        self._refused: Diagnostic | None = None
-
-    def parse(self, source: SourceFile) -> tuple[Tree | None, tuple[Diagnostic, ...]]:
-        """The tree of a file, its variables replaced; its values count."""
-        parsed = parse_source(source, values_before=self._values)
-        self._values += parsed.values
-        self.are_whole = self.are_whole and parsed.is_whole
-        if parsed.tree is None:
-            return None, parsed.diagnostics
-        if "${" not in source.text:  # a long walk that most files need not take
-            return parsed.tree, parsed.diagnostics
-        tree, faults = resolve_variables(parsed.tree, self._options.environment)
-        return tree, parsed.diagnostics + faults
-
-    def load_shown(self, path: Path) -> Loaded:
-        """A file under the path that a person in the working folder would write."""
-        is_near = path.is_relative_to(self._options.working_folder)
-        shown = path.relative_to(self._options.working_folder) if is_near else path
-        return self.load(str(path), shown=str(shown))
-
-    def load(self, path: str, *, shown: str | None = None) -> Loaded:
-        """What a further file holds; each time that it is asked for, its values count."""
-        if self._refused is not None:
-            return Loaded(diagnostics=(self._refused,))
-        start = Span.at(SourceFile.of(shown or path, ""), 1, 1)
-        before = self._values
-        if path in self._read:
-            loaded, values = self._read[path]
-            self._values += values
-            if self._values > MOST_VALUES:
-                self._refused = too_many_values(start, values_before=before)
-        else:
-            loaded = self._load(path, start)
-            self._read[path] = (loaded, self._values - before)
-        return loaded if self._refused is None else Loaded(diagnostics=(self._refused,))
-
-    def _load(self, path: str, start: Span) -> Loaded:
-        # Only the config itself may be the standard input.
-        data = self._options.read(f"./{path}" if path == STANDARD_INPUT else path)
-        if isinstance(data, str):
-            return Loaded(unreadable=data)
-        self._bytes += len(data)
-        if self._bytes > LONGEST_FILE_BYTES >= len(data):
-            message = "this file and those before it are longer than 10 MiB, so it is not read"
-            self._refused = found("OBK007", message, start)
-            return Loaded()
-        source = decode_source(start.path, data)
-        if isinstance(source, Diagnostic):
-            return Loaded(diagnostics=(source,))
-        self.sources.append(source)
-        tree, faults = self.parse(source)
-        self._refused = next((fault for fault in faults if fault.code == "OBK006"), None)
-        return Loaded(tree=tree, diagnostics=faults)

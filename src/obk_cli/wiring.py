@@ -3,7 +3,8 @@
 Components, the simulator's sensor groups and the joystick alike, names made absolute as ROS does.
 """
 
-from collections.abc import Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -25,6 +26,7 @@ from obk_cli.source import Span
 __all__ = [
     "Direction",
     "TopicEnd",
+    "Topology",
     "absolute_topic",
     "joystick_ends",
     "may_be_one",
@@ -71,6 +73,41 @@ class TopicEnd:
     def known_type(self) -> str | None:
         """The type that runs: the code's where it can be read, else the config's."""
         return self.code_type or self.msg_type
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Topology:
+    """Every end of every topic of a stack, prepared once for all checks."""
+
+    ends: tuple[TopicEnd, ...]
+    """Node by node, then the joysticks'."""
+    by_node: tuple[tuple[Node, tuple[TopicEnd, ...]], ...]
+    """Each node with its ends; two nodes may have one name by mistake."""
+    published: Mapping[str, tuple[TopicEnd, ...]]
+    """Topic -> its publishers."""
+    subscribed: Mapping[str, tuple[TopicEnd, ...]]
+    """Topic -> its subscribers."""
+
+    @classmethod
+    def of(cls, stack: Stack) -> "Topology":
+        """The topology of a stack."""
+        by_node = tuple((node, tuple(node_ends(node))) for node in stack.nodes)
+        ends = [end for _, of_node in by_node for end in of_node]
+        ends += [end for joystick in stack.joysticks for end in joystick_ends(joystick)]
+        return cls(
+            ends=tuple(ends),
+            by_node=by_node,
+            published=_by_topic(ends, "publishes"),
+            subscribed=_by_topic(ends, "subscribes"),
+        )
+
+
+def _by_topic(ends: Iterable[TopicEnd], direction: Direction) -> Mapping[str, tuple[TopicEnd, ...]]:
+    topics: dict[str, list[TopicEnd]] = defaultdict(list)
+    for end in ends:
+        if end.direction == direction:
+            topics[end.topic].append(end)
+    return {topic: tuple(of_topic) for topic, of_topic in topics.items()}
 
 
 def may_be_one(one: str | None, other: str | None) -> bool:

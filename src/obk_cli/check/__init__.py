@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 
 from obk_cli.check.code import check_code
 from obk_cli.check.components import check_callback_groups, check_components
+from obk_cli.check.context import CheckContext
 from obk_cli.check.control import check_controls
 from obk_cli.check.graph import check_node_names, check_required_sections
 from obk_cli.check.loop import (
@@ -23,10 +24,11 @@ from obk_cli.check.watchdog import check_watchdogs
 from obk_cli.config import Stack
 from obk_cli.diagnostics import Diagnostic
 from obk_cli.surroundings import Surroundings
+from obk_cli.wiring import Topology
 
 __all__ = ["CHECKS", "WHOLE_CHECKS", "Check", "check_stack"]
 
-Check = Callable[[Stack, Surroundings], Iterator[Diagnostic]]
+Check = Callable[[CheckContext], Iterator[Diagnostic]]
 
 CHECKS: tuple[Check, ...] = (
     check_components,
@@ -60,4 +62,6 @@ def check_stack(
 ) -> tuple[Diagnostic, ...]:
     """The findings of all checks; `is_whole` says whether every included file was read."""
     checks = (*CHECKS, *(WHOLE_CHECKS if is_whole else ()))
-    return tuple(fault for check in checks for fault in check(stack, surroundings))
+    topology = Topology.of(stack)
+    context = CheckContext(stack=stack, topology=topology, surroundings=surroundings)
+    return tuple(fault for check in checks for fault in check(context))

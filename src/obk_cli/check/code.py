@@ -6,12 +6,12 @@ from difflib import SequenceMatcher
 from obelisk_spec.articles import with_article
 from obelisk_spec.messages import resolve_msg_type
 from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names
-from obk_cli.config import Component, Node, Parameter, Spanned, Stack
+from obk_cli.check.context import CheckContext
+from obk_cli.config import Component, Node, Parameter, Spanned
 from obk_cli.cures import append_to
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.edits import Edit
 from obk_cli.node_code import CodeComponent, CodeFault, CodeParameter, NodeCode, kind_of_value
-from obk_cli.surroundings import Surroundings
 
 __all__ = ["check_code"]
 
@@ -21,14 +21,14 @@ _PREFIXES_OF_EVERY_NODE = ("qos_overrides.", "diagnostic_updater.")
 _SETTINGS = "obelisk_settings"
 
 
-def check_code(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+def check_code(context: CheckContext) -> Iterator[Diagnostic]:
     """Every node whose source can be read, against it."""
     told: set[tuple[str, str]] = set()
-    for node in stack.nodes:
+    for node in context.stack.nodes:
         if node.pkg is None or node.executable is None:
             continue
         command = (node.pkg.value, node.executable.value)
-        code = surroundings.read_node_code(*command)
+        code = context.surroundings.read_node_code(*command)
         if isinstance(code, CodeFault | NodeCode) and command not in told:
             told.add(command)
             yield from _check_source(code, node.executable)

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 from obelisk_spec.components import component_identity, standard_component
 from obelisk_spec.near import did_you_mean, near_names, sure_name
-from obk_cli.config import Component, Node, Spanned, Stack
+from obk_cli.check.context import CheckContext
+from obk_cli.config import Component, Node, Spanned
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.node_code import NodeCode
@@ -17,12 +18,12 @@ _MOST_SUGGESTIONS = 200
 """Findings that are compared with what exists."""
 
 
-def check_components(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+def check_components(context: CheckContext) -> Iterator[Diagnostic]:
     """Two entries for one component, and names that contradict each other."""
-    for node in stack.nodes:
+    for node in context.stack.nodes:
         yield from _check_twice(node)
         if any(component.ros_parameter and component.key for component in node.components):
-            yield from _check_contradictions(node, _code_of(node, surroundings))
+            yield from _check_contradictions(node, _code_of(node, context.surroundings))
 
 
 def _code_of(node: Node, surroundings: Surroundings) -> NodeCode | None:
@@ -120,10 +121,10 @@ def _misspelt_key(parameter: Spanned[str], key: Spanned[str], own: str) -> Diagn
     )
 
 
-def check_callback_groups(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_callback_groups(context: CheckContext) -> Iterator[Diagnostic]:
     """Groups that are used and not defined, or defined and not used."""
     undefined = 0
-    for node in stack.nodes:
+    for node in context.stack.nodes:
         defined = {group.name.value: group for group in node.callback_groups}
         used: set[str] = set()
         for component in node.components:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from obelisk_spec.articles import with_article, with_number
 from obelisk_spec.messages import resolve_msg_type
+from obk_cli.check.context import CheckContext
 from obk_cli.config import Component, Node, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.node_code import ControlLength, NodeCode
@@ -19,10 +20,10 @@ _WITHOUT_ACTUATORS = (
 )
 
 
-def check_controls(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+def check_controls(context: CheckContext) -> Iterator[Diagnostic]:
     """The simulator can apply the message that it obeys, and it has a value for each actuator."""
     told: set[tuple[str, Span]] = set()
-    for robot in stack.section("robot"):
+    for robot in context.stack.section("robot"):
         if not robot.runs_simulation:
             continue
         for component in robot.components:
@@ -30,7 +31,9 @@ def check_controls(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnos
                 continue
             if robot.is_simulator:
                 yield from _check_message(component)
-            for place, fault in _check_lengths(stack, robot, component, surroundings):
+            for place, fault in _check_lengths(
+                context.stack, robot, component, context.surroundings
+            ):
                 if place not in told:  # by another robot that obeys the same controller
                     told.add(place)
                     yield fault

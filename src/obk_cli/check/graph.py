@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
+from obk_cli.check.context import CheckContext
 from obk_cli.config import Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.source import Span
-from obk_cli.surroundings import Surroundings
 
 __all__ = ["check_node_names", "check_required_sections"]
 
@@ -16,18 +16,18 @@ _REQUIRED = (
 )
 
 
-def check_required_sections(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_required_sections(context: CheckContext) -> Iterator[Diagnostic]:
     """Each required section has a node on some device."""
     for section, what in _REQUIRED:
-        if next(stack.section(section), None) is None:
+        if next(context.stack.section(section), None) is None:
             message = f"section `{section}` has no node, a stack needs {what}"
-            yield found("OBK201", message, stack.span)
+            yield found("OBK201", message, context.stack.span)
 
 
-def check_node_names(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_node_names(context: CheckContext) -> Iterator[Diagnostic]:
     """No two nodes have one full name."""
     seen: dict[str, Span] = {}
-    for name, place, help in _named(stack):
+    for name, place, help in _named(context.stack):
         if name not in seen:
             seen[name] = place
             continue

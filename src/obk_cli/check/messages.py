@@ -12,7 +12,8 @@ from obelisk_spec.messages import (
     sure_msg_type,
 )
 from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names, sure_name
-from obk_cli.config import Spanned, Stack
+from obk_cli.check.context import CheckContext
+from obk_cli.config import Spanned
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.node_code import CodeComponent, NodeCode
@@ -25,26 +26,26 @@ _OF_A_CLASS: Final = re.compile(r"::|\.")
 """What stands between the parts of a type in C++, and in Python."""
 
 
-def check_message_types(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+def check_message_types(context: CheckContext) -> Iterator[Diagnostic]:
     """Every type that config or code names exists; of packages that are here, by their sources."""
     told: set[tuple[str, str]] = set()
     written = {
         _package(component.msg_type.value)
-        for node in stack.nodes
+        for node in context.stack.nodes
         for component in node.components
         if component.msg_type is not None
     }
-    for node in stack.nodes:
+    for node in context.stack.nodes:
         for component in node.components:
             if component.msg_type is not None:
-                yield from _check(component.msg_type, surroundings)
+                yield from _check(component.msg_type, context.surroundings)
         if node.pkg is None or node.executable is None:
             continue
         command = (node.pkg.value, node.executable.value)
-        code = surroundings.read_node_code(*command)
+        code = context.surroundings.read_node_code(*command)
         if isinstance(code, NodeCode) and command not in told:
             told.add(command)
-            yield from _check_code(code, node.executable, surroundings, told=written)
+            yield from _check_code(code, node.executable, context.surroundings, told=written)
 
 
 def _package(msg_type: str) -> str:

@@ -4,8 +4,9 @@ from collections.abc import Iterator
 
 from obelisk_spec.near import list_names
 from obelisk_spec.sim_checks import SimFault, check_sim
+from obk_cli.check.context import CheckContext
 from obk_cli.check.files import no_such_package, where_it_is_not
-from obk_cli.config import FileSearch, Node, Sim, Stack
+from obk_cli.config import FileSearch, Node, Sim
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.source import Span
@@ -15,26 +16,26 @@ from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
 __all__ = ["check_models"]
 
 
-def check_models(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+def check_models(context: CheckContext) -> Iterator[Diagnostic]:
     """Every sound `sim` block, against its model where that can be read."""
     skipped: Span | None = None
-    for node in stack.nodes:
+    for node in context.stack.nodes:
         for sim in node.sims:
             if not sim.is_sound or sim.model is None:
                 continue
             read = None
             if sim.model.found is None:
-                yield _not_found(sim.model, sim, surroundings)
+                yield _not_found(sim.model, sim, context.surroundings)
             else:
-                read = surroundings.read_model(sim.model.found)
+                read = context.surroundings.read_model(sim.model.found)
                 skipped = skipped or (sim.model.written.span if read is None else None)
             if isinstance(read, ModelFault):
-                yield _unreadable(read, sim.model, surroundings)
-            in_block = tuple(_check_block(node, sim, read, surroundings))
+                yield _unreadable(read, sim.model, context.surroundings)
+            in_block = tuple(_check_block(node, sim, read, context.surroundings))
             # What MuJoCo stops at may be what the block was told of already.
             is_told = any(finding.severity == "error" for finding in in_block)
             if isinstance(read, ModelRead) and read.fault is not None and not is_told:
-                yield _unreadable(read.fault, sim.model, surroundings)
+                yield _unreadable(read.fault, sim.model, context.surroundings)
             yield from in_block
     if skipped is not None:
         message = "MuJoCo is not installed, so names are not checked against the model"

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 from obelisk_spec.names import package_name_fault
 from obelisk_spec.near import ask_for, did_you_mean, near_names
+from obk_cli.check.context import CheckContext
 from obk_cli.check.files import no_such_package, where_it_is_not
 from obk_cli.config import (
     JOYSTICK_EXECUTABLE,
@@ -20,12 +21,12 @@ from obk_cli.surroundings import ExecutableMissing, Surroundings
 __all__ = ["check_executables", "check_files"]
 
 
-def check_executables(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+def check_executables(context: CheckContext) -> Iterator[Diagnostic]:
     """Every node's package and executable are there; a missing package is told once."""
     missing: dict[str, list[Span]] = defaultdict(list)
     looked: dict[str, str] = {}
-    for package, executable in _wanted(stack):
-        answer = surroundings.find_executable(package.value, executable.value)
+    for package, executable in _wanted(context.stack):
+        answer = context.surroundings.find_executable(package.value, executable.value)
         if not isinstance(answer, ExecutableMissing):
             continue
         if answer.package_found:
@@ -34,7 +35,7 @@ def check_executables(stack: Stack, surroundings: Surroundings) -> Iterator[Diag
             missing[package.value].append(package.span)
             looked[package.value] = answer.looked
     for name, places in missing.items():
-        yield _no_package(name, places, looked[name], surroundings)
+        yield _no_package(name, places, looked[name], context.surroundings)
 
 
 def _wanted(stack: Stack) -> Iterator[tuple[Spanned[str], Spanned[str]]]:
@@ -76,9 +77,9 @@ def _no_package(
     )
 
 
-def check_files(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+def check_files(context: CheckContext) -> Iterator[Diagnostic]:
     """Files that are handed to nodes."""
-    for node in stack.nodes:
+    for node in context.stack.nodes:
         in_sims = (("config_path", file) for sim in node.sims for file in sim.files)
         for key, search in (("params_path", node.params_file), *in_sims):
             if search is not None and search.found is None:
@@ -86,7 +87,7 @@ def check_files(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic
         urdf = node.urdf_file
         if urdf is not None and urdf.found is None:
             if urdf.missing_package is not None and node.robot_pkg is not None:
-                yield no_such_package(urdf, node.robot_pkg, "description", surroundings)
+                yield no_such_package(urdf, node.robot_pkg, "description", context.surroundings)
             else:
                 yield _no_file("urdf", urdf)
 

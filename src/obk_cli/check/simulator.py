@@ -2,16 +2,16 @@
 
 from collections.abc import Iterator
 
-from obk_cli.config import SIM_PARAMETER, Node, Sim, Stack
+from obk_cli.check.context import CheckContext
+from obk_cli.config import SIM_PARAMETER, Node, Sim
 from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.surroundings import Surroundings
 
 __all__ = ["check_sim_blocks"]
 
 
-def check_sim_blocks(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_sim_blocks(context: CheckContext) -> Iterator[Diagnostic]:
     """No block takes the place of another, and the simulator has one."""
-    for node in stack.section("robot"):
+    for node in context.stack.section("robot"):
         yield from _check_twice(node)
         if not node.is_simulator:
             continue

@@ -8,11 +8,11 @@ from difflib import SequenceMatcher
 from obelisk_spec.messages import bare_name, resolve_msg_type
 from obelisk_spec.names import topic_name_fault
 from obelisk_spec.near import comparable, sure_name
+from obk_cli.check.context import CheckContext
 from obk_cli.config import Qos, Spanned, Stack
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.surroundings import Surroundings
-from obk_cli.wiring import Direction, TopicEnd, may_be_one, node_ends, stack_ends
+from obk_cli.wiring import TopicEnd, may_be_one
 
 __all__ = ["check_dangling", "check_doubles", "check_qos"]
 
@@ -21,21 +21,13 @@ _MOST_COMPARED = 20_000
 """Pairs of names; once as many are compared, what dangles is told without a suggestion."""
 
 
-def _by_topic(ends: Iterable[TopicEnd], direction: Direction) -> Mapping[str, list[TopicEnd]]:
-    topics: dict[str, list[TopicEnd]] = defaultdict(list)
-    for end in ends:
-        if end.direction == direction:
-            topics[end.topic].append(end)
-    return topics
-
-
-def check_dangling(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_dangling(context: CheckContext) -> Iterator[Diagnostic]:
     """Topics that are subscribed to and not published, and those published and not read."""
-    ends = tuple(stack_ends(stack))
-    published, subscribed = _by_topic(ends, "publishes"), _by_topic(ends, "subscribes")
+    ends = context.topology.ends
+    published, subscribed = context.topology.published, context.topology.subscribed
     publishers = _publishers_by_type(published)
     compared = 0
-    lost = _types_of_lost_publishers(stack, ends)
+    lost = _types_of_lost_publishers(context.stack, ends)
     suggested: set[str] = set()
     for end in ends:
         if end.direction == "publishes" or end.is_optional or end.topic in published:
@@ -93,7 +85,7 @@ def _dangling(end: TopicEnd, near: list[TopicEnd], meant: str | None) -> Diagnos
 _ByType = Mapping[str | None, Mapping[str, list[TopicEnd]]]
 
 
-def _publishers_by_type(published: Mapping[str, list[TopicEnd]]) -> _ByType:
+def _publishers_by_type(published: Mapping[str, tuple[TopicEnd, ...]]) -> _ByType:
     """Type -> topic -> its first publishers: two of them, as one may be the subscriber itself."""
     by_type: dict[str | None, dict[str, list[TopicEnd]]] = defaultdict(dict)
     for topic, ends in published.items():
@@ -165,11 +157,11 @@ def _clash(one: TopicEnd, other: TopicEnd) -> bool:
     return is_known and not may_be_one(one.msg_type, other.msg_type)
 
 
-def check_doubles(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
     """No node publishes a topic twice; of two types, and of one component, that is told already."""
-    for node in stack.nodes:
+    for _, ends in context.topology.by_node:
         firsts: dict[str, TopicEnd] = {}
-        for end in node_ends(node):
+        for end in ends:
             if end.direction == "subscribes":
                 continue
             first = firsts.setdefault(end.topic, end)
@@ -185,12 +177,12 @@ def check_doubles(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
                 )
 
 
-def check_qos(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_qos(context: CheckContext) -> Iterator[Diagnostic]:
     """No subscriber asks for more than its publishers offer.
 
     Source: ROS 2 documentation, "Quality of Service settings", QoS compatibilities.
     """
-    ends = tuple(stack_ends(stack))
+    ends = context.topology.ends
     for policy in _POLICIES:
         weak: dict[str, list[TopicEnd]] = defaultdict(list)
         for end in ends:

@@ -3,10 +3,9 @@
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from obk_cli.config import Stack
+from obk_cli.check.context import CheckContext
 from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.surroundings import Surroundings
-from obk_cli.wiring import Direction, TopicEnd, may_be_one, stack_ends
+from obk_cli.wiring import Direction, TopicEnd, may_be_one
 
 __all__ = ["check_types"]
 
@@ -14,10 +13,10 @@ _MOST_SHOWN = 3
 _VERBS: Mapping[Direction, str] = {"publishes": "publishes", "subscribes": "subscribes to"}
 
 
-def check_types(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_types(context: CheckContext) -> Iterator[Diagnostic]:
     """Ends whose type another end of the topic does not have, where both are known."""
     by_topic: dict[str, list[TopicEnd]] = defaultdict(list)
-    for end in stack_ends(stack):
+    for end in context.topology.ends:
         if end.known_type is not None:
             by_topic[end.topic].append(end)
     for ends in by_topic.values():

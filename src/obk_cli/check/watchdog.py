@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 
 from obelisk_spec.components import CONTROL_SUBSCRIPTION
+from obk_cli.check.context import CheckContext
 from obk_cli.config import Component, Node, Spanned, Stack
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.node_code import NodeCode
@@ -20,10 +21,10 @@ Senders = Mapping[str, list[Spanned[float]]]
 """Topic -> the periods of the timers that send on it."""
 
 
-def check_watchdogs(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+def check_watchdogs(context: CheckContext) -> Iterator[Diagnostic]:
     """Ages are watched where commands come in, and allow for the pace at which they are sent."""
     watched: list[tuple[Component, Node]] = []
-    for node in stack.nodes:
+    for node in context.stack.nodes:
         for component in node.components:
             if component.max_age_s is None and component.stale_action is None:
                 continue
@@ -31,12 +32,12 @@ def check_watchdogs(stack: Stack, surroundings: Surroundings) -> Iterator[Diagno
                 watched.append((component, node))
             else:
                 yield _nothing_to_watch(component, node)
-    senders = _senders(stack) if watched else {}
+    senders = _senders(context.stack) if watched else {}
     for component, node in watched:
         if not _has_age(component):
             yield _no_age(component)
             continue
-        yield from _check_action(component, node, surroundings)
+        yield from _check_action(component, node, context.surroundings)
         if component.max_age_s is not None and component.topic is not None:
             topic = absolute_topic(component.topic.value, node)
             yield from _check_age(component.max_age_s, topic, senders)

@@ -32,11 +32,13 @@ from obk_cli.errors import MisuseError
 from obk_cli.launch.devices import Share
 from obk_cli.launch.doors import Limits
 from obk_cli.launch.order import UNTIL, Until
+from obk_cli.node_code import NodeCode
 from obk_cli.pipeline import compile_config
 from obk_cli.plan import OnCrash, ParameterValue, Plan
 from obk_cli.read.nodes import LOG_LEVELS
 from obk_cli.recording.choice import Wish
 from obk_cli.running.simulated import require_libraries, with_simulator_parameters
+from obk_cli.surroundings import Surroundings
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -180,7 +182,7 @@ def command(
         allows_foreign=allow_foreign,
         recording=_recording(record_topic) if record or record_topic else None,
         kept_runs=keep,
-        spun=outcome.spun,
+        spun=gated_executables(plan, outcome.surroundings),
     )
     with open_surface(
         sys.stdout.fileno(),
@@ -191,6 +193,19 @@ def command(
     ) as surface:
         ended = run_plan(plan, packages, environment, options, surface)
     raise typer.Exit(ended.exit_code)
+
+
+def gated_executables(plan: Plan, surroundings: Surroundings | None) -> frozenset[tuple[str, str]]:
+    """Package and executable of the nodes whose source says which class the library runs.
+
+    Such a program may be started early: it waits at the gate before it creates its node.
+    """
+    programs = {(node.package, node.executable) for node in plan.processes}
+    return frozenset(
+        program
+        for program in programs
+        if surroundings is not None and isinstance(surroundings.read_node_code(*program), NodeCode)
+    )
 
 
 def _check_numbers(timeout: float, hang_after: float, keep: int, duration: float | None) -> None:

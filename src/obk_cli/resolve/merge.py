@@ -1,14 +1,28 @@
-"""Merging an outer config over an inner one, as `include:` does. Pure; loses no place."""
+"""Put one tree over another: a config over what it includes, `--set path=value` over a config.
+
+Pure; each value keeps its place.
+"""
+
+import re
+from collections.abc import Iterable
 
 from obelisk_spec.components import component_identity
-from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar
+from obelisk_spec.near import did_you_mean
+from obk_cli.diagnostics import Diagnostic, found
+from obk_cli.parse import parse_source
+from obk_cli.source import COMMAND_LINE, SourceFile, Span
+from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 
-__all__ = ["merge_trees"]
+__all__ = ["apply_overrides", "merge_trees"]
 
 Identity = tuple[str, str]
 
 _IDENTITY_KEYS = ("name", "id", "key", "ros_parameter", "topic")
 _COMPONENT_KEYS = ("key", "ros_parameter")
+
+
+_STEP = re.compile(r"(?:^|\.)([A-Za-z_][\w-]*)|\[([0-9]{1,9})\]")
+_MOST_STEPS = 100
 
 
 def merge_trees(inner: Tree, outer: Tree) -> Tree:
@@ -68,3 +82,85 @@ def _identity(item: TreeMap) -> Identity | None:
         text = str(entry.value.value)
         return ("component", component_identity(text)) if key in _COMPONENT_KEYS else (key, text)
     return None
+
+
+class _UnfitError(Exception):
+    """A path that leads nowhere; its help says what is there."""
+
+    def __init__(self, message: str, help: str | None = None) -> None:
+        super().__init__(message)
+        self.help = help
+
+
+def apply_overrides(
+    tree: TreeMap, options: Iterable[str]
+) -> tuple[TreeMap, tuple[Diagnostic, ...]]:
+    """The tree with each option set in turn; the place of a value set is `<command line>`."""
+    faults: list[Diagnostic] = []
+    for option in options:
+        span = Span.at(SourceFile.of(COMMAND_LINE, option), 1, 1, max(len(option), 1))
+        try:
+            path, text = _split(option)
+            parsed = parse_source(SourceFile.of(COMMAND_LINE, text))
+            faults += parsed.diagnostics
+            if parsed.tree is not None and not parsed.diagnostics:
+                new = _set(tree, path, parsed.tree, span)
+                tree = new if isinstance(new, TreeMap) else tree
+        except _UnfitError as error:
+            faults.append(found("OBK012", f"`--set {option}`: {error}", span, help=error.help))
+    return tree, tuple(faults)
+
+
+def _split(option: str) -> tuple[list[str | int], str]:
+    path, equals, text = option.partition("=")
+    if not equals:
+        raise _UnfitError("there is no `=`", "write it as `path=value`")
+    steps: list[str | int] = []
+    at = 0
+    while at < len(path):
+        step = _STEP.match(path, at)
+        if step is None or (at == 0 and path.startswith((".", "["))):
+            raise _UnfitError(f"`{path}` is not a path", "write it as `robot[0].sim[0].time_step`")
+        steps.append(step[1] if step[1] is not None else int(step[2]))
+        at = step.end()
+    if not steps:
+        raise _UnfitError("the path is empty", "write it as `robot[0].sim[0].time_step`")
+    if len(steps) > _MOST_STEPS:
+        raise _UnfitError(f"the path has {len(steps)} steps, expected at most {_MOST_STEPS}")
+    return steps, text or "~"
+
+
+def _set(tree: Tree | None, path: list[str | int], value: Tree, span: Span) -> Tree:
+    if not path:
+        return value
+    step, rest = path[0], path[1:]
+    if isinstance(step, str):
+        return _set_key(tree, step, rest, value, span)
+    if isinstance(tree, TreeMap) and step == 0:
+        return _set(tree, rest, value, span)
+    if not isinstance(tree, TreeList):
+        what = "nothing" if tree is None else kind_of(tree)
+        raise _UnfitError(f"`[{step}]` needs a list, there is {what}")
+    if step >= len(tree.items):
+        count = len(tree.items)
+        raise _UnfitError(f"`[{step}]` is past the end, the list has {count} (from [0])")
+    items = list(tree.items)
+    items[step] = _set(items[step], rest, value, span)
+    return TreeList(tuple(items), tree.span)
+
+
+def _set_key(
+    tree: Tree | None, key: str, rest: list[str | int], value: Tree, span: Span
+) -> TreeMap:
+    if tree is None:
+        tree = TreeMap((), span)
+    if not isinstance(tree, TreeMap):
+        raise _UnfitError(f"`{key}` needs a mapping, there is {kind_of(tree)}")
+    old = tree.get(key)
+    if old is None and rest and isinstance(rest[0], int):
+        known = [entry.key for entry in tree]
+        raise _UnfitError(f"there is no `{key}`", did_you_mean(key, known))
+    new = Entry(key, span, _set(old.value if old else None, rest, value, span))
+    if old is None:
+        return TreeMap((*tree.entries, new), tree.span)
+    return TreeMap(tuple(new if entry.key == key else entry for entry in tree), tree.span)

@@ -1,10 +1,12 @@
 from pathlib import Path
 
+from obk_cli.check.context import CheckContext
 from obk_cli.check.model import check_models
 from obk_cli.parse import parse_source
 from obk_cli.read.stack import read_stack
-from obk_cli.resolve.paths import resolve_paths
+from obk_cli.resolve.locate import locate_files
 from obk_cli.source import SourceFile
+from obk_cli.wiring import Topology
 
 from .nowhere import Nowhere
 
@@ -26,7 +28,9 @@ def test_without_mujoco_what_needs_no_model_is_checked_and_the_rest_said_to_be_s
     stack, _ = read_stack(parsed.tree)
     assert stack is not None
     surroundings = Nowhere()
-    faults = check_models(resolve_paths(stack, tmp_path, surroundings), surroundings)
+    stack = locate_files(stack, tmp_path, surroundings)
+    context = CheckContext(stack=stack, topology=Topology.of(stack), surroundings=surroundings)
+    faults = check_models(context)
     assert [str(fault) for fault in faults] == [
         "f.yaml:4:89: info[OBK307]: `ObkImu` has no `accelerometer` sensor, so that part stays "
         "empty",

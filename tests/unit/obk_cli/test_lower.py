@@ -7,7 +7,7 @@ from obk_cli.parse import parse_source
 from obk_cli.pipeline import Options, compile_source
 from obk_cli.plan import Endpoint, Plan, SensorGroup
 from obk_cli.read.stack import read_stack
-from obk_cli.resolve.paths import resolve_paths
+from obk_cli.resolve.locate import locate_files
 from obk_cli.source import SourceFile
 
 from .nowhere import Nowhere
@@ -59,7 +59,7 @@ def lower(folder: Path) -> Plan:
     stack, faults = read_stack(parsed.tree)
     assert stack is not None
     assert {fault.severity for fault in faults} == {"info"}
-    return lower_stack(resolve_paths(stack, folder, Nowhere()))
+    return lower_stack(locate_files(stack, folder, Nowhere()))
 
 
 def test_a_node_becomes_a_process(tmp_path: Path) -> None:
@@ -183,7 +183,7 @@ def test_what_was_searched_is_kept(tmp_path: Path) -> None:
     assert parsed.tree is not None
     stack, _ = read_stack(parsed.tree)
     assert stack is not None
-    search = resolve_paths(stack, tmp_path, Nowhere()).nodes[0].sims[0].model
+    search = locate_files(stack, tmp_path, Nowhere()).nodes[0].sims[0].model
     assert isinstance(search, FileSearch)
     assert isinstance(search.written, Spanned)
     assert search.tried[0] == tmp_path / "arm.xml"

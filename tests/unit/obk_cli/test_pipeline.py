@@ -2,8 +2,10 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli import parse, pipeline
+from obk_cli import parse
+from obk_cli.cli.launch import gated_executables
 from obk_cli.pipeline import Options, Outcome, compile_config, compile_source
+from obk_cli.resolve import loader
 from obk_cli.silence import near_codes
 from obk_cli.source import LONGEST_FILE_BYTES, SourceFile
 
@@ -53,7 +55,8 @@ def test_a_sound_config_has_a_plan() -> None:
 def test_programs_whose_source_says_what_they_spin_are_known() -> None:
     outcome = compile_config(str(DUMMY), options(DUMMY.parent))
     assert outcome.plan is not None
-    assert outcome.spun == {(node.package, node.executable) for node in outcome.plan.processes}
+    gated = gated_executables(outcome.plan, outcome.surroundings)
+    assert gated == {(node.package, node.executable) for node in outcome.plan.processes}
 
 
 def test_compiling_twice_gives_equal_plans() -> None:
@@ -164,7 +167,7 @@ def compile_files(files: dict[str, str]) -> list[str]:
 def test_the_files_of_a_config_hold_only_so_many_values_together(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    for module in (parse, pipeline):
+    for module in (parse, loader):
         monkeypatch.setattr(module, "MOST_VALUES", 1_500)
     many = f"vars: [{', '.join('x' * 500)}]\n"
     parts = {"a": many, "b": many, "c": many, "d": many}

@@ -1,15 +1,15 @@
 import os
 from collections.abc import Mapping
+from pathlib import Path
 
 import pytest
 
 from obk_cli.parse import parse_source
-from obk_cli.resolve.include import Loaded, resolve_includes
-from obk_cli.resolve.merge import merge_trees
-from obk_cli.resolve.overrides import resolve_overrides
+from obk_cli.resolve.loader import ConfigFiles, load_config
+from obk_cli.resolve.merge import apply_overrides, merge_trees
 from obk_cli.resolve.variables import resolve_variables
 from obk_cli.source import SourceFile
-from obk_cli.tree import Tree, TreeMap, TreeScalar, plain_value
+from obk_cli.tree import TreeMap, TreeScalar, plain_value
 
 
 def tree(text: str, path: str = "f.yaml") -> TreeMap:
@@ -49,15 +49,14 @@ def test_merged_values_keep_their_own_file() -> None:
     assert {entry.key: entry.value.span.path for entry in merged} == {"a": "inner", "b": "outer"}
 
 
-def load(files: Mapping[str, str], path: str) -> Loaded:
-    if path not in files:
-        return Loaded(unreadable="there is no such file")
-    parsed = parse_source(SourceFile.of(path, files[path]))
-    return Loaded(tree=parsed.tree, diagnostics=parsed.diagnostics)
+def include(texts: Mapping[str, str], path: str) -> tuple[object, list[str]]:
+    def read(name: str) -> bytes | str:
+        return texts[name].encode() if name in texts else "there is no such file"
 
-
-def include(files: Mapping[str, str], path: str) -> tuple[object, list[str]]:
-    merged, faults = resolve_includes(tree(files[path], path), path, lambda p: load(files, p))
+    source = SourceFile.of(path, texts[path])
+    files = ConfigFiles(source, variables={}, working_folder=Path(), read=read)
+    merged, faults = load_config(source, files, ())
+    assert merged is not None
     return plain_value(merged), [str(fault) for fault in faults]
 
 
@@ -117,11 +116,7 @@ def test_an_undefined_variable_is_shown_at_its_place_inside_the_text() -> None:
 
 
 def override(text: str, *options: str) -> tuple[object, list[str]]:
-    def parse(source: SourceFile) -> tuple[Tree | None, tuple[object, ...]]:
-        parsed = parse_source(source)
-        return parsed.tree, parsed.diagnostics
-
-    result, faults = resolve_overrides(tree(text), options, parse)  # type: ignore[arg-type]
+    result, faults = apply_overrides(tree(text), options)
     return plain_value(result), [fault.message for fault in faults]
 
 
@@ -163,9 +158,7 @@ def test_a_set_that_does_not_fit_says_why(option: str, reason: str) -> None:
 
 
 def test_what_was_set_has_the_command_line_for_its_place() -> None:
-    text = tree("{a: 1}")
-    parsed = parse_source(SourceFile.of("<command line>", "5"))
-    result, _ = resolve_overrides(text, ["a=5"], lambda _: (parsed.tree, ()))
+    result, _ = apply_overrides(tree("{a: 1}"), ["a=5"])
     assert result.entries[0].value.span.path == "<command line>"
 
 
