@@ -1,4 +1,4 @@
-"""Texts that are not YAML: what is always looked for; `explain` is for those that are not."""
+"""A text as PyYAML is to read it, and the characters that YAML does not allow in it."""
 
 import re
 

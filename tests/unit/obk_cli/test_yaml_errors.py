@@ -3,11 +3,10 @@
 import pytest
 import yaml
 
-from obk_cli import parse
+from obk_cli import parse, yaml_error_context
 from obk_cli.diagnostics import Diagnostic
 from obk_cli.parse import parse_source
 from obk_cli.source import SourceFile
-from obk_cli.yaml_faults import trouble
 
 NODE = """\
 config: demo
@@ -34,7 +33,7 @@ def told(text: str) -> Diagnostic:
 def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both of PyYAML's parsers, whose words differ; not every PyYAML has the quicker one."""
     if request.param == "python":
-        for module in (parse, trouble):
+        for module in (parse, yaml_error_context):
             monkeypatch.setattr(module, "YAML_LOADER", yaml.SafeLoader)
 
 

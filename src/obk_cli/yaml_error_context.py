@@ -1,6 +1,6 @@
-"""A YAML error with the text around it, and a cause as the searches return it.
+"""Where and why PyYAML stopped, with the text around that place.
 
-PyYAML's error and the source in; what stands before the error out. Judges nothing.
+Pure; `yaml_errors` finds the cause in it.
 """
 
 import re
@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 import yaml
 
-from obk_cli.diagnostics import Related
 from obk_cli.edits import Offsets
 from obk_cli.source import SourceFile, Span
-from obk_cli.yaml_faults import YAML_LOADER, YamlText
+from obk_cli.yaml_text import YAML_LOADER, YamlText
 
-__all__ = ["LONGEST_LINE", "Before", "Cause", "Trouble", "indent_of", "without_comment"]
+__all__ = ["LONGEST_LINE", "ErrorContext", "ReadBefore", "indent_of", "without_comment"]
 
 LONGEST_LINE = 1_000
 """Characters of a line up to which causes are looked for in it."""
@@ -24,17 +23,7 @@ _CLOSING = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cause:
-    """What was done wrong, where, and what would be right."""
-
-    message: str
-    span: Span
-    help: str | None = None
-    related: Related | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Before:
+class ReadBefore:
     """What was read until the error."""
 
     scalar: Span | None = None
@@ -46,8 +35,8 @@ class Before:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Trouble:
-    """Where and as what the parser noticed a mistake."""
+class ErrorContext:
+    """The place where the parser noticed a mistake, and what it expected there."""
 
     source: SourceFile
     problem: str
@@ -55,11 +44,11 @@ class Trouble:
     line: int
     column: int
     context_place: tuple[int, int] | None
-    before: Before
+    before: ReadBefore
 
     @classmethod
-    def of(cls, error: yaml.MarkedYAMLError, source: SourceFile) -> "Trouble":
-        """The trouble of an error that came of this source."""
+    def of(cls, error: yaml.MarkedYAMLError, source: SourceFile) -> "ErrorContext":
+        """The context of an error in this source."""
         mark = error.problem_mark or error.context_mark
         line, column = _within(source, (mark.line + 1, mark.column + 1) if mark else (1, 1))
         context = error.context_mark
@@ -79,6 +68,10 @@ class Trouble:
     def span(self) -> Span:
         """The place where it was noticed."""
         return Span.at(self.source, self.line, self.column)
+
+    def at(self, line: int, column: int, length: int = 1) -> Span:
+        """A place in the same source."""
+        return Span.at(self.source, line, column, length)
 
     @property
     def text(self) -> str:
@@ -122,7 +115,7 @@ def _within(source: SourceFile, place: tuple[int, int]) -> tuple[int, int]:
     return line, min(column, len(source.line(line)) + 1)
 
 
-def _before(source: SourceFile, line: int, column: int) -> Before:
+def _before(source: SourceFile, line: int, column: int) -> ReadBefore:
     """Reads the text up to the error once more, its end taken for the end of the text."""
     text = source.text[: Offsets.of(source).at(line, column)]
     scalar: yaml.ScalarToken | None = None
@@ -137,7 +130,7 @@ def _before(source: SourceFile, line: int, column: int) -> Before:
                 opened.pop()
     except yaml.YAMLError:
         pass  # what was read before it counts
-    return Before(
+    return ReadBefore(
         scalar=_span(source, scalar) if scalar else None,
         is_plain=scalar is not None and scalar.plain,
         bracket=_span(source, opened[-1]) if opened else None,
