@@ -1,21 +1,268 @@
 """What a node's class registers and declares: its constructors walked from the class up its bases.
 
 Follows `super().__init__` with the values of its arguments, and the methods of `self` that are
-used on the way. Whatever is computed at run time makes the answer "not known", never a guess.
+used on the way. What is computed at run time counts as unknown.
 """
 
 import ast
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from obk_cli.code.calls import Scope, bound_arguments, register_call, scope_of
 from obk_cli.code.lineage import ClassSource, Function, Lineage
-from obk_cli.code.modules import Library
-from obk_cli.code.parameters import declared_parameters
-from obk_cli.code.values import UNKNOWN, Environment
-from obk_cli.node_code import CodeComponent, CodeParameter
+from obk_cli.code.modules import (
+    UNKNOWN,
+    KnownValues,
+    Library,
+    Module,
+    Value,
+    dotted_name,
+    message_type,
+    span_of,
+    value_of,
+)
+from obk_cli.config import ComponentKind
+from obk_cli.node_code import CodeComponent, CodeParameter, kind_of_value
 
 __all__ = ["Registrations", "registrations_of"]
+
+_REGISTRATIONS: Final[dict[str, tuple[ComponentKind, tuple[str, ...]]]] = {
+    "register_obk_publisher": ("publisher", ("ros_parameter", "key", "msg_type", "default")),
+    "register_obk_subscription": (
+        "subscriber",
+        ("ros_parameter", "callback", "key", "msg_type", "default"),
+    ),
+    "register_obk_timer": ("timer", ("ros_parameter", "callback", "key", "default")),
+}
+"""Method -> what it registers, and its positional parameters."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scope:
+    """Where a call stands: its module, the local names that are known, the name of `self`."""
+
+    module: Module
+    local: KnownValues
+    self_name: str
+
+    def is_self(self, node: ast.AST) -> bool:
+        """Whether an expression is the node itself."""
+        return isinstance(node, ast.Name) and node.id == self.self_name
+
+
+def scope_of(function: Function, module: Module, local: KnownValues) -> Scope:
+    """The scope of a method's body; local names that are assigned are computed at run time."""
+    arguments = [*function.args.posonlyargs, *function.args.args]
+    self_name = arguments[0].arg if arguments else ""
+    assigned = {
+        n.id: UNKNOWN
+        for n in ast.walk(function)
+        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+    }
+    return Scope(module, {**local, **assigned}, self_name)
+
+
+def register_call(
+    name: str, call: ast.Call, scope: Scope, library: Library
+) -> CodeComponent | str | None:
+    """The component that a call registers; text: why it is not known; None: no registration."""
+    if name not in _REGISTRATIONS:
+        return None
+    kind, positional = _REGISTRATIONS[name]
+    if any(isinstance(a, ast.Starred) for a in call.args) or any(
+        k.arg is None for k in call.keywords
+    ):
+        return "its arguments are computed"
+    given: dict[str, ast.expr] = dict(zip(positional, call.args, strict=False))
+    given.update({k.arg: k.value for k in call.keywords if k.arg})
+    values: dict[str, Value] = {
+        key: value_of(given.get(key), scope.module, library, scope.local)
+        for key in ("ros_parameter", "key", "msg_type", "default")
+    }
+    names = [values["ros_parameter"], values["key"]]
+    if not any(isinstance(value, str) for value in names):
+        return "its names are computed"
+    required = (
+        value_of(given["required"], scope.module, library, scope.local)
+        if "required" in given
+        else True
+    )
+    return CodeComponent(
+        kind=kind,
+        ros_parameter=_text(values["ros_parameter"]),
+        key=_text(values["key"]),
+        msg_type=message_type(values["msg_type"]),
+        is_required=required is True and values["default"] is None,
+        is_optional=required is False,
+        has_default=values["default"] is not None,
+        is_named_in_full=UNKNOWN not in names,
+        is_of_library=False,
+        span=span_of(call, scope.module.source),
+    )
+
+
+def _text(value: Value) -> str | None:
+    return value if isinstance(value, str) else None
+
+
+def bound_arguments(
+    function: Function,
+    module: Module,
+    call: tuple[ast.Call, Scope] | None,
+    library: Library,
+    *,
+    is_open: bool,
+) -> KnownValues:
+    """The values of a constructor's parameters; without a call, those of its defaults.
+
+    `**kwargs` counts as None where nothing is in it; `is_open` says that arguments may be given
+    that cannot be seen.
+    """
+    arguments = function.args
+    positional = [*arguments.posonlyargs, *arguments.args]
+    local: dict[str, Value] = {a.arg: UNKNOWN for a in (*positional, *arguments.kwonlyargs)}
+    without_default = len(positional) - len(arguments.defaults)
+    defaults = [
+        *zip(positional[without_default:], arguments.defaults, strict=True),
+        *zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True),
+    ]
+    for parameter, default in defaults:
+        if default is not None:
+            local[parameter.arg] = value_of(default, module, library, {})
+    passed: dict[str, Value] = {}
+    if call is not None:
+        passed, is_open = _passed(positional, call, library)
+    if arguments.kwarg is not None:
+        is_empty = not is_open and passed.keys() <= local.keys()
+        local[arguments.kwarg.arg] = None if is_empty else UNKNOWN
+    if is_open:
+        local.update(dict.fromkeys(local, UNKNOWN))
+    return {**local, **passed}
+
+
+def _passed(
+    positional: list[ast.arg], call: tuple[ast.Call, Scope], library: Library
+) -> tuple[dict[str, Value], bool]:
+    """The arguments by name, and whether there may be more that cannot be seen."""
+    node, scope = call
+    known: dict[str, Value] = {}
+    is_open = False
+    for parameter, argument in zip(positional[1:], node.args, strict=False):
+        if isinstance(argument, ast.Starred):
+            is_open = True
+            break
+        known[parameter.arg] = value_of(argument, scope.module, library, scope.local)
+    for keyword in node.keywords:
+        value = value_of(keyword.value, scope.module, library, scope.local)
+        if keyword.arg is not None:
+            known[keyword.arg] = value
+        elif value is not None:
+            is_open = True
+    return known, is_open
+
+
+_NAMED_KINDS: Final = {
+    "BOOL": "bool",
+    "INTEGER": "int",
+    "DOUBLE": "float",
+    "STRING": "text",
+    "BOOL_ARRAY": "list of bools",
+    "INTEGER_ARRAY": "list of ints",
+    "DOUBLE_ARRAY": "list of floats",
+    "STRING_ARRAY": "list of texts",
+}
+"""`Parameter.Type` of rclpy -> what the config calls it."""
+_ARGUMENTS: Final = ("name", "value", "descriptor", "ignore_override")
+
+
+def declared_parameters(
+    method: str, call: ast.Call, scope: Scope, library: Library
+) -> tuple[CodeParameter, ...] | None:
+    """What `declare_parameter` or `declare_parameters` declares; None where that is computed."""
+    given: dict[str | None, ast.expr] = {k.arg: k.value for k in call.keywords}
+    if method == "declare_parameter":
+        given.update(zip(_ARGUMENTS, call.args, strict=False))
+        found = [_declared("", given, call, scope, library)]
+    else:
+        given.update(zip(("namespace", "parameters", "ignore_override"), call.args, strict=False))
+        namespace = value_of(given.get("namespace"), scope.module, library, scope.local)
+        if not isinstance(namespace, str):
+            return None
+        found = list(_listed(namespace, given, scope, library))
+    parameters = tuple(one for one in found if one is not None)
+    return parameters if parameters and len(parameters) == len(found) else None
+
+
+def _listed(
+    namespace: str, given: dict[str | None, ast.expr], scope: Scope, library: Library
+) -> Iterator[CodeParameter | None]:
+    match given.get("parameters"):
+        case ast.List(elts=items) | ast.Tuple(elts=items):
+            for item in items:
+                parts = item.elts if isinstance(item, ast.Tuple) else []
+                one: dict[str | None, ast.expr] = {
+                    key: given[key] for key in (None, "ignore_override") if key in given
+                }
+                one.update(zip(_ARGUMENTS, parts, strict=False))
+                yield _declared(namespace, one, item, scope, library)
+
+
+def _declared(
+    namespace: str,
+    given: dict[str | None, ast.expr],
+    place: ast.expr,
+    scope: Scope,
+    library: Library,
+) -> CodeParameter | None:
+    name = value_of(given.get("name"), scope.module, library, scope.local)
+    if not isinstance(name, str):
+        return None
+    is_held = None not in given and "ignore_override" not in given
+    return CodeParameter(
+        name=f"{namespace}.{name}" if namespace else name,
+        kind=_kind(given.get("value"), scope, library)
+        if is_held and _is_static(given.get("descriptor"))
+        else None,
+        span=span_of(place, scope.module.source),
+    )
+
+
+def _is_static(descriptor: ast.expr | None) -> bool:
+    """Whether a parameter of this descriptor keeps to the type of its default, as is usual."""
+    match descriptor:
+        case None:
+            return True
+        case ast.Call(args=[], keywords=keywords):
+            return not any(keyword.arg in (None, "dynamic_typing") for keyword in keywords)
+    return False
+
+
+def _kind(expression: ast.expr | None, scope: Scope, library: Library) -> str | None:
+    """The kind of a default that is written out, or of a type in its place."""
+    match expression:
+        case None:
+            return None
+        case ast.Name(id=name) if name in scope.local:
+            return None
+        case ast.Name() | ast.Attribute():
+            dotted = dotted_name(expression, scope.module) or ""
+            head, _, last = dotted.rpartition(".")
+            if head == "rclpy.parameter.Parameter.Type":
+                return _NAMED_KINDS.get(last)
+            found = library.definition(dotted) if "." in dotted else None
+            return _literal_kind(found.node) if found else None
+    return _literal_kind(expression)
+
+
+def _literal_kind(expression: ast.AST) -> str | None:
+    match expression:
+        case ast.BinOp(left=ast.List() | ast.Tuple() as items, op=ast.Mult()):
+            return _literal_kind(items)
+    try:
+        return kind_of_value(ast.literal_eval(expression))
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
+        return None
+
 
 _SURVIVES_SELF: Final = {"super", "isinstance", "type", "id", "print", "repr", "str", "hasattr"}
 _DECLARES_ALL: Final = (
@@ -90,7 +337,7 @@ class _Walk:
         self._body(index, function, {a.arg: UNKNOWN for a in names}, is_certain=is_certain)
 
     def _body(
-        self, index: int, function: Function, local: Environment, *, is_certain: bool
+        self, index: int, function: Function, local: KnownValues, *, is_certain: bool
     ) -> None:
         source = self._lineage.classes[index]
         scope = scope_of(function, source.module, local)

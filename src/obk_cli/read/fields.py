@@ -1,6 +1,7 @@
-"""Reading the keys of one mapping: each value of the right kind, or a finding and None.
+"""Read the keys of one mapping: each value of the right kind, or a finding and None.
 
-Null is the same as not written, except where a key is required.
+Null is the same as not written, except where a key is required. Names that ROS would reject are
+findings too.
 """
 
 from collections.abc import Callable, Iterable
@@ -8,6 +9,12 @@ from math import inf
 from typing import TypeVar
 
 from obelisk_spec.limits import LARGEST_COUNT, LONGEST_PERIOD_S, SHORTEST_PERIOD_S
+from obelisk_spec.names import (
+    namespace_fault,
+    node_name_fault,
+    package_name_fault,
+    topic_name_fault,
+)
 from obelisk_spec.near import ask_for, list_names, near_names, sure_name
 from obelisk_spec.yaml_core import core_scalar
 from obk_cli.config import Spanned
@@ -18,7 +25,16 @@ from obk_cli.read.keys import NO_EFFECT_KEYS
 from obk_cli.source import Span
 from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of, shown
 
-__all__ = ["Faults", "Fields", "read_items", "read_text"]
+__all__ = [
+    "Faults",
+    "Fields",
+    "check_namespace",
+    "check_node_name",
+    "check_package",
+    "check_topic",
+    "read_items",
+    "read_text",
+]
 
 T = TypeVar("T")
 
@@ -237,3 +253,42 @@ def _number(value: object) -> float | None:
     if isinstance(value, int) and abs(value) >= _TOO_LARGE_FOR_FLOAT:
         return inf if value > 0 else -inf
     return float(value)
+
+
+def check_topic(topic: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
+    """The topic, with a finding if it is none."""
+    return _checked(topic, topic_name_fault, "OBK109", "a topic name", faults)
+
+
+def check_namespace(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
+    """The namespace, with a finding if it is none."""
+    return _checked(name, namespace_fault, "OBK110", "a namespace", faults)
+
+
+def _name_part_fault(name: str) -> str | None:
+    # A digit may come first: the whole name starts with `obelisk_`.
+    return node_name_fault(f"n{name}")
+
+
+def check_node_name(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
+    """The node's name part, with a finding if it can be none."""
+    return _checked(name, _name_part_fault, "OBK110", "part of a node name", faults)
+
+
+def check_package(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
+    """The package's name, with a finding if it is none."""
+    return _checked(name, package_name_fault, "OBK111", "a package name", faults)
+
+
+def _checked(
+    name: Spanned[str] | None,
+    fault_of: Callable[[str], str | None],
+    code: str,
+    what: str,
+    faults: Faults,
+) -> Spanned[str] | None:
+    fault = fault_of(name.value) if name else None
+    if name is not None and fault is not None:
+        faults.append(found(code, f"`{name.value}` cannot be {what}: {fault}", name.span))
+    # A wrong name is kept: what it stands for is still there, and is not to be reported missing.
+    return name

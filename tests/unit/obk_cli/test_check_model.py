@@ -1,7 +1,7 @@
 from pathlib import Path
 
 from obk_cli.check.context import CheckContext
-from obk_cli.check.model import check_models
+from obk_cli.check.simulation import check_models
 from obk_cli.parse import parse_source
 from obk_cli.read.stack import read_stack
 from obk_cli.resolve.locate import locate_files

@@ -1,4 +1,4 @@
-"""OBK107, OBK108, OBK207, OBK208: the components of one node against each other."""
+"""OBK107, OBK108, OBK201, OBK202, OBK207, OBK208: which nodes exist, and their components."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import replace
@@ -6,13 +6,61 @@ from dataclasses import replace
 from obelisk_spec.components import component_identity, standard_component
 from obelisk_spec.near import did_you_mean, near_names, sure_name
 from obk_cli.check.context import CheckContext
-from obk_cli.config import Component, Node, Spanned
+from obk_cli.config import Component, Node, Spanned, Stack
 from obk_cli.cures import respell
 from obk_cli.diagnostics import Diagnostic, Related, found
 from obk_cli.node_code import NodeCode
+from obk_cli.source import Span
 from obk_cli.surroundings import Surroundings
 
-__all__ = ["check_callback_groups", "check_components"]
+__all__ = [
+    "check_callback_groups",
+    "check_components",
+    "check_node_names",
+    "check_required_sections",
+]
+
+_REQUIRED = (
+    ("control", "a controller"),
+    ("estimation", "an estimator"),
+    ("robot", "a robot, real or simulated"),
+)
+
+
+def check_required_sections(context: CheckContext) -> Iterator[Diagnostic]:
+    """Each required section has a node on some device."""
+    for section, what in _REQUIRED:
+        if next(context.stack.section(section), None) is None:
+            message = f"section `{section}` has no node, a stack needs {what}"
+            yield found("OBK201", message, context.stack.span)
+
+
+def check_node_names(context: CheckContext) -> Iterator[Diagnostic]:
+    """No two nodes have one full name."""
+    seen: dict[str, Span] = {}
+    for name, place, help in _named(context.stack):
+        if name not in seen:
+            seen[name] = place
+            continue
+        yield found(
+            "OBK202",
+            f"two nodes are named `{name}`",
+            place,
+            help=help,
+            related=(Related(message="the other one", span=seen[name]),),
+        )
+
+
+def _named(stack: Stack) -> Iterator[tuple[str, Span, str]]:
+    """The full name of each node, its place, and what would give it another."""
+    for node in stack.nodes:
+        named = node.name or node.pkg
+        place = named.span if named else node.span
+        yield node.full_name, place, "give one of them another `name` or `namespace`"
+    for joystick in stack.joysticks:
+        if joystick.on:
+            yield joystick.full_name, joystick.span, "switch one of the two off: `on: false`"
+
 
 _MOST_SUGGESTIONS = 200
 """Findings that are compared with what exists."""
