@@ -10,8 +10,8 @@ import pytest
 
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.compiler import Options, compile_config
 from obk_cli.diagnostics import Diagnostic
-from obk_cli.pipeline import Options, compile_config
 
 CORPUS = Path(__file__).resolve().parents[2] / "shared" / "corpus"
 

@@ -18,9 +18,9 @@ from generated import ROOT, bring_up_to_date
 from rich.console import Console
 from rich.text import Text
 
+from obk_cli.compiler import Options, compile_config, compile_source
 from obk_cli.emit.graph import graph_of
 from obk_cli.emit.svg import emit_svg
-from obk_cli.pipeline import Options, compile_config, compile_source
 from obk_cli.report.text import report_text, summary
 from obk_cli.source import SourceFile
 

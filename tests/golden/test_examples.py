@@ -10,11 +10,11 @@ import pytest
 import yaml
 
 from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.compiler import Options, compile_config
 from obk_cli.emit.forms import FORMS as PRINTED_FORMS
 from obk_cli.emit.forms import Form
 from obk_cli.emit.graph import graph_of
 from obk_cli.emit.terminal import emit_terminal
-from obk_cli.pipeline import Options, compile_config
 from obk_cli.plan import Plan
 
 HERE = Path(__file__).parent
@@ -27,7 +27,7 @@ PRINT_ALL_FORMS = """
 import sys
 from pathlib import Path
 from obk_cli.emit.forms import FORMS
-from obk_cli.pipeline import Options, compile_config
+from obk_cli.compiler import Options, compile_config
 options = Options(environment={}, working_folder=Path.cwd(), ignore=("OBK4",))
 for name in sys.argv[1:]:
     plan = compile_config(f"examples/{name}", options).plan

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from obelisk_spec.yaml_core import YamlTextError, core_scalar, load_yaml_core
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.compiler import Options, compile_config, compile_source
 from obk_cli.diagnostics import Diagnostic, worst
 from obk_cli.parse import decode_source, parse_source
-from obk_cli.pipeline import Options, compile_config, compile_source
 from obk_cli.report.github import report_github
 from obk_cli.report.json import report_json
 from obk_cli.report.sarif import report_sarif

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.compiler import Options
 from obk_cli.fixing import Fixed, fix_config
-from obk_cli.pipeline import Options
 
 CORPUS = Path(__file__).resolve().parents[3] / "shared" / "corpus"
 SEEDS = [path.read_text() for path in sorted(CORPUS.rglob("*.yaml"))]

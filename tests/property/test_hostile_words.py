@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from obelisk_spec.rates import Rate, parse_rate, rate_values
 from obk_cli.adapters.follow import last_lines, read_lines
 from obk_cli.cli.commands import _complain
+from obk_cli.compiler import Options, compile_config, compile_source
 from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.events import Told
 from obk_cli.monitoring.view import StackView
-from obk_cli.pipeline import Options, compile_config, compile_source
 from obk_cli.report.building import report_problems
 from obk_cli.report.github import report_github
 from obk_cli.report.launch import LaunchReport

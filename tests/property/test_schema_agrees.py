@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from obelisk_spec.yaml_core import load_yaml_core
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.surroundings import MachineSurroundings
-from obk_cli.pipeline import Options, compile_source
+from obk_cli.compiler import Options, compile_source
 from obk_cli.source import SourceFile
 
 ROOT = Path(__file__).parents[2]

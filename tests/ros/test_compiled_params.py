@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.compiler import Options, compile_config
 from obk_cli.emit.launch_file import emit_launch_file
 from obk_cli.emit.params import emit_params
-from obk_cli.pipeline import Options, compile_config
 from obk_cli.plan import Origin, Plan, Process
 
 READ = """

@@ -11,6 +11,7 @@ from obk_cli.cli.config_options import make_options
 from obk_cli.cli.edit_files import EditedFile, open_for_edit, write_edited
 from obk_cli.cli.findings import print_findings
 from obk_cli.cli.join_wish import JoinWish
+from obk_cli.compiler import compile_source
 from obk_cli.diagnostics import Diagnostic
 from obk_cli.errors import CommandFailedError
 from obk_cli.joining.join import Joined, join_node
@@ -20,7 +21,6 @@ from obk_cli.joining.refusal import Refused
 from obk_cli.joining.suit import suit_types
 from obk_cli.joining.target import find_replaced
 from obk_cli.joining.tell import joined_lines, joined_values
-from obk_cli.pipeline import compile_source
 from obk_cli.report.diff import report_diff
 from obk_cli.scaffold.describe import Added
 from obk_cli.scaffold.kinds import SECTIONS

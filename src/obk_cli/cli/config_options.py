@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from obk_cli.codes import RULES
+from obk_cli.compiler import Options
 from obk_cli.errors import MisuseError
-from obk_cli.pipeline import Options
 from obk_cli.silence import near_codes
 
 __all__ = [

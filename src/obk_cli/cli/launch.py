@@ -28,12 +28,12 @@ from obk_cli.cli.render_options import (
     RenderSizeOption,
     with_film,
 )
+from obk_cli.compiler import compile_config
 from obk_cli.errors import MisuseError
 from obk_cli.launch.devices import Share
 from obk_cli.launch.doors import Limits
 from obk_cli.launch.order import UNTIL, Until
 from obk_cli.node_code import NodeCode
-from obk_cli.pipeline import compile_config
 from obk_cli.plan import OnCrash, ParameterValue, Plan
 from obk_cli.read.nodes import LOG_LEVELS
 from obk_cli.recording.choice import Wish

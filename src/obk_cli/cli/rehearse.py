@@ -23,10 +23,10 @@ from obk_cli.cli.config_options import (
 from obk_cli.cli.findings import sound_plan
 from obk_cli.cli.option_values import require_word
 from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.compiler import compile_config
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.launch.devices import share_of
 from obk_cli.launch.units import Unit, units_of
-from obk_cli.pipeline import compile_config
 from obk_cli.plan import OnCrash, Plan
 from obk_cli.rehearsal.cases import Case, make_cases
 from obk_cli.rehearsal.judge import Row

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from obk_cli.cli.main import main
+from obk_cli.compiler import Options, compile_config
 from obk_cli.emit.forms import FORMS
-from obk_cli.pipeline import Options, compile_config
 
 CONFIG = str(Path(__file__).resolve().parents[2] / "cases/accept/OBK004/topic_twice.yaml")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.adapters.surroundings import MachineSurroundings
-from obk_cli.pipeline import Options, compile_source
+from obk_cli.compiler import Options, compile_source
 from obk_cli.plan import Process
 from obk_cli.report.text import report_text
 from obk_cli.source import SourceFile

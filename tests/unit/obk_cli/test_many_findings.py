@@ -14,7 +14,7 @@ COMPILE = """
 import resource, sys
 from collections import Counter
 from pathlib import Path
-from obk_cli.pipeline import Options, compile_config
+from obk_cli.compiler import Options, compile_config
 resource.setrlimit(resource.RLIMIT_AS, (700_000_000, 700_000_000))
 resource.setrlimit(resource.RLIMIT_CPU, (20, 20))  # [s], whatever else the machine does
 outcome = compile_config(sys.argv[1], Options(environment={}, working_folder=Path.cwd()))

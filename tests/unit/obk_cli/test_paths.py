@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.pipeline import Options, Outcome, compile_config
+from obk_cli.compiler import Options, Outcome, compile_config
 
 
 def compiled(folder: Path, model: str, package: str = "demo") -> Outcome:

@@ -4,7 +4,7 @@ import pytest
 
 from obk_cli import parse
 from obk_cli.cli.launch import gated_executables
-from obk_cli.pipeline import Options, Outcome, compile_config, compile_source
+from obk_cli.compiler import Options, Outcome, compile_config, compile_source
 from obk_cli.resolve import loader
 from obk_cli.silence import near_codes
 from obk_cli.source import LONGEST_FILE_BYTES, SourceFile

@@ -11,7 +11,7 @@ import yaml
 from obelisk_spec.sensors import SENSOR_GROUPS
 from obelisk_spec.sim_checks import check_sim
 from obk_cli.adapters.surroundings import MachineSurroundings
-from obk_cli.pipeline import Options, compile_source
+from obk_cli.compiler import Options, compile_source
 from obk_cli.report.text import report_text
 from obk_cli.source import SourceFile
 

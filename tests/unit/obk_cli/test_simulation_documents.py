@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from obk_cli.adapters.surroundings import MachineSurroundings
-from obk_cli.pipeline import Options, compile_source
+from obk_cli.compiler import Options, compile_source
 from obk_cli.report.text import report_text
 from obk_cli.source import SourceFile
 

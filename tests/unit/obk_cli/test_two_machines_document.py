@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.adapters.surroundings import MachineSurroundings
-from obk_cli.pipeline import Options, compile_config
+from obk_cli.compiler import Options, compile_config
 
 from ...ros.walkthrough import (  # noqa: TID252 - shared by folders of tests
     Commands,

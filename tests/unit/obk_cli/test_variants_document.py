@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.adapters.surroundings import MachineSurroundings
-from obk_cli.pipeline import Options, compile_config
+from obk_cli.compiler import Options, compile_config
 from obk_cli.plan import Plan
 
 from ...ros.walkthrough import (  # noqa: TID252 - shared by folders of tests

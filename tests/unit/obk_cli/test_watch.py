@@ -11,7 +11,7 @@ from obk_cli.adapters.mjcf_places import mjcf_files
 from obk_cli.cli import watch as module
 from obk_cli.cli.main import main
 from obk_cli.cli.watch import WatchedRun, watch
-from obk_cli.pipeline import Options
+from obk_cli.compiler import Options
 
 
 def stepping(steps: Iterator[None]) -> Callable[[], None]:

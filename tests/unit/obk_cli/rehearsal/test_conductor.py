@@ -9,9 +9,9 @@ import pytest
 from obk_cli.adapters.claims import claim_run
 from obk_cli.adapters.clock import local_time
 from obk_cli.adapters.process_start import this_process
+from obk_cli.compiler import Options, compile_config
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.runs import Run
-from obk_cli.pipeline import Options, compile_config
 from obk_cli.rehearsal.conductor import Setting, rehearse
 from obk_cli.rehearsal.guard import refuse_hardware, refuse_running
 from obk_cli.rehearsal.home import make_home

@@ -13,9 +13,9 @@ import typer
 
 from obk_cli.cli.init import command
 from obk_cli.cli.vscode import install_vscode
+from obk_cli.compiler import Options, compile_config
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.jsonc import read_jsonc
-from obk_cli.pipeline import Options, compile_config
 from obk_cli.resources import resource_folder
 
 from .new_command import printed_by, refused_by

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.compiler import Options, compile_config
 from obk_cli.errors import MisuseError
-from obk_cli.pipeline import Options, compile_config
 
 from .new_command import empty_workspace, obk_new, refused
 
