@@ -11,7 +11,7 @@ import pytest
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options, compile_config
-from obk_cli.diagnostics import Diagnostic
+from obk_cli.diagnostics.diagnostic import Diagnostic
 
 CORPUS = Path(__file__).resolve().parents[2] / "shared" / "corpus"
 

@@ -14,11 +14,11 @@ from generated import ROOT, bring_up_to_date
 
 from obelisk_spec.near import did_you_mean
 from obk_cli.adapters.surroundings import MachineSurroundings
-from obk_cli.codes import RULES, Rule
 from obk_cli.compiler import Options, compile_config
+from obk_cli.diagnostics.rules import RULES, Rule
+from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
 from obk_cli.report.text import report_text
 from obk_cli.silence import may_be_silenced
-from obk_cli.source import LONGEST_FILE_BYTES
 
 __all__ = ["generated_files", "main"]
 

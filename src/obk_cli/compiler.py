@@ -14,7 +14,8 @@ from obk_cli.adapters.near_configs import did_you_mean_config
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.check import check_stack
 from obk_cli.config import Stack
-from obk_cli.diagnostics import Diagnostic, counted, found, in_order, worst
+from obk_cli.diagnostics.diagnostic import Diagnostic, counted, found, in_order, worst
+from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.lower import lower_stack
 from obk_cli.parse import decode_source
 from obk_cli.plan import Plan
@@ -22,7 +23,6 @@ from obk_cli.read.stack import read_stack
 from obk_cli.resolve.loader import ConfigFiles, load_config
 from obk_cli.resolve.locate import locate_stack
 from obk_cli.silence import check_ignores, said_on_command_line, silence
-from obk_cli.source import SourceFile, Span
 from obk_cli.surroundings import Surroundings
 
 __all__ = ["Options", "Outcome", "compile_config", "compile_source"]

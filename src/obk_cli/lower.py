@@ -21,8 +21,8 @@ from obk_cli.config import (
     Sim,
     Stack,
 )
+from obk_cli.diagnostics.source import Span
 from obk_cli.plan import Endpoint, OnCrash, Origin, Plan, Process, Promise, SensorGroup
-from obk_cli.source import Span
 from obk_cli.tree import plain_value
 from obk_cli.wiring import Direction, TopicEnd, absolute_topic, joystick_ends, node_ends
 

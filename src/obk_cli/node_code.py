@@ -8,7 +8,7 @@ from typing import Final
 
 from obelisk_spec.components import SETTING_SUFFIX, component_identity, component_spellings
 from obk_cli.config import Component, ComponentKind
-from obk_cli.source import Span
+from obk_cli.diagnostics.source import Span
 
 __all__ = [
     "CodeComponent",

@@ -12,8 +12,8 @@ from typing import NoReturn
 import yaml
 
 from obelisk_spec.yaml_core import core_scalar
-from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.source import LONGEST_FILE_BYTES, SourceFile, Span
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, SourceFile, Span
 from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, plain_value
 from obk_cli.yaml_text import YAML_LOADER, YamlText, forbidden_character
 

@@ -8,10 +8,10 @@ import re
 from collections.abc import Collection, Iterable, Iterator
 
 from obelisk_spec.near import ask_for, near_names
-from obk_cli.codes import RULES, Rule
 from obk_cli.config import Spanned
-from obk_cli.diagnostics import Diagnostic, found
-from obk_cli.source import COMMAND_LINE, SourceFile, Span
+from obk_cli.diagnostics.diagnostic import Diagnostic, found
+from obk_cli.diagnostics.rules import RULES, Rule
+from obk_cli.diagnostics.source import COMMAND_LINE, SourceFile, Span
 
 __all__ = ["check_ignores", "may_be_silenced", "near_codes", "said_on_command_line", "silence"]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from obelisk_spec.model import ModelFacts
 from obelisk_spec.near import list_names
-from obk_cli.source import Span
+from obk_cli.diagnostics.source import Span
 
 if TYPE_CHECKING:
     from obk_cli.node_code import CodeFault, NodeCode

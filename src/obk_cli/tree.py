@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from obk_cli.source import Span
+from obk_cli.diagnostics.source import Span
 
 if TYPE_CHECKING:
     from obelisk_spec.yaml_core import Scalar

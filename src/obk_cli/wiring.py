@@ -21,7 +21,7 @@ from obk_cli.config import (
     Spanned,
     Stack,
 )
-from obk_cli.source import Span
+from obk_cli.diagnostics.source import Span
 
 __all__ = [
     "Direction",

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import yaml
 
-from obk_cli.edits import Offsets
-from obk_cli.source import SourceFile, Span
+from obk_cli.diagnostics.edits import Offsets
+from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.yaml_text import YAML_LOADER, YamlText
 
 __all__ = ["LONGEST_LINE", "ErrorContext", "ReadBefore", "indent_of", "without_comment"]

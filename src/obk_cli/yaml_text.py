@@ -4,8 +4,8 @@ import re
 
 import yaml
 
-from obk_cli.diagnostics import Diagnostic, found
-from obk_cli.source import SourceFile, Span
+from obk_cli.diagnostics.diagnostic import Diagnostic, found
+from obk_cli.diagnostics.source import SourceFile, Span
 
 __all__ = ["YAML_LOADER", "YamlText", "forbidden_character"]
 

@@ -13,8 +13,8 @@ import pytest
 
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.surroundings import MachineSurroundings
-from obk_cli.codes import RULES
 from obk_cli.compiler import Options, Outcome, compile_config
+from obk_cli.diagnostics.rules import RULES
 from obk_cli.report.sarif import report_sarif
 from obk_cli.report.text import report_text
 

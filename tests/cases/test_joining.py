@@ -13,11 +13,11 @@ import pytest
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.joining.join import Joined, join_node
 from obk_cli.joining.newcomer import read_newcomer
 from obk_cli.joining.refusal import Refused
 from obk_cli.joining.tell import joined_lines
-from obk_cli.source import SourceFile
 
 HERE = Path(__file__).parent
 CASES = sorted((HERE / "joining").glob("*.yaml"))

@@ -14,7 +14,7 @@ import pytest
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options, Outcome, compile_config
-from obk_cli.diagnostics import Diagnostic
+from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.report.text import report_text
 
 HERE = Path(__file__).parent

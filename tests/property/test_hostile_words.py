@@ -15,6 +15,7 @@ from obelisk_spec.rates import Rate, parse_rate, rate_values
 from obk_cli.adapters.follow import last_lines, read_lines
 from obk_cli.cli.commands import _complain
 from obk_cli.compiler import Options, compile_config, compile_source
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.events import Told
 from obk_cli.monitoring.view import StackView
@@ -26,7 +27,6 @@ from obk_cli.report.messages import csv_row, json_line, message_text
 from obk_cli.report.monitor import monitor_text
 from obk_cli.report.text import report_text
 from obk_cli.scaffold.names import check_name, suggest_name
-from obk_cli.source import SourceFile
 from obk_interfaces import PackageError, Prefixes, load_package
 from obk_interfaces.definition import check_package
 

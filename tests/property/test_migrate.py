@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options, compile_source
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.migrate.rewrite import migrate_source
-from obk_cli.source import SourceFile
 
 ROOT = Path(__file__).resolve().parents[2]
 CORPUS = ROOT.parent / "shared" / "corpus"

@@ -17,7 +17,7 @@ from obelisk_spec.yaml_core import load_yaml_core
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options, compile_source
-from obk_cli.source import SourceFile
+from obk_cli.diagnostics.source import SourceFile
 
 ROOT = Path(__file__).parents[2]
 CORPUS = ROOT.parent / "shared/corpus"

@@ -10,7 +10,7 @@ import reference_pages
 import rule_pages
 
 from obk_cli.cli.explain import command
-from obk_cli.codes import RULES
+from obk_cli.diagnostics.rules import RULES
 
 
 @pytest.mark.parametrize(

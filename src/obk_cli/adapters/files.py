@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
+from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
 from obk_cli.errors import CommandFailedError
-from obk_cli.source import LONGEST_FILE_BYTES
 
 __all__ = ["STANDARD_INPUT", "explain_os_error", "read_bytes", "unwritable"]
 

@@ -23,7 +23,7 @@ from obk_cli.check.style import check_defaults, check_homes
 from obk_cli.check.topics import check_dangling, check_doubles, check_qos, check_types
 from obk_cli.check.watchdog import check_watchdogs
 from obk_cli.config import Stack
-from obk_cli.diagnostics import Diagnostic
+from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.surroundings import Surroundings
 from obk_cli.wiring import Topology
 

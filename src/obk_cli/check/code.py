@@ -9,8 +9,8 @@ from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names
 from obk_cli.check.context import CheckContext
 from obk_cli.config import Component, Node, Parameter, Spanned
 from obk_cli.cures import append_to
-from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.edits import Edit
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.edits import Edit
 from obk_cli.node_code import CodeComponent, CodeFault, CodeParameter, NodeCode, kind_of_value
 
 __all__ = ["check_code"]

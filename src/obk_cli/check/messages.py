@@ -15,7 +15,7 @@ from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names, sur
 from obk_cli.check.context import CheckContext
 from obk_cli.config import Spanned
 from obk_cli.cures import respell
-from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.node_code import CodeComponent, NodeCode
 from obk_cli.surroundings import Surroundings
 

@@ -8,9 +8,9 @@ from obelisk_spec.near import did_you_mean, near_names, sure_name
 from obk_cli.check.context import CheckContext
 from obk_cli.config import Component, Node, Spanned, Stack
 from obk_cli.cures import respell
-from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.source import Span
 from obk_cli.node_code import NodeCode
-from obk_cli.source import Span
 from obk_cli.surroundings import Surroundings
 
 __all__ = [

@@ -13,8 +13,8 @@ from obk_cli.config import (
     Spanned,
     Stack,
 )
-from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.source import Span
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.source import Span
 from obk_cli.surroundings import ExecutableMissing, Surroundings
 
 __all__ = ["check_executables", "check_files", "no_such_package", "where_it_is_not"]

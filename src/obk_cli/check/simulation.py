@@ -10,9 +10,9 @@ from obk_cli.check.context import CheckContext
 from obk_cli.check.packages import no_such_package, where_it_is_not
 from obk_cli.config import SIM_PARAMETER, Component, FileSearch, Node, Sim, Stack
 from obk_cli.cures import respell
-from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.source import Span
 from obk_cli.node_code import ControlLength, NodeCode
-from obk_cli.source import Span
 from obk_cli.surroundings import ModelFault, ModelRead, Surroundings
 from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
 from obk_cli.wiring import absolute_topic

@@ -8,9 +8,9 @@ from obelisk_spec.components import DEFAULT_HISTORY_DEPTH
 from obk_cli.check.context import CheckContext
 from obk_cli.config import Node, Sim
 from obk_cli.cures import remove_entry
-from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.edits import Edit
-from obk_cli.source import Span
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.edits import Edit
+from obk_cli.diagnostics.source import Span
 from obk_cli.tree import Entry, TreeList, TreeMap, TreeScalar
 
 __all__ = ["check_defaults", "check_homes"]

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from obelisk_spec.components import CONTROL_SUBSCRIPTION
 from obk_cli.check.context import CheckContext
 from obk_cli.config import Component, Node, Spanned, Stack
-from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.node_code import NodeCode
 from obk_cli.surroundings import ModelRead, Surroundings
 from obk_cli.tree import plain_value

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from obk_cli.codes import RULES
 from obk_cli.compiler import Options
+from obk_cli.diagnostics.rules import RULES
 from obk_cli.errors import MisuseError
 from obk_cli.silence import near_codes
 

@@ -17,7 +17,7 @@ from obk_cli.cli.config_options import (
 )
 from obk_cli.cli.option_values import require_word
 from obk_cli.compiler import Options, Outcome, compile_config
-from obk_cli.diagnostics import Diagnostic, in_order
+from obk_cli.diagnostics.diagnostic import Diagnostic, in_order
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.report.github import report_github
 from obk_cli.report.json import report_json

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from obk_cli.source import SourceFile, Span
+from obk_cli.diagnostics.source import SourceFile, Span
 
 __all__ = [
     "UNKNOWN",

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from obk_cli.diagnostics.source import Span
 from obk_cli.node_code import CodeFault, NodeCode
-from obk_cli.source import Span
 from obk_cli.surroundings import Command, ExecutableMissing, ModelFault, ModelRead, Surroundings
 
 __all__ = ["ForeseenSurroundings"]

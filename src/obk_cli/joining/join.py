@@ -12,8 +12,9 @@ from pathlib import Path
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options, Outcome, compile_source
 from obk_cli.config import Node, Stack
-from obk_cli.diagnostics import Diagnostic
-from obk_cli.edits import Edit, apply_edits
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.edits import Edit, apply_edits
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.joining.choose import Link
 from obk_cli.joining.entry_text import named_as
 from obk_cli.joining.foreseen import ForeseenSurroundings
@@ -26,7 +27,6 @@ from obk_cli.joining.refusal import Refused
 from obk_cli.joining.target import choose_device, find_double, find_replaced
 from obk_cli.joining.wire import Tick, Wired, wire_newcomer
 from obk_cli.parse import parse_source
-from obk_cli.source import SourceFile
 from obk_cli.tree import TreeMap
 
 __all__ = ["Joined", "join_node"]

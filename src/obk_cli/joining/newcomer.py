@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from obelisk_spec.components import component_identity
 from obelisk_spec.messages import resolve_msg_type
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.parse import parse_source
-from obk_cli.source import SourceFile
 from obk_cli.tree import TreeList, plain_value
 from obk_cli.wiring import Direction
 

@@ -11,8 +11,8 @@ from typing import Literal
 
 from obk_cli.config import COMPONENT_LISTS, NODE_SECTIONS
 from obk_cli.cures import is_flow
+from obk_cli.diagnostics.source import SourceFile, line_end_of
 from obk_cli.migrate.shape import devices_of, sections_of
-from obk_cli.source import SourceFile, line_end_of
 from obk_cli.tree import Entry, Tree, TreeList, TreeMap
 
 __all__ = ["Style", "is_flow_list", "style_of"]

@@ -20,7 +20,7 @@ from obk_cli.config import (
     Spanned,
 )
 from obk_cli.cures import respell
-from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.read.fields import (
     Faults,
     Fields,

@@ -7,7 +7,8 @@ from dataclasses import replace
 from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
 from obk_cli.config import NODE_SECTIONS, ONE_DEVICE, Joystick, Node, Parameter, Spanned, Stack
 from obk_cli.cures import respell
-from obk_cli.diagnostics import Diagnostic, Related, found
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.source import Span
 from obk_cli.read.fields import Faults, Fields, check_package, check_topic, read_items, read_text
 from obk_cli.read.keys import (
     JOYSTICK_KEYS,
@@ -18,7 +19,6 @@ from obk_cli.read.keys import (
     VIZ_KEYS,
 )
 from obk_cli.read.nodes import read_node
-from obk_cli.source import Span
 from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 
 __all__ = ["is_device", "read_stack"]

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from obk_cli.source import Span
+from obk_cli.diagnostics.source import Span
 from obk_cli.surroundings import Command, ExecutableMissing, ModelFault, ModelRead
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.cli.explain import command as explain
-from obk_cli.codes import RULES
+from obk_cli.diagnostics.rules import RULES
 
 SOURCE = Path(__file__).parents[3] / "src"
 

@@ -3,9 +3,9 @@
 import pytest
 
 from obk_cli.cures import append_to, remove_entry, respell
-from obk_cli.edits import Edit, apply_edits
+from obk_cli.diagnostics.edits import Edit, apply_edits
+from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.parse import parse_source
-from obk_cli.source import SourceFile, Span
 from obk_cli.tree import Entry, Tree, TreeList, TreeMap
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options, compile_source
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.plan import Process
 from obk_cli.report.text import report_text
-from obk_cli.source import SourceFile
 
 ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "docs/how-to/from-launch-files.md").read_text()

@@ -3,12 +3,12 @@ from pathlib import Path
 from obelisk_spec.settings import parse_component_setting, parse_mapping
 from obk_cli.compiler import Options, compile_source
 from obk_cli.config import FileSearch, Spanned
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.lower import lower_stack
 from obk_cli.parse import parse_source
 from obk_cli.plan import Endpoint, Plan, SensorGroup
 from obk_cli.read.stack import read_stack
 from obk_cli.resolve.locate import locate_files
-from obk_cli.source import SourceFile
 
 from .nowhere import Nowhere
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.diagnostics import counted, found
-from obk_cli.source import SourceFile, Span
+from obk_cli.diagnostics.diagnostic import counted, found
+from obk_cli.diagnostics.source import SourceFile, Span
 
 COMPILE = """
 import resource, sys

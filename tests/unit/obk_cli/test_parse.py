@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.diagnostics import Diagnostic
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, SourceFile
 from obk_cli.parse import decode_source, parse_source
-from obk_cli.source import LONGEST_FILE_BYTES, SourceFile
 from obk_cli.tree import TreeList, TreeMap, TreeScalar, kind_of, plain_value
 
 

@@ -5,9 +5,9 @@ import pytest
 from obk_cli import parse
 from obk_cli.cli.launch import gated_executables
 from obk_cli.compiler import Options, Outcome, compile_config, compile_source
+from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, SourceFile
 from obk_cli.resolve import loader
 from obk_cli.silence import near_codes
-from obk_cli.source import LONGEST_FILE_BYTES, SourceFile
 
 CASES = Path(__file__).parents[2] / "cases"
 DUMMY = Path(__file__).parents[3] / "examples" / "dummy" / "dummy.yaml"

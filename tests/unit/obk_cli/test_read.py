@@ -3,10 +3,10 @@
 import pytest
 
 from obk_cli.config import Stack
-from obk_cli.diagnostics import Diagnostic
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.parse import parse_source
 from obk_cli.read.stack import read_stack
-from obk_cli.source import SourceFile
 
 NODE = "pkg: demo, executable: run"
 

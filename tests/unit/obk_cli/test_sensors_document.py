@@ -12,8 +12,8 @@ from obelisk_spec.sensors import SENSOR_GROUPS
 from obelisk_spec.sim_checks import check_sim
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options, compile_source
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.report.text import report_text
-from obk_cli.source import SourceFile
 
 ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "docs/reference/sensors.md").read_text()

@@ -1,9 +1,9 @@
 import pytest
 
 from obk_cli.config import Stack
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.parse import parse_source
 from obk_cli.read.stack import read_stack
-from obk_cli.source import SourceFile
 from obk_cli.wiring import stack_ends
 
 

@@ -4,9 +4,9 @@ import pytest
 import yaml
 
 from obk_cli import parse, yaml_error_context
-from obk_cli.diagnostics import Diagnostic
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.parse import parse_source
-from obk_cli.source import SourceFile
 
 NODE = """\
 config: demo

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.adapters.files import STANDARD_INPUT, read_bytes, unwritable
-from obk_cli.source import LONGEST_FILE_BYTES
+from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
 
 
 def test_a_named_pipe_is_not_waited_for(tmp_path: Path) -> None:

@@ -5,12 +5,12 @@ import pytest
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options
-from obk_cli.diagnostics import Diagnostic, found
+from obk_cli.diagnostics.diagnostic import Diagnostic, found
+from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.joining.entry_text import flow_text
 from obk_cli.joining.join import Joined, join_node
 from obk_cli.joining.newcomer import read_newcomer
 from obk_cli.joining.proof import new_errors
-from obk_cli.source import SourceFile, Span
 
 HERE = Path(__file__).parent
 NEW = """\

@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from obk_cli.codes import Severity, rule_of
-from obk_cli.edits import Edit
-from obk_cli.source import Span
+from obk_cli.diagnostics.edits import Edit
+from obk_cli.diagnostics.rules import Severity, rule_of
+from obk_cli.diagnostics.source import Span
 
 __all__ = ["Diagnostic", "Related", "Severity", "counted", "found", "in_order", "worst"]
 

@@ -1,6 +1,6 @@
 """OBK5xx: what is read, and could be written better. Data only."""
 
-from obk_cli.codes.rule import Rule
+from obk_cli.diagnostics.rules.rule import Rule
 
 __all__ = ["RULES"]
 

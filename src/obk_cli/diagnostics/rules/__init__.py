@@ -7,7 +7,7 @@ each family.
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from obk_cli.codes import (
+from obk_cli.diagnostics.rules import (
     graph_rules,
     model_rules,
     package_rules,
@@ -15,7 +15,7 @@ from obk_cli.codes import (
     style_rules,
     text_rules,
 )
-from obk_cli.codes.rule import Rule, Severity
+from obk_cli.diagnostics.rules.rule import Rule, Severity
 
 __all__ = ["RULES", "Rule", "Severity", "rule_of"]
 

@@ -1,6 +1,6 @@
 """OBK0xx: the text and the files it comes from. Data only."""
 
-from obk_cli.codes.rule import Rule
+from obk_cli.diagnostics.rules.rule import Rule
 
 __all__ = ["RULES"]
 

@@ -1,6 +1,6 @@
 """OBK2xx: nodes and the topics between them. Data only."""
 
-from obk_cli.codes.rule import Rule
+from obk_cli.diagnostics.rules.rule import Rule
 
 __all__ = ["RULES"]
 

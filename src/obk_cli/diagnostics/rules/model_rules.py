@@ -1,6 +1,6 @@
 """OBK3xx: the simulated robot against its model. Data only."""
 
-from obk_cli.codes.rule import Rule
+from obk_cli.diagnostics.rules.rule import Rule
 
 __all__ = ["RULES"]
 

@@ -8,7 +8,7 @@ from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from obk_cli.source import SourceFile, Span
+from obk_cli.diagnostics.source import SourceFile, Span
 
 __all__ = ["Edit", "Offsets", "apply_edits", "touched_lines"]
 

@@ -1,6 +1,6 @@
 """OBK4xx: packages, executables, files. Data only."""
 
-from obk_cli.codes.rule import Rule
+from obk_cli.diagnostics.rules.rule import Rule
 
 __all__ = ["RULES"]
 
