@@ -15,10 +15,10 @@ from generated import ROOT, bring_up_to_date
 from obelisk_spec.near import did_you_mean
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options, compile_config
+from obk_cli.config.suppressions import may_be_silenced
 from obk_cli.diagnostics.rules import RULES, Rule
 from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
 from obk_cli.report.text import report_text
-from obk_cli.silence import may_be_silenced
 
 __all__ = ["generated_files", "main"]
 

@@ -13,17 +13,17 @@ from obk_cli.adapters.files import STANDARD_INPUT, read_bytes
 from obk_cli.adapters.near_configs import did_you_mean_config
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.check import check_stack
-from obk_cli.config import Stack
+from obk_cli.config.environment import Surroundings
+from obk_cli.config.loader import ConfigFiles, load_config
+from obk_cli.config.locate import locate_stack
+from obk_cli.config.model import Stack
+from obk_cli.config.reader import read_stack
+from obk_cli.config.suppressions import check_ignores, said_on_command_line, silence
+from obk_cli.config.yaml_parser import decode_source
 from obk_cli.diagnostics.diagnostic import Diagnostic, counted, found, in_order, worst
 from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.lower import lower_stack
-from obk_cli.parse import decode_source
 from obk_cli.plan import Plan
-from obk_cli.read.stack import read_stack
-from obk_cli.resolve.loader import ConfigFiles, load_config
-from obk_cli.resolve.locate import locate_stack
-from obk_cli.silence import check_ignores, said_on_command_line, silence
-from obk_cli.surroundings import Surroundings
 
 __all__ = ["Options", "Outcome", "compile_config", "compile_source"]
 

@@ -7,7 +7,7 @@ from typing import cast
 from obelisk_spec.components import DEFAULT_HISTORY_DEPTH, SETTING_SUFFIX
 from obelisk_spec.parameter_value import ParameterValue
 from obelisk_spec.settings import format_setting
-from obk_cli.config import (
+from obk_cli.config.model import (
     COMPONENT_LISTS,
     FEEDBACK_TOPIC,
     JOYSTICK_EXECUTABLE,
@@ -21,10 +21,10 @@ from obk_cli.config import (
     Sim,
     Stack,
 )
+from obk_cli.config.topology import Direction, TopicEnd, absolute_topic, joystick_ends, node_ends
+from obk_cli.config.tree import plain_value
 from obk_cli.diagnostics.source import Span
 from obk_cli.plan import Endpoint, OnCrash, Origin, Plan, Process, Promise, SensorGroup
-from obk_cli.tree import plain_value
-from obk_cli.wiring import Direction, TopicEnd, absolute_topic, joystick_ends, node_ends
 
 __all__ = ["DEFAULT_STACK_NAME", "lower_stack"]
 

@@ -16,14 +16,14 @@ from obelisk_spec.yaml_core import YamlTextError, core_scalar, load_yaml_core
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options, compile_config, compile_source
+from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
+from obk_cli.config.yaml_parser import decode_source, parse_source
 from obk_cli.diagnostics.diagnostic import Diagnostic, worst
 from obk_cli.diagnostics.source import SourceFile, Span
-from obk_cli.parse import decode_source, parse_source
 from obk_cli.report.github import report_github
 from obk_cli.report.json import report_json
 from obk_cli.report.sarif import report_sarif
 from obk_cli.report.text import report_text
-from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
 
 CORPUS = Path(__file__).resolve().parents[3] / "shared/corpus"
 SEEDS = [path.read_text() for path in sorted(CORPUS.rglob("*.yaml"))]

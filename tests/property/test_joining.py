@@ -12,14 +12,14 @@ from obelisk_spec.messages import resolve_msg_type
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options, Outcome, compile_source
-from obk_cli.config import Node
+from obk_cli.config.model import Node
+from obk_cli.config.topology import node_ends
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.joining.join import Joined, join_node
 from obk_cli.joining.newcomer import Newcomer, read_newcomer
 from obk_cli.joining.refusal import Refused
 from obk_cli.scaffold.questions import Answers, MessageType
 from obk_cli.scaffold.snippet import config_snippet
-from obk_cli.wiring import node_ends
 
 ROOT = Path(__file__).resolve().parents[2]
 CORPUS = ROOT.parent / "shared" / "corpus"

@@ -16,8 +16,8 @@ from typing import Final, NoReturn
 
 from obk_cli.adapters.mjcf_places import mjcf_files
 from obk_cli.adapters.mujoco_model import import_mujoco, read_model
+from obk_cli.config.environment import ModelFault, ModelRead
 from obk_cli.launch.json_values import value_of
-from obk_cli.surroundings import ModelFault, ModelRead
 
 __all__ = ["read_model_bounded"]
 

@@ -13,9 +13,9 @@ from typing import Final
 
 from obk_cli.adapters.node_lines import CONSOLE_FORMAT
 from obk_cli.adapters.processes import NodeCommand
+from obk_cli.config.environment import Command
 from obk_cli.emit.write import STATE_MODE, write_text
 from obk_cli.plan import Process
-from obk_cli.surroundings import Command
 
 __all__ = ["ComposedNode", "composed_command", "is_composable"]
 

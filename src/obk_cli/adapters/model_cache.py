@@ -18,7 +18,7 @@ from obk_cli.adapters.bounded_model import read_model_bounded
 from obk_cli.adapters.distributions import distribution_version
 from obk_cli.adapters.mjcf_places import mjcf_files
 from obk_cli.adapters.mujoco_model import missing_files
-from obk_cli.surroundings import ModelFault, ModelRead
+from obk_cli.config.environment import ModelFault, ModelRead
 
 __all__ = ["cache_folder", "read_model_once"]
 

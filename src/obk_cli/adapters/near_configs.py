@@ -11,7 +11,7 @@ from typing import Final
 from obelisk_spec.near import list_names, near_names
 from obk_cli.adapters.files import STANDARD_INPUT
 from obk_cli.adapters.packages import find_workspace
-from obk_cli.surroundings import UNSEARCHED
+from obk_cli.config.environment import UNSEARCHED
 
 __all__ = ["did_you_mean_config"]
 

@@ -11,9 +11,9 @@ from pathlib import Path
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.code.entry import read_node_code
 from obk_cli.code.modules import FoundSource, Module, parse_module
+from obk_cli.config.environment import Command
+from obk_cli.config.node_facts import CodeFault, NodeCode
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.node_code import CodeFault, NodeCode
-from obk_cli.surroundings import Command
 
 __all__ = ["NodeSources"]
 

@@ -19,7 +19,7 @@ from obk_cli.adapters.entry_points import (
 from obk_cli.adapters.overlay import overlay_prefixes
 from obk_cli.adapters.planted import is_planted
 from obk_cli.adapters.shell_scripts import module_run_by
-from obk_cli.surroundings import UNSEARCHED, Command, ExecutableMissing
+from obk_cli.config.environment import UNSEARCHED, Command, ExecutableMissing
 
 __all__ = [
     "Command",

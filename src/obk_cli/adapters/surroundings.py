@@ -9,9 +9,9 @@ from obk_cli.adapters.model_cache import cache_folder, read_model_once
 from obk_cli.adapters.mujoco_model import has_mujoco
 from obk_cli.adapters.node_sources import NodeSources
 from obk_cli.adapters.packages import PackageIndex
+from obk_cli.config.environment import Command, ExecutableMissing, ModelFault, ModelRead
+from obk_cli.config.node_facts import CodeFault, NodeCode
 from obk_cli.diagnostics.source import SourceFile, Span
-from obk_cli.node_code import CodeFault, NodeCode
-from obk_cli.surroundings import Command, ExecutableMissing, ModelFault, ModelRead
 
 __all__ = ["MachineSurroundings"]
 

@@ -22,10 +22,10 @@ from obk_cli.check.simulation import check_controls, check_models, check_sim_blo
 from obk_cli.check.style import check_defaults, check_homes
 from obk_cli.check.topics import check_dangling, check_doubles, check_qos, check_types
 from obk_cli.check.watchdog import check_watchdogs
-from obk_cli.config import Stack
+from obk_cli.config.environment import Surroundings
+from obk_cli.config.model import Stack
+from obk_cli.config.topology import Topology
 from obk_cli.diagnostics.diagnostic import Diagnostic
-from obk_cli.surroundings import Surroundings
-from obk_cli.wiring import Topology
 
 __all__ = ["CHECKS", "WHOLE_CHECKS", "Check", "check_stack"]
 

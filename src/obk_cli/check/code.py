@@ -7,11 +7,17 @@ from obelisk_spec.articles import with_article
 from obelisk_spec.messages import resolve_msg_type
 from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names
 from obk_cli.check.context import CheckContext
-from obk_cli.config import Component, Node, Parameter, Spanned
-from obk_cli.cures import append_to
+from obk_cli.config.fixes import append_to
+from obk_cli.config.model import Component, Node, Parameter, Spanned
+from obk_cli.config.node_facts import (
+    CodeComponent,
+    CodeFault,
+    CodeParameter,
+    NodeCode,
+    kind_of_value,
+)
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.edits import Edit
-from obk_cli.node_code import CodeComponent, CodeFault, CodeParameter, NodeCode, kind_of_value
 
 __all__ = ["check_code"]
 

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from obk_cli.config import Stack
-from obk_cli.surroundings import Surroundings
-from obk_cli.wiring import Topology
+from obk_cli.config.environment import Surroundings
+from obk_cli.config.model import Stack
+from obk_cli.config.topology import Topology
 
 __all__ = ["CheckContext"]
 

@@ -4,9 +4,9 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 
 from obk_cli.check.context import CheckContext
-from obk_cli.config import Node, Spanned
+from obk_cli.config.model import Node, Spanned
+from obk_cli.config.topology import TopicEnd
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
-from obk_cli.wiring import TopicEnd
 
 __all__ = ["check_control_topics", "check_loop", "check_periods", "check_timers"]
 

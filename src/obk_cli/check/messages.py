@@ -13,11 +13,11 @@ from obelisk_spec.messages import (
 )
 from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names, sure_name
 from obk_cli.check.context import CheckContext
-from obk_cli.config import Spanned
-from obk_cli.cures import respell
+from obk_cli.config.environment import Surroundings
+from obk_cli.config.fixes import respell
+from obk_cli.config.model import Spanned
+from obk_cli.config.node_facts import CodeComponent, NodeCode
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
-from obk_cli.node_code import CodeComponent, NodeCode
-from obk_cli.surroundings import Surroundings
 
 __all__ = ["check_message_types"]
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 from obelisk_spec.components import component_identity, standard_component
 from obelisk_spec.near import did_you_mean, near_names, sure_name
 from obk_cli.check.context import CheckContext
-from obk_cli.config import Component, Node, Spanned, Stack
-from obk_cli.cures import respell
+from obk_cli.config.environment import Surroundings
+from obk_cli.config.fixes import respell
+from obk_cli.config.model import Component, Node, Spanned, Stack
+from obk_cli.config.node_facts import NodeCode
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import Span
-from obk_cli.node_code import NodeCode
-from obk_cli.surroundings import Surroundings
 
 __all__ = [
     "check_callback_groups",

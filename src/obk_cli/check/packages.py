@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from obelisk_spec.names import package_name_fault
 from obelisk_spec.near import ask_for, did_you_mean, near_names
 from obk_cli.check.context import CheckContext
-from obk_cli.config import (
+from obk_cli.config.environment import ExecutableMissing, Surroundings
+from obk_cli.config.model import (
     JOYSTICK_EXECUTABLE,
     JOYSTICK_PACKAGE,
     FileSearch,
@@ -15,7 +16,6 @@ from obk_cli.config import (
 )
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import Span
-from obk_cli.surroundings import ExecutableMissing, Surroundings
 
 __all__ = ["check_executables", "check_files", "no_such_package", "where_it_is_not"]
 

@@ -8,14 +8,14 @@ from obelisk_spec.near import list_names
 from obelisk_spec.sim_checks import SimFault, check_sim
 from obk_cli.check.context import CheckContext
 from obk_cli.check.packages import no_such_package, where_it_is_not
-from obk_cli.config import SIM_PARAMETER, Component, FileSearch, Node, Sim, Stack
-from obk_cli.cures import respell
+from obk_cli.config.environment import ModelFault, ModelRead, Surroundings
+from obk_cli.config.fixes import respell
+from obk_cli.config.model import SIM_PARAMETER, Component, FileSearch, Node, Sim, Stack
+from obk_cli.config.node_facts import ControlLength, NodeCode
+from obk_cli.config.topology import absolute_topic
+from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import Span
-from obk_cli.node_code import ControlLength, NodeCode
-from obk_cli.surroundings import ModelFault, ModelRead, Surroundings
-from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
-from obk_cli.wiring import absolute_topic
 
 __all__ = ["check_controls", "check_models", "check_sim_blocks"]
 

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping
 
 from obelisk_spec.components import DEFAULT_HISTORY_DEPTH
 from obk_cli.check.context import CheckContext
-from obk_cli.config import Node, Sim
-from obk_cli.cures import remove_entry
+from obk_cli.config.fixes import remove_entry
+from obk_cli.config.model import Node, Sim
+from obk_cli.config.tree import Entry, TreeList, TreeMap, TreeScalar
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.edits import Edit
 from obk_cli.diagnostics.source import Span
-from obk_cli.tree import Entry, TreeList, TreeMap, TreeScalar
 
 __all__ = ["check_defaults", "check_homes"]
 

@@ -9,10 +9,10 @@ from obelisk_spec.messages import bare_name, resolve_msg_type
 from obelisk_spec.names import topic_name_fault
 from obelisk_spec.near import comparable, sure_name
 from obk_cli.check.context import CheckContext
-from obk_cli.config import Qos, Spanned, Stack
-from obk_cli.cures import respell
+from obk_cli.config.fixes import respell
+from obk_cli.config.model import Qos, Spanned, Stack
+from obk_cli.config.topology import Direction, TopicEnd, may_be_one
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
-from obk_cli.wiring import Direction, TopicEnd, may_be_one
 
 __all__ = ["check_dangling", "check_doubles", "check_qos", "check_types"]
 

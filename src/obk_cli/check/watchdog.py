@@ -5,12 +5,12 @@ from collections.abc import Iterator, Mapping
 
 from obelisk_spec.components import CONTROL_SUBSCRIPTION
 from obk_cli.check.context import CheckContext
-from obk_cli.config import Component, Node, Spanned, Stack
+from obk_cli.config.environment import ModelRead, Surroundings
+from obk_cli.config.model import Component, Node, Spanned, Stack
+from obk_cli.config.node_facts import NodeCode
+from obk_cli.config.topology import absolute_topic, sending_period_s, timers_of
+from obk_cli.config.tree import plain_value
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
-from obk_cli.node_code import NodeCode
-from obk_cli.surroundings import ModelRead, Surroundings
-from obk_cli.tree import plain_value
-from obk_cli.wiring import absolute_topic, sending_period_s, timers_of
 
 __all__ = ["check_watchdogs"]
 

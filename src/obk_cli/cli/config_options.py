@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from obk_cli.compiler import Options
+from obk_cli.config.suppressions import near_codes
 from obk_cli.diagnostics.rules import RULES
 from obk_cli.errors import MisuseError
-from obk_cli.silence import near_codes
 
 __all__ = [
     "ColourOption",

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from obk_cli.adapters.files import STANDARD_INPUT, read_bytes, unwritable
 from obk_cli.adapters.near_configs import did_you_mean_config
+from obk_cli.config.yaml_parser import decode_source
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.emit.write import write_bytes
 from obk_cli.errors import CommandFailedError
-from obk_cli.parse import decode_source
 
 __all__ = ["EditedFile", "open_for_edit", "print_bytes", "write_edited"]
 

@@ -7,9 +7,9 @@ from typing import Annotated
 import typer
 
 from obelisk_spec.near import did_you_mean
+from obk_cli.config.suppressions import may_be_silenced
 from obk_cli.diagnostics.rules import RULES, Rule
 from obk_cli.errors import MisuseError
-from obk_cli.silence import may_be_silenced
 
 __all__ = ["EXAMPLE", "command"]
 

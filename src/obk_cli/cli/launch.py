@@ -29,16 +29,16 @@ from obk_cli.cli.render_options import (
     with_film,
 )
 from obk_cli.compiler import compile_config
+from obk_cli.config.environment import Surroundings
+from obk_cli.config.node_facts import NodeCode
+from obk_cli.config.node_reader import LOG_LEVELS
 from obk_cli.errors import MisuseError
 from obk_cli.launch.devices import Share
 from obk_cli.launch.doors import Limits
 from obk_cli.launch.order import UNTIL, Until
-from obk_cli.node_code import NodeCode
 from obk_cli.plan import OnCrash, ParameterValue, Plan
-from obk_cli.read.nodes import LOG_LEVELS
 from obk_cli.recording.choice import Wish
 from obk_cli.running.simulated import require_libraries, with_simulator_parameters
-from obk_cli.surroundings import Surroundings
 
 __all__ = ["EXAMPLE", "command"]
 

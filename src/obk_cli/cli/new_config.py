@@ -10,7 +10,7 @@ from pathlib import Path
 from obk_cli.adapters.entry_points import source_console_scripts
 from obk_cli.adapters.packages import find_workspace
 from obk_cli.adapters.surroundings import MachineSurroundings
-from obk_cli.node_code import NodeCode
+from obk_cli.config.node_facts import NodeCode
 from obk_cli.scaffold.compose import Composition
 from obk_cli.scaffold.model import Model, read_model_text
 from obk_cli.scaffold.questions import Answers

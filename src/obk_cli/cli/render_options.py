@@ -10,11 +10,11 @@ import typer
 from obelisk_spec.films import FilmError, FilmSettings, read_film
 from obelisk_spec.near import did_you_mean, list_names
 from obk_cli.adapters.extras import require_extra
+from obk_cli.config.environment import ModelRead
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.devices import Share
 from obk_cli.plan import ParameterValue, Plan
 from obk_cli.running.simulated import simulated_robots, with_simulator_parameters
-from obk_cli.surroundings import ModelRead
 
 __all__ = [
     "FilmWords",

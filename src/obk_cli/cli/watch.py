@@ -9,7 +9,7 @@ from pathlib import Path
 from obk_cli.adapters.files import read_bytes
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options, Outcome, compile_config
-from obk_cli.config import Stack
+from obk_cli.config.model import Stack
 
 __all__ = ["WatchedRun", "pause", "watch"]
 

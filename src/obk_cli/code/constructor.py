@@ -21,8 +21,8 @@ from obk_cli.code.modules import (
     span_of,
     value_of,
 )
-from obk_cli.config import ComponentKind
-from obk_cli.node_code import CodeComponent, CodeParameter, kind_of_value
+from obk_cli.config.model import ComponentKind
+from obk_cli.config.node_facts import CodeComponent, CodeParameter, kind_of_value
 
 __all__ = ["Registrations", "registrations_of"]
 

@@ -18,8 +18,8 @@ from obk_cli.code.modules import (
     span_of,
     value_of,
 )
+from obk_cli.config.node_facts import CodeFault, ControlLength, NodeCode
 from obk_cli.diagnostics.source import Span
-from obk_cli.node_code import CodeFault, ControlLength, NodeCode
 
 __all__ = ["read_node_code"]
 

@@ -7,7 +7,7 @@ from functools import cached_property
 
 from obelisk_spec.near import near_names
 from obk_cli.code.modules import Library, Module, at_top_level, dotted_name, span_of
-from obk_cli.node_code import MissingMethod
+from obk_cli.config.node_facts import MissingMethod
 
 __all__ = ["ClassSource", "Function", "Lineage", "lineage_of"]
 

@@ -3,9 +3,15 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from obk_cli.config.environment import (
+    Command,
+    ExecutableMissing,
+    ModelFault,
+    ModelRead,
+    Surroundings,
+)
+from obk_cli.config.node_facts import CodeFault, NodeCode
 from obk_cli.diagnostics.source import Span
-from obk_cli.node_code import CodeFault, NodeCode
-from obk_cli.surroundings import Command, ExecutableMissing, ModelFault, ModelRead, Surroundings
 
 __all__ = ["ForeseenSurroundings"]
 

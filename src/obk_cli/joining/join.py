@@ -11,7 +11,9 @@ from pathlib import Path
 
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options, Outcome, compile_source
-from obk_cli.config import Node, Stack
+from obk_cli.config.model import Node, Stack
+from obk_cli.config.tree import TreeMap
+from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.edits import Edit, apply_edits
 from obk_cli.diagnostics.source import SourceFile
@@ -26,8 +28,6 @@ from obk_cli.joining.proof import expected_text, new_errors, said_by
 from obk_cli.joining.refusal import Refused
 from obk_cli.joining.target import choose_device, find_double, find_replaced
 from obk_cli.joining.wire import Tick, Wired, wire_newcomer
-from obk_cli.parse import parse_source
-from obk_cli.tree import TreeMap
 
 __all__ = ["Joined", "join_node"]
 

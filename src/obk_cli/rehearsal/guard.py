@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from obk_cli.adapters.live_runs import live_folders
-from obk_cli.config import Stack
+from obk_cli.config.model import Stack
 from obk_cli.errors import CommandFailedError
 
 __all__ = ["refuse_hardware", "refuse_running"]

@@ -9,12 +9,12 @@ from obelisk_spec.near import did_you_mean
 from obk_cli.adapters.composed import ComposedNode, composed_command, is_composable
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.processes import NodeCommand
+from obk_cli.config.environment import Command, ExecutableMissing
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.emit.write import STATE_MODE, write_text
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.units import Unit
 from obk_cli.plan import Process
-from obk_cli.surroundings import Command, ExecutableMissing
 
 __all__ = ["Executables", "composable", "find_executables", "unit_commands"]
 

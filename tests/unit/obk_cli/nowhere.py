@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from obk_cli.config.environment import Command, ExecutableMissing, ModelFault, ModelRead
 from obk_cli.diagnostics.source import Span
-from obk_cli.surroundings import Command, ExecutableMissing, ModelFault, ModelRead
 
 
 class Nowhere:

@@ -2,11 +2,11 @@ from pathlib import Path
 
 from obk_cli.check.context import CheckContext
 from obk_cli.check.simulation import check_models
+from obk_cli.config.locate import locate_files
+from obk_cli.config.reader import read_stack
+from obk_cli.config.topology import Topology
+from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.parse import parse_source
-from obk_cli.read.stack import read_stack
-from obk_cli.resolve.locate import locate_files
-from obk_cli.wiring import Topology
 
 from .nowhere import Nowhere
 

@@ -2,11 +2,11 @@
 
 import pytest
 
-from obk_cli.cures import append_to, remove_entry, respell
+from obk_cli.config.fixes import append_to, remove_entry, respell
+from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap
+from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.edits import Edit, apply_edits
 from obk_cli.diagnostics.source import SourceFile, Span
-from obk_cli.parse import parse_source
-from obk_cli.tree import Entry, Tree, TreeList, TreeMap
 
 
 def maps(tree: Tree) -> list[TreeMap]:

@@ -2,13 +2,13 @@ from pathlib import Path
 
 from obelisk_spec.settings import parse_component_setting, parse_mapping
 from obk_cli.compiler import Options, compile_source
-from obk_cli.config import FileSearch, Spanned
+from obk_cli.config.locate import locate_files
+from obk_cli.config.model import FileSearch, Spanned
+from obk_cli.config.reader import read_stack
+from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.lower import lower_stack
-from obk_cli.parse import parse_source
 from obk_cli.plan import Endpoint, Plan, SensorGroup
-from obk_cli.read.stack import read_stack
-from obk_cli.resolve.locate import locate_files
 
 from .nowhere import Nowhere
 

@@ -6,7 +6,7 @@ import pytest
 from obk_cli.adapters import model_cache
 from obk_cli.adapters.distributions import distribution_version
 from obk_cli.adapters.model_cache import cache_folder, read_model_once
-from obk_cli.surroundings import ModelFault, ModelRead
+from obk_cli.config.environment import ModelFault, ModelRead
 
 pytestmark = pytest.mark.mujoco
 

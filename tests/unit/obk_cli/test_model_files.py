@@ -9,7 +9,7 @@ import pytest
 from obk_cli.adapters.mjcf_places import mjcf_elements, mjcf_files
 from obk_cli.adapters.mujoco_model import missing_files, read_model
 from obk_cli.adapters.surroundings import MachineSurroundings
-from obk_cli.surroundings import ModelFault, ModelRead
+from obk_cli.config.environment import ModelFault, ModelRead
 
 MODELS = Path(__file__).parents[2] / "cases/workspace/demo_model/mujoco"
 CORPUS = Path(__file__).resolve().parents[4] / "shared/corpus/field"

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.adapters.surroundings import MachineSurroundings
-from obk_cli.node_code import CodeFault, NodeCode
+from obk_cli.config.node_facts import CodeFault, NodeCode
 
 NODE = """\
 from obelisk_py.core.node import ObeliskNode

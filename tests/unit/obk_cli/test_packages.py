@@ -7,7 +7,7 @@ import pytest
 
 from obk_cli.adapters.entry_points import source_console_scripts
 from obk_cli.adapters.packages import PackageIndex, find_workspace, package_folders
-from obk_cli.surroundings import Command, ExecutableMissing
+from obk_cli.config.environment import Command, ExecutableMissing
 
 PACKAGE_XML = "<package><name>{}</name></package>"
 SETUP_PY = "setup(entry_points={'console_scripts': ['run = demo.run:main', 'x=demo.x:go']})"

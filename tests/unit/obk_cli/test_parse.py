@@ -2,10 +2,10 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.config.tree import TreeList, TreeMap, TreeScalar, kind_of, plain_value
+from obk_cli.config.yaml_parser import decode_source, parse_source
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, SourceFile
-from obk_cli.parse import decode_source, parse_source
-from obk_cli.tree import TreeList, TreeMap, TreeScalar, kind_of, plain_value
 
 
 def parse(text: str) -> TreeMap:

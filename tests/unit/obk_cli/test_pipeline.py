@@ -2,12 +2,12 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli import parse
 from obk_cli.cli.launch import gated_executables
 from obk_cli.compiler import Options, Outcome, compile_config, compile_source
+from obk_cli.config import yaml_parser
+from obk_cli.config.suppressions import near_codes
 from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, SourceFile
 from obk_cli.resolve import loader
-from obk_cli.silence import near_codes
 
 CASES = Path(__file__).parents[2] / "cases"
 DUMMY = Path(__file__).parents[3] / "examples" / "dummy" / "dummy.yaml"
@@ -167,7 +167,7 @@ def compile_files(files: dict[str, str]) -> list[str]:
 def test_the_files_of_a_config_hold_only_so_many_values_together(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    for module in (parse, loader):
+    for module in (yaml_parser, loader):
         monkeypatch.setattr(module, "MOST_VALUES", 1_500)
     many = f"vars: [{', '.join('x' * 500)}]\n"
     parts = {"a": many, "b": many, "c": many, "d": many}

@@ -2,11 +2,11 @@
 
 import pytest
 
-from obk_cli.config import Stack
+from obk_cli.config.model import Stack
+from obk_cli.config.reader import read_stack
+from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.parse import parse_source
-from obk_cli.read.stack import read_stack
 
 NODE = "pkg: demo, executable: run"
 

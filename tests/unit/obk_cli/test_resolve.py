@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.config.loader import ConfigFiles, load_config
+from obk_cli.config.merge import apply_overrides, merge_trees
+from obk_cli.config.tree import TreeMap, TreeScalar, plain_value
+from obk_cli.config.variables import resolve_variables
+from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.parse import parse_source
-from obk_cli.resolve.loader import ConfigFiles, load_config
-from obk_cli.resolve.merge import apply_overrides, merge_trees
-from obk_cli.resolve.variables import resolve_variables
-from obk_cli.tree import TreeMap, TreeScalar, plain_value
 
 
 def tree(text: str, path: str = "f.yaml") -> TreeMap:

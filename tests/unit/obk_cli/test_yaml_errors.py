@@ -3,10 +3,10 @@
 import pytest
 import yaml
 
-from obk_cli import parse, yaml_error_context
+from obk_cli.config import yaml_error_context, yaml_parser
+from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.parse import parse_source
 
 NODE = """\
 config: demo
@@ -33,7 +33,7 @@ def told(text: str) -> Diagnostic:
 def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both of PyYAML's parsers, whose words differ; not every PyYAML has the quicker one."""
     if request.param == "python":
-        for module in (parse, yaml_error_context):
+        for module in (yaml_parser, yaml_error_context):
             monkeypatch.setattr(module, "YAML_LOADER", yaml.SafeLoader)
 
 

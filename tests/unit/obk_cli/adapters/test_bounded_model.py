@@ -10,7 +10,7 @@ import pytest
 
 from obk_cli.adapters import bounded_model
 from obk_cli.adapters.bounded_model import read_model_bounded
-from obk_cli.surroundings import ModelFault, ModelRead
+from obk_cli.config.environment import ModelFault, ModelRead
 
 pytestmark = pytest.mark.mujoco
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.adapters.packages import PackageIndex
+from obk_cli.config.environment import Command
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.units import Unit, units_of
 from obk_cli.plan import Plan
@@ -13,7 +14,6 @@ from obk_cli.report.launch import LaunchReport
 from obk_cli.running.commands import find_executables, unit_commands
 from obk_cli.running.output import Output
 from obk_cli.running.run import _commands
-from obk_cli.surroundings import Command
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 from .shown import Shown

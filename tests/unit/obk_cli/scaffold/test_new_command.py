@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.cli.new import app
+from obk_cli.config.environment import Command
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.surroundings import Command
 from obk_interfaces import discover
 
 from .new_command import empty_workspace, obk_new, refused

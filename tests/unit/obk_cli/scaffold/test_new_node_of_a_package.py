@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.adapters.packages import PackageIndex
-from obk_cli.surroundings import Command
+from obk_cli.config.environment import Command
 
 from .new_command import empty_workspace, obk_new, refused
 

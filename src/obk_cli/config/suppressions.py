@@ -8,7 +8,7 @@ import re
 from collections.abc import Collection, Iterable, Iterator
 
 from obelisk_spec.near import ask_for, near_names
-from obk_cli.config import Spanned
+from obk_cli.config.model import Spanned
 from obk_cli.diagnostics.diagnostic import Diagnostic, found
 from obk_cli.diagnostics.rules import RULES, Rule
 from obk_cli.diagnostics.source import COMMAND_LINE, SourceFile, Span

@@ -12,7 +12,7 @@ from obelisk_spec.near import list_names
 from obk_cli.diagnostics.source import Span
 
 if TYPE_CHECKING:
-    from obk_cli.node_code import CodeFault, NodeCode
+    from obk_cli.config.node_facts import CodeFault, NodeCode
 
 __all__ = [
     "UNSEARCHED",

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import yaml
 
+from obk_cli.config.yaml_text import YAML_LOADER, YamlText
 from obk_cli.diagnostics.edits import Offsets
 from obk_cli.diagnostics.source import SourceFile, Span
-from obk_cli.yaml_text import YAML_LOADER, YamlText
 
 __all__ = ["LONGEST_LINE", "ErrorContext", "ReadBefore", "indent_of", "without_comment"]
 

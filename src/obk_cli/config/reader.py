@@ -5,12 +5,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
-from obk_cli.config import NODE_SECTIONS, ONE_DEVICE, Joystick, Node, Parameter, Spanned, Stack
-from obk_cli.cures import respell
-from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
-from obk_cli.diagnostics.source import Span
-from obk_cli.read.fields import Faults, Fields, check_package, check_topic, read_items, read_text
-from obk_cli.read.keys import (
+from obk_cli.config.fields import Faults, Fields, check_package, check_topic, read_items, read_text
+from obk_cli.config.fixes import respell
+from obk_cli.config.keys import (
     JOYSTICK_KEYS,
     OBK_KEYS,
     RAY_CASTER_KEYS,
@@ -18,8 +15,19 @@ from obk_cli.read.keys import (
     SECTION_KEYS,
     VIZ_KEYS,
 )
-from obk_cli.read.nodes import read_node
-from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
+from obk_cli.config.model import (
+    NODE_SECTIONS,
+    ONE_DEVICE,
+    Joystick,
+    Node,
+    Parameter,
+    Spanned,
+    Stack,
+)
+from obk_cli.config.node_reader import read_node
+from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.source import Span
 
 __all__ = ["is_device", "read_stack"]
 

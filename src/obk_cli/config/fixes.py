@@ -8,9 +8,9 @@ import json
 import re
 
 from obelisk_spec.yaml_core import core_scalar
+from obk_cli.config.tree import Entry, TreeMap, TreeScalar
 from obk_cli.diagnostics.edits import Edit
 from obk_cli.diagnostics.source import Span
-from obk_cli.tree import Entry, TreeMap, TreeScalar
 
 __all__ = ["append_to", "is_flow", "remove_entry", "respell"]
 

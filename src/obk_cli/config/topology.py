@@ -10,7 +10,7 @@ from typing import Literal
 
 from obelisk_spec.messages import resolve_msg_type
 from obelisk_spec.sensors import sensor_group
-from obk_cli.config import (
+from obk_cli.config.model import (
     FEEDBACK_TOPIC,
     JOYSTICK_TOPIC,
     Component,

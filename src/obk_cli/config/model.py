@@ -16,8 +16,8 @@ from obelisk_spec.components import (
     standard_component,
 )
 from obelisk_spec.parameter_value import ParameterValue
+from obk_cli.config.tree import TreeMap, plain_value
 from obk_cli.diagnostics.source import Span
-from obk_cli.tree import TreeMap, plain_value
 
 __all__ = [
     "COMPONENT_LISTS",

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
 from obk_cli.adapters.files import STANDARD_INPUT
+from obk_cli.config.merge import apply_overrides, merge_trees
+from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
+from obk_cli.config.variables import resolve_variables
+from obk_cli.config.yaml_parser import MOST_VALUES, decode_source, parse_source, too_many_values
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, SourceFile, Span
-from obk_cli.parse import MOST_VALUES, decode_source, parse_source, too_many_values
-from obk_cli.resolve.merge import apply_overrides, merge_trees
-from obk_cli.resolve.variables import resolve_variables
-from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 
 __all__ = ["ConfigFiles", "LoadedFile", "load_config"]
 

@@ -17,13 +17,13 @@ from obelisk_spec.names import (
 )
 from obelisk_spec.near import ask_for, list_names, near_names, sure_name
 from obelisk_spec.yaml_core import core_scalar
-from obk_cli.config import Spanned
-from obk_cli.cures import remove_entry, respell
+from obk_cli.config.fixes import remove_entry, respell
+from obk_cli.config.keys import NO_EFFECT_KEYS
+from obk_cli.config.model import Spanned
+from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of, shown
 from obk_cli.diagnostics.diagnostic import Diagnostic, found
 from obk_cli.diagnostics.edits import Edit
 from obk_cli.diagnostics.source import Span
-from obk_cli.read.keys import NO_EFFECT_KEYS
-from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of, shown
 
 __all__ = [
     "Faults",

@@ -7,7 +7,29 @@ from obelisk_spec.components import CALLBACK_GROUP_TYPES, STALE_ACTIONS
 from obelisk_spec.limits import LONGEST_PERIOD_S
 from obelisk_spec.parameter_value import ParameterValue
 from obelisk_spec.yaml_core import Scalar
-from obk_cli.config import (
+from obk_cli.config.fields import (
+    Faults,
+    Fields,
+    check_namespace,
+    check_node_name,
+    check_package,
+    check_topic,
+    read_items,
+    read_text,
+)
+from obk_cli.config.fixes import respell
+from obk_cli.config.keys import (
+    COMPONENT_KEYS,
+    NODE_KEYS,
+    OLDER_KEYS,
+    QOS_KEYS,
+    ROBOT_KEYS,
+    SENSOR_GROUP_KEYS,
+    SIM_KEYS,
+    TIMER_KEYS,
+    VIZ_NODE_KEYS,
+)
+from obk_cli.config.model import (
     COMPONENT_LISTS,
     CallbackGroup,
     Component,
@@ -19,30 +41,8 @@ from obk_cli.config import (
     Sim,
     Spanned,
 )
-from obk_cli.cures import respell
+from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, kind_of
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
-from obk_cli.read.fields import (
-    Faults,
-    Fields,
-    check_namespace,
-    check_node_name,
-    check_package,
-    check_topic,
-    read_items,
-    read_text,
-)
-from obk_cli.read.keys import (
-    COMPONENT_KEYS,
-    NODE_KEYS,
-    OLDER_KEYS,
-    QOS_KEYS,
-    ROBOT_KEYS,
-    SENSOR_GROUP_KEYS,
-    SIM_KEYS,
-    TIMER_KEYS,
-    VIZ_NODE_KEYS,
-)
-from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar, kind_of
 
 __all__ = ["LOG_LEVELS", "read_node"]
 

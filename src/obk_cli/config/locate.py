@@ -9,13 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from obelisk_spec.near import near_names
-from obk_cli.config import Component, FileSearch, Node, Sim, Spanned, Stack
+from obk_cli.config.environment import Surroundings
+from obk_cli.config.loader import ConfigFiles
+from obk_cli.config.model import Component, FileSearch, Node, Sim, Spanned, Stack
+from obk_cli.config.node_facts import NodeCode
+from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import Span
-from obk_cli.node_code import NodeCode
-from obk_cli.resolve.loader import ConfigFiles
-from obk_cli.surroundings import Surroundings
-from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 
 __all__ = ["locate_files", "locate_stack"]
 

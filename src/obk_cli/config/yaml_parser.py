@@ -12,10 +12,10 @@ from typing import NoReturn
 import yaml
 
 from obelisk_spec.yaml_core import core_scalar
+from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, plain_value
+from obk_cli.config.yaml_text import YAML_LOADER, YamlText, forbidden_character
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, SourceFile, Span
-from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, plain_value
-from obk_cli.yaml_text import YAML_LOADER, YamlText, forbidden_character
 
 __all__ = [
     "MOST_VALUES",
@@ -84,7 +84,7 @@ def parse_source(source: SourceFile, *, values_before: int = 0) -> Parsed:
     try:
         tree = composer.document(iter(yaml.parse(seen.text, Loader=YAML_LOADER)))
     except yaml.MarkedYAMLError as error:
-        from obk_cli.yaml_errors import explain_yaml_error  # most texts need none
+        from obk_cli.config.yaml_errors import explain_yaml_error  # most texts need none
 
         fault = explain_yaml_error(error, source)
         if not any(earlier.span.line == fault.span.line for earlier in composer.faults):
@@ -209,7 +209,7 @@ class _Composer:
             if not key:
                 self.faults.append(found("OBK003", "a key is empty", tree.span))
             return key
-        from obk_cli.yaml_errors import template_braces
+        from obk_cli.config.yaml_errors import template_braces
 
         braces = template_braces(tree.span) if isinstance(tree, TreeMap) else None
         self.faults.append(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from obelisk_spec.components import SETTING_SUFFIX, component_identity, component_spellings
-from obk_cli.config import Component, ComponentKind
+from obk_cli.config.model import Component, ComponentKind
 from obk_cli.diagnostics.source import Span
 
 __all__ = [

@@ -8,10 +8,10 @@ from collections.abc import Iterable
 
 from obelisk_spec.components import component_identity
 from obelisk_spec.near import did_you_mean
+from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
+from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.diagnostic import Diagnostic, found
 from obk_cli.diagnostics.source import COMMAND_LINE, SourceFile, Span
-from obk_cli.parse import parse_source
-from obk_cli.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 
 __all__ = ["apply_overrides", "merge_trees"]
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 from obelisk_spec.near import ask_for, near_names
 from obelisk_spec.variables import REFERENCE, value_of_reference
 from obelisk_spec.yaml_core import core_scalar
+from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar
 from obk_cli.diagnostics.diagnostic import Diagnostic, found
 from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, Span
-from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar
 
 __all__ = ["resolve_variables"]
 
