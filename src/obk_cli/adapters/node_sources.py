@@ -9,11 +9,11 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 
 from obk_cli.adapters.packages import PackageIndex
-from obk_cli.code.entry import read_node_code
-from obk_cli.code.modules import FoundSource, Module, parse_module
 from obk_cli.config.environment import Command
 from obk_cli.config.node_facts import CodeFault, NodeCode
 from obk_cli.diagnostics.source import SourceFile
+from obk_cli.source_analysis.entry_point import read_node_code
+from obk_cli.source_analysis.modules import FoundSource, Module, parse_module
 
 __all__ = ["NodeSources"]
 

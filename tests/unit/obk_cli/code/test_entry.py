@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from obk_cli.code.entry import read_node_code
-from obk_cli.code.modules import FoundSource, Module, parse_module
 from obk_cli.config.node_facts import CodeFault, NodeCode
 from obk_cli.diagnostics.source import SourceFile
+from obk_cli.source_analysis.entry_point import read_node_code
+from obk_cli.source_analysis.modules import FoundSource, Module, parse_module
 
 LIBRARY = Path(__file__).parents[4] / "src"
 HEAD = """\

@@ -5,9 +5,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from obelisk_spec.near import did_you_mean
-from obk_cli.code.constructor import registrations_of
-from obk_cli.code.lineage import ClassSource, Function, Lineage, lineage_of
-from obk_cli.code.modules import (
+from obk_cli.config.node_facts import CodeFault, ControlLength, NodeCode
+from obk_cli.diagnostics.source import Span
+from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage, lineage_of
+from obk_cli.source_analysis.modules import (
     Definition,
     Library,
     LoadModule,
@@ -18,8 +19,7 @@ from obk_cli.code.modules import (
     span_of,
     value_of,
 )
-from obk_cli.config.node_facts import CodeFault, ControlLength, NodeCode
-from obk_cli.diagnostics.source import Span
+from obk_cli.source_analysis.registrations import registrations_of
 
 __all__ = ["read_node_code"]
 

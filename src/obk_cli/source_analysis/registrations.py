@@ -9,8 +9,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from obk_cli.code.lineage import ClassSource, Function, Lineage
-from obk_cli.code.modules import (
+from obk_cli.config.model import ComponentKind
+from obk_cli.config.node_facts import CodeComponent, CodeParameter, kind_of_value
+from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
+from obk_cli.source_analysis.modules import (
     UNKNOWN,
     KnownValues,
     Library,
@@ -21,8 +23,6 @@ from obk_cli.code.modules import (
     span_of,
     value_of,
 )
-from obk_cli.config.model import ComponentKind
-from obk_cli.config.node_facts import CodeComponent, CodeParameter, kind_of_value
 
 __all__ = ["Registrations", "registrations_of"]
 

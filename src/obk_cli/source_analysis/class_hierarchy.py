@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from obelisk_spec.near import near_names
-from obk_cli.code.modules import Library, Module, at_top_level, dotted_name, span_of
 from obk_cli.config.node_facts import MissingMethod
+from obk_cli.source_analysis.modules import Library, Module, at_top_level, dotted_name, span_of
 
 __all__ = ["ClassSource", "Function", "Lineage", "lineage_of"]
 
