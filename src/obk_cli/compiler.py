@@ -22,8 +22,8 @@ from obk_cli.config.suppressions import check_ignores, said_on_command_line, sil
 from obk_cli.config.yaml_parser import decode_source
 from obk_cli.diagnostics.diagnostic import Diagnostic, counted, found, in_order, worst
 from obk_cli.diagnostics.source import SourceFile, Span
-from obk_cli.lower import lower_stack
-from obk_cli.plan import Plan
+from obk_cli.plan.lower import lower_stack
+from obk_cli.plan.plan import Plan
 
 __all__ = ["Options", "Outcome", "compile_config", "compile_source"]
 

@@ -13,8 +13,8 @@ from obk_cli.compiler import Options, Outcome, compile_config
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.edits import Edit, apply_edits, touched_lines
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.lower import lower_stack
-from obk_cli.plan import Origin, Plan
+from obk_cli.plan.lower import lower_stack
+from obk_cli.plan.plan import Origin, Plan
 
 __all__ = ["Fixed", "fix_config"]
 

@@ -15,7 +15,7 @@ from obk_cli.emit.forms import FORMS as PRINTED_FORMS
 from obk_cli.emit.forms import Form
 from obk_cli.emit.graph import graph_of
 from obk_cli.emit.terminal import emit_terminal
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 HERE = Path(__file__).parent
 DRAWING = Form(lambda plan: emit_terminal(graph_of(plan)), ".txt")

@@ -10,7 +10,7 @@ import pytest
 from obk_cli.compiler import Options, compile_config
 from obk_cli.emit.launch_file import emit_launch_file
 from obk_cli.emit.params import emit_params
-from obk_cli.plan import Origin, Plan, Process
+from obk_cli.plan.plan import Origin, Plan, Process
 
 READ = """
 import json, sys, rclpy

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.emit.params import emit_params
-from obk_cli.plan import Origin, ParameterValue, Process
+from obk_cli.plan.plan import Origin, ParameterValue, Process
 
 NODE = """
 import json, sys, rclpy

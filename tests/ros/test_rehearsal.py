@@ -14,7 +14,7 @@ from obk_cli.cli.rehearse import OBK as OBK_MODULE
 from obk_cli.cli.rehearse import QUIETLY
 from obk_cli.compiler import Options, compile_config
 from obk_cli.launch.units import Unit, units_of
-from obk_cli.plan import OnCrash
+from obk_cli.plan.plan import OnCrash
 from obk_cli.rehearsal.cases import make_cases
 from obk_cli.rehearsal.conductor import Setting, rehearse
 from obk_cli.rehearsal.judge import Row

@@ -15,7 +15,7 @@ from obk_cli.adapters.node_lines import CONSOLE_FORMAT
 from obk_cli.adapters.processes import NodeCommand
 from obk_cli.config.environment import Command
 from obk_cli.emit.write import STATE_MODE, write_text
-from obk_cli.plan import Process
+from obk_cli.plan.plan import Process
 
 __all__ = ["ComposedNode", "composed_command", "is_composable"]
 

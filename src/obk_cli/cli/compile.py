@@ -20,7 +20,7 @@ from obk_cli.cli.option_values import require_word
 from obk_cli.compiler import compile_config
 from obk_cli.emit.forms import FORMS, Form
 from obk_cli.emit.write import write_text
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 __all__ = ["EXAMPLE", "OutputOption", "command", "deliver"]
 

@@ -36,7 +36,7 @@ from obk_cli.errors import MisuseError
 from obk_cli.launch.devices import Share
 from obk_cli.launch.doors import Limits
 from obk_cli.launch.order import UNTIL, Until
-from obk_cli.plan import OnCrash, ParameterValue, Plan
+from obk_cli.plan.plan import OnCrash, ParameterValue, Plan
 from obk_cli.recording.choice import Wish
 from obk_cli.running.simulated import require_libraries, with_simulator_parameters
 

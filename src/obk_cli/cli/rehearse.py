@@ -27,7 +27,7 @@ from obk_cli.compiler import compile_config
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.launch.devices import share_of
 from obk_cli.launch.units import Unit, units_of
-from obk_cli.plan import OnCrash, Plan
+from obk_cli.plan.plan import OnCrash, Plan
 from obk_cli.rehearsal.cases import Case, make_cases
 from obk_cli.rehearsal.judge import Row
 from obk_cli.rehearsal.promise import FAULTS, Fault

@@ -13,7 +13,7 @@ from obk_cli.adapters.extras import require_extra
 from obk_cli.config.environment import ModelRead
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.devices import Share
-from obk_cli.plan import ParameterValue, Plan
+from obk_cli.plan.plan import ParameterValue, Plan
 from obk_cli.running.simulated import simulated_robots, with_simulator_parameters
 
 __all__ = [

@@ -9,7 +9,7 @@ from pathlib import PurePath
 
 from obelisk_spec.articles import with_number
 from obk_cli.emit.letters import printable
-from obk_cli.plan import TIERS, Endpoint, Plan, Process, SensorGroup
+from obk_cli.plan.plan import TIERS, Endpoint, Plan, Process, SensorGroup
 
 __all__ = ["Graph", "GraphNode", "GraphTopic", "graph_of"]
 

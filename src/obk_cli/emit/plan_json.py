@@ -3,7 +3,7 @@
 from dataclasses import asdict
 
 from obk_cli.emit.json_text import json_text
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 __all__ = ["emit_plan"]
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 __all__ = ["Share", "devices_of", "share_of"]
 

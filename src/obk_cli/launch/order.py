@@ -3,7 +3,7 @@
 from typing import Final, Literal
 
 from obk_cli.launch.transitions import ACTIVE, INACTIVE, UNCONFIGURED
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 __all__ = ["UNTIL", "Until", "tiers_down", "tiers_up"]
 

@@ -9,7 +9,7 @@ from obk_cli.launch.asks import NodeStatus
 from obk_cli.launch.events import ProcessEnded
 from obk_cli.launch.transitions import ACTIVE, FINALIZED, INACTIVE, RESTING, UNCONFIGURED
 from obk_cli.launch.units import Unit, rule_of
-from obk_cli.plan import OnCrash, Plan, Process
+from obk_cli.plan.plan import OnCrash, Plan, Process
 
 __all__ = ["GONE", "UNKNOWN", "Roster"]
 

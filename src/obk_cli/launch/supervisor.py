@@ -18,7 +18,7 @@ from obk_cli.launch.roster import Roster
 from obk_cli.launch.transitions import Transition, way_up
 from obk_cli.launch.units import Unit
 from obk_cli.launch.vigil import keep_vigil
-from obk_cli.plan import OnCrash, Plan
+from obk_cli.plan.plan import OnCrash, Plan
 
 __all__ = ["Supervisor"]
 

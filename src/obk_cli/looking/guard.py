@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from obk_cli.looking.graph import TopicSeen
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 __all__ = ["moved_by"]
 

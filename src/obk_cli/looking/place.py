@@ -10,7 +10,7 @@ from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.runs import Run, runs_folder
 from obk_cli.looking.names import meant
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.recording.made_from import run_plan, run_topics
 
 __all__ = ["NOBODY_S", "Place", "place_of"]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from obk_cli.monitoring.speeds import REALTIME_FACTOR
-from obk_cli.plan import Plan, Process
+from obk_cli.plan.plan import Plan, Process
 
 __all__ = ["PlannedTopic", "planned_topics", "simulated_robots"]
 

@@ -13,7 +13,7 @@ from typing import Final
 
 from obk_cli.launch.json_values import value_of
 from obk_cli.launch.runs import config_of, read_told
-from obk_cli.plan import Endpoint, Origin, Plan, Process, SensorGroup
+from obk_cli.plan.plan import Endpoint, Origin, Plan, Process, SensorGroup
 
 __all__ = ["Background", "background_of", "file_name", "run_plan", "run_topics"]
 

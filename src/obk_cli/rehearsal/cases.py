@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 from obk_cli.launch.units import Unit
-from obk_cli.plan import TIERS, OnCrash
+from obk_cli.plan.plan import TIERS, OnCrash
 from obk_cli.rehearsal.promise import FAULTS, Allowances, Fault, Promise, promise
 
 __all__ = ["Case", "make_cases"]

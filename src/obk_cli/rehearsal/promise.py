@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from obk_cli.launch.units import Unit, rule_of
-from obk_cli.plan import OnCrash
+from obk_cli.plan.plan import OnCrash
 
 __all__ = ["FAULTS", "Allowances", "Fault", "Promise", "Reaction", "promise"]
 

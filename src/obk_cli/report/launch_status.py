@@ -27,7 +27,7 @@ from obk_cli.launch.events import (
 )
 from obk_cli.launch.transitions import ACTIVE, FINALIZED, TRANSITIONS, UNCONFIGURED
 from obk_cli.launch.units import Unit
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.report.launch import LaunchReport
 
 __all__ = ["LiveReport", "opening_status", "with_event"]

@@ -14,7 +14,7 @@ from obk_cli.emit.plan_json import emit_plan
 from obk_cli.errors import ObkError
 from obk_cli.launch.events import Ended
 from obk_cli.launch.runs import MadeFrom, Run, note_end, runs_folder
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.running.options import LaunchOptions
 from obk_cli.running.output import Output
 

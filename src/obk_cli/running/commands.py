@@ -14,7 +14,7 @@ from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.emit.write import STATE_MODE, write_text
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.units import Unit
-from obk_cli.plan import Process
+from obk_cli.plan.plan import Process
 
 __all__ = ["Executables", "composable", "find_executables", "unit_commands"]
 

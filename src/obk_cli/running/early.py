@@ -13,7 +13,7 @@ from obk_cli.adapters.composed import is_composable
 from obk_cli.adapters.gate import closed_gate, gate_path
 from obk_cli.adapters.processes import WardenProcesses
 from obk_cli.launch.units import Unit
-from obk_cli.plan import Process
+from obk_cli.plan.plan import Process
 from obk_cli.running.commands import Executables
 
 __all__ = ["early_units", "gate_variables", "held_at_gate"]

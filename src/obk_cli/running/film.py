@@ -11,7 +11,7 @@ from typing import Final
 from obelisk_spec.near import list_names
 from obk_cli.launch.devices import Share
 from obk_cli.launch.events import Ended, Phase, Told
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.running.output import Output
 from obk_cli.running.simulated import simulated_robots
 

@@ -17,7 +17,7 @@ from obk_cli.adapters.ros_graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S, UNN
 from obk_cli.adapters.ros_lifecycle import RosLifecycle
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.events import Heard, StrangerSeen
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.running.beside import beside
 
 __all__ = ["control_topics", "has_hardware", "looking_on", "refuse_strangers", "refuse_taken_names"]

@@ -7,7 +7,7 @@ from obk_cli.adapters.claims import KEPT_RUNS
 from obk_cli.launch.devices import Share
 from obk_cli.launch.doors import Limits
 from obk_cli.launch.order import Until
-from obk_cli.plan import OnCrash
+from obk_cli.plan.plan import OnCrash
 from obk_cli.recording.choice import Wish
 
 __all__ = ["LaunchOptions"]

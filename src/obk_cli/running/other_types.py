@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager
 from typing import Final
 
 from obk_cli.adapters.ros_graph import UNNAMED, RosGraph
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.running.beside import beside
 
 __all__ = ["other_types_told"]

@@ -26,7 +26,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.launch.events import Ended, Heard, StackState, StopAsked, Told
 from obk_cli.launch.supervisor import Supervisor
 from obk_cli.launch.units import Unit, units_of
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.running.claim import claimed
 from obk_cli.running.commands import Executables, composable, find_executables, unit_commands
 from obk_cli.running.early import early_units, gate_variables, held_at_gate

@@ -8,7 +8,7 @@ from obk_cli.adapters.extras import require_extra, require_ros
 from obk_cli.adapters.shared_memory_room import require_shared_memory
 from obk_cli.errors import MisuseError
 from obk_cli.launch.devices import Share
-from obk_cli.plan import ParameterValue, Plan, Process
+from obk_cli.plan.plan import ParameterValue, Plan, Process
 
 __all__ = ["require_libraries", "simulated_robots", "with_simulator_parameters"]
 

@@ -7,7 +7,7 @@ from obk_cli.adapters.clock import monotonic_s, wall_s
 from obk_cli.adapters.footer import takes_footer
 from obk_cli.adapters.screen import Screen
 from obk_cli.launch.units import Unit
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.report.launch import LaunchReport
 from obk_cli.report.launch_json import JsonReport
 from obk_cli.report.launch_status import LiveReport, opening_status

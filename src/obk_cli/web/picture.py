@@ -2,7 +2,7 @@
 
 from obk_cli.emit.graph import graph_of
 from obk_cli.emit.svg import emit_svg
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 __all__ = ["live_picture"]
 

@@ -10,7 +10,7 @@ import pytest
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options, compile_source
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.plan import Process
+from obk_cli.plan.plan import Process
 from obk_cli.report.text import report_text
 
 ROOT = Path(__file__).parents[3]

@@ -7,8 +7,8 @@ from obk_cli.config.model import FileSearch, Spanned
 from obk_cli.config.reader import read_stack
 from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.lower import lower_stack
-from obk_cli.plan import Endpoint, Plan, SensorGroup
+from obk_cli.plan.lower import lower_stack
+from obk_cli.plan.plan import Endpoint, Plan, SensorGroup
 
 from .nowhere import Nowhere
 

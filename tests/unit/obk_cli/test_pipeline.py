@@ -4,10 +4,9 @@ import pytest
 
 from obk_cli.cli.launch import gated_executables
 from obk_cli.compiler import Options, Outcome, compile_config, compile_source
-from obk_cli.config import yaml_parser
+from obk_cli.config import loader, yaml_parser
 from obk_cli.config.suppressions import near_codes
 from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, SourceFile
-from obk_cli.resolve import loader
 
 CASES = Path(__file__).parents[2] / "cases"
 DUMMY = Path(__file__).parents[3] / "examples" / "dummy" / "dummy.yaml"

@@ -10,7 +10,7 @@ import pytest
 
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options, compile_config
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 from ...ros.walkthrough import (  # noqa: TID252 - shared by folders of tests
     Commands,

@@ -9,7 +9,7 @@ import pytest
 
 from obk_cli.adapters.composed import ComposedNode, composed_command, is_composable
 from obk_cli.config.environment import Command
-from obk_cli.plan import Process
+from obk_cli.plan.plan import Process
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 

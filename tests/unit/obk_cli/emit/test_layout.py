@@ -10,7 +10,7 @@ from obk_cli.emit.graph import GraphNode, graph_of
 from obk_cli.emit.layout import Box, Layout, lay_out
 from obk_cli.emit.placement import place_apart
 from obk_cli.emit.ranks import rank_nodes
-from obk_cli.plan import TIERS, Plan, Process
+from obk_cli.plan.plan import TIERS, Plan, Process
 
 from .plans import loop, node
 

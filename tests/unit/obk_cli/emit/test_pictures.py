@@ -13,7 +13,7 @@ from obk_cli.emit.letters import columns_of, shortened
 from obk_cli.emit.mermaid import emit_mermaid
 from obk_cli.emit.svg import emit_svg
 from obk_cli.emit.terminal import emit_terminal
-from obk_cli.plan import Endpoint, Plan
+from obk_cli.plan.plan import Endpoint, Plan
 
 from .plans import loop, node
 

@@ -2,7 +2,7 @@
 
 from obk_cli.launch.devices import Share, devices_of, share_of
 from obk_cli.launch.units import units_of
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 from .world import process
 

@@ -22,7 +22,7 @@ from obk_cli.launch.events import (
     Told,
     TransitionEnded,
 )
-from obk_cli.plan import Origin, Plan
+from obk_cli.plan.plan import Origin, Plan
 
 from .world import CONTROLLER, ESTIMATOR, ROBOT, World, process
 

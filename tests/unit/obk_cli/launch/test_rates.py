@@ -18,7 +18,7 @@ from obk_cli.launch.events import (
     StopAsked,
     Told,
 )
-from obk_cli.plan import Origin, Promise
+from obk_cli.plan.plan import Origin, Promise
 
 from .world import CONTROLLER, ESTIMATOR, PLAN, World, rates
 

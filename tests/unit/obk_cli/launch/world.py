@@ -26,7 +26,7 @@ from obk_cli.launch.order import Until
 from obk_cli.launch.supervisor import Supervisor
 from obk_cli.launch.transitions import TRANSITIONS
 from obk_cli.launch.units import Unit, units_of
-from obk_cli.plan import OnCrash, Plan, Process
+from obk_cli.plan.plan import OnCrash, Plan, Process
 
 from .. import plans  # noqa: TID252 - shared by folders of tests
 

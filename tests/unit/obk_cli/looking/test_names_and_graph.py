@@ -16,7 +16,7 @@ from obk_cli.looking.graph import (
 from obk_cli.looking.guard import moved_by
 from obk_cli.looking.names import meant, one_meant
 from obk_cli.looking.stamps import stamp_of
-from obk_cli.plan import Endpoint, Plan
+from obk_cli.plan.plan import Endpoint, Plan
 from obk_cli.recording.qos import Offer
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests

@@ -19,7 +19,7 @@ from obk_cli.looking.publishing import (
     topic_to_publish,
     wait_for_subscribers,
 )
-from obk_cli.plan import Endpoint, Plan
+from obk_cli.plan.plan import Endpoint, Plan
 from obk_cli.recording.qos import Offer
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests

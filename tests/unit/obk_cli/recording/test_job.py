@@ -7,7 +7,7 @@ from math import inf
 from pathlib import Path
 
 from obk_cli.emit.plan_json import emit_plan
-from obk_cli.plan import Endpoint, Plan, SensorGroup
+from obk_cli.plan.plan import Endpoint, Plan, SensorGroup
 from obk_cli.recording.choice import Wish
 from obk_cli.recording.job import Job, job_from_json, job_to_json
 from obk_cli.recording.made_from import (

@@ -5,7 +5,7 @@ from pathlib import Path
 from obk_cli.launch.asks import NodeStatus, StackStatus
 from obk_cli.launch.events import Told
 from obk_cli.launch.units import Unit
-from obk_cli.plan import OnCrash, Process
+from obk_cli.plan.plan import OnCrash, Process
 from obk_cli.rehearsal.cases import Case
 from obk_cli.rehearsal.promise import Fault, promise
 from obk_cli.rehearsal.scene import Moment, Scene

@@ -16,7 +16,7 @@ from obk_cli.launch.events import (
     Told,
 )
 from obk_cli.launch.journal import event_record
-from obk_cli.plan import OnCrash
+from obk_cli.plan.plan import OnCrash
 from obk_cli.rehearsal.judge import has_concluded, judge
 from obk_cli.rehearsal.scene import Moment, Scene, parse_moment
 from obk_cli.report.rehearsal import HEAD, rehearsal_json, rehearsal_table, rehearsal_text

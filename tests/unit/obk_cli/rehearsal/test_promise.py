@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.launch.units import Unit
-from obk_cli.plan import OnCrash
+from obk_cli.plan.plan import OnCrash
 from obk_cli.rehearsal.cases import make_cases
 from obk_cli.rehearsal.promise import Allowances, Fault, Reaction, promise
 

@@ -9,7 +9,7 @@ import pytest
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.devices import Share
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.report.launch import LaunchReport
 from obk_cli.running.claim import claimed
 from obk_cli.running.options import LaunchOptions

@@ -9,7 +9,7 @@ from obk_cli.adapters.packages import PackageIndex
 from obk_cli.config.environment import Command
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.units import Unit, units_of
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.report.launch import LaunchReport
 from obk_cli.running.commands import find_executables, unit_commands
 from obk_cli.running.output import Output

@@ -10,7 +10,7 @@ from obk_cli.adapters.gate import gate_path
 from obk_cli.config.environment import Command
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.units import Unit, units_of
-from obk_cli.plan import Plan, Process
+from obk_cli.plan.plan import Plan, Process
 from obk_cli.running.early import early_units, gate_variables, held_at_gate
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests

@@ -7,7 +7,7 @@ import pytest
 
 from obk_cli.launch.devices import share_of
 from obk_cli.launch.events import Ended, Phase
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.running import film as film_module
 from obk_cli.running.film import Film
 

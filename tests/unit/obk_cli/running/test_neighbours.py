@@ -16,7 +16,7 @@ from obk_cli.adapters.allowed_publisher import ALLOWED_PUBLISHER, is_allowed_pub
 from obk_cli.adapters.ros_graph import OWN_DISCOVERY_S, UNNAMED
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.events import Heard, StrangerSeen
-from obk_cli.plan import Endpoint, Plan
+from obk_cli.plan.plan import Endpoint, Plan
 from obk_cli.running import neighbours
 from obk_cli.running.neighbours import (
     control_topics,

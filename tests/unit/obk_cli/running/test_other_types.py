@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import pytest
 
 from obk_cli.adapters.ros_graph import UNNAMED
-from obk_cli.plan import Endpoint, Plan
+from obk_cli.plan.plan import Endpoint, Plan
 from obk_cli.running import other_types
 from obk_cli.running.other_types import other_types_told
 

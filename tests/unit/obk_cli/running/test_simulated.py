@@ -6,7 +6,7 @@ import pytest
 
 from obk_cli.errors import MisuseError
 from obk_cli.launch.devices import share_of
-from obk_cli.plan import Plan, Process
+from obk_cli.plan.plan import Plan, Process
 from obk_cli.running.simulated import with_simulator_parameters
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests

@@ -24,7 +24,7 @@ from obk_cli.config.model import (
 from obk_cli.config.topology import Direction, TopicEnd, absolute_topic, joystick_ends, node_ends
 from obk_cli.config.tree import plain_value
 from obk_cli.diagnostics.source import Span
-from obk_cli.plan import Endpoint, OnCrash, Origin, Plan, Process, Promise, SensorGroup
+from obk_cli.plan.plan import Endpoint, OnCrash, Origin, Plan, Process, Promise, SensorGroup
 
 __all__ = ["DEFAULT_STACK_NAME", "lower_stack"]
 
