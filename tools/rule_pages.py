@@ -12,7 +12,7 @@ from pathlib import Path
 
 from generated import ROOT, bring_up_to_date
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.compiler import Options, compile_config
 from obk_cli.config.suppressions import may_be_silenced

@@ -8,11 +8,11 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
-from obelisk_spec.articles import with_article
 from obelisk_spec.messages import bare_name
-from obelisk_spec.near import did_you_mean, list_names, sure_name
 from obelisk_spec.sim_faults import SimFault, SimPath
+from obelisk_spec.suggestions import did_you_mean, list_names, sure_name
 from obelisk_spec.values import is_mapping, is_number
+from obelisk_spec.wording import with_article
 
 __all__ = ["FIELD_NOISE_KEYS", "NOISY_FIELDS", "FieldKind", "check_disturbances"]
 

@@ -13,7 +13,7 @@ import re
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from obelisk_spec.near import near_names, sure_name
+from obelisk_spec.suggestions import near_names, sure_name
 
 __all__ = [
     "OBELISK_MESSAGES",

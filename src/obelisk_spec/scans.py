@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from obelisk_spec.articles import with_article
-from obelisk_spec.near import did_you_mean, list_names
 from obelisk_spec.sensors import RAY_PATTERNS, GroupRule
 from obelisk_spec.sim_faults import SimFault, SimPath
+from obelisk_spec.suggestions import did_you_mean, list_names
 from obelisk_spec.values import COUNT_WANTED, is_count, is_mapping, is_number, is_text
+from obelisk_spec.wording import with_article
 
 __all__ = [
     "MOST_RAYS",

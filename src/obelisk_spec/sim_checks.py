@@ -7,12 +7,12 @@ A block, the node's parameters and the facts of a model in; findings out. Reads 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from obelisk_spec.articles import with_article, with_number
 from obelisk_spec.model import ModelFacts
-from obelisk_spec.near import did_you_mean, sure_name
 from obelisk_spec.sim_faults import SimFault, SimPath
 from obelisk_spec.sim_groups import check_group_against_model, check_group_rule
 from obelisk_spec.sim_shape import check_sim_shape
+from obelisk_spec.suggestions import did_you_mean, sure_name
+from obelisk_spec.wording import with_article, with_number
 
 __all__ = ["SimFault", "SimPath", "check_sim"]
 

@@ -7,14 +7,21 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
-from obelisk_spec.articles import with_article
 from obelisk_spec.disturbances import check_disturbances
 from obelisk_spec.messages import bare_name
 from obelisk_spec.model import ModelFacts, SensorFact
-from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names, sure_name, there_is
 from obelisk_spec.scans import check_scan
 from obelisk_spec.sensors import SENSOR_GROUPS, GroupRule, sensor_group
 from obelisk_spec.sim_faults import SimFault, SimPath
+from obelisk_spec.suggestions import (
+    ask_for,
+    did_you_mean,
+    list_names,
+    near_names,
+    sure_name,
+    there_is,
+)
+from obelisk_spec.wording import with_article
 
 __all__ = ["check_group_against_model", "check_group_rule"]
 

@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter
 
 from obelisk_py.core.exceptions import ObeliskError
 from obelisk_py.core.faults import wrong_answer
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 
 __all__ = ["Getter", "GuardedCheck", "ParameterRules", "guard_setting_service"]
 

@@ -16,7 +16,6 @@ from obelisk_py.core.command_age import StalePolicy
 from obelisk_py.core.components import Component, ComponentKind, spellings
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskMsgError
 from obelisk_py.core.messages import message_class, message_name
-from obelisk_spec.articles import with_article
 from obelisk_spec.components import (
     CALLBACK_GROUP_TYPES,
     CONTROL_SUBSCRIPTION,
@@ -27,6 +26,7 @@ from obelisk_spec.components import (
 from obelisk_spec.names import topic_name_fault
 from obelisk_spec.settings import parse_component_setting, parse_mapping
 from obelisk_spec.values import COUNT_WANTED, is_count
+from obelisk_spec.wording import with_article
 
 __all__ = [
     "NodeSettings",

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from obelisk_spec.near import list_names, near_names
+from obelisk_spec.suggestions import list_names, near_names
 from obk_cli.adapters.files import STANDARD_INPUT
 from obk_cli.adapters.packages import find_workspace
 from obk_cli.config.environment import UNSEARCHED

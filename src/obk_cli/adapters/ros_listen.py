@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
-from obelisk_spec.articles import with_number
+from obelisk_spec.wording import with_number
 from obk_cli.adapters.raw_topics import RawTopic
 from obk_cli.errors import CommandFailedError
 from obk_cli.recording.tally import Tally

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.adapters.type_support import require_message
 from obk_cli.errors import CommandFailedError
 from obk_cli.looking.field_types import ArrayType, FieldType, Message, Number, parse_type

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from obelisk_spec.near import did_you_mean, list_names
+from obelisk_spec.suggestions import did_you_mean, list_names
 from obk_cli.asking.names import nodes_meant
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.runs import config_of, read_run, run_folders

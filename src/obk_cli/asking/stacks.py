@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.adapters.control_client import ANSWER_S, ask_status
 from obk_cli.adapters.live_runs import live_folders
 from obk_cli.asking.names import nodes_meant

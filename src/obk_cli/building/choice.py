@@ -5,7 +5,7 @@ Pure: names in, names out.
 
 from collections.abc import Collection, Sequence
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.building.survey import Survey, Surveyed
 from obk_cli.errors import MisuseError
 

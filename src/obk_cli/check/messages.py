@@ -11,7 +11,7 @@ from obelisk_spec.messages import (
     resolve_msg_type,
     sure_msg_type,
 )
-from obelisk_spec.near import ask_for, did_you_mean, list_names, near_names, sure_name
+from obelisk_spec.suggestions import ask_for, did_you_mean, list_names, near_names, sure_name
 from obk_cli.check.context import CheckContext
 from obk_cli.config.environment import Surroundings
 from obk_cli.config.fixes import respell

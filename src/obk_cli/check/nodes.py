@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 from obelisk_spec.components import component_identity, standard_component
-from obelisk_spec.near import did_you_mean, near_names, sure_name
+from obelisk_spec.suggestions import did_you_mean, near_names, sure_name
 from obk_cli.check.context import CheckContext
 from obk_cli.config.environment import Surroundings
 from obk_cli.config.fixes import respell

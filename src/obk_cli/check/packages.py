@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 
 from obelisk_spec.names import package_name_fault
-from obelisk_spec.near import ask_for, did_you_mean, near_names
+from obelisk_spec.suggestions import ask_for, did_you_mean, near_names
 from obk_cli.check.context import CheckContext
 from obk_cli.config.environment import ExecutableMissing, Surroundings
 from obk_cli.config.model import (

@@ -7,7 +7,7 @@ from difflib import SequenceMatcher
 
 from obelisk_spec.messages import bare_name, resolve_msg_type
 from obelisk_spec.names import topic_name_fault
-from obelisk_spec.near import comparable, sure_name
+from obelisk_spec.suggestions import comparable, sure_name
 from obk_cli.check.context import CheckContext
 from obk_cli.config.fixes import respell
 from obk_cli.config.model import Qos, Spanned, Stack

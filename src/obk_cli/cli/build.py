@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from obelisk_spec.near import list_names
+from obelisk_spec.suggestions import list_names
 from obk_cli.adapters.packages import find_workspace
 from obk_cli.building.build import BuildOptions, Built, Listener, build_workspace
 from obk_cli.cli.config_options import ColourOption, wants_colour

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from obelisk_spec.near import list_names
+from obelisk_spec.suggestions import list_names
 from obk_cli.adapters.overlay import overlay_prefixes
 from obk_cli.adapters.overlay_environment import import_from, with_overlays
 from obk_cli.adapters.packages import PackageIndex

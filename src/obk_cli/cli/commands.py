@@ -17,7 +17,7 @@ import typer
 from click.shell_completion import CompletionItem
 from typer.core import TyperGroup
 
-from obelisk_spec.near import ask_for, did_you_mean
+from obelisk_spec.suggestions import ask_for, did_you_mean
 from obk_cli.errors import EXIT_FAILED, EXIT_INTERRUPTED, MisuseError, ObkError
 
 __all__ = ["VERBS", "root_command", "run"]

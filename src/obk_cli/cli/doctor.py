@@ -8,7 +8,7 @@ from typing import Annotated, Final
 
 import typer
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.cli.text_or_json import FormatOption, wants_json
 from obk_cli.doctor.checks import checks_of

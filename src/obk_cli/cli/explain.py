@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.config.suppressions import may_be_silenced
 from obk_cli.diagnostics.rules import RULES, Rule
 from obk_cli.errors import MisuseError

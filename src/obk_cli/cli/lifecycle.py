@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.adapters.ros_environment import ros_environment
 from obk_cli.asking.lifecycle import Asked, change_states, node_states, possible_transitions
 from obk_cli.asking.names import NO_ANSWER

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 import typer
 from typer.core import TyperGroup
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.cli.join_wish import join_wish
 from obk_cli.cli.new_list import print_kinds
 from obk_cli.cli.new_run import Wishes, run_new

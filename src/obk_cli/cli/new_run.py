@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import typer
 
 from obelisk_spec.messages import OBELISK_MESSAGES, ROS_MESSAGES
-from obelisk_spec.near import ask_for, near_names
+from obelisk_spec.suggestions import ask_for, near_names
 from obk_cli.adapters.bounded_render import render_bounded
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.taken_names import owner_of_module, owner_of_package

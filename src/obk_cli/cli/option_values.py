@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from typing import Final
 
-from obelisk_spec.near import ask_for, list_names, near_names
+from obelisk_spec.suggestions import ask_for, list_names, near_names
 from obk_cli.errors import MisuseError
 
 __all__ = ["require_positive", "require_word"]

@@ -11,7 +11,7 @@ from typing import Annotated, cast, get_args
 
 import typer
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.asking.names import nodes_meant
 from obk_cli.cli.config_options import (
     ColourOption,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from obelisk_spec.films import FilmError, FilmSettings, read_film
-from obelisk_spec.near import did_you_mean, list_names
+from obelisk_spec.suggestions import did_you_mean, list_names
 from obk_cli.adapters.extras import require_extra
 from obk_cli.config.environment import ModelRead
 from obk_cli.errors import CommandFailedError, MisuseError

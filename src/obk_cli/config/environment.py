@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from obelisk_spec.model import ModelFacts
-from obelisk_spec.near import list_names
+from obelisk_spec.suggestions import list_names
 from obk_cli.diagnostics.source import Span
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from obelisk_spec.names import (
     package_name_fault,
     topic_name_fault,
 )
-from obelisk_spec.near import ask_for, list_names, near_names, sure_name
+from obelisk_spec.suggestions import ask_for, list_names, near_names, sure_name
 from obelisk_spec.yaml_core import core_scalar
 from obk_cli.config.fixes import remove_entry, respell
 from obk_cli.config.keys import NO_EFFECT_KEYS

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from obelisk_spec.near import near_names
+from obelisk_spec.suggestions import near_names
 from obk_cli.config.environment import Surroundings
 from obk_cli.config.loader import ConfigFiles
 from obk_cli.config.model import Component, FileSearch, Node, Sim, Spanned, Stack

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 
 from obelisk_spec.components import component_identity
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.diagnostic import Diagnostic, found

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 
-from obelisk_spec.near import did_you_mean, list_names, near_names, sure_name
+from obelisk_spec.suggestions import did_you_mean, list_names, near_names, sure_name
 from obk_cli.config.fields import Faults, Fields, check_package, check_topic, read_items, read_text
 from obk_cli.config.fixes import respell
 from obk_cli.config.keys import (

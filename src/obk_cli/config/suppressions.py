@@ -7,7 +7,7 @@ is told.
 import re
 from collections.abc import Collection, Iterable, Iterator
 
-from obelisk_spec.near import ask_for, near_names
+from obelisk_spec.suggestions import ask_for, near_names
 from obk_cli.config.model import Spanned
 from obk_cli.diagnostics.diagnostic import Diagnostic, found
 from obk_cli.diagnostics.rules import RULES, Rule

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 
-from obelisk_spec.near import ask_for, near_names
+from obelisk_spec.suggestions import ask_for, near_names
 from obelisk_spec.variables import REFERENCE, value_of_reference
 from obelisk_spec.yaml_core import core_scalar
 from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar

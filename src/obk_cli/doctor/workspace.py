@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from obelisk_spec.articles import with_number
+from obelisk_spec.wording import with_number
 from obk_cli.doctor.finding import Finding, note, ok, warning
 
 __all__ = ["WorkspaceFacts", "judge_workspace"]

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 
 from obk_cli.emit.colours import SECTION_COLOURS
 from obk_cli.emit.graph import Graph, GraphNode, GraphTopic
-from obk_cli.emit.letters import printable
+from obk_cli.emit.text_width import printable
 
 __all__ = ["emit_dot"]
 

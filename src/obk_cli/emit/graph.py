@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import PurePath
 
-from obelisk_spec.articles import with_number
-from obk_cli.emit.letters import printable
+from obelisk_spec.wording import with_number
+from obk_cli.emit.text_width import printable
 from obk_cli.plan.plan import TIERS, Endpoint, Plan, Process, SensorGroup
 
 __all__ = ["Graph", "GraphNode", "GraphTopic", "graph_of"]

@@ -11,7 +11,7 @@ from itertools import pairwise
 from obk_cli.emit.colours import SECTION_COLOURS
 from obk_cli.emit.graph import Graph, GraphNode, GraphTopic
 from obk_cli.emit.layout import Band, Box, Layout, Way, lay_out
-from obk_cli.emit.letters import columns_of, printable, shortened
+from obk_cli.emit.text_width import columns_of, printable, shortened
 
 __all__ = ["emit_svg"]
 

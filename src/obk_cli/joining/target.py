@@ -3,7 +3,7 @@
 Names as typed and the stack in; the device or the node out, or what would be right.
 """
 
-from obelisk_spec.near import did_you_mean, list_names
+from obelisk_spec.suggestions import did_you_mean, list_names
 from obk_cli.config.model import ONE_DEVICE, Node, Stack
 from obk_cli.config.tree import TreeMap
 from obk_cli.joining.newcomer import Newcomer

@@ -11,7 +11,7 @@ from enum import Enum
 from math import inf
 from typing import Final
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import MisuseError
 from obk_cli.looking.field_types import (
     INTEGERS,

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterable
 from typing import Literal
 
-from obelisk_spec.near import did_you_mean, list_names, near_names
+from obelisk_spec.suggestions import did_you_mean, list_names, near_names
 from obk_cli.errors import CommandFailedError
 
 __all__ = ["Kind", "absolute", "meant", "one_meant"]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from obelisk_spec.names import topic_name_fault
-from obelisk_spec.near import list_names
+from obelisk_spec.suggestions import list_names
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.looking.finding import find_topic, the_type
 from obk_cli.looking.graph import TopicSeen

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.looking.field_types import ArrayType, FieldType, Message, parse_type
 from obk_cli.recording.steps import field_steps

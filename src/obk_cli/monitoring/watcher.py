@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Event
 from typing import Final, Protocol
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.adapters.live_runs import live_folders
 from obk_cli.adapters.ros_environment import RosEnvironment
 from obk_cli.adapters.ros_look import RosLook, open_look

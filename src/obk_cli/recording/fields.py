@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from obelisk_spec.near import did_you_mean, list_names
+from obelisk_spec.suggestions import did_you_mean, list_names
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.recording.steps import field_steps
 

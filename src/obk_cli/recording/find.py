@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 from typing import Final
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.runs import config_of, run_folders
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from obelisk_spec.articles import with_number
+from obelisk_spec.wording import with_number
 from obk_cli.looking.graph import End, Graph, TopicSeen, misfits
 from obk_cli.report.escapes import plain
 

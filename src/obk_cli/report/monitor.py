@@ -13,7 +13,7 @@ from typing import Any, Final, Generic, TypeVar
 
 from rich.cells import cell_len, set_cell_size
 
-from obelisk_spec.articles import with_number
+from obelisk_spec.wording import with_number
 from obk_cli.launch.transitions import ACTIVE
 from obk_cli.monitoring.view import NodeView, StackView, TopicView
 from obk_cli.report.escapes import plain

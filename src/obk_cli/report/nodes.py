@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from obelisk_spec.articles import with_number
+from obelisk_spec.wording import with_number
 from obk_cli.launch.asks import NodeStatus
 from obk_cli.looking.graph import special_services
 from obk_cli.looking.nodes import NodeSeen

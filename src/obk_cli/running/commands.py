@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.adapters.composed import ComposedNode, composed_command, is_composable
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.processes import NodeCommand

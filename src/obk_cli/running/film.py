@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable
 from typing import Final
 
-from obelisk_spec.near import list_names
+from obelisk_spec.suggestions import list_names
 from obk_cli.launch.devices import Share
 from obk_cli.launch.events import Ended, Phase, Told
 from obk_cli.plan.plan import Plan

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError
 from obk_cli.scaffold.kinds import LAYER_NAMES
 from obk_cli.scaffold.render import Template

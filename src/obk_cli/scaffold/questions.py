@@ -15,7 +15,7 @@ from obelisk_spec.messages import (
     near_msg_types,
     resolve_msg_type,
 )
-from obelisk_spec.near import ask_for, list_names, near_names
+from obelisk_spec.suggestions import ask_for, list_names, near_names
 from obk_cli.scaffold.kinds import NODE_KINDS, Kind, Language, recipe_of
 from obk_cli.scaffold.names import Problem, check_name
 

@@ -4,7 +4,7 @@ import ast
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 from obk_cli.config.node_facts import CodeFault, ControlLength, NodeCode
 from obk_cli.diagnostics.source import Span
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage, lineage_of

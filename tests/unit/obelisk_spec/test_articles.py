@@ -1,6 +1,6 @@
 import pytest
 
-from obelisk_spec.articles import with_article, with_number
+from obelisk_spec.wording import with_article, with_number
 
 
 @pytest.mark.parametrize(

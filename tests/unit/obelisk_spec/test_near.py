@@ -1,6 +1,6 @@
 import pytest
 
-from obelisk_spec.near import (
+from obelisk_spec.suggestions import (
     ask_for,
     comparable,
     did_you_mean,

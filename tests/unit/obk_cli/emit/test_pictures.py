@@ -9,10 +9,10 @@ import pytest
 from obk_cli.emit.dot import emit_dot
 from obk_cli.emit.graph import graph_of
 from obk_cli.emit.graph_json import emit_graph_json
-from obk_cli.emit.letters import columns_of, shortened
 from obk_cli.emit.mermaid import emit_mermaid
 from obk_cli.emit.svg import emit_svg
 from obk_cli.emit.terminal import emit_terminal
+from obk_cli.emit.text_width import columns_of, shortened
 from obk_cli.plan.plan import Endpoint, Plan
 
 from .plans import loop, node

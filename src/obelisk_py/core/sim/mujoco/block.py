@@ -13,13 +13,13 @@ from obelisk_py.core.sim.mujoco.disturbances import Disturbances, typed_disturba
 from obelisk_py.core.sim.mujoco.geoms import GEOM_KINDS
 from obelisk_py.core.sim.mujoco.scans import RayCaster, typed_ray_caster
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS
-from obelisk_spec.articles import with_article
 from obelisk_spec.messages import bare_name
 from obelisk_spec.model import ModelFacts
 from obelisk_spec.settings import SettingTextError, parse_mapping
 from obelisk_spec.sim_checks import check_sim
 from obelisk_spec.sim_shape import check_sim_shape
 from obelisk_spec.values import PERIOD_WANTED, is_period
+from obelisk_spec.wording import with_article
 
 __all__ = [
     "PARAMETER",

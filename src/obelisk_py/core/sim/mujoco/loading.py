@@ -23,7 +23,7 @@ from obelisk_py.core.sim.mujoco.block import (
 from obelisk_py.core.sim.mujoco.model import DEFAULT_KEYFRAME, compile_model, find_file, load_spec
 from obelisk_py.core.sim.mujoco.scans.files import with_ray_casters
 from obelisk_spec.model import read_model_facts
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 
 __all__ = ["LoadedModel", "check_keyframe", "load_model"]
 

@@ -22,7 +22,7 @@ from obelisk_py.core.sim.mujoco.viewing.child import Onlooker
 from obelisk_py.core.sim.mujoco.viewing.film_order import FilmOrder
 from obelisk_py.core.sim.mujoco.viewing.words import Severity, Tell
 from obelisk_spec.films import FilmError, FilmSettings, check_film_size, read_film
-from obelisk_spec.near import did_you_mean
+from obelisk_spec.suggestions import did_you_mean
 
 __all__ = ["FILM_PARAMETERS", "film_order", "film_outputs", "film_wanted"]
 
