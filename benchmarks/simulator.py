@@ -39,7 +39,7 @@ from benchmarks.stolen import StolenTime, warn_of_stolen_time
 from obelisk_py.core.cdr import PackedMessage
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.loading import load_model
-from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of
+from obelisk_py.core.sim.mujoco.outputs import Environment, outputs_of
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Stepper
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace
@@ -129,7 +129,7 @@ class Rig:
         self._outputs = outputs_of(
             self.simulation,
             loaded.block,
-            Surroundings(
+            Environment(
                 make_publisher=make_publisher,
                 warn=print,
                 on_close=lambda _: None,

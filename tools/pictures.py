@@ -62,7 +62,7 @@ def without_fonts(picture: str) -> str:
 
 
 def _options() -> Options:
-    return Options(environment={}, working_folder=DUMMY, ignore=("OBK4", "OBK204", "OBK507"))
+    return Options(variables={}, working_folder=DUMMY, ignore=("OBK4", "OBK204", "OBK507"))
 
 
 def _graph() -> str:

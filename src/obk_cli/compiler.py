@@ -11,9 +11,9 @@ from pathlib import Path
 
 from obk_cli.adapters.files import STANDARD_INPUT, read_bytes
 from obk_cli.adapters.near_configs import did_you_mean_config
-from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.adapters.surroundings import MachineEnvironment
 from obk_cli.check import check_stack
-from obk_cli.config.environment import Surroundings
+from obk_cli.config.environment import Environment
 from obk_cli.config.loader import ConfigFiles, load_config
 from obk_cli.config.locate import locate_stack
 from obk_cli.config.model import Stack
@@ -43,14 +43,14 @@ _FOLLOWS: Mapping[str, str | tuple[str, ...]] = {
 class Options:
     """How a config is compiled."""
 
-    environment: Mapping[str, str]
+    variables: Mapping[str, str]
     """Stands in for `${VAR}`; its AMENT_PREFIX_PATH says where packages are."""
     working_folder: Path
     overrides: tuple[str, ...] = ()
     """`path=value`, as `--set` takes them."""
     ignore: tuple[str, ...] = ()
     """Codes, or beginnings of codes, not to report."""
-    surroundings: Surroundings | None = None
+    environment: Environment | None = None
     """What to ask about packages and models; None: this machine."""
     read: Callable[[str], bytes | str] = read_bytes
     """What a config file holds, or why it cannot be read."""
@@ -66,7 +66,7 @@ class Outcome:
     plan: Plan | None
     config: Stack | None
     diagnostics: tuple[Diagnostic, ...] = field(default=())
-    surroundings: Surroundings | None = None
+    environment: Environment | None = None
     """What was asked about packages and models; None if nothing was."""
 
 
@@ -91,12 +91,12 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
     folder = (options.working_folder / source.path).resolve().parent
     if source.path.startswith("<"):
         folder = options.working_folder
-    surroundings = options.surroundings or MachineSurroundings(
-        folder, options.working_folder, options.environment
+    environment = options.environment or MachineEnvironment(
+        folder, options.working_folder, options.variables
     )
     files = ConfigFiles(
         source,
-        variables=options.environment,
+        variables=options.variables,
         working_folder=options.working_folder,
         read=options.read,
     )
@@ -106,10 +106,10 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
         stack, read_faults = read_stack(tree)
         faults += read_faults
     if stack is not None:
-        stack, locate_faults = locate_stack(stack, folder, files, surroundings)
+        stack, locate_faults = locate_stack(stack, folder, files, environment)
         faults += locate_faults
         is_whole = files.are_whole and not any(fault.code in _LOSES_TEXT for fault in faults)
-        faults += check_stack(stack, surroundings, is_whole=is_whole)
+        faults += check_stack(stack, environment, is_whole=is_whole)
     ignored = tuple(said_on_command_line(code) for code in options.ignore)
     ignored += stack.ignored_codes if stack is not None else ()
     faults += check_ignores(files.sources, ignored)
@@ -121,7 +121,7 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
         plan=plan,
         config=stack,
         diagnostics=counted(heard),
-        surroundings=surroundings,
+        environment=environment,
     )
 
 

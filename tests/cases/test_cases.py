@@ -12,7 +12,7 @@ import jsonschema
 import pytest
 
 from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.adapters.surroundings import MachineEnvironment
 from obk_cli.compiler import Options, Outcome, compile_config
 from obk_cli.diagnostics.rules import RULES
 from obk_cli.report.sarif import report_sarif
@@ -46,15 +46,15 @@ def cases(kind: str) -> list[object]:
 def compile_case(path: Path, monkeypatch: pytest.MonkeyPatch) -> Outcome:
     """Compile a case from its own folder, with the cases' workspace for packages."""
     monkeypatch.chdir(path.parent)
-    surroundings = MachineSurroundings(path.parent, path.parent, ENVIRONMENT)
-    surroundings.packages = PackageIndex(workspaces=(WORKSPACE,), prefixes=())
+    environment = MachineEnvironment(path.parent, path.parent, ENVIRONMENT)
+    environment.packages = PackageIndex(workspaces=(WORKSPACE,), prefixes=())
     first = path.read_bytes().splitlines()[0].decode(errors="replace")
     overrides = (first.removeprefix("# set: "),) if first.startswith("# set: ") else ()
     options = Options(
-        environment=ENVIRONMENT,
+        variables=ENVIRONMENT,
         working_folder=path.parent,
         overrides=overrides,
-        surroundings=surroundings,
+        environment=environment,
     )
     return compile_config(path.name, options)
 

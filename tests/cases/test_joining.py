@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.adapters.surroundings import MachineEnvironment
 from obk_cli.compiler import Options
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.joining.join import Joined, join_node
@@ -25,9 +25,9 @@ CASES = sorted((HERE / "joining").glob("*.yaml"))
 
 def options() -> Options:
     folder = HERE / "joining"
-    surroundings = MachineSurroundings(folder, folder, {})
-    surroundings.packages = PackageIndex(workspaces=(HERE / "workspace",), prefixes=())
-    return Options(environment={}, working_folder=folder, surroundings=surroundings)
+    environment = MachineEnvironment(folder, folder, {})
+    environment.packages = PackageIndex(workspaces=(HERE / "workspace",), prefixes=())
+    return Options(variables={}, working_folder=folder, environment=environment)
 
 
 def join(path: Path, text: str) -> Joined | Refused:

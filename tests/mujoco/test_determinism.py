@@ -7,7 +7,7 @@ from rclpy.serialization import deserialize_message
 
 from obelisk_py.core.sim.mujoco.block import typed_block
 from obelisk_py.core.sim.mujoco.control import ControlInbox
-from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of
+from obelisk_py.core.sim.mujoco.outputs import Environment, outputs_of
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Stepper
 
@@ -67,7 +67,7 @@ def _trajectory(model, seed):
             self.get_subscription_count = lambda: 1
 
     block = typed_block({"model_xml_path": "m", "sensor_settings": [ENCODERS]})
-    surroundings = Surroundings(
+    surroundings = Environment(
         make_publisher=_Publisher, warn=pytest.fail, on_close=pytest.fail, is_paced=False
     )
     simulation.reset(None)

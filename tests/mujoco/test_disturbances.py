@@ -9,7 +9,7 @@ from rclpy.serialization import deserialize_message
 
 from obelisk_py.core.sim.mujoco.block import typed_block
 from obelisk_py.core.sim.mujoco.control import ControlInbox
-from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of
+from obelisk_py.core.sim.mujoco.outputs import Environment, outputs_of
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Stepper
 from obelisk_py.core.sim.mujoco.stepping import MonotonicClock
@@ -81,7 +81,7 @@ def run(everything):
         def promise(topic, period_s):
             return lambda: heard[topic].counted.append(period_s)
 
-        surroundings = Surroundings(
+        surroundings = Environment(
             make_publisher=make_publisher,
             warn=pytest.fail,
             on_close=pytest.fail,

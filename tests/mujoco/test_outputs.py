@@ -6,7 +6,7 @@ from rclpy.serialization import deserialize_message
 from obelisk_py.core.cdr import PackedMessage
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.loading import load_model
-from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of
+from obelisk_py.core.sim.mujoco.outputs import Environment, outputs_of
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Stepper
 from obelisk_py.core.sim.mujoco.stepping import MonotonicClock
@@ -58,7 +58,7 @@ def example(repository):
             outputs=outputs_of(
                 simulation,
                 loaded.block,
-                Surroundings(
+                Environment(
                     make_publisher=make_publisher,
                     warn=pytest.fail,
                     on_close=pytest.fail,

@@ -186,7 +186,7 @@ def test_what_a_config_and_its_environment_say_moves_no_terminal(
     said: str, variable: str, raw: str
 ) -> None:
     escaped = "".join(f"\\x{ord(c):02x}" if ord(c) < 256 else c for c in said)
-    options = Options(environment={"A": variable, "B": raw}, working_folder=Path("/nowhere"))
+    options = Options(variables={"A": variable, "B": raw}, working_folder=Path("/nowhere"))
     for text in (CONFIG.format(escaped), CONFIG.format(said)):
         found = compile_source(SourceFile.of("c.yaml", text), options).diagnostics
         assert_shows_only_text(report_text(found, colour=False, verbose=True).split("\n"))
@@ -200,7 +200,7 @@ def test_files_that_include_one_another_are_merged_or_refused(texts: dict[str, b
         for name, data in texts.items():
             Path(folder, f"{name}.yaml").write_bytes(data)
         first = Path(folder, f"{min(texts)}.yaml")
-        compile_config(str(first), Options(environment={"A": "a"}, working_folder=Path(folder)))
+        compile_config(str(first), Options(variables={"A": "a"}, working_folder=Path(folder)))
 
 
 @FEW

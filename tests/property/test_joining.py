@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from obelisk_spec.messages import resolve_msg_type
 from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.adapters.surroundings import MachineEnvironment
 from obk_cli.compiler import Options, Outcome, compile_source
 from obk_cli.config.model import Node
 from obk_cli.config.topology import node_ends
@@ -59,9 +59,9 @@ def newcomer(kind: str, sensor: str = "ObkJointEncoders") -> Newcomer:
 
 
 def options(folder: Path, *ignore: str) -> Options:
-    surroundings = MachineSurroundings(folder, folder, {})
-    surroundings.packages = PackageIndex(workspaces=(CORPUS,), prefixes=())
-    return Options(environment={}, working_folder=folder, surroundings=surroundings, ignore=ignore)
+    environment = MachineEnvironment(folder, folder, {})
+    environment.packages = PackageIndex(workspaces=(CORPUS,), prefixes=())
+    return Options(variables={}, working_folder=folder, environment=environment, ignore=ignore)
 
 
 def is_subsequence(part: str, whole: str) -> bool:

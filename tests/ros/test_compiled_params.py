@@ -40,7 +40,7 @@ def read_by_ros(path: Path, process: Process) -> dict[str, object]:
 def test_each_node_of_the_example_reads_its_own_from_the_common_file(
     repository: Path, tmp_path: Path
 ) -> None:
-    options = Options(environment={}, working_folder=repository, ignore=("OBK4",))
+    options = Options(variables={}, working_folder=repository, ignore=("OBK4",))
     plan = compile_config(str(repository / "examples/dummy/dummy.yaml"), options).plan
     assert plan is not None
     path = tmp_path / "dummy.params.yaml"

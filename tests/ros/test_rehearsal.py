@@ -32,7 +32,7 @@ HANG_S = 5.0
 
 
 def units(*, together: bool = False) -> tuple[Unit, ...]:
-    options = Options(environment=dict(os.environ), working_folder=DUMMY.parent)
+    options = Options(variables=dict(os.environ), working_folder=DUMMY.parent)
     plan = compile_config(str(DUMMY), options).plan
     assert plan is not None
     shared = [node.full_name for node in plan.processes] if together else []

@@ -22,7 +22,7 @@ from obk_cli.check.simulation import check_controls, check_models, check_sim_blo
 from obk_cli.check.style import check_defaults, check_homes
 from obk_cli.check.topics import check_dangling, check_doubles, check_qos, check_types
 from obk_cli.check.watchdog import check_watchdogs
-from obk_cli.config.environment import Surroundings
+from obk_cli.config.environment import Environment
 from obk_cli.config.model import Stack
 from obk_cli.config.topology import Topology
 from obk_cli.diagnostics.diagnostic import Diagnostic
@@ -59,10 +59,10 @@ WHOLE_CHECKS: tuple[Check, ...] = (check_required_sections, check_dangling, chec
 
 
 def check_stack(
-    stack: Stack, surroundings: Surroundings, *, is_whole: bool
+    stack: Stack, environment: Environment, *, is_whole: bool
 ) -> tuple[Diagnostic, ...]:
     """The findings of all checks; `is_whole` says whether every included file was read."""
     checks = (*CHECKS, *(WHOLE_CHECKS if is_whole else ()))
     topology = Topology.of(stack)
-    context = CheckContext(stack=stack, topology=topology, surroundings=surroundings)
+    context = CheckContext(stack=stack, topology=topology, environment=environment)
     return tuple(fault for check in checks for fault in check(context))

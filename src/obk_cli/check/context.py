@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from obk_cli.config.environment import Surroundings
+from obk_cli.config.environment import Environment
 from obk_cli.config.model import Stack
 from obk_cli.config.topology import Topology
 
@@ -15,4 +15,4 @@ class CheckContext:
 
     stack: Stack
     topology: Topology
-    surroundings: Surroundings
+    environment: Environment

@@ -6,10 +6,10 @@ from dataclasses import replace
 from obelisk_spec.components import component_identity, standard_component
 from obelisk_spec.suggestions import did_you_mean, near_names, sure_name
 from obk_cli.check.context import CheckContext
-from obk_cli.config.environment import Surroundings
+from obk_cli.config.environment import Environment
 from obk_cli.config.fixes import respell
 from obk_cli.config.model import Component, Node, Spanned, Stack
-from obk_cli.config.node_facts import NodeCode
+from obk_cli.config.node_facts import NodeFacts
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import Span
 
@@ -71,14 +71,14 @@ def check_components(context: CheckContext) -> Iterator[Diagnostic]:
     for node in context.stack.nodes:
         yield from _check_twice(node)
         if any(component.ros_parameter and component.key for component in node.components):
-            yield from _check_contradictions(node, _code_of(node, context.surroundings))
+            yield from _check_contradictions(node, _code_of(node, context.environment))
 
 
-def _code_of(node: Node, surroundings: Surroundings) -> NodeCode | None:
+def _code_of(node: Node, environment: Environment) -> NodeFacts | None:
     if node.pkg is None or node.executable is None:
         return None
-    code = surroundings.read_node_code(node.pkg.value, node.executable.value)
-    return code if isinstance(code, NodeCode) else None
+    code = environment.read_node_code(node.pkg.value, node.executable.value)
+    return code if isinstance(code, NodeFacts) else None
 
 
 def _check_twice(node: Node) -> Iterator[Diagnostic]:
@@ -98,7 +98,7 @@ def _check_twice(node: Node) -> Iterator[Diagnostic]:
         )
 
 
-def _check_contradictions(node: Node, code: NodeCode | None) -> Iterator[Diagnostic]:
+def _check_contradictions(node: Node, code: NodeFacts | None) -> Iterator[Diagnostic]:
     """A `key` beside a `ros_parameter` may be a name of the user's own, but no other component's.
 
     The node finds a component by either name.
@@ -129,7 +129,7 @@ def _meant(name: str) -> str:
 
 
 def _are_two(
-    code: NodeCode | None, component: Component, parameter: Spanned[str], key: Spanned[str]
+    code: NodeFacts | None, component: Component, parameter: Spanned[str], key: Spanned[str]
 ) -> bool:
     """Whether the code registers one component of either name."""
     if code is None:

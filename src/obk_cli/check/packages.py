@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from obelisk_spec.names import package_name_fault
 from obelisk_spec.suggestions import ask_for, did_you_mean, near_names
 from obk_cli.check.context import CheckContext
-from obk_cli.config.environment import ExecutableMissing, Surroundings
+from obk_cli.config.environment import Environment, ExecutableMissing
 from obk_cli.config.model import (
     JOYSTICK_EXECUTABLE,
     JOYSTICK_PACKAGE,
@@ -30,10 +30,10 @@ def where_it_is_not(search: FileSearch) -> str:
 
 
 def no_such_package(
-    search: FileSearch, package: Spanned[str], what: str, surroundings: Surroundings
+    search: FileSearch, package: Spanned[str], what: str, environment: Environment
 ) -> Diagnostic:
     """A finding about the `robot_pkg` that was to hold a file; `what` the file is."""
-    near = ask_for(near_names(package.value, surroundings.package_names()))
+    near = ask_for(near_names(package.value, environment.package_names()))
     return found(
         "OBK403",
         f"package `{package.value}` of the {what} `{search.written.value}` is not found",
@@ -47,7 +47,7 @@ def check_executables(context: CheckContext) -> Iterator[Diagnostic]:
     missing: dict[str, list[Span]] = defaultdict(list)
     looked: dict[str, str] = {}
     for package, executable in _wanted(context.stack):
-        answer = context.surroundings.find_executable(package.value, executable.value)
+        answer = context.environment.find_executable(package.value, executable.value)
         if not isinstance(answer, ExecutableMissing):
             continue
         if answer.package_found:
@@ -56,7 +56,7 @@ def check_executables(context: CheckContext) -> Iterator[Diagnostic]:
             missing[package.value].append(package.span)
             looked[package.value] = answer.looked
     for name, places in missing.items():
-        yield _no_package(name, places, looked[name], context.surroundings)
+        yield _no_package(name, places, looked[name], context.environment)
 
 
 def _wanted(stack: Stack) -> Iterator[tuple[Spanned[str], Spanned[str]]]:
@@ -84,10 +84,10 @@ def _no_package(
     package: str,
     places: list[Span],
     looked: str,
-    surroundings: Surroundings,
+    environment: Environment,
 ) -> Diagnostic:
     # Message packages have no executables, and their names are near those of everything.
-    names = [name for name in surroundings.package_names() if not name.endswith("_msgs")]
+    names = [name for name in environment.package_names() if not name.endswith("_msgs")]
     near = ask_for(near_names(package, names))
     return found(
         "OBK401",
@@ -108,7 +108,7 @@ def check_files(context: CheckContext) -> Iterator[Diagnostic]:
         urdf = node.urdf_file
         if urdf is not None and urdf.found is None:
             if urdf.missing_package is not None and node.robot_pkg is not None:
-                yield no_such_package(urdf, node.robot_pkg, "description", context.surroundings)
+                yield no_such_package(urdf, node.robot_pkg, "description", context.environment)
             else:
                 yield _no_file("urdf", urdf)
 

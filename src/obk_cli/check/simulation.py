@@ -8,10 +8,10 @@ from obelisk_spec.suggestions import list_names
 from obelisk_spec.wording import with_article, with_number
 from obk_cli.check.context import CheckContext
 from obk_cli.check.packages import no_such_package, where_it_is_not
-from obk_cli.config.environment import ModelFault, ModelRead, Surroundings
+from obk_cli.config.environment import Environment, ModelFault, ModelRead
 from obk_cli.config.fixes import respell
 from obk_cli.config.model import SIM_PARAMETER, Component, FileSearch, Node, Sim, Stack
-from obk_cli.config.node_facts import ControlLength, NodeCode
+from obk_cli.config.node_facts import ControlLength, NodeFacts
 from obk_cli.config.topology import absolute_topic
 from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
@@ -84,17 +84,17 @@ def check_models(context: CheckContext) -> Iterator[Diagnostic]:
                 continue
             read = None
             if sim.model.found is None:
-                yield _not_found(sim.model, sim, context.surroundings)
+                yield _not_found(sim.model, sim, context.environment)
             else:
-                read = context.surroundings.read_model(sim.model.found)
+                read = context.environment.read_model(sim.model.found)
                 skipped = skipped or (sim.model.written.span if read is None else None)
             if isinstance(read, ModelFault):
-                yield _unreadable(read, sim.model, context.surroundings)
-            in_block = tuple(_check_block(node, sim, read, context.surroundings))
+                yield _unreadable(read, sim.model, context.environment)
+            in_block = tuple(_check_block(node, sim, read, context.environment))
             # What MuJoCo stops at may be what the block was told of already.
             is_told = any(finding.severity == "error" for finding in in_block)
             if isinstance(read, ModelRead) and read.fault is not None and not is_told:
-                yield _unreadable(read.fault, sim.model, context.surroundings)
+                yield _unreadable(read.fault, sim.model, context.environment)
             yield from in_block
     if skipped is not None:
         message = "MuJoCo is not installed, so names are not checked against the model"
@@ -102,32 +102,32 @@ def check_models(context: CheckContext) -> Iterator[Diagnostic]:
         yield found("OBK300", message, skipped, help=help)
 
 
-def _not_found(model: FileSearch, sim: Sim, surroundings: Surroundings) -> Diagnostic:
+def _not_found(model: FileSearch, sim: Sim, environment: Environment) -> Diagnostic:
     if model.missing_package is not None and sim.robot_pkg is not None:
-        return no_such_package(model, sim.robot_pkg, "model", surroundings)
+        return no_such_package(model, sim.robot_pkg, "model", environment)
     hint = "" if sim.robot_pkg or model.near else "; name the package that holds it as `robot_pkg`"
     message = f"model `{model.written.value}` is not found"
     return found("OBK301", message, model.written.span, help=where_it_is_not(model) + hint)
 
 
-def _unreadable(fault: ModelFault, model: FileSearch, surroundings: Surroundings) -> Diagnostic:
+def _unreadable(fault: ModelFault, model: FileSearch, environment: Environment) -> Diagnostic:
     related: tuple[Related, ...] = ()
     if fault.line and model.found is not None:
-        place = surroundings.model_line(model.found, fault.line)
+        place = environment.model_line(model.found, fault.line)
         related = (Related(message="MuJoCo stopped here", span=place),)
     message = f"MuJoCo cannot read `{model.written.value}`: {fault.message}"
     return found("OBK302", message, model.written.span, related=related)
 
 
 def _check_block(
-    node: Node, sim: Sim, read: ModelRead | ModelFault | None, surroundings: Surroundings
+    node: Node, sim: Sim, read: ModelRead | ModelFault | None, environment: Environment
 ) -> Iterator[Diagnostic]:
     parameters = {parameter.name: parameter.value for parameter in node.params}
     facts = read.facts if isinstance(read, ModelRead) else None
     block = plain_value(sim.checked or sim.tree)
     assert isinstance(block, dict)  # a TreeMap's value is one
     for fault in check_sim(block, parameters, facts):
-        yield _placed(fault, node, sim, surroundings)
+        yield _placed(fault, node, sim, environment)
     if isinstance(read, ModelRead) and read.missing_files and sim.model is not None:
         count = len(read.missing_files)
         yield found(
@@ -139,12 +139,12 @@ def _check_block(
         )
 
 
-def _placed(fault: SimFault, node: Node, sim: Sim, surroundings: Surroundings) -> Diagnostic:
+def _placed(fault: SimFault, node: Node, sim: Sim, environment: Environment) -> Diagnostic:
     """A finding of the shared checks at its place in the config and in the model."""
     related: tuple[Related, ...] = ()
     if fault.element is not None and sim.model is not None and sim.model.found is not None:
         kind, name = fault.element
-        place = surroundings.model_element(sim.model.found, kind, name)
+        place = environment.model_element(sim.model.found, kind, name)
         if place is not None:
             related = (Related(message="in the model", span=place),)
     span, written = _place_of(fault, node, sim)
@@ -205,7 +205,7 @@ def check_controls(context: CheckContext) -> Iterator[Diagnostic]:
             if robot.is_simulator:
                 yield from _check_message(component)
             for place, fault in _check_lengths(
-                context.stack, robot, component, context.surroundings
+                context.stack, robot, component, context.environment
             ):
                 if place not in told:  # by another robot that obeys the same controller
                     told.add(place)
@@ -228,14 +228,14 @@ def _check_message(component: Component) -> Iterator[Diagnostic]:
 
 
 def _check_lengths(
-    stack: Stack, robot: Node, obeyed: Component, surroundings: Surroundings
+    stack: Stack, robot: Node, obeyed: Component, environment: Environment
 ) -> Iterator[tuple[tuple[str, Span], Diagnostic]]:
     """The findings, each with the controller and the place in its code."""
     actuators = [
         read.facts.actuators
         for sim in robot.sims
         if sim.model is not None and sim.model.found is not None
-        if isinstance(read := surroundings.read_model(sim.model.found), ModelRead)
+        if isinstance(read := environment.read_model(sim.model.found), ModelRead)
     ]
     if len(actuators) != 1 or obeyed.topic is None:
         return
@@ -248,8 +248,8 @@ def _check_lengths(
             for c in node.components
             if c.kind == "publisher" and c.topic and absolute_topic(c.topic.value, node) == topic
         ]
-        code = surroundings.read_node_code(node.pkg.value, node.executable.value)
-        if published and isinstance(code, NodeCode):
+        code = environment.read_node_code(node.pkg.value, node.executable.value)
+        if published and isinstance(code, NodeFacts):
             for length in code.control_lengths:
                 if length.length != actuators[0]:
                     fault = _wrong_length(length, node, code, robot, actuators[0])
@@ -257,7 +257,7 @@ def _check_lengths(
 
 
 def _wrong_length(
-    length: ControlLength, node: Node, code: NodeCode, robot: Node, actuators: int
+    length: ControlLength, node: Node, code: NodeFacts, robot: Node, actuators: int
 ) -> Diagnostic:
     assert node.executable is not None  # its code was read
     (path, *_) = [sim.model_xml_path for sim in robot.sims if sim.model_xml_path]

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping
 
 from obelisk_spec.components import CONTROL_SUBSCRIPTION
 from obk_cli.check.context import CheckContext
-from obk_cli.config.environment import ModelRead, Surroundings
+from obk_cli.config.environment import Environment, ModelRead
 from obk_cli.config.model import Component, Node, Spanned, Stack
-from obk_cli.config.node_facts import NodeCode
+from obk_cli.config.node_facts import NodeFacts
 from obk_cli.config.topology import absolute_topic, sending_period_s, timers_of
 from obk_cli.config.tree import plain_value
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
@@ -37,7 +37,7 @@ def check_watchdogs(context: CheckContext) -> Iterator[Diagnostic]:
         if not _has_age(component):
             yield _no_age(component)
             continue
-        yield from _check_action(component, node, context.surroundings)
+        yield from _check_action(component, node, context.environment)
         if component.max_age_s is not None and component.topic is not None:
             topic = absolute_topic(component.topic.value, node)
             yield from _check_age(component.max_age_s, topic, senders)
@@ -80,18 +80,18 @@ def _no_age(component: Component) -> Diagnostic:
 
 
 def _check_action(
-    component: Component, node: Node, surroundings: Surroundings
+    component: Component, node: Node, environment: Environment
 ) -> Iterator[Diagnostic]:
     action = component.stale_action
     if action is not None and action.value == "damp":
-        yield from _check_damping(action, node, surroundings)
+        yield from _check_damping(action, node, environment)
     written = action or component.max_age_s
     if written is None or (action is not None and action.value != "zero"):
         return
     for sim in node.sims if node.runs_simulation else ():
         if not sim.is_sound or sim.model is None or sim.model.found is None:
             continue
-        read = surroundings.read_model(sim.model.found)
+        read = environment.read_model(sim.model.found)
         if isinstance(read, ModelRead) and read.facts.position_servos:
             yield found(
                 "OBK320",
@@ -103,12 +103,12 @@ def _check_action(
 
 
 def _check_damping(
-    action: Spanned[str], node: Node, surroundings: Surroundings
+    action: Spanned[str], node: Node, environment: Environment
 ) -> Iterator[Diagnostic]:
     if node.pkg is None or node.executable is None:
         return
-    code = surroundings.read_node_code(node.pkg.value, node.executable.value)
-    if isinstance(code, NodeCode) and code.can_damp is False:
+    code = environment.read_node_code(node.pkg.value, node.executable.value)
+    if isinstance(code, NodeFacts) and code.can_damp is False:
         yield found(
             "OBK212",
             f"class `{code.class_name}` does not implement `apply_damping`, so it cannot `damp`",

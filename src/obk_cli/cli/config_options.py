@@ -40,7 +40,7 @@ ColourOption = Annotated[
 
 
 def make_options(overrides: list[str] | None, ignore: list[str] | None) -> Options:
-    """The compiler's options from those of the command line and this process's surroundings.
+    """The compiler's options from those of the command line and this process's environment.
 
     Raises:
         MisuseError: a code to ignore is the beginning of none.
@@ -50,7 +50,7 @@ def make_options(overrides: list[str] | None, ignore: list[str] | None) -> Optio
         if not any(rule.startswith(code) for rule in RULES) or not code:
             raise MisuseError(f"`--ignore {code}` names no rule", help=near_codes(code))
     return Options(
-        environment=dict(os.environ),
+        variables=dict(os.environ),
         working_folder=Path.cwd(),
         overrides=tuple(overrides or ()),
         ignore=tuple(codes),

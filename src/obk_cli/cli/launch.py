@@ -29,8 +29,8 @@ from obk_cli.cli.render_options import (
     with_film,
 )
 from obk_cli.compiler import compile_config
-from obk_cli.config.environment import Surroundings
-from obk_cli.config.node_facts import NodeCode
+from obk_cli.config.environment import Environment
+from obk_cli.config.node_facts import NodeFacts
 from obk_cli.config.node_reader import LOG_LEVELS
 from obk_cli.errors import MisuseError
 from obk_cli.launch.devices import Share
@@ -182,7 +182,7 @@ def command(
         allows_foreign=allow_foreign,
         recording=_recording(record_topic) if record or record_topic else None,
         kept_runs=keep,
-        spun=gated_executables(plan, outcome.surroundings),
+        spun=gated_executables(plan, outcome.environment),
     )
     with open_surface(
         sys.stdout.fileno(),
@@ -195,7 +195,7 @@ def command(
     raise typer.Exit(ended.exit_code)
 
 
-def gated_executables(plan: Plan, surroundings: Surroundings | None) -> frozenset[tuple[str, str]]:
+def gated_executables(plan: Plan, environment: Environment | None) -> frozenset[tuple[str, str]]:
     """Package and executable of the nodes whose source says which class the library runs.
 
     Such a program may be started early: it waits at the gate before it creates its node.
@@ -204,7 +204,7 @@ def gated_executables(plan: Plan, surroundings: Surroundings | None) -> frozense
     return frozenset(
         program
         for program in programs
-        if surroundings is not None and isinstance(surroundings.read_node_code(*program), NodeCode)
+        if environment is not None and isinstance(environment.read_node_code(*program), NodeFacts)
     )
 
 

@@ -12,15 +12,15 @@ from obelisk_spec.suggestions import list_names
 from obk_cli.diagnostics.source import Span
 
 if TYPE_CHECKING:
-    from obk_cli.config.node_facts import CodeFault, NodeCode
+    from obk_cli.config.node_facts import CodeFault, NodeFacts
 
 __all__ = [
     "UNSEARCHED",
     "Command",
+    "Environment",
     "ExecutableMissing",
     "ModelFault",
     "ModelRead",
-    "Surroundings",
 ]
 
 UNSEARCHED = ("build", "install", "log")
@@ -88,7 +88,7 @@ class ModelFault:
     line: int | None = None
 
 
-class Surroundings(Protocol):
+class Environment(Protocol):
     """The questions."""
 
     def find_package_share(self, name: str) -> Path | None:
@@ -106,7 +106,7 @@ class Surroundings(Protocol):
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         """How an executable is started."""
 
-    def read_node_code(self, package: str, executable: str) -> "NodeCode | CodeFault | None":
+    def read_node_code(self, package: str, executable: str) -> "NodeFacts | CodeFault | None":
         """What the Python source of an executable says, None where that cannot be known."""
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:

@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from obelisk_spec.suggestions import near_names
-from obk_cli.config.environment import Surroundings
+from obk_cli.config.environment import Environment
 from obk_cli.config.loader import ConfigFiles
 from obk_cli.config.model import Component, FileSearch, Node, Sim, Spanned, Stack
-from obk_cli.config.node_facts import NodeCode
+from obk_cli.config.node_facts import NodeFacts
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import Span
@@ -25,7 +25,7 @@ _PATH = "config_path"
 
 
 def locate_stack(
-    stack: Stack, folder: Path, files: ConfigFiles, surroundings: Surroundings
+    stack: Stack, folder: Path, files: ConfigFiles, environment: Environment
 ) -> tuple[Stack, tuple[Diagnostic, ...]]:
     """The stack with everything that it refers to, and findings about the ray casters' files.
 
@@ -33,10 +33,10 @@ def locate_stack(
         stack: what the config says.
         folder: the config's folder.
         files: loads the files of `config_path`.
-        surroundings: knows packages and the sources of nodes.
+        environment: knows packages and the sources of nodes.
     """
-    stack = locate_files(stack, folder, surroundings)
-    nodes = (_with_code_types(node, surroundings) for node in stack.nodes)
+    stack = locate_files(stack, folder, environment)
+    nodes = (_with_code_types(node, environment) for node in stack.nodes)
     stack = replace(stack, nodes=tuple(nodes))
     if not any(sim.files for node in stack.nodes for sim in node.sims):
         return stack, ()
@@ -51,22 +51,22 @@ def locate_stack(
     return stack, tuple(dict.fromkeys(ray_casters.faults))
 
 
-def locate_files(stack: Stack, folder: Path, surroundings: Surroundings) -> Stack:
+def locate_files(stack: Stack, folder: Path, environment: Environment) -> Stack:
     """The stack with every file looked for; `folder` is the config's."""
-    search = _Search(folder, surroundings)
+    search = _Search(folder, environment)
     return replace(stack, nodes=tuple(search.in_node(node) for node in stack.nodes))
 
 
-def _with_code_types(node: Node, surroundings: Surroundings) -> Node:
+def _with_code_types(node: Node, environment: Environment) -> Node:
     if node.pkg is None or node.executable is None or not node.components:
         return node
-    code = surroundings.read_node_code(node.pkg.value, node.executable.value)
-    if not isinstance(code, NodeCode):
+    code = environment.read_node_code(node.pkg.value, node.executable.value)
+    if not isinstance(code, NodeFacts):
         return node
     return replace(node, components=tuple(_with_code_type(c, code) for c in node.components))
 
 
-def _with_code_type(component: Component, code: NodeCode) -> Component:
+def _with_code_type(component: Component, code: NodeFacts) -> Component:
     registered = code.component_of(component)
     if registered is None or registered.msg_type is None:
         return component
@@ -74,9 +74,9 @@ def _with_code_type(component: Component, code: NodeCode) -> Component:
 
 
 class _Search:
-    def __init__(self, folder: Path, surroundings: Surroundings) -> None:
+    def __init__(self, folder: Path, environment: Environment) -> None:
         self._folder = folder
-        self._surroundings = surroundings
+        self._environment = environment
         self._names: dict[Path, tuple[str, ...]] = {}
 
     def in_node(self, node: Node) -> Node:
@@ -104,7 +104,7 @@ class _Search:
     ) -> FileSearch | None:
         if written is None:
             return None
-        share = self._surroundings.find_package_share(package.value) if package else None
+        share = self._environment.find_package_share(package.value) if package else None
         tried: list[Path] = []
         for path in self._places(written, share, subfolder):
             if path not in tried:

@@ -16,7 +16,7 @@ __all__ = [
     "CodeParameter",
     "ControlLength",
     "MissingMethod",
-    "NodeCode",
+    "NodeFacts",
     "kind_of_value",
 ]
 
@@ -105,7 +105,7 @@ class ControlLength:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NodeCode:
+class NodeFacts:
     """The class that an executable spins."""
 
     class_name: str

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.adapters.surroundings import MachineEnvironment
 from obk_cli.compiler import Options, Outcome, compile_source
 from obk_cli.config.model import Node, Stack
 from obk_cli.config.tree import TreeMap
@@ -188,12 +188,12 @@ class _Join:
 
 
 def _foreseeing(source: SourceFile, newcomer: Newcomer, options: Options) -> Options:
-    there = options.surroundings
+    there = options.environment
     if there is None:
         folder = (options.working_folder / Path(source.path)).resolve().parent
-        there = MachineSurroundings(folder, options.working_folder, options.environment)
+        there = MachineEnvironment(folder, options.working_folder, options.variables)
     foreseen = ForeseenSurroundings(there, newcomer.pkg, newcomer.executable)
-    return replace(options, surroundings=foreseen)
+    return replace(options, environment=foreseen)
 
 
 def _unreadable(outcome: Outcome) -> Iterator[Diagnostic]:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.config.node_facts import CodeFault, ControlLength, NodeCode
+from obk_cli.config.node_facts import CodeFault, ControlLength, NodeFacts
 from obk_cli.diagnostics.source import Span
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage, lineage_of
 from obk_cli.source_analysis.modules import (
@@ -70,7 +70,7 @@ class _Spun:
 
 def read_node_code(
     module: str, function: str | None, load: LoadModule
-) -> NodeCode | CodeFault | None:
+) -> NodeFacts | CodeFault | None:
     """What the source behind an entry point says; None where it cannot be known from reading.
 
     Args:
@@ -88,7 +88,7 @@ def read_node_code(
         )
 
 
-def _read(entry: Module, function: str | None, library: Library) -> NodeCode | CodeFault | None:
+def _read(entry: Module, function: str | None, library: Library) -> NodeFacts | CodeFault | None:
     if function is None:
         spun = list(_spun_in(entry.tree.body, entry))
     else:
@@ -139,12 +139,12 @@ def _class_of(spun: _Spun, library: Library) -> ClassSource | None:
     return ClassSource(found.module, found.node)
 
 
-def _node_code(source: ClassSource, library: Library, has_arguments: bool) -> NodeCode | None:
+def _node_code(source: ClassSource, library: Library, has_arguments: bool) -> NodeFacts | None:
     lineage = lineage_of(source, library)
     if not lineage.is_node:
         return None
     found = registrations_of(lineage, library, has_arguments=has_arguments)
-    return NodeCode(
+    return NodeFacts(
         class_name=source.node.name,
         span=span_of(source.node, source.module.source),
         components=tuple(found.components.values()),

@@ -1,4 +1,4 @@
-"""Surroundings in which there is nothing: no package, no message, no MuJoCo."""
+"""An environment that is empty: no packages, no messages, no MuJoCo."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from obk_cli.diagnostics.source import Span
 
 
 class Nowhere:
-    """What of a stack can be told without its surroundings."""
+    """Knows nothing; what a stack says by itself is still checked."""
 
     def find_package_share(self, name: str) -> Path | None:
         return None

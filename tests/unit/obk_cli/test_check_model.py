@@ -27,9 +27,9 @@ def test_without_mujoco_what_needs_no_model_is_checked_and_the_rest_said_to_be_s
     assert parsed.tree is not None
     stack, _ = read_stack(parsed.tree)
     assert stack is not None
-    surroundings = Nowhere()
-    stack = locate_files(stack, tmp_path, surroundings)
-    context = CheckContext(stack=stack, topology=Topology.of(stack), surroundings=surroundings)
+    environment = Nowhere()
+    stack = locate_files(stack, tmp_path, environment)
+    context = CheckContext(stack=stack, topology=Topology.of(stack), environment=environment)
     faults = check_models(context)
     assert [str(fault) for fault in faults] == [
         "f.yaml:4:89: info[OBK307]: `ObkImu` has no `accelerometer` sensor, so that part stays "

@@ -45,7 +45,7 @@ FAULTS = (
 
 
 def options(folder: Path) -> Options:
-    return Options(environment={}, working_folder=folder, ignore=("OBK4",))
+    return Options(variables={}, working_folder=folder, ignore=("OBK4",))
 
 
 def fix(path: Path, allowed: bool = True) -> Fixed:

@@ -32,7 +32,7 @@ def test_without_options_it_is_drawn_for_eighty_columns(
 )
 def test_the_outputs_name_says_which_picture(tmp_path: Path, name: str, form: str) -> None:
     assert graph("--output", str(tmp_path / name)) == 0
-    options = Options(environment={}, working_folder=Path.cwd(), ignore=("OBK4",))
+    options = Options(variables={}, working_folder=Path.cwd(), ignore=("OBK4",))
     plan = compile_config(CONFIG, options).plan
     assert plan is not None
     assert (tmp_path / name).read_text() == FORMS[form].emit(plan)

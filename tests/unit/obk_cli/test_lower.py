@@ -199,7 +199,7 @@ def test_each_joystick_has_its_own_topics() -> None:
 
 
 def test_environment_variables_get_what_variables_come_to() -> None:
-    options = Options(environment={"DOMAIN": "007"}, working_folder=Path.cwd())
+    options = Options(variables={"DOMAIN": "007"}, working_folder=Path.cwd())
     env = "env:\n    A: ${DOMAIN}\n    B: ${NONE:-1.10}\n    C: ${NO:-true}\n"
     text = f"robot:\n  pkg: a\n  executable: b\n  {env}"
     outcome = compile_source(SourceFile.of("<text>", text), options)

@@ -17,7 +17,7 @@ from pathlib import Path
 from obk_cli.compiler import Options, compile_config
 resource.setrlimit(resource.RLIMIT_AS, (700_000_000, 700_000_000))
 resource.setrlimit(resource.RLIMIT_CPU, (20, 20))  # [s], whatever else the machine does
-outcome = compile_config(sys.argv[1], Options(environment={}, working_folder=Path.cwd()))
+outcome = compile_config(sys.argv[1], Options(variables={}, working_folder=Path.cwd()))
 for code, times in Counter(fault.code for fault in outcome.diagnostics).items():
     print(code, times)
 """

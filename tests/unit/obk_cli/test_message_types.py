@@ -26,7 +26,7 @@ def compile_with(workspace: Path, controller: str, robot: str | None = None) -> 
     robots = robots.replace("msg_type: PositionSetpoint", f"msg_type: {robot or controller}")
     (workspace / "config.yaml").write_text(f"{head}robot:\n{robots}")
     ignore = tuple(f"OBK40{number}" for number in range(1, 10))
-    options = Options(environment={}, working_folder=workspace, ignore=ignore)
+    options = Options(variables={}, working_folder=workspace, ignore=ignore)
     return compile_config(str(workspace / "config.yaml"), options)
 
 

@@ -13,7 +13,7 @@ def compiled(folder: Path, model: str, package: str = "demo") -> Outcome:
         f"sim: {{model_xml_path: {model}}}}}\n"
     )
     return compile_config(
-        str(folder / "c.yaml"), Options(environment={}, working_folder=folder, ignore=("OBK2",))
+        str(folder / "c.yaml"), Options(variables={}, working_folder=folder, ignore=("OBK2",))
     )
 
 

@@ -15,7 +15,7 @@ SOUND = (CASES / "accept/OBK004/topic_twice.yaml").read_text()
 
 def options(folder: Path, **more: tuple[str, ...]) -> Options:
     return Options(
-        environment={}, working_folder=folder, ignore=more.pop("ignore", ("OBK4",)), **more
+        variables={}, working_folder=folder, ignore=more.pop("ignore", ("OBK4",)), **more
     )
 
 
@@ -54,7 +54,7 @@ def test_a_sound_config_has_a_plan() -> None:
 def test_programs_whose_source_says_what_they_spin_are_known() -> None:
     outcome = compile_config(str(DUMMY), options(DUMMY.parent))
     assert outcome.plan is not None
-    gated = gated_executables(outcome.plan, outcome.surroundings)
+    gated = gated_executables(outcome.plan, outcome.environment)
     assert gated == {(node.package, node.executable) for node in outcome.plan.processes}
 
 
@@ -159,7 +159,7 @@ def compile_files(files: dict[str, str]) -> list[str]:
     def read(path: str) -> bytes | str:
         return files[path].encode() if path in files else "there is no such file"
 
-    made = Options(environment={}, working_folder=Path.cwd(), ignore=("OBK2", "OBK4"), read=read)
+    made = Options(variables={}, working_folder=Path.cwd(), ignore=("OBK2", "OBK4"), read=read)
     return [str(fault) for fault in compile_config("main.yaml", made).diagnostics]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from obelisk_spec.components import STALE_ACTIONS
-from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.adapters.surroundings import MachineEnvironment
 from obk_cli.compiler import Options, Outcome, compile_source
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.migrate.rewrite import migrate_source
@@ -20,8 +20,8 @@ TEXT = (ROOT / "docs/how-to/safety.md").read_text()
 
 def compile_text(text: str, folder: Path) -> Outcome:
     shutil.copytree(ROOT / "examples/dummy", folder, dirs_exist_ok=True)
-    surroundings = MachineSurroundings(folder, folder, {})
-    options = Options(environment={}, working_folder=folder, surroundings=surroundings)
+    environment = MachineEnvironment(folder, folder, {})
+    options = Options(variables={}, working_folder=folder, environment=environment)
     return compile_source(SourceFile.of(str(folder / "watched.yaml"), text), options)
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from obk_cli.config.node_facts import CodeFault, NodeCode
+from obk_cli.config.node_facts import CodeFault, NodeFacts
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.source_analysis.entry_point import read_node_code
 from obk_cli.source_analysis.modules import FoundSource, Module, parse_module
@@ -40,18 +40,18 @@ def load_from(texts: Mapping[str, str], name: str) -> Module | None:
     return parse_module(name, FoundSource(source=source, is_package=path.is_dir()))
 
 
-def read(body: str, **modules: str) -> NodeCode | CodeFault | None:
+def read(body: str, **modules: str) -> NodeFacts | CodeFault | None:
     texts = {"m": HEAD + body + TAIL, **modules}
     return read_node_code("m", "main", lambda name: load_from(texts, name))
 
 
-def code(body: str, **modules: str) -> NodeCode:
+def code(body: str, **modules: str) -> NodeFacts:
     found = read(body, **modules)
-    assert isinstance(found, NodeCode)
+    assert isinstance(found, NodeFacts)
     return found
 
 
-def names(found: NodeCode) -> list[str]:
+def names(found: NodeFacts) -> list[str]:
     return [component.name for component in found.components]
 
 
@@ -223,7 +223,7 @@ def test_computed_parameters_leave_open_which_there_are(constructor: str) -> Non
     assert found.knows_components
 
 
-def kinds(found: NodeCode) -> dict[str, str | None]:
+def kinds(found: NodeFacts) -> dict[str, str | None]:
     return {declared.name: declared.kind for declared in found.parameters}
 
 

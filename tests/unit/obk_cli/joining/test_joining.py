@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.adapters.packages import PackageIndex
-from obk_cli.adapters.surroundings import MachineSurroundings
+from obk_cli.adapters.surroundings import MachineEnvironment
 from obk_cli.compiler import Options
 from obk_cli.diagnostics.diagnostic import Diagnostic, found
 from obk_cli.diagnostics.source import SourceFile, Span
@@ -44,11 +44,9 @@ sensing:
 
 
 def join(text: str, section: str = "sensing", new: str = NEW) -> str:
-    surroundings = MachineSurroundings(HERE, HERE, {})
-    surroundings.packages = PackageIndex(workspaces=(), prefixes=())
-    options = Options(
-        environment={}, working_folder=HERE, ignore=("OBK4",), surroundings=surroundings
-    )
+    environment = MachineEnvironment(HERE, HERE, {})
+    environment.packages = PackageIndex(workspaces=(), prefixes=())
+    options = Options(variables={}, working_folder=HERE, ignore=("OBK4",), environment=environment)
     joined = join_node(SourceFile.of("c.yaml", text), read_newcomer(section, new), options)
     assert isinstance(joined, Joined), joined
     return joined.text

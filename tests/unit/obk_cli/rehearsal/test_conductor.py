@@ -52,7 +52,7 @@ def test_a_launcher_that_may_still_say_something_is_not_waited_for(tmp_path: Pat
 
 
 def compiled(*overrides: str) -> Options:
-    return Options(environment={}, working_folder=DUMMY.parent, overrides=overrides)
+    return Options(variables={}, working_folder=DUMMY.parent, overrides=overrides)
 
 
 def test_a_robot_that_is_hardware_is_refused_with_its_place() -> None:

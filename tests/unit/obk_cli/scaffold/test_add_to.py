@@ -44,7 +44,7 @@ def refused(*arguments: str) -> ObkError:
 
 
 def errors(config: Path) -> list[str]:
-    options = Options(environment={}, working_folder=Path.cwd())
+    options = Options(variables={}, working_folder=Path.cwd())
     outcome = compile_config(str(config), options)
     return [str(finding) for finding in outcome.diagnostics if finding.severity != "info"]
 

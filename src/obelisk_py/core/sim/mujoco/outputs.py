@@ -21,7 +21,7 @@ from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Output
 from obelisk_py.core.sim.mujoco.stepping import SampleTimes
 
-__all__ = ["GEOM_TOPICS", "MakePublisher", "Surroundings", "outputs_of", "promise_nothing"]
+__all__ = ["GEOM_TOPICS", "Environment", "MakePublisher", "outputs_of", "promise_nothing"]
 
 GEOM_TOPICS: Final = ("~/viz_geoms", "obelisk/sim/mujoco_scene_viz")
 """Topics of the markers; the second is where a visualiser looks without knowing the node."""
@@ -52,7 +52,7 @@ def promise_nothing(_topic: str, _period_s: float) -> Callable[[], None]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Surroundings:
+class Environment:
     """What outputs need of the node that has the simulation."""
 
     make_publisher: MakePublisher
@@ -68,7 +68,7 @@ class Surroundings:
 
 
 def outputs_of(
-    simulation: Simulation, block: SimBlock, surroundings: Surroundings
+    simulation: Simulation, block: SimBlock, surroundings: Environment
 ) -> tuple[Output, ...]:
     """The outputs that a block asks for.
 
@@ -90,7 +90,7 @@ def outputs_of(
 
 
 def _group(
-    simulation: Simulation, group: SensorGroup, surroundings: Surroundings
+    simulation: Simulation, group: SensorGroup, surroundings: Environment
 ) -> Iterator[Output]:
     kind = SENSOR_KINDS[group.msg_type]
     publisher = surroundings.make_publisher(kind.message_type, group.topic, group.history_depth)

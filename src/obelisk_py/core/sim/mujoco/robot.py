@@ -30,7 +30,7 @@ from obelisk_py.core.sim.mujoco.block import PARAMETER, read_block
 from obelisk_py.core.sim.mujoco.control import ControlInbox, make_inbox
 from obelisk_py.core.sim.mujoco.drive import WhenStale
 from obelisk_py.core.sim.mujoco.loading import check_keyframe, load_model
-from obelisk_py.core.sim.mujoco.outputs import Surroundings, outputs_of, promise_nothing
+from obelisk_py.core.sim.mujoco.outputs import Environment, outputs_of, promise_nothing
 from obelisk_py.core.sim.mujoco.realtime_factor import REALTIME_FACTOR, realtime_factor_of
 from obelisk_py.core.sim.mujoco.requests import Answer, StepRequests
 from obelisk_py.core.sim.mujoco.services import make_services
@@ -134,7 +134,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._simulation.reset(self._keyframe)
         is_simulated = self._uses_simulation_time()
         self._stamp_ns = self._simulation_time_ns if is_simulated else self._ros_time_ns
-        surroundings = Surroundings(
+        surroundings = Environment(
             make_publisher=self._own_publisher,
             warn=self._warn,
             on_close=self._closing.callback,
