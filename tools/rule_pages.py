@@ -23,7 +23,7 @@ from obk_cli.report.text import report_text
 __all__ = ["generated_files", "main"]
 
 CASES = ROOT / "tests" / "cases"
-EXAMPLES = ROOT / "src" / "obk_cli" / "codes" / "examples.json"
+EXAMPLES = ROOT / "src" / "obk_cli" / "diagnostics" / "rules" / "examples.json"
 PAGES = ROOT / "docs" / "reference" / "rules"
 FAMILIES = {
     "OBK0": "The text and its files",
