@@ -23,9 +23,9 @@ WORKSPACE = HERE / "workspace"
 SARIF = jsonschema.Draft202012Validator(json.loads((HERE / "sarif.schema.json").read_text()))
 ENVIRONMENT = {"OBK_CASE_PKG": "demo", "HOME": "/home/ada"}
 WITHOUT_CASE = {
-    "OBK001": "tests/unit/obk_cli/test_pipeline.py",
-    "OBK007": "tests/unit/obk_cli/test_parse.py",
-    "OBK300": "tests/unit/obk_cli/test_check_model.py",
+    "OBK001": "tests/unit/obk_cli/test_compiler.py",
+    "OBK007": "tests/unit/obk_cli/config/test_yaml_parser.py",
+    "OBK300": "tests/unit/obk_cli/check/test_simulation.py",
 }
 """Codes whose fault is not a text of a few lines -> the tests that show them."""
 

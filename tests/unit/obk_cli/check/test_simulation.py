@@ -8,7 +8,7 @@ from obk_cli.config.topology import Topology
 from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.source import SourceFile
 
-from .nowhere import Nowhere
+from ..nowhere import Nowhere  # noqa: TID252 - shared by folders of tests
 
 GROUP = "{topic: /q, dt: 1, msg_type: ObkImu, sensor_names: {a: gyro, b: gyro}}"
 CONFIG = f"""\

@@ -4,7 +4,7 @@ import pytest
 
 from obk_cli.compiler import Options, Outcome, compile_config
 
-ACCEPTED = Path(__file__).parents[2] / "cases" / "accept" / "OBK115" / "unknown_message.yaml"
+ACCEPTED = Path(__file__).parents[3] / "cases" / "accept" / "OBK115" / "unknown_message.yaml"
 MANIFEST = "<package format='3'><name>{}</name><version>0.1.0</version></package>"
 
 

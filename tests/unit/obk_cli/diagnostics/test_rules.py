@@ -6,7 +6,7 @@ import pytest
 from obk_cli.cli.explain import command as explain
 from obk_cli.diagnostics.rules import RULES
 
-SOURCE = Path(__file__).parents[3] / "src"
+SOURCE = Path(__file__).parents[4] / "src"
 
 
 def test_codes_are_in_order_and_each_rule_is_described() -> None:
