@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.diagnostics import Diagnostic
-from obk_cli.pipeline import Options, compile_config
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.compiler import Options, compile_config
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 
 CORPUS = Path(__file__).resolve().parents[2] / "shared" / "corpus"
@@ -148,9 +148,9 @@ EXPECTED: dict[str, list[str]] = {
 
 def findings(name: str) -> list[Diagnostic]:
     path = CORPUS / name
-    surroundings = MachineSurroundings(path.parent, path.parent, {})
-    surroundings.packages = PackageIndex(workspaces=(CORPUS / "field",), prefixes=())
-    options = Options(environment={}, working_folder=path.parent, surroundings=surroundings)
+    environment = MachineEnvironment(path.parent, path.parent, {})
+    environment.packages = PackageIndex(workspaces=(CORPUS / "field",), prefixes=())
+    options = Options(variables={}, working_folder=path.parent, environment=environment)
     return list(compile_config(str(path), options).diagnostics)
 
 

@@ -19,25 +19,27 @@ def _box(column: float, row: float, name: str, *lines: str, kind: str = "stage")
 
 STAGES = (
     _box(0, 1, "stack.yaml", "text, with its includes", kind="data"),
-    _box(1, 1, "parse", "text to a tree;", "every value has its place"),
-    _box(2, 1, "resolve", "includes, ${VARIABLES},", "--set, paths"),
-    _box(3, 1, "read", "tree to a typed config"),
-    _box(4, 1, "check", "wiring, types, models,", "packages, code"),
+    _box(1, 1, "loader", "text to one tree: includes,", "${VARIABLES}, --set"),
+    _box(2, 1, "reader", "tree to a typed config"),
+    _box(3, 1, "locate", "files, types of the code,", "ray casters"),
+    _box(4, 1, "check", "topology, types, models,", "packages, code"),
     _box(5, 1, "lower", "config to a plan;", "cannot fail"),
     _box(6, 1, "plan", "processes, parameters,", "promises, order", kind="data"),
-    _box(3.5, 0, "adapters", "MuJoCo's model, packages,", "files of this machine", kind="outside"),
-    _box(4.5, 0, "code", "nodes' Python source,", "read and not run"),
-    _box(3, 2, "diagnostics", "code, sentence, place,", "help, cure", kind="data"),
+    _box(
+        3.5, 0, "environment", "MuJoCo's model, packages,", "files of this machine", kind="outside"
+    ),
+    _box(4.5, 0, "source_analysis", "nodes' Python source,", "read and not run"),
+    _box(3, 2, "diagnostics", "code, sentence, place,", "help, fix", kind="data"),
     _box(4, 2, "report", "text, JSON, SARIF,", "GitHub", kind="result"),
     _box(6, 0, "emit", "parameters, launch file,", "pictures, JSON", kind="result"),
     _box(6, 2, "launch", "a running stack", kind="result"),
 )
-_WAY = ("stack.yaml", "parse", "resolve", "read", "check", "lower", "plan")
+_WAY = ("stack.yaml", "loader", "reader", "locate", "check", "lower", "plan")
 STAGE_ARROWS = (
     *(Arrow(start=a, end=b) for a, b in pairwise(_WAY)),
-    *(Arrow(start=name, end="diagnostics") for name in ("parse", "resolve", "read", "check")),
-    Arrow(start="adapters", end="check"),
-    Arrow(start="code", end="check"),
+    *(Arrow(start=name, end="diagnostics") for name in ("loader", "reader", "locate", "check")),
+    Arrow(start="environment", end="locate"),
+    Arrow(start="source_analysis", end="check"),
     Arrow(start="diagnostics", end="report"),
     Arrow(start="plan", end="emit"),
     Arrow(start="plan", end="launch"),

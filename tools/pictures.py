@@ -18,11 +18,11 @@ from generated import ROOT, bring_up_to_date
 from rich.console import Console
 from rich.text import Text
 
+from obk_cli.compiler import Options, compile_config, compile_source
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.emit.graph import graph_of
 from obk_cli.emit.svg import emit_svg
-from obk_cli.pipeline import Options, compile_config, compile_source
 from obk_cli.report.text import report_text, summary
-from obk_cli.source import SourceFile
 
 __all__ = ["PICTURES", "generated_files", "main", "terminal", "without_fonts"]
 
@@ -62,7 +62,7 @@ def without_fonts(picture: str) -> str:
 
 
 def _options() -> Options:
-    return Options(environment={}, working_folder=DUMMY, ignore=("OBK4", "OBK204", "OBK507"))
+    return Options(variables={}, working_folder=DUMMY, ignore=("OBK4", "OBK204", "OBK507"))
 
 
 def _graph() -> str:

@@ -13,17 +13,17 @@ from pathlib import Path
 from generated import ROOT, bring_up_to_date
 
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.codes import RULES, Rule
-from obk_cli.pipeline import Options, compile_config
+from obk_cli.compiler import Options, compile_config
+from obk_cli.config.suppressions import may_be_silenced
+from obk_cli.diagnostics.rules import RULES, Rule
+from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
 from obk_cli.report.text import report_text
-from obk_cli.silence import may_be_silenced
-from obk_cli.source import LONGEST_FILE_BYTES
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 
 __all__ = ["generated_files", "main"]
 
 CASES = ROOT / "tests" / "cases"
-EXAMPLES = ROOT / "src" / "obk_cli" / "codes" / "examples.json"
+EXAMPLES = ROOT / "src" / "obk_cli" / "diagnostics" / "rules" / "examples.json"
 PAGES = ROOT / "docs" / "reference" / "rules"
 FAMILIES = {
     "OBK0": "The text and its files",
@@ -75,7 +75,7 @@ def _examples_without_case() -> dict[str, Example]:
     }
 
 
-class _WithoutMujoco(MachineSurroundings):
+class _WithoutMujoco(MachineEnvironment):
     """This machine, were MuJoCo not installed."""
 
     def read_model(self, path: Path) -> None:
@@ -86,9 +86,9 @@ def _report(code: str, path: str, data: bytes | str) -> str:
     """What is said under one code of a file that holds `data`, or why it cannot be read."""
     folder = DUMMY.parent
     options = Options(
-        environment={},
+        variables={},
         working_folder=folder,
-        surroundings=_WithoutMujoco(folder, folder, {}),
+        environment=_WithoutMujoco(folder, folder, {}),
         read=lambda _: data,
         meant=lambda _: did_you_mean(path, ("stack.yaml",)),
     )

@@ -8,8 +8,8 @@ from pathlib import Path
 from secrets import token_hex
 from typing import Final
 
+from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
 from obk_cli.errors import CommandFailedError
-from obk_cli.source import LONGEST_FILE_BYTES
 
 __all__ = [
     "STANDARD_INPUT",

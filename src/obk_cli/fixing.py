@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from obk_cli.diagnostics import Diagnostic
-from obk_cli.edits import Edit, apply_edits, touched_lines
-from obk_cli.lower import lower_stack
-from obk_cli.pipeline import Options, Outcome, compile_config
-from obk_cli.plan import Origin, Plan
-from obk_cli.source import SourceFile
+from obk_cli.compiler import Options, Outcome, compile_config
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.edits import Edit, apply_edits, touched_lines
+from obk_cli.diagnostics.source import SourceFile
+from obk_cli.plan.lower import lower_stack
+from obk_cli.plan.plan import Origin, Plan
 
 __all__ = ["Fixed", "fix_config"]
 

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from obk_cli.source import line_end_of
+from obk_cli.diagnostics.source import line_end_of
 
 __all__ = ["JsoncError", "read_jsonc", "set_member"]
 

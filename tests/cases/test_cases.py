@@ -11,11 +11,11 @@ from typing import Any
 import jsonschema
 import pytest
 
-from obk_cli.codes import RULES
-from obk_cli.pipeline import Options, Outcome, compile_config
+from obk_cli.compiler import Options, Outcome, compile_config
+from obk_cli.diagnostics.rules import RULES
 from obk_cli.report.sarif import report_sarif
 from obk_cli.report.text import report_text
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 
 HERE = Path(__file__).parent
@@ -23,9 +23,9 @@ WORKSPACE = HERE / "workspace"
 SARIF = jsonschema.Draft202012Validator(json.loads((HERE / "sarif.schema.json").read_text()))
 ENVIRONMENT = {"OBK_CASE_PKG": "demo", "HOME": "/home/ada"}
 WITHOUT_CASE = {
-    "OBK001": "tests/unit/obk_cli/test_pipeline.py",
-    "OBK007": "tests/unit/obk_cli/test_parse.py",
-    "OBK300": "tests/unit/obk_cli/test_check_model.py",
+    "OBK001": "tests/unit/obk_cli/test_compiler.py",
+    "OBK007": "tests/unit/obk_cli/config/test_yaml_parser.py",
+    "OBK300": "tests/unit/obk_cli/check/test_simulation.py",
 }
 """Codes whose fault is not a text of a few lines -> the tests that show them."""
 
@@ -46,15 +46,15 @@ def cases(kind: str) -> list[object]:
 def compile_case(path: Path, monkeypatch: pytest.MonkeyPatch) -> Outcome:
     """Compile a case from its own folder, with the cases' workspace for packages."""
     monkeypatch.chdir(path.parent)
-    surroundings = MachineSurroundings(path.parent, path.parent, ENVIRONMENT)
-    surroundings.packages = PackageIndex(workspaces=(WORKSPACE,), prefixes=())
+    environment = MachineEnvironment(path.parent, path.parent, ENVIRONMENT)
+    environment.packages = PackageIndex(workspaces=(WORKSPACE,), prefixes=())
     first = path.read_bytes().splitlines()[0].decode(errors="replace")
     overrides = (first.removeprefix("# set: "),) if first.startswith("# set: ") else ()
     options = Options(
-        environment=ENVIRONMENT,
+        variables=ENVIRONMENT,
         working_folder=path.parent,
         overrides=overrides,
-        surroundings=surroundings,
+        environment=environment,
     )
     return compile_config(path.name, options)
 

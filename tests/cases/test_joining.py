@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.compiler import Options
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.joining.join import Joined, join_node
 from obk_cli.joining.newcomer import read_newcomer
 from obk_cli.joining.refusal import Refused
 from obk_cli.joining.tell import joined_lines
-from obk_cli.pipeline import Options
-from obk_cli.source import SourceFile
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 
 HERE = Path(__file__).parent
@@ -25,9 +25,9 @@ CASES = sorted((HERE / "joining").glob("*.yaml"))
 
 def options() -> Options:
     folder = HERE / "joining"
-    surroundings = MachineSurroundings(folder, folder, {})
-    surroundings.packages = PackageIndex(workspaces=(HERE / "workspace",), prefixes=())
-    return Options(environment={}, working_folder=folder, surroundings=surroundings)
+    environment = MachineEnvironment(folder, folder, {})
+    environment.packages = PackageIndex(workspaces=(HERE / "workspace",), prefixes=())
+    return Options(variables={}, working_folder=folder, environment=environment)
 
 
 def join(path: Path, text: str) -> Joined | Refused:

@@ -9,13 +9,13 @@ import jsonschema
 import pytest
 import yaml
 
+from obk_cli.compiler import Options, compile_config
 from obk_cli.emit.forms import FORMS as PRINTED_FORMS
 from obk_cli.emit.forms import Form
 from obk_cli.emit.graph import graph_of
 from obk_cli.emit.terminal import emit_terminal
-from obk_cli.pipeline import Options, compile_config
-from obk_cli.plan import Plan
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.plan.plan import Plan
+from obk_cli.workspace.environment import MachineEnvironment
 
 HERE = Path(__file__).parent
 DRAWING = Form(lambda plan: emit_terminal(graph_of(plan)), ".txt")
@@ -27,8 +27,8 @@ PRINT_ALL_FORMS = """
 import sys
 from pathlib import Path
 from obk_cli.emit.forms import FORMS
-from obk_cli.pipeline import Options, compile_config
-options = Options(environment={}, working_folder=Path.cwd(), ignore=("OBK4",))
+from obk_cli.compiler import Options, compile_config
+options = Options(variables={}, working_folder=Path.cwd(), ignore=("OBK4",))
 for name in sys.argv[1:]:
     plan = compile_config(f"examples/{name}", options).plan
     for form in FORMS.values():
@@ -43,7 +43,7 @@ def golden(name: str, form: str) -> Path:
 
 
 def compile_example(name: str, repository: Path) -> Plan:
-    options = Options(environment={}, working_folder=repository, ignore=("OBK4", "OBK300"))
+    options = Options(variables={}, working_folder=repository, ignore=("OBK4", "OBK300"))
     outcome = compile_config(f"examples/{name}", options)
     assert outcome.plan is not None, outcome.diagnostics
     return outcome.plan
@@ -103,8 +103,8 @@ def test_another_yaml_reader_finds_the_plans_parameters(name: str) -> None:
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_robot_has_no_finding(name: str, repository: Path) -> None:
     config = repository / "examples" / name
-    surroundings = MachineSurroundings(config.parent, repository, {})
-    options = Options(environment={}, working_folder=repository, surroundings=surroundings)
+    environment = MachineEnvironment(config.parent, repository, {})
+    options = Options(variables={}, working_folder=repository, environment=environment)
     outcome = compile_config(str(config), options)
     assert outcome.plan is not None
     assert outcome.diagnostics == ()

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.diagnostics import Diagnostic
-from obk_cli.pipeline import Options, Outcome, compile_config
+from obk_cli.compiler import Options, Outcome, compile_config
+from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.report.text import report_text
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 
 HERE = Path(__file__).parent
@@ -59,11 +59,9 @@ def clean(path: Path) -> str:
 
 def compiled(path: Path, monkeypatch: pytest.MonkeyPatch) -> Outcome:
     monkeypatch.chdir(path.parent)
-    surroundings = MachineSurroundings(path.parent, path.parent, ENVIRONMENT)
-    surroundings.packages = PackageIndex(workspaces=(WORKSPACE,), prefixes=())
-    options = Options(
-        environment=ENVIRONMENT, working_folder=path.parent, surroundings=surroundings
-    )
+    environment = MachineEnvironment(path.parent, path.parent, ENVIRONMENT)
+    environment.packages = PackageIndex(workspaces=(WORKSPACE,), prefixes=())
+    options = Options(variables=ENVIRONMENT, working_folder=path.parent, environment=environment)
     return compile_config(path.name, options)
 
 

@@ -13,16 +13,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from obelisk_spec.yaml_core import YamlTextError, core_scalar, load_yaml_core
-from obk_cli.diagnostics import Diagnostic, worst
-from obk_cli.parse import decode_source, parse_source
-from obk_cli.pipeline import Options, compile_config, compile_source
+from obk_cli.compiler import Options, compile_config, compile_source
+from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
+from obk_cli.config.yaml_parser import decode_source, parse_source
+from obk_cli.diagnostics.diagnostic import Diagnostic, worst
+from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.report.github import report_github
 from obk_cli.report.json import report_json
 from obk_cli.report.sarif import report_sarif
 from obk_cli.report.text import report_text
-from obk_cli.source import SourceFile, Span
-from obk_cli.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 
 CORPUS = Path(__file__).resolve().parents[3] / "shared/corpus"
@@ -49,12 +49,12 @@ ENOUGH = settings(max_examples=150, deadline=None)
 
 
 @cache
-def surroundings() -> MachineSurroundings:
+def environment() -> MachineEnvironment:
     """Packages whose code and models are there, so that every check has something to look at.
 
     The same for all texts: what the packages say is read once.
     """
-    world = MachineSurroundings(Path.cwd(), Path.cwd(), {})
+    world = MachineEnvironment(Path.cwd(), Path.cwd(), {})
     world.packages = PackageIndex(
         workspaces=(TESTS / "cases" / "workspace",), prefixes=(Path(sys.prefix),)
     )
@@ -62,7 +62,7 @@ def surroundings() -> MachineSurroundings:
 
 
 def compiled(text: str) -> tuple[Diagnostic, ...]:
-    options = Options(environment={}, working_folder=Path.cwd(), surroundings=surroundings())
+    options = Options(variables={}, working_folder=Path.cwd(), environment=environment())
     outcome = compile_source(SourceFile.of("<text>", text), options)
     report_text(outcome.diagnostics, colour=True)
     return outcome.diagnostics
@@ -101,7 +101,7 @@ def test_any_file_is_compiled_or_refused(data: bytes) -> None:
         file.write(data)
         file.flush()
         outcome = compile_config(
-            file.name, Options(environment={}, working_folder=Path(file.name).parent)
+            file.name, Options(variables={}, working_folder=Path(file.name).parent)
         )
     assert outcome.plan is None or worst(outcome.diagnostics) != "error"
     for voice in (report_github, report_sarif):

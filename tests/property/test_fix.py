@@ -6,9 +6,9 @@ from pathlib import Path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from obk_cli.compiler import Options
 from obk_cli.fixing import Fixed, fix_config
-from obk_cli.pipeline import Options
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 
 CORPUS = Path(__file__).resolve().parents[3] / "shared" / "corpus"
@@ -18,12 +18,12 @@ ENOUGH = settings(max_examples=80, deadline=None)
 
 def fixed(text: str, folder: Path) -> Fixed:
     """The cures of a text that is on no disk."""
-    surroundings = MachineSurroundings(folder, folder, {})
-    surroundings.packages = PackageIndex(workspaces=(), prefixes=())
+    environment = MachineEnvironment(folder, folder, {})
+    environment.packages = PackageIndex(workspaces=(), prefixes=())
     options = Options(
-        environment={},
+        variables={},
         working_folder=folder,
-        surroundings=surroundings,
+        environment=environment,
         read=lambda path: text.encode() if path == "c.yaml" else "there is no such file",
     )
     return fix_config("c.yaml", options, lambda path: path.name == "c.yaml")

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from obk_cli.config.environment import ModelRead
 from obk_cli.scaffold.model import read_model_text
-from obk_cli.surroundings import ModelRead
 from obk_cli.workspace.mjcf_locations import mjcf_elements, mjcf_files
 from obk_cli.workspace.model_subprocess import read_model_bounded
 

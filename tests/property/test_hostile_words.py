@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 
 from obelisk_spec.runtime_protocol import Rate, parse_rate, rate_values
 from obk_cli.cli.commands import _complain
+from obk_cli.compiler import Options, compile_config, compile_source
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.launch.events import OutputEvent
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.table import monitor_text
-from obk_cli.pipeline import Options, compile_config, compile_source
 from obk_cli.report.building import report_problems
 from obk_cli.report.github import report_github
 from obk_cli.report.launch import LaunchReport
@@ -26,7 +27,6 @@ from obk_cli.report.text import report_text
 from obk_cli.runs.logs import last_lines, read_lines
 from obk_cli.runs.protocol import NodeStatus, StackStatus
 from obk_cli.scaffold.names import check_name, suggest_name
-from obk_cli.source import SourceFile
 from obk_interfaces import PackageError, Prefixes, load_package
 from obk_interfaces.definition import check_package
 
@@ -186,7 +186,7 @@ def test_what_a_config_and_its_environment_say_moves_no_terminal(
     said: str, variable: str, raw: str
 ) -> None:
     escaped = "".join(f"\\x{ord(c):02x}" if ord(c) < 256 else c for c in said)
-    options = Options(environment={"A": variable, "B": raw}, working_folder=Path("/nowhere"))
+    options = Options(variables={"A": variable, "B": raw}, working_folder=Path("/nowhere"))
     for text in (CONFIG.format(escaped), CONFIG.format(said)):
         found = compile_source(SourceFile.of("c.yaml", text), options).diagnostics
         assert_shows_only_text(report_text(found, colour=False, verbose=True).split("\n"))
@@ -200,7 +200,7 @@ def test_files_that_include_one_another_are_merged_or_refused(texts: dict[str, b
         for name, data in texts.items():
             Path(folder, f"{name}.yaml").write_bytes(data)
         first = Path(folder, f"{min(texts)}.yaml")
-        compile_config(str(first), Options(environment={"A": "a"}, working_folder=Path(folder)))
+        compile_config(str(first), Options(variables={"A": "a"}, working_folder=Path(folder)))
 
 
 @FEW

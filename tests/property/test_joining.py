@@ -9,16 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from obelisk_spec.messages import resolve_msg_type
-from obk_cli.config import Node
+from obk_cli.compiler import Options, Outcome, compile_source
+from obk_cli.config.model import Node
+from obk_cli.config.topology import node_ends
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.joining.join import Joined, join_node
 from obk_cli.joining.newcomer import Newcomer, read_newcomer
 from obk_cli.joining.refusal import Refused
-from obk_cli.pipeline import Options, Outcome, compile_source
 from obk_cli.scaffold.questions import Answers, MessageType
 from obk_cli.scaffold.snippet import config_snippet
-from obk_cli.source import SourceFile
-from obk_cli.wiring import node_ends
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -59,9 +59,9 @@ def newcomer(kind: str, sensor: str = "ObkJointEncoders") -> Newcomer:
 
 
 def options(folder: Path, *ignore: str) -> Options:
-    surroundings = MachineSurroundings(folder, folder, {})
-    surroundings.packages = PackageIndex(workspaces=(CORPUS,), prefixes=())
-    return Options(environment={}, working_folder=folder, surroundings=surroundings, ignore=ignore)
+    environment = MachineEnvironment(folder, folder, {})
+    environment.packages = PackageIndex(workspaces=(CORPUS,), prefixes=())
+    return Options(variables={}, working_folder=folder, environment=environment, ignore=ignore)
 
 
 def is_subsequence(part: str, whole: str) -> bool:

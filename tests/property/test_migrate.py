@@ -9,10 +9,10 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from obk_cli.compiler import Options, compile_source
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.migrate.rewrite import migrate_source
-from obk_cli.pipeline import Options, compile_source
-from obk_cli.source import SourceFile
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,12 +24,12 @@ ENOUGH = settings(max_examples=150, deadline=None)
 
 def plan_of(path: Path, text: str) -> dict[str, object]:
     """The plan without its places; what is wrong in the wiring and the surroundings is ignored."""
-    surroundings = MachineSurroundings(path.parent, path.parent, {})
-    surroundings.packages = PackageIndex(workspaces=(CORPUS,), prefixes=())
+    environment = MachineEnvironment(path.parent, path.parent, {})
+    environment.packages = PackageIndex(workspaces=(CORPUS,), prefixes=())
     options = Options(
-        environment={},
+        variables={},
         working_folder=path.parent,
-        surroundings=surroundings,
+        environment=environment,
         ignore=("OBK1", "OBK2", "OBK3", "OBK4", "OBK5"),
     )
     outcome = compile_source(SourceFile.of(str(path), text), options)

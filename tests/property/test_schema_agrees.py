@@ -14,9 +14,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from obelisk_spec.yaml_core import load_yaml_core
-from obk_cli.pipeline import Options, compile_source
-from obk_cli.source import SourceFile
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.compiler import Options, compile_source
+from obk_cli.diagnostics.source import SourceFile
+from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 
 ROOT = Path(__file__).parents[2]
@@ -80,9 +80,9 @@ def shape_faults(config: dict[str, Any], environment: dict[str, str]) -> list[st
     """What the checker has to say about the shape alone."""
     text = yaml.safe_dump(config, sort_keys=False, allow_unicode=True)
     assert load_yaml_core(text) == config
-    surroundings = MachineSurroundings(ROOT, ROOT, environment)
-    surroundings.packages = PackageIndex(workspaces=(), prefixes=())
-    options = Options(environment=environment, working_folder=ROOT, surroundings=surroundings)
+    machine = MachineEnvironment(ROOT, ROOT, environment)
+    machine.packages = PackageIndex(workspaces=(), prefixes=())
+    options = Options(variables=environment, working_folder=ROOT, environment=machine)
     diagnostics = compile_source(SourceFile.of("<text>", text), options).diagnostics
     return [f"{fault.code} {fault.message}" for fault in diagnostics if fault.code in SHAPE_CODES]
 

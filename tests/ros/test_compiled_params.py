@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.compiler import Options, compile_config
 from obk_cli.emit.launch_file import emit_launch_file
 from obk_cli.emit.params import emit_params
-from obk_cli.pipeline import Options, compile_config
-from obk_cli.plan import Origin, Plan, Process
+from obk_cli.plan.plan import Origin, Plan, Process
 
 READ = """
 import json, sys, rclpy
@@ -40,7 +40,7 @@ def read_by_ros(path: Path, process: Process) -> dict[str, object]:
 def test_each_node_of_the_example_reads_its_own_from_the_common_file(
     repository: Path, tmp_path: Path
 ) -> None:
-    options = Options(environment={}, working_folder=repository, ignore=("OBK4",))
+    options = Options(variables={}, working_folder=repository, ignore=("OBK4",))
     plan = compile_config(str(repository / "examples/dummy/dummy.yaml"), options).plan
     assert plan is not None
     path = tmp_path / "dummy.params.yaml"

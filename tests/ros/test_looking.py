@@ -293,7 +293,7 @@ from obk_cli.cli.main import main
 for words in {commands}:
     with contextlib.suppress(SystemExit):
         main(words.split())
-print("rclpy" in sys.modules or "obk_cli.config" in sys.modules)
+print("rclpy" in sys.modules or "obk_cli.config.model" in sys.modules)
 """
 
 

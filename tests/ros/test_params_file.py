@@ -9,7 +9,7 @@ import pytest
 
 from obelisk_spec.values import ParameterValue
 from obk_cli.emit.params import emit_params
-from obk_cli.plan import Origin, Process
+from obk_cli.plan.plan import Origin, Process
 
 NODE = """
 import json, sys, rclpy

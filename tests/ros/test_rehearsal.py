@@ -12,13 +12,13 @@ import pytest
 
 from obk_cli.cli.rehearse import OBK as OBK_MODULE
 from obk_cli.cli.rehearse import QUIETLY
+from obk_cli.compiler import Options, compile_config
 from obk_cli.faultinject.expectations import FAULTS, Allowances, Fault, make_cases
 from obk_cli.faultinject.report import rehearsal_text
 from obk_cli.faultinject.runner import LaunchSettings, run_cases
 from obk_cli.faultinject.verdict import Verdict
 from obk_cli.launch.process_groups import Unit, units_of
-from obk_cli.pipeline import Options, compile_config
-from obk_cli.plan import OnCrash
+from obk_cli.plan.plan import OnCrash
 
 from .stack import DEADLINE_S, DUMMY, OBK, eventually, marked, obk
 
@@ -31,7 +31,7 @@ HANG_S = 5.0
 
 
 def units(*, together: bool = False) -> tuple[Unit, ...]:
-    options = Options(environment=dict(os.environ), working_folder=DUMMY.parent)
+    options = Options(variables=dict(os.environ), working_folder=DUMMY.parent)
     plan = compile_config(str(DUMMY), options).plan
     assert plan is not None
     shared = [node.full_name for node in plan.processes] if together else []

@@ -3,9 +3,7 @@
 from collections.abc import Callable, Iterator
 
 from obk_cli.check.code import check_code
-from obk_cli.check.components import check_callback_groups, check_components
-from obk_cli.check.control import check_controls
-from obk_cli.check.graph import check_node_names, check_required_sections
+from obk_cli.check.context import CheckContext
 from obk_cli.check.loop import (
     check_control_topics,
     check_loop,
@@ -13,20 +11,25 @@ from obk_cli.check.loop import (
     check_timers,
 )
 from obk_cli.check.messages import check_message_types
-from obk_cli.check.model import check_models
+from obk_cli.check.nodes import (
+    check_callback_groups,
+    check_components,
+    check_node_names,
+    check_required_sections,
+)
 from obk_cli.check.packages import check_executables, check_files
-from obk_cli.check.simulator import check_sim_blocks
+from obk_cli.check.simulation import check_controls, check_models, check_sim_blocks
 from obk_cli.check.style import check_defaults, check_homes
-from obk_cli.check.topics import check_dangling, check_doubles, check_qos
-from obk_cli.check.types import check_types
+from obk_cli.check.topics import check_dangling, check_doubles, check_qos, check_types
 from obk_cli.check.watchdog import check_watchdogs
-from obk_cli.config import Stack
-from obk_cli.diagnostics import Diagnostic
-from obk_cli.surroundings import Surroundings
+from obk_cli.config.environment import Environment
+from obk_cli.config.model import Stack
+from obk_cli.config.topology import Topology
+from obk_cli.diagnostics.diagnostic import Diagnostic
 
 __all__ = ["CHECKS", "WHOLE_CHECKS", "Check", "check_stack"]
 
-Check = Callable[[Stack, Surroundings], Iterator[Diagnostic]]
+Check = Callable[[CheckContext], Iterator[Diagnostic]]
 
 CHECKS: tuple[Check, ...] = (
     check_components,
@@ -56,8 +59,10 @@ WHOLE_CHECKS: tuple[Check, ...] = (check_required_sections, check_dangling, chec
 
 
 def check_stack(
-    stack: Stack, surroundings: Surroundings, *, is_whole: bool
+    stack: Stack, environment: Environment, *, is_whole: bool
 ) -> tuple[Diagnostic, ...]:
     """The findings of all checks; `is_whole` says whether every included file was read."""
     checks = (*CHECKS, *(WHOLE_CHECKS if is_whole else ()))
-    return tuple(fault for check in checks for fault in check(stack, surroundings))
+    topology = Topology.of(stack)
+    context = CheckContext(stack=stack, topology=topology, environment=environment)
+    return tuple(fault for check in checks for fault in check(context))

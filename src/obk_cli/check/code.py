@@ -6,12 +6,18 @@ from difflib import SequenceMatcher
 from obelisk_spec.messages import resolve_msg_type
 from obelisk_spec.suggestions import ask_for, did_you_mean, list_names, near_names
 from obelisk_spec.wording import with_article
-from obk_cli.config import Component, Node, Parameter, Spanned, Stack
-from obk_cli.cures import append_to
-from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.edits import Edit
-from obk_cli.node_code import CodeComponent, CodeFault, CodeParameter, NodeCode, kind_of_value
-from obk_cli.surroundings import Surroundings
+from obk_cli.check.context import CheckContext
+from obk_cli.config.fixes import append_to
+from obk_cli.config.model import Component, Node, Parameter, Spanned
+from obk_cli.config.node_facts import (
+    CodeComponent,
+    CodeFault,
+    CodeParameter,
+    NodeFacts,
+    kind_of_value,
+)
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.edits import Edit
 
 __all__ = ["check_code"]
 
@@ -21,23 +27,23 @@ _PREFIXES_OF_EVERY_NODE = ("qos_overrides.", "diagnostic_updater.")
 _SETTINGS = "obelisk_settings"
 
 
-def check_code(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+def check_code(context: CheckContext) -> Iterator[Diagnostic]:
     """Every node whose source can be read, against it."""
     told: set[tuple[str, str]] = set()
-    for node in stack.nodes:
+    for node in context.stack.nodes:
         if node.pkg is None or node.executable is None:
             continue
         command = (node.pkg.value, node.executable.value)
-        code = surroundings.read_node_code(*command)
-        if isinstance(code, CodeFault | NodeCode) and command not in told:
+        code = context.environment.read_node_code(*command)
+        if isinstance(code, CodeFault | NodeFacts) and command not in told:
             told.add(command)
             yield from _check_source(code, node.executable)
-        if isinstance(code, NodeCode):
+        if isinstance(code, NodeFacts):
             yield from _check_components(node, node.executable, code)
             yield from _check_parameters(node, code)
 
 
-def _check_source(code: NodeCode | CodeFault, executable: Spanned[str]) -> Iterator[Diagnostic]:
+def _check_source(code: NodeFacts | CodeFault, executable: Spanned[str]) -> Iterator[Diagnostic]:
     """What is wrong whatever the config says; told once for an executable."""
     if isinstance(code, CodeFault):
         related = (Related(message="in the source", span=code.span),) if code.span else ()
@@ -66,7 +72,9 @@ def _check_source(code: NodeCode | CodeFault, executable: Spanned[str]) -> Itera
         )
 
 
-def _check_components(node: Node, executable: Spanned[str], code: NodeCode) -> Iterator[Diagnostic]:
+def _check_components(
+    node: Node, executable: Spanned[str], code: NodeFacts
+) -> Iterator[Diagnostic]:
     matched, only_config, only_code = _matched(node, code)
     for component, registered in matched:
         yield from _check_type(component, registered, code)
@@ -86,7 +94,7 @@ def _check_components(node: Node, executable: Spanned[str], code: NodeCode) -> I
 
 
 def _matched(
-    node: Node, code: NodeCode
+    node: Node, code: NodeFacts
 ) -> tuple[list[tuple[Component, CodeComponent]], list[Component], list[CodeComponent]]:
     """The components that both sides know, those that one side knows only."""
     by_parameter = {parameter.name for parameter in node.params}
@@ -117,7 +125,7 @@ def _nearest(component: Component, candidates: Sequence[CodeComponent]) -> CodeC
 
 
 def _not_registered(
-    component: Component, meant: CodeComponent | None, code: NodeCode
+    component: Component, meant: CodeComponent | None, code: NodeFacts
 ) -> Diagnostic:
     assert component.name is not None  # nameless ones are not compared
     name = component.name
@@ -146,7 +154,7 @@ def _not_registered(
 
 
 def _not_configured(
-    registered: CodeComponent, node: Node, executable: Spanned[str], code: NodeCode
+    registered: CodeComponent, node: Node, executable: Spanned[str], code: NodeFacts
 ) -> Iterator[Diagnostic]:
     if not registered.is_named_in_full or registered.has_default:
         return
@@ -174,7 +182,7 @@ def _not_configured(
 
 
 def _check_type(
-    component: Component, registered: CodeComponent, code: NodeCode
+    component: Component, registered: CodeComponent, code: NodeFacts
 ) -> Iterator[Diagnostic]:
     if component.msg_type is None or registered.msg_type is None:
         return
@@ -198,7 +206,7 @@ def _shortest(msg_type: str) -> str:
     return bare if resolve_msg_type(bare) == msg_type else msg_type.replace("/msg/", "/")
 
 
-def _check_parameters(node: Node, code: NodeCode) -> Iterator[Diagnostic]:
+def _check_parameters(node: Node, code: NodeFacts) -> Iterator[Diagnostic]:
     by_name = {declared.name: declared for declared in code.parameters}
     for parameter in node.params:
         declared = by_name.get(parameter.name)
@@ -211,7 +219,7 @@ def _check_parameters(node: Node, code: NodeCode) -> Iterator[Diagnostic]:
 
 
 def _check_kind(
-    parameter: Parameter, declared: CodeParameter, code: NodeCode
+    parameter: Parameter, declared: CodeParameter, code: NodeFacts
 ) -> Iterator[Diagnostic]:
     written = kind_of_value(parameter.value)
     if written is None or declared.kind is None or declared.kind == written:
@@ -234,7 +242,7 @@ def _check_kind(
     )
 
 
-def _undeclared(parameter: Parameter, code: NodeCode) -> Diagnostic:
+def _undeclared(parameter: Parameter, code: NodeFacts) -> Diagnostic:
     settings = {s for c in code.components for s in (c.ros_parameter,) if s}
     own = [
         declared.name

@@ -3,10 +3,10 @@
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 
-from obk_cli.config import Node, Spanned, Stack
-from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.surroundings import Surroundings
-from obk_cli.wiring import TopicEnd, node_ends, stack_ends
+from obk_cli.check.context import CheckContext
+from obk_cli.config.model import Node, Spanned
+from obk_cli.config.topology import TopicEnd
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
 __all__ = ["check_control_topics", "check_loop", "check_periods", "check_timers"]
 
@@ -20,18 +20,18 @@ _LEAST_RATE, _MOST_RATE = 10.0, 100_000.0
 """A period [s] between them is more likely to be a rate [Hz]."""
 
 
-def check_loop(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_loop(context: CheckContext) -> Iterator[Diagnostic]:
     """What the robot measures comes back to it as a control; not asked where a topic dangles."""
-    ends = tuple(stack_ends(stack))
+    ends = context.topology.ends
     senders: dict[str, set[str]] = defaultdict(set)
     for end in ends:
         if end.direction == "publishes":
             senders[end.topic].add(end.owner)
-    reached = {node.full_name for s in ("robot", "sensing") for node in stack.section(s)}
+    reached = {node.full_name for s in ("robot", "sensing") for node in context.stack.section(s)}
     for before, section, what in _HOPS:
-        nodes = list(stack.section(section))
+        nodes = list(context.stack.section(section))
         everyone = {node.full_name for node in nodes}
-        earlier = {node.full_name for name in before for node in stack.section(name)}
+        earlier = {node.full_name for name in before for node in context.stack.section(name)}
         heard = [e for e in ends if e.section == section and e.direction == "subscribes"]
         linked = _reached(heard, senders, reached)
         if everyone and earlier and not linked and all(e.topic in senders for e in heard):
@@ -58,9 +58,9 @@ def _reached(heard: list[TopicEnd], senders: Mapping[str, set[str]], start: set[
         reached |= more
 
 
-def check_control_topics(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_control_topics(context: CheckContext) -> Iterator[Diagnostic]:
     """A topic that the robot obeys has one controller that publishes it."""
-    ends = tuple(stack_ends(stack))
+    ends = context.topology.ends
     obeyed = {e.topic for e in ends if e.section == "robot" and e.direction == "subscribes"}
     commanders: dict[str, list[TopicEnd]] = defaultdict(list)
     for end in ends:
@@ -78,14 +78,14 @@ def check_control_topics(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
                 )
 
 
-def check_timers(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_timers(context: CheckContext) -> Iterator[Diagnostic]:
     """A node's timer is not faster than everything that the node hears."""
     rates: dict[str, float | None] = {}
-    for end in stack_ends(stack):
+    for end in context.topology.ends:
         if end.direction == "publishes":
             rates[end.topic] = end.rate_hz if end.topic not in rates else None
-    for node in stack.nodes:
-        inputs = [rates.get(end.topic) for end in node_ends(node) if end.direction == "subscribes"]
+    for node, ends in context.topology.by_node:
+        inputs = [rates.get(end.topic) for end in ends if end.direction == "subscribes"]
         known = [rate for rate in inputs if rate is not None]
         if known and len(known) == len(inputs):
             yield from _check_node_timers(node, max(known))
@@ -103,9 +103,9 @@ def _check_node_timers(node: Node, fastest_hz: float) -> Iterator[Diagnostic]:
             )
 
 
-def check_periods(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_periods(context: CheckContext) -> Iterator[Diagnostic]:
     """No period is so long that a rate was probably meant."""
-    for node in stack.nodes:
+    for node in context.stack.nodes:
         for name, period in _periods(node):
             if _LEAST_RATE <= period.value <= _MOST_RATE:
                 yield found(

@@ -12,11 +12,12 @@ from obelisk_spec.messages import (
     sure_msg_type,
 )
 from obelisk_spec.suggestions import ask_for, did_you_mean, list_names, near_names, sure_name
-from obk_cli.config import Spanned, Stack
-from obk_cli.cures import respell
-from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.node_code import CodeComponent, NodeCode
-from obk_cli.surroundings import Surroundings
+from obk_cli.check.context import CheckContext
+from obk_cli.config.environment import Environment
+from obk_cli.config.fixes import respell
+from obk_cli.config.model import Spanned
+from obk_cli.config.node_facts import CodeComponent, NodeFacts
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
 __all__ = ["check_message_types"]
 
@@ -25,26 +26,26 @@ _OF_A_CLASS: Final = re.compile(r"::|\.")
 """What stands between the parts of a type in C++, and in Python."""
 
 
-def check_message_types(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+def check_message_types(context: CheckContext) -> Iterator[Diagnostic]:
     """Every type that config or code names exists; of packages that are here, by their sources."""
     told: set[tuple[str, str]] = set()
     written = {
         _package(component.msg_type.value)
-        for node in stack.nodes
+        for node in context.stack.nodes
         for component in node.components
         if component.msg_type is not None
     }
-    for node in stack.nodes:
+    for node in context.stack.nodes:
         for component in node.components:
             if component.msg_type is not None:
-                yield from _check(component.msg_type, surroundings)
+                yield from _check(component.msg_type, context.environment)
         if node.pkg is None or node.executable is None:
             continue
         command = (node.pkg.value, node.executable.value)
-        code = surroundings.read_node_code(*command)
-        if isinstance(code, NodeCode) and command not in told:
+        code = context.environment.read_node_code(*command)
+        if isinstance(code, NodeFacts) and command not in told:
             told.add(command)
-            yield from _check_code(code, node.executable, surroundings, told=written)
+            yield from _check_code(code, node.executable, context.environment, told=written)
 
 
 def _package(msg_type: str) -> str:
@@ -52,19 +53,19 @@ def _package(msg_type: str) -> str:
     return msg_type.partition("/")[0] if "/" in msg_type else ""
 
 
-def _check(written: Spanned[str], surroundings: Surroundings) -> Iterator[Diagnostic]:
+def _check(written: Spanned[str], environment: Environment) -> Iterator[Diagnostic]:
     full = resolve_msg_type(written.value)
     if full is None:
-        yield _unknown(written, surroundings)
+        yield _unknown(written, environment)
         return
     package, _, name = full.partition("/msg/")
     if _is_known(package, name):
         return
-    names = surroundings.message_names(package)
+    names = environment.message_names(package)
     if names is None:
         # The usual packages of ROS need not be where configs are checked.
         if package not in ROS_MESSAGES:
-            yield _no_package(written, package, surroundings)
+            yield _no_package(written, package, environment)
     elif name not in names:
         yield _not_in_package(written, package, name, names)
 
@@ -74,9 +75,9 @@ def _is_known(package: str, name: str) -> bool:
 
 
 def _check_code(
-    code: NodeCode,
+    code: NodeFacts,
     executable: Spanned[str],
-    surroundings: Surroundings,
+    environment: Environment,
     *,
     told: Collection[str],
 ) -> Iterator[Diagnostic]:
@@ -87,7 +88,7 @@ def _check_code(
         package, _, name = msg_type.partition("/msg/")
         if name in ROS_MESSAGES.get(package, ()):
             continue
-        names = OBELISK_MESSAGES.get(package) or surroundings.message_names(package)
+        names = OBELISK_MESSAGES.get(package) or environment.message_names(package)
         if names is not None and name not in names:
             yield found(
                 "OBK410",
@@ -101,21 +102,21 @@ def _check_code(
                 "OBK411",
                 f"`{executable.value}` cannot start: message package `{package}` is not found",
                 executable.span,
-                help=_near_package(package, surroundings),
+                help=_near_package(package, environment),
                 related=(_place(component, code),),
             )
 
 
-def _place(component: CodeComponent, code: NodeCode) -> Related:
+def _place(component: CodeComponent, code: NodeFacts) -> Related:
     if component.is_of_library:
         return Related(message="the class", span=code.span)
     return Related(message="in the code", span=component.span)
 
 
-def _unknown(written: Spanned[str], surroundings: Surroundings) -> Diagnostic:
+def _unknown(written: Spanned[str], environment: Environment) -> Diagnostic:
     """A bare name that is none of the usual ones, or text that can be no type."""
     name = written.value
-    own = _own_types(surroundings) if "/" not in name else {}
+    own = _own_types(environment) if "/" not in name else {}
     near = tuple(own[bare] for bare in near_names(name, own)) or near_msg_types(name)
     meant = own.get(name) or sure_msg_type(name)
     as_class = _OF_A_CLASS.sub("/", name)
@@ -130,13 +131,13 @@ def _unknown(written: Spanned[str], surroundings: Surroundings) -> Diagnostic:
     )
 
 
-def _own_types(surroundings: Surroundings) -> dict[str, str]:
+def _own_types(environment: Environment) -> dict[str, str]:
     """Bare name -> as it is to be written, of the messages in the workspace."""
     return {
         name: f"{package}/{name}"
-        for package in surroundings.message_packages()
+        for package in environment.message_packages()
         if package not in OBELISK_MESSAGES
-        for name in surroundings.message_names(package) or ()
+        for name in environment.message_names(package) or ()
     }
 
 
@@ -156,17 +157,17 @@ def _not_in_package(
     )
 
 
-def _no_package(written: Spanned[str], package: str, surroundings: Surroundings) -> Diagnostic:
+def _no_package(written: Spanned[str], package: str, environment: Environment) -> Diagnostic:
     return found(
         "OBK411",
         f"message type `{written.value}`: package `{package}` is not found",
         written.span,
-        help=_near_package(package, surroundings),
+        help=_near_package(package, environment),
     )
 
 
-def _near_package(package: str, surroundings: Surroundings) -> str:
-    known = {*surroundings.message_packages(), *OBELISK_MESSAGES, *ROS_MESSAGES}
+def _near_package(package: str, environment: Environment) -> str:
+    known = {*environment.message_packages(), *OBELISK_MESSAGES, *ROS_MESSAGES}
     meant = sure_name(package, known)
     near = ask_for((meant,) if meant else near_names(package, known))
     return near or _NO_PACKAGE_HELP

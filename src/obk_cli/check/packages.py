@@ -5,27 +5,49 @@ from collections.abc import Iterator
 
 from obelisk_spec.names import package_name_fault
 from obelisk_spec.suggestions import ask_for, did_you_mean, near_names
-from obk_cli.check.files import no_such_package, where_it_is_not
-from obk_cli.config import (
+from obk_cli.check.context import CheckContext
+from obk_cli.config.environment import Environment, ExecutableMissing
+from obk_cli.config.model import (
     JOYSTICK_EXECUTABLE,
     JOYSTICK_PACKAGE,
     FileSearch,
     Spanned,
     Stack,
 )
-from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.source import Span
-from obk_cli.surroundings import ExecutableMissing, Surroundings
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.source import Span
 
-__all__ = ["check_executables", "check_files"]
+__all__ = ["check_executables", "check_files", "no_such_package", "where_it_is_not"]
 
 
-def check_executables(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+def where_it_is_not(search: FileSearch) -> str:
+    """A help line: files that may be meant, and the places that were tried."""
+    tried = f"tried {', '.join(str(path) for path in search.tried)}"
+    near = ask_for(search.near)
+    if search.written.value.startswith("~/"):
+        near = f"`~` is not expanded, write `${{HOME}}{search.written.value[1:]}`;"
+    return f"{near} {tried}" if near else tried
+
+
+def no_such_package(
+    search: FileSearch, package: Spanned[str], what: str, environment: Environment
+) -> Diagnostic:
+    """A finding about the `robot_pkg` that was to hold a file; `what` the file is."""
+    near = ask_for(near_names(package.value, environment.package_names()))
+    return found(
+        "OBK403",
+        f"package `{package.value}` of the {what} `{search.written.value}` is not found",
+        package.span,
+        help=near or where_it_is_not(search),
+    )
+
+
+def check_executables(context: CheckContext) -> Iterator[Diagnostic]:
     """Every node's package and executable are there; a missing package is told once."""
     missing: dict[str, list[Span]] = defaultdict(list)
     looked: dict[str, str] = {}
-    for package, executable in _wanted(stack):
-        answer = surroundings.find_executable(package.value, executable.value)
+    for package, executable in _wanted(context.stack):
+        answer = context.environment.find_executable(package.value, executable.value)
         if not isinstance(answer, ExecutableMissing):
             continue
         if answer.package_found:
@@ -34,7 +56,7 @@ def check_executables(stack: Stack, surroundings: Surroundings) -> Iterator[Diag
             missing[package.value].append(package.span)
             looked[package.value] = answer.looked
     for name, places in missing.items():
-        yield _no_package(name, places, looked[name], surroundings)
+        yield _no_package(name, places, looked[name], context.environment)
 
 
 def _wanted(stack: Stack) -> Iterator[tuple[Spanned[str], Spanned[str]]]:
@@ -62,10 +84,10 @@ def _no_package(
     package: str,
     places: list[Span],
     looked: str,
-    surroundings: Surroundings,
+    environment: Environment,
 ) -> Diagnostic:
     # Message packages have no executables, and their names are near those of everything.
-    names = [name for name in surroundings.package_names() if not name.endswith("_msgs")]
+    names = [name for name in environment.package_names() if not name.endswith("_msgs")]
     near = ask_for(near_names(package, names))
     return found(
         "OBK401",
@@ -76,9 +98,9 @@ def _no_package(
     )
 
 
-def check_files(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+def check_files(context: CheckContext) -> Iterator[Diagnostic]:
     """Files that are handed to nodes."""
-    for node in stack.nodes:
+    for node in context.stack.nodes:
         in_sims = (("config_path", file) for sim in node.sims for file in sim.files)
         for key, search in (("params_path", node.params_file), *in_sims):
             if search is not None and search.found is None:
@@ -86,7 +108,7 @@ def check_files(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic
         urdf = node.urdf_file
         if urdf is not None and urdf.found is None:
             if urdf.missing_package is not None and node.robot_pkg is not None:
-                yield no_such_package(urdf, node.robot_pkg, "description", surroundings)
+                yield no_such_package(urdf, node.robot_pkg, "description", context.environment)
             else:
                 yield _no_file("urdf", urdf)
 

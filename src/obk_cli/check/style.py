@@ -5,13 +5,13 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 
 from obelisk_spec.components import DEFAULT_HISTORY_DEPTH
-from obk_cli.config import Node, Sim, Stack
-from obk_cli.cures import remove_entry
-from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.edits import Edit
-from obk_cli.source import Span
-from obk_cli.surroundings import Surroundings
-from obk_cli.tree import Entry, TreeList, TreeMap, TreeScalar
+from obk_cli.check.context import CheckContext
+from obk_cli.config.fixes import remove_entry
+from obk_cli.config.model import Node, Sim
+from obk_cli.config.tree import Entry, TreeList, TreeMap, TreeScalar
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.edits import Edit
+from obk_cli.diagnostics.source import Span
 
 __all__ = ["check_defaults", "check_homes"]
 
@@ -27,9 +27,9 @@ _GROUP_DEFAULTS = {"history_depth": DEFAULT_HISTORY_DEPTH}
 _MOST_SHOWN = 2
 
 
-def check_homes(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_homes(context: CheckContext) -> Iterator[Diagnostic]:
     """No path leads into one person's home; one that `${HOME}` stands in is everybody's."""
-    for node in stack.nodes:
+    for node in context.stack.nodes:
         for span in _path_spans(node):
             home = _HOME.match(span.text)
             if home is not None:
@@ -51,11 +51,11 @@ def _path_spans(node: Node) -> Iterator[Span]:
     yield from (parameter.span for parameter in node.params if isinstance(parameter.value, str))
 
 
-def check_defaults(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_defaults(context: CheckContext) -> Iterator[Diagnostic]:
     """Keys that say what holds without them; one finding for a key, however often it stands."""
     places: dict[str, list[Span]] = defaultdict(list)
     cures: dict[str, list[Edit]] = defaultdict(list)
-    for node in stack.nodes:
+    for node in context.stack.nodes:
         for tree, entry in _written_defaults(node):
             written = f"{entry.key}: {entry.value.span.text}"
             places[written].append(entry.key_span)

@@ -1,41 +1,33 @@
-"""OBK203, OBK204, OBK206, OBK214: what is published and subscribed to, whether the ends fit."""
+"""OBK203 to OBK206, OBK214: what is published and subscribed to, and whether the ends fit."""
 
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 
 from obelisk_spec.messages import bare_name, resolve_msg_type
 from obelisk_spec.names import topic_name_fault
 from obelisk_spec.suggestions import comparable, sure_name
-from obk_cli.config import Qos, Spanned, Stack
-from obk_cli.cures import respell
-from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.surroundings import Surroundings
-from obk_cli.wiring import Direction, TopicEnd, may_be_one, node_ends, stack_ends
+from obk_cli.check.context import CheckContext
+from obk_cli.config.fixes import respell
+from obk_cli.config.model import Qos, Spanned, Stack
+from obk_cli.config.topology import Direction, TopicEnd, may_be_one
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
-__all__ = ["check_dangling", "check_doubles", "check_qos"]
+__all__ = ["check_dangling", "check_doubles", "check_qos", "check_types"]
 
 _MOST_SHOWN = 3
 _MOST_COMPARED = 20_000
 """Pairs of names; once as many are compared, what dangles is told without a suggestion."""
 
 
-def _by_topic(ends: Iterable[TopicEnd], direction: Direction) -> Mapping[str, list[TopicEnd]]:
-    topics: dict[str, list[TopicEnd]] = defaultdict(list)
-    for end in ends:
-        if end.direction == direction:
-            topics[end.topic].append(end)
-    return topics
-
-
-def check_dangling(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_dangling(context: CheckContext) -> Iterator[Diagnostic]:
     """Topics that are subscribed to and not published, and those published and not read."""
-    ends = tuple(stack_ends(stack))
-    published, subscribed = _by_topic(ends, "publishes"), _by_topic(ends, "subscribes")
+    ends = context.topology.ends
+    published, subscribed = context.topology.published, context.topology.subscribed
     publishers = _publishers_by_type(published)
     compared = 0
-    lost = _types_of_lost_publishers(stack, ends)
+    lost = _types_of_lost_publishers(context.stack, ends)
     suggested: set[str] = set()
     for end in ends:
         if end.direction == "publishes" or end.is_optional or end.topic in published:
@@ -93,7 +85,7 @@ def _dangling(end: TopicEnd, near: list[TopicEnd], meant: str | None) -> Diagnos
 _ByType = Mapping[str | None, Mapping[str, list[TopicEnd]]]
 
 
-def _publishers_by_type(published: Mapping[str, list[TopicEnd]]) -> _ByType:
+def _publishers_by_type(published: Mapping[str, tuple[TopicEnd, ...]]) -> _ByType:
     """Type -> topic -> its first publishers: two of them, as one may be the subscriber itself."""
     by_type: dict[str | None, dict[str, list[TopicEnd]]] = defaultdict(dict)
     for topic, ends in published.items():
@@ -165,11 +157,11 @@ def _clash(one: TopicEnd, other: TopicEnd) -> bool:
     return is_known and not may_be_one(one.msg_type, other.msg_type)
 
 
-def check_doubles(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
     """No node publishes a topic twice; of two types, and of one component, that is told already."""
-    for node in stack.nodes:
+    for _, ends in context.topology.by_node:
         firsts: dict[str, TopicEnd] = {}
-        for end in node_ends(node):
+        for end in ends:
             if end.direction == "subscribes":
                 continue
             first = firsts.setdefault(end.topic, end)
@@ -185,12 +177,12 @@ def check_doubles(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
                 )
 
 
-def check_qos(stack: Stack, _: Surroundings) -> Iterator[Diagnostic]:
+def check_qos(context: CheckContext) -> Iterator[Diagnostic]:
     """No subscriber asks for more than its publishers offer.
 
     Source: ROS 2 documentation, "Quality of Service settings", QoS compatibilities.
     """
-    ends = tuple(stack_ends(stack))
+    ends = context.topology.ends
     for policy in _POLICIES:
         weak: dict[str, list[TopicEnd]] = defaultdict(list)
         for end in ends:
@@ -254,3 +246,106 @@ def _qos_differs(end: TopicEnd, others: list[TopicEnd], policy: _Policy) -> Diag
             for other in others[:_MOST_SHOWN]
         ),
     )
+
+
+_VERBS: Mapping[Direction, str] = {"publishes": "publishes", "subscribes": "subscribes to"}
+
+
+def check_types(context: CheckContext) -> Iterator[Diagnostic]:
+    """Ends whose type another end of the topic does not have, where both are known."""
+    by_topic: dict[str, list[TopicEnd]] = defaultdict(list)
+    for end in context.topology.ends:
+        if end.known_type is not None:
+            by_topic[end.topic].append(end)
+    for ends in by_topic.values():
+        if len({end.known_type for end in ends}) > 1:
+            yield from _check_topic(ends)
+
+
+def _check_topic(ends: Sequence[TopicEnd]) -> Iterator[Diagnostic]:
+    known = {end.code_type for end in ends if end.code_type is not None}
+    right = _agreed(known) or _most_common(ends)
+    publishers = [end for end in ends if end.direction == "publishes"]
+    subscribers = [end for end in ends if end.direction == "subscribes"]
+    told = tuple(_against_other_side(publishers, subscribers, right))
+    yield from told
+    if not told:
+        for side in (publishers, subscribers):
+            yield from _against_own_side(side, right)
+
+
+def _against_other_side(
+    publishers: Sequence[TopicEnd], subscribers: Sequence[TopicEnd], right: str | None
+) -> Iterator[Diagnostic]:
+    if right is None:
+        for end in subscribers:
+            other = next((o for o in publishers if o.known_type != end.known_type), None)
+            if other is not None:
+                yield _differs(end, [other])
+        return
+    for own, opposite in ((publishers, subscribers), (subscribers, publishers)):
+        fitting = [end for end in opposite if end.known_type == right]
+        if fitting:
+            yield from (_differs(end, fitting) for end in own if end.known_type != right)
+
+
+def _against_own_side(ends: Sequence[TopicEnd], right: str | None) -> Iterator[Diagnostic]:
+    """For a topic whose other side says nothing of its type: those of one side agree, too."""
+    fitting = [end for end in ends if end.known_type == right] or ends[:1]
+    yield from (_differs(end, fitting) for end in ends if end.known_type != fitting[0].known_type)
+
+
+def _agreed(types: Iterable[str]) -> str | None:
+    """The one type that the code of all nodes says, None where it says none or several."""
+    every = tuple(types)
+    return every[0] if len(every) == 1 else None
+
+
+def _most_common(ends: Iterable[TopicEnd]) -> str | None:
+    """The type that more ends have than any other, None where that is not clear."""
+    (first, count), (_, second) = Counter(end.known_type for end in ends).most_common(2)
+    return first if count > second else None
+
+
+def _differs(end: TopicEnd, others: Sequence[TopicEnd]) -> Diagnostic:
+    """A finding at `end`, whose type is not that of the others."""
+    own, wanted = end.known_type or "", others[0].known_type or ""
+    is_alias = may_be_one(own, wanted)
+    who = f"`{others[0].owner}` {_VERBS[others[0].direction]} it"
+    if (others[0].owner, others[0].direction) == (end.owner, end.direction):
+        who = "and elsewhere"
+    return found(
+        "OBK205",
+        f"`{end.owner}` {_VERBS[end.direction]} `{end.topic}` as {_short(own)}, {who} "
+        f"as {_short(wanted)}",
+        end.type_span or end.span,
+        severity="warning" if is_alias else None,
+        help=_help(own, wanted, others, is_alias=is_alias),
+        related=(
+            Related(
+                message=_said_of(other, end),
+                span=other.type_span or other.span,
+            )
+            for other in others[:_MOST_SHOWN]
+        ),
+    )
+
+
+def _said_of(other: TopicEnd, end: TopicEnd) -> str:
+    if other.direction == end.direction:
+        return "the other one"
+    return "the publisher" if other.direction == "publishes" else "the subscriber"
+
+
+def _help(own: str, wanted: str, others: Iterable[TopicEnd], *, is_alias: bool) -> str | None:
+    by_code = next((other for other in others if other.code_type is not None), None)
+    if by_code is not None:
+        verb = "publishes" if by_code.direction == "publishes" else "takes"
+        return f"the code of `{by_code.owner}` {verb} {_short(wanted)}"
+    if is_alias:
+        return f"write {_short(own)} at both ends, unless the node's code takes {_short(wanted)}"
+    return None
+
+
+def _short(msg_type: str) -> str:
+    return f"`{msg_type.replace('/msg/', '/')}`"

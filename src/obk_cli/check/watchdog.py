@@ -4,12 +4,13 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 
 from obelisk_spec.components import CONTROL_SUBSCRIPTION
-from obk_cli.config import Component, Node, Spanned, Stack
-from obk_cli.diagnostics import Diagnostic, Related, found
-from obk_cli.node_code import NodeCode
-from obk_cli.surroundings import ModelRead, Surroundings
-from obk_cli.tree import plain_value
-from obk_cli.wiring import absolute_topic, sending_period_s, timers_of
+from obk_cli.check.context import CheckContext
+from obk_cli.config.environment import Environment, ModelRead
+from obk_cli.config.model import Component, Node, Spanned, Stack
+from obk_cli.config.node_facts import NodeFacts
+from obk_cli.config.topology import absolute_topic, sending_period_s, timers_of
+from obk_cli.config.tree import plain_value
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
 __all__ = ["check_watchdogs"]
 
@@ -20,10 +21,10 @@ Senders = Mapping[str, list[Spanned[float]]]
 """Topic -> the periods of the timers that send on it."""
 
 
-def check_watchdogs(stack: Stack, surroundings: Surroundings) -> Iterator[Diagnostic]:
+def check_watchdogs(context: CheckContext) -> Iterator[Diagnostic]:
     """Ages are watched where commands come in, and allow for the pace at which they are sent."""
     watched: list[tuple[Component, Node]] = []
-    for node in stack.nodes:
+    for node in context.stack.nodes:
         for component in node.components:
             if component.max_age_s is None and component.stale_action is None:
                 continue
@@ -31,12 +32,12 @@ def check_watchdogs(stack: Stack, surroundings: Surroundings) -> Iterator[Diagno
                 watched.append((component, node))
             else:
                 yield _nothing_to_watch(component, node)
-    senders = _senders(stack) if watched else {}
+    senders = _senders(context.stack) if watched else {}
     for component, node in watched:
         if not _has_age(component):
             yield _no_age(component)
             continue
-        yield from _check_action(component, node, surroundings)
+        yield from _check_action(component, node, context.environment)
         if component.max_age_s is not None and component.topic is not None:
             topic = absolute_topic(component.topic.value, node)
             yield from _check_age(component.max_age_s, topic, senders)
@@ -79,18 +80,18 @@ def _no_age(component: Component) -> Diagnostic:
 
 
 def _check_action(
-    component: Component, node: Node, surroundings: Surroundings
+    component: Component, node: Node, environment: Environment
 ) -> Iterator[Diagnostic]:
     action = component.stale_action
     if action is not None and action.value == "damp":
-        yield from _check_damping(action, node, surroundings)
+        yield from _check_damping(action, node, environment)
     written = action or component.max_age_s
     if written is None or (action is not None and action.value != "zero"):
         return
     for sim in node.sims if node.runs_simulation else ():
         if not sim.is_sound or sim.model is None or sim.model.found is None:
             continue
-        read = surroundings.read_model(sim.model.found)
+        read = environment.read_model(sim.model.found)
         if isinstance(read, ModelRead) and read.facts.position_servos:
             yield found(
                 "OBK320",
@@ -102,12 +103,12 @@ def _check_action(
 
 
 def _check_damping(
-    action: Spanned[str], node: Node, surroundings: Surroundings
+    action: Spanned[str], node: Node, environment: Environment
 ) -> Iterator[Diagnostic]:
     if node.pkg is None or node.executable is None:
         return
-    code = surroundings.read_node_code(node.pkg.value, node.executable.value)
-    if isinstance(code, NodeCode) and code.can_damp is False:
+    code = environment.read_node_code(node.pkg.value, node.executable.value)
+    if isinstance(code, NodeFacts) and code.can_damp is False:
         yield found(
             "OBK212",
             f"class `{code.class_name}` does not implement `apply_damping`, so it cannot `damp`",

@@ -11,7 +11,9 @@ from obk_cli.cli.config_options import make_options
 from obk_cli.cli.edit_files import EditedFile, open_for_edit, write_edited
 from obk_cli.cli.findings import print_findings
 from obk_cli.cli.join_wish import JoinWish
-from obk_cli.diagnostics import Diagnostic
+from obk_cli.compiler import compile_source
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.errors import CommandFailedError
 from obk_cli.joining.join import Joined, join_node
 from obk_cli.joining.newcomer import read_newcomer
@@ -20,13 +22,11 @@ from obk_cli.joining.refusal import Refused
 from obk_cli.joining.suit import suit_types
 from obk_cli.joining.target import find_replaced
 from obk_cli.joining.tell import joined_lines, joined_values
-from obk_cli.pipeline import compile_source
 from obk_cli.report.diff import report_diff
 from obk_cli.scaffold.describe import Added
 from obk_cli.scaffold.kinds import SECTIONS
 from obk_cli.scaffold.questions import Answers, Question
 from obk_cli.scaffold.snippet import config_snippet
-from obk_cli.source import SourceFile
 
 __all__ = ["ConfigEdit", "add_to_config", "suit_to_config"]
 

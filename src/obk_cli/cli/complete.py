@@ -47,7 +47,7 @@ def complete_kept_runs(incomplete: str) -> list[str]:
 
 def complete_rules(incomplete: str) -> list[str]:
     """The codes of the rules."""
-    from obk_cli.codes import RULES
+    from obk_cli.diagnostics.rules import RULES
 
     return _beginning(incomplete.upper(), RULES)
 

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from obk_cli.codes import RULES
+from obk_cli.compiler import Options
+from obk_cli.config.suppressions import near_codes
+from obk_cli.diagnostics.rules import RULES
 from obk_cli.errors import MisuseError
-from obk_cli.pipeline import Options
-from obk_cli.silence import near_codes
 
 __all__ = [
     "ColourOption",
@@ -40,7 +40,7 @@ ColourOption = Annotated[
 
 
 def make_options(overrides: list[str] | None, ignore: list[str] | None) -> Options:
-    """The compiler's options from those of the command line and this process's surroundings.
+    """The compiler's options from those of the command line and this process's environment.
 
     Raises:
         MisuseError: a code to ignore is the beginning of none.
@@ -50,7 +50,7 @@ def make_options(overrides: list[str] | None, ignore: list[str] | None) -> Optio
         if not any(rule.startswith(code) for rule in RULES) or not code:
             raise MisuseError(f"`--ignore {code}` names no rule", help=near_codes(code))
     return Options(
-        environment=dict(os.environ),
+        variables=dict(os.environ),
         working_folder=Path.cwd(),
         overrides=tuple(overrides or ()),
         ignore=tuple(codes),

@@ -5,11 +5,11 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from obk_cli.diagnostics import Diagnostic
+from obk_cli.config.yaml_parser import decode_source
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import STANDARD_INPUT, read_bytes, unwritable, write_bytes
-from obk_cli.parse import decode_source
-from obk_cli.source import SourceFile
 from obk_cli.workspace.path_suggestions import did_you_mean_config
 
 __all__ = ["EditedFile", "open_for_edit", "print_bytes", "write_edited"]

@@ -7,9 +7,9 @@ from typing import Annotated
 import typer
 
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.codes import RULES, Rule
+from obk_cli.config.suppressions import may_be_silenced
+from obk_cli.diagnostics.rules import RULES, Rule
 from obk_cli.errors import MisuseError
-from obk_cli.silence import may_be_silenced
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -37,7 +37,11 @@ def _page(rule: Rule) -> str:
         f"{rule.code} ({rule.severity}): {rule.title}",
         f"Why:  {rule.cause}\nCure: {rule.cure}",
     ]
-    text = resources.files("obk_cli.codes").joinpath("examples.json").read_text(encoding="utf-8")
+    text = (
+        resources.files("obk_cli.diagnostics.rules")
+        .joinpath("examples.json")
+        .read_text(encoding="utf-8")
+    )
     example: dict[str, str] = json.loads(text)[rule.code]
     parts += [
         f"Wrong:\n{_indented(example['wrong'])}",

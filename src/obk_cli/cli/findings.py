@@ -6,10 +6,10 @@ from collections.abc import Sequence
 import typer
 
 from obk_cli.cli.config_options import wants_colour
-from obk_cli.diagnostics import Diagnostic
+from obk_cli.compiler import Outcome
+from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.errors import EXIT_FAILED
-from obk_cli.pipeline import Outcome
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.report.text import report_text, summary
 
 __all__ = ["print_findings", "sound_plan"]

@@ -28,15 +28,17 @@ from obk_cli.cli.render_options import (
     RenderSizeOption,
     with_film,
 )
+from obk_cli.compiler import compile_config
+from obk_cli.config.environment import Environment
+from obk_cli.config.node_facts import NodeFacts
+from obk_cli.config.node_reader import LOG_LEVELS
 from obk_cli.errors import MisuseError
 from obk_cli.launch.interfaces import Limits
 from obk_cli.launch.process_groups import Share
 from obk_cli.launch.sim_options import require_libraries, with_simulator_parameters
 from obk_cli.launch.transitions import UNTIL, Until
 from obk_cli.optional_deps import require_extra
-from obk_cli.pipeline import compile_config
-from obk_cli.plan import OnCrash, Plan
-from obk_cli.read.nodes import LOG_LEVELS
+from obk_cli.plan.plan import OnCrash, Plan
 from obk_cli.record.topic_filter import RecordRequest
 
 __all__ = ["EXAMPLE", "command"]
@@ -181,7 +183,7 @@ def command(
         allows_foreign=allow_foreign,
         recording=_recording(record_topic) if record or record_topic else None,
         kept_runs=keep,
-        gated_executables=outcome.spun,
+        gated_executables=gated_executables(plan, outcome.environment),
     )
     with open_console(
         sys.stdout.fileno(),
@@ -192,6 +194,19 @@ def command(
     ) as surface:
         ended = run_plan(plan, packages, environment, options, surface)
     raise typer.Exit(ended.exit_code)
+
+
+def gated_executables(plan: Plan, environment: Environment | None) -> frozenset[tuple[str, str]]:
+    """Package and executable of the nodes whose source says which class the library runs.
+
+    Such a program may be started early: it waits at the gate before it creates its node.
+    """
+    programs = {(node.package, node.executable) for node in plan.processes}
+    return frozenset(
+        program
+        for program in programs
+        if environment is not None and isinstance(environment.read_node_code(*program), NodeFacts)
+    )
 
 
 def _check_numbers(timeout: float, hang_after: float, keep: int, duration: float | None) -> None:

@@ -7,14 +7,14 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from obk_cli.node_code import NodeCode
+from obk_cli.config.node_facts import NodeFacts
 from obk_cli.scaffold.compose import Composition
 from obk_cli.scaffold.model import Model, read_model_text
 from obk_cli.scaffold.questions import Answers
 from obk_cli.scaffold.render import Renderer, Template
 from obk_cli.scaffold.stack import Stack, StackNode, choose_nodes, stack_text
 from obk_cli.workspace.entry_points import source_console_scripts
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import find_workspace
 
 __all__ = ["compose_config", "find_model"]
@@ -36,9 +36,9 @@ def compose_config(
     Raises:
         TemplateFaultError: a template cannot be rendered.
     """
-    surroundings = MachineSurroundings(root, Path.cwd(), os.environ)
-    stand_ins = _nodes(surroundings, _STAND_INS)
-    nodes = choose_nodes(_nodes(surroundings, _executables(surroundings)), stand_ins)
+    environment = MachineEnvironment(root, Path.cwd(), os.environ)
+    stand_ins = _nodes(environment, _STAND_INS)
+    nodes = choose_nodes(_nodes(environment, _executables(environment)), stand_ins)
     variables = {"node": answers.node, "package": answers.package, "kind": answers.kind}
     given = tuple(templates)
     if any(node.kind == "robot" for node in nodes):
@@ -54,20 +54,20 @@ def compose_config(
     return Composition(files=(*files, *render(others, {**variables, "stack": text})))
 
 
-def _executables(surroundings: MachineSurroundings) -> Iterator[tuple[str, str]]:
-    for package, folder in sorted(surroundings.packages.source_packages.items()):
+def _executables(environment: MachineEnvironment) -> Iterator[tuple[str, str]]:
+    for package, folder in sorted(environment.packages.source_packages.items()):
         yield from ((package, script) for script in sorted(source_console_scripts(folder)))
 
 
 def _nodes(
-    surroundings: MachineSurroundings, executables: Iterable[tuple[str, str]]
+    environment: MachineEnvironment, executables: Iterable[tuple[str, str]]
 ) -> tuple[StackNode, ...]:
     """Those executables that can be read as nodes."""
-    codes = ((p, e, surroundings.read_node_code(p, e)) for p, e in executables)
+    codes = ((p, e, environment.read_node_code(p, e)) for p, e in executables)
     return tuple(
         StackNode(package=package, executable=executable, code=code)
         for package, executable, code in codes
-        if isinstance(code, NodeCode)
+        if isinstance(code, NodeFacts)
     )
 
 

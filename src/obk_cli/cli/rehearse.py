@@ -22,13 +22,13 @@ from obk_cli.cli.config_options import (
 from obk_cli.cli.findings import sound_plan
 from obk_cli.cli.option_values import require_word
 from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.compiler import compile_config
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.faultinject.expectations import FAULTS, Case, Fault, make_cases
 from obk_cli.faultinject.verdict import Verdict
 from obk_cli.launch.process_groups import Unit, share_of, units_of
 from obk_cli.launch.sim_options import require_libraries
-from obk_cli.pipeline import compile_config
-from obk_cli.plan import OnCrash, Plan
+from obk_cli.plan.plan import OnCrash, Plan
 from obk_cli.report.launch import short_name
 from obk_cli.runs.stacks import nodes_meant
 

@@ -15,10 +15,10 @@ from obk_cli.cli.config_options import (
     wants_colour,
 )
 from obk_cli.cli.option_values import require_word
-from obk_cli.diagnostics import Diagnostic, in_order
+from obk_cli.compiler import Options, Outcome, compile_config
+from obk_cli.diagnostics.diagnostic import Diagnostic, in_order
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.files import STANDARD_INPUT
-from obk_cli.pipeline import Options, Outcome, compile_config
 from obk_cli.report.github import report_github
 from obk_cli.report.json import report_json
 from obk_cli.report.sarif import report_sarif

@@ -9,13 +9,13 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from obk_cli.config.tree import TreeMap
+from obk_cli.config.yaml_parser import decode_source, parse_source
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import explain_os_error, unwritable, write_text
 from obk_cli.jsonc import JsoncError, read_jsonc, set_member
 from obk_cli.migrate.shape import components_of, devices_of, sections_of
-from obk_cli.parse import decode_source, parse_source
-from obk_cli.source import SourceFile
-from obk_cli.tree import TreeMap
 
 __all__ = ["install_vscode", "vscode_texts"]
 

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from obk_cli.config import Stack
+from obk_cli.compiler import Options, Outcome, compile_config
+from obk_cli.config.model import Stack
 from obk_cli.files import read_bytes
-from obk_cli.pipeline import Options, Outcome, compile_config
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 
 __all__ = ["WatchedRun", "pause", "watch"]
 
@@ -28,13 +28,13 @@ class WatchedRun:
     def compile(self, config: str) -> Outcome:
         """Compile one config."""
         options = self.options
-        surroundings = MachineSurroundings(
+        environment = MachineEnvironment(
             (options.working_folder / config).resolve().parent,
             options.working_folder,
-            options.environment,
+            options.variables,
             note=self._note,
         )
-        options = replace(options, read=self._read, surroundings=surroundings)
+        options = replace(options, read=self._read, environment=environment)
         outcome = compile_config(config, options)
         if outcome.config is not None:
             for path in _files_of(outcome.config):

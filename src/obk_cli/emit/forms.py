@@ -12,7 +12,7 @@ from obk_cli.emit.launch_file import emit_launch_file
 from obk_cli.emit.mermaid import emit_mermaid
 from obk_cli.emit.params import emit_params
 from obk_cli.emit.svg import emit_svg
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 __all__ = ["FORMS", "Form"]
 

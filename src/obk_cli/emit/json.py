@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 
 from obk_cli.emit.graph import Graph
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 __all__ = ["emit_graph_json", "emit_plan"]
 

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator
 
 from obk_cli.emit.params import emit_params
-from obk_cli.plan import Plan, Process
+from obk_cli.plan.plan import Plan, Process
 
 __all__ = ["emit_launch_file"]
 

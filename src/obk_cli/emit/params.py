@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from obelisk_spec.values import ParameterValue
 
 if TYPE_CHECKING:
-    from obk_cli.plan import Process
+    from obk_cli.plan.plan import Process
 
 __all__ = ["emit_node_params", "emit_params", "emit_value", "params_file_name"]
 

@@ -6,7 +6,7 @@ from typing import Final, Literal
 
 from obelisk_spec.components import TIERS
 from obk_cli.launch.process_groups import Unit, rule_of
-from obk_cli.plan import OnCrash
+from obk_cli.plan.plan import OnCrash
 
 __all__ = [
     "FAULTS",

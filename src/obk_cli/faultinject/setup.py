@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from obk_cli.clock import local_time
-from obk_cli.config import Stack
+from obk_cli.config.model import Stack
 from obk_cli.errors import CommandFailedError
 from obk_cli.runs.folder import make_run_folder, run_folders
 from obk_cli.runs.registry import live_folders

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from obk_cli.introspect.graph_source import GraphSource
 from collections.abc import Iterable
 
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 __all__ = [
     "Publication",

@@ -7,7 +7,7 @@ from typing import Final
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.resolve import meant
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.runs.folder import Run, runs_folder
 from obk_cli.runs.registry import live_folders

@@ -6,10 +6,10 @@ Trees with places and the new value's text in; edits out.
 import re
 from collections.abc import Iterator
 
-from obk_cli.edits import Edit, Offsets
+from obk_cli.config.tree import Entry, TreeList, TreeMap
+from obk_cli.diagnostics.edits import Edit, Offsets
+from obk_cli.diagnostics.source import indent_of
 from obk_cli.joining.place import Place
-from obk_cli.source import indent_of
-from obk_cli.tree import Entry, TreeList, TreeMap
 
 __all__ = ["SECTION_ORDER", "append_in_brackets", "own_sections", "section_in_braces"]
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 
 from obelisk_spec.messages import bare_name
 from obelisk_spec.suggestions import list_names
-from obk_cli.config import Node, Spanned, Stack
+from obk_cli.config.model import Node, Spanned, Stack
+from obk_cli.config.topology import Direction, TopicEnd, node_ends, stack_ends
+from obk_cli.diagnostics.source import Span
 from obk_cli.joining.newcomer import Newcomer, NewEnd
 from obk_cli.joining.refusal import Refused
-from obk_cli.source import Span
-from obk_cli.wiring import Direction, TopicEnd, node_ends, stack_ends
 
 __all__ = ["BEFORE", "Chooser", "Link", "Switch"]
 

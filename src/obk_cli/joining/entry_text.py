@@ -10,7 +10,7 @@ from decimal import Decimal
 
 from obelisk_spec.components import SETTING_SUFFIX
 from obelisk_spec.yaml_core import core_scalar
-from obk_cli.config import COMPONENT_LISTS
+from obk_cli.config.model import COMPONENT_LISTS
 from obk_cli.joining.newcomer import identity_of
 from obk_cli.joining.style import Style
 

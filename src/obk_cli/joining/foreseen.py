@@ -3,9 +3,15 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from obk_cli.node_code import CodeFault, NodeCode
-from obk_cli.source import Span
-from obk_cli.surroundings import Command, ExecutableMissing, ModelFault, ModelRead, Surroundings
+from obk_cli.config.environment import (
+    Command,
+    Environment,
+    ExecutableMissing,
+    ModelFault,
+    ModelRead,
+)
+from obk_cli.config.node_facts import CodeFault, NodeFacts
+from obk_cli.diagnostics.source import Span
 
 __all__ = ["ForeseenSurroundings"]
 
@@ -14,7 +20,7 @@ __all__ = ["ForeseenSurroundings"]
 class ForeseenSurroundings:
     """What is there, and one executable that is yet to be made; nothing is known of its code."""
 
-    there: Surroundings
+    there: Environment
     package: str
     executable: str
 
@@ -40,7 +46,7 @@ class ForeseenSurroundings:
             return Command(arguments=(), found_in="what is being made")
         return self.there.find_executable(package, executable)
 
-    def read_node_code(self, package: str, executable: str) -> NodeCode | CodeFault | None:
+    def read_node_code(self, package: str, executable: str) -> NodeFacts | CodeFault | None:
         """What the Python source of an executable says."""
         if (package, executable) == (self.package, self.executable):
             return None

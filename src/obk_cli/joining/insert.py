@@ -7,8 +7,10 @@ there is written anew but the node that is replaced.
 import re
 from collections.abc import Iterator, Mapping
 
-from obk_cli.cures import is_flow
-from obk_cli.edits import Edit, Offsets
+from obk_cli.config.fixes import is_flow
+from obk_cli.config.tree import Entry, TreeList, TreeMap, TreeScalar
+from obk_cli.diagnostics.edits import Edit, Offsets
+from obk_cli.diagnostics.source import indent_of
 from obk_cli.joining.brackets import (
     SECTION_ORDER,
     append_in_brackets,
@@ -20,8 +22,6 @@ from obk_cli.joining.place import Place
 from obk_cli.joining.refusal import Refused
 from obk_cli.joining.region import Regions, is_blank, is_comment
 from obk_cli.joining.style import is_flow_list
-from obk_cli.source import indent_of
-from obk_cli.tree import Entry, TreeList, TreeMap, TreeScalar
 
 __all__ = ["insert_node", "replace_node"]
 

@@ -9,9 +9,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from obk_cli.config import Node, Stack
-from obk_cli.diagnostics import Diagnostic
-from obk_cli.edits import Edit, apply_edits
+from obk_cli.compiler import Options, Outcome, compile_source
+from obk_cli.config.model import Node, Stack
+from obk_cli.config.tree import TreeMap
+from obk_cli.config.yaml_parser import parse_source
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.edits import Edit, apply_edits
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.joining.choose import Link
 from obk_cli.joining.entry_text import named_as
 from obk_cli.joining.foreseen import ForeseenSurroundings
@@ -23,11 +27,7 @@ from obk_cli.joining.proof import expected_text, new_errors, said_by
 from obk_cli.joining.refusal import Refused
 from obk_cli.joining.target import choose_device, find_double, find_replaced
 from obk_cli.joining.wire import Tick, Wired, wire_newcomer
-from obk_cli.parse import parse_source
-from obk_cli.pipeline import Options, Outcome, compile_source
-from obk_cli.source import SourceFile
-from obk_cli.tree import TreeMap
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 
 __all__ = ["Joined", "join_node"]
 
@@ -188,12 +188,12 @@ class _Join:
 
 
 def _foreseeing(source: SourceFile, newcomer: Newcomer, options: Options) -> Options:
-    there = options.surroundings
+    there = options.environment
     if there is None:
         folder = (options.working_folder / Path(source.path)).resolve().parent
-        there = MachineSurroundings(folder, options.working_folder, options.environment)
+        there = MachineEnvironment(folder, options.working_folder, options.variables)
     foreseen = ForeseenSurroundings(there, newcomer.pkg, newcomer.executable)
-    return replace(options, surroundings=foreseen)
+    return replace(options, environment=foreseen)
 
 
 def _unreadable(outcome: Outcome) -> Iterator[Diagnostic]:

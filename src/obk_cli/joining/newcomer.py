@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 from obelisk_spec.components import component_identity
 from obelisk_spec.messages import resolve_msg_type
-from obk_cli.parse import parse_source
-from obk_cli.source import SourceFile
-from obk_cli.tree import TreeList, plain_value
-from obk_cli.wiring import Direction
+from obk_cli.config.topology import Direction
+from obk_cli.config.tree import TreeList, plain_value
+from obk_cli.config.yaml_parser import parse_source
+from obk_cli.diagnostics.source import SourceFile
 
 __all__ = [
     "END_LISTS",

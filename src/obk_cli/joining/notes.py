@@ -7,12 +7,12 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from obk_cli.config import Node, Stack
-from obk_cli.edits import Edit, Offsets
+from obk_cli.config.model import Node, Stack
+from obk_cli.config.tree import TreeMap
+from obk_cli.diagnostics.edits import Edit, Offsets
+from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.joining.choose import Link
 from obk_cli.joining.place import Place
-from obk_cli.source import SourceFile, Span
-from obk_cli.tree import TreeMap
 
 __all__ = ["moved", "notes_of"]
 

@@ -6,12 +6,12 @@ not in this text.
 
 from dataclasses import dataclass
 
-from obk_cli.config import Node, Stack
+from obk_cli.config.model import Node, Stack
+from obk_cli.config.tree import Entry, TreeList, TreeMap
+from obk_cli.config.yaml_parser import parse_source
 from obk_cli.joining.refusal import Refused
 from obk_cli.joining.style import Style, style_of
 from obk_cli.migrate.shape import devices_of, sections_of
-from obk_cli.parse import parse_source
-from obk_cli.tree import Entry, TreeList, TreeMap
 
 __all__ = ["Place", "index_of", "place_of"]
 

@@ -6,9 +6,9 @@ Trees and findings in; plain values to compare, and the new errors, out.
 from collections import Counter
 from collections.abc import Iterable, Mapping
 
-from obk_cli.diagnostics import Diagnostic
+from obk_cli.config.tree import Tree, TreeMap, plain_value
+from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.joining.place import Place
-from obk_cli.tree import Tree, TreeMap, plain_value
 
 __all__ = ["expected_text", "new_errors", "said_by"]
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from obk_cli.diagnostics import Diagnostic
+from obk_cli.diagnostics.diagnostic import Diagnostic
 
 __all__ = ["Refused"]
 

@@ -6,10 +6,10 @@ A tree with places in; lines out. What came by an alias or a merge has no stretc
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from obk_cli.cures import is_flow
+from obk_cli.config.fixes import is_flow
+from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap
+from obk_cli.diagnostics.source import SourceFile, Span, indent_of
 from obk_cli.joining.style import is_flow_list
-from obk_cli.source import SourceFile, Span, indent_of
-from obk_cli.tree import Entry, Tree, TreeList, TreeMap
 
 __all__ = ["Regions", "is_blank", "is_comment"]
 

@@ -9,11 +9,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from obk_cli.config import COMPONENT_LISTS, NODE_SECTIONS
-from obk_cli.cures import is_flow
+from obk_cli.config.fixes import is_flow
+from obk_cli.config.model import COMPONENT_LISTS, NODE_SECTIONS
+from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap
+from obk_cli.diagnostics.source import SourceFile, line_end_of
 from obk_cli.migrate.shape import devices_of, sections_of
-from obk_cli.source import SourceFile, line_end_of
-from obk_cli.tree import Entry, Tree, TreeList, TreeMap
 
 __all__ = ["Style", "is_flow_list", "style_of"]
 

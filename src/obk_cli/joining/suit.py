@@ -6,10 +6,10 @@ text and chooses no topic.
 
 from collections.abc import Iterable, Mapping
 
-from obk_cli.config import Node, Stack
+from obk_cli.config.model import Node, Stack
+from obk_cli.config.topology import TopicEnd, node_ends, stack_ends
 from obk_cli.joining.choose import BEFORE
 from obk_cli.joining.newcomer import Newcomer, NewEnd
-from obk_cli.wiring import TopicEnd, node_ends, stack_ends
 
 __all__ = ["suit_types"]
 

@@ -4,11 +4,11 @@ Names as typed and the stack in; the device or the node out, or what would be ri
 """
 
 from obelisk_spec.suggestions import did_you_mean, list_names
-from obk_cli.config import ONE_DEVICE, Node, Stack
+from obk_cli.config.model import ONE_DEVICE, Node, Stack
+from obk_cli.config.tree import TreeMap
 from obk_cli.joining.newcomer import Newcomer
 from obk_cli.joining.refusal import Refused
 from obk_cli.migrate.shape import devices_of
-from obk_cli.tree import TreeMap
 
 __all__ = ["choose_device", "find_double", "find_replaced"]
 

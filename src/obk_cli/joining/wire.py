@@ -7,7 +7,8 @@ Reads no text and writes none.
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from obk_cli.config import Node, Stack
+from obk_cli.config.model import Node, Stack
+from obk_cli.config.topology import stack_ends
 from obk_cli.joining.choose import Chooser, Link
 from obk_cli.joining.newcomer import (
     END_LISTS,
@@ -17,7 +18,6 @@ from obk_cli.joining.newcomer import (
     identity_of,
 )
 from obk_cli.joining.refusal import Refused
-from obk_cli.wiring import stack_ends
 
 __all__ = ["Tick", "Wired", "wire_newcomer"]
 

@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Final
 
 from obelisk_spec.suggestions import did_you_mean
+from obk_cli.config.environment import Command, ExecutableMissing
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import STATE_MODE, write_text
 from obk_cli.launch.node_lines import CONSOLE_FORMAT
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import NodeCommand
-from obk_cli.plan import Process
-from obk_cli.surroundings import Command, ExecutableMissing
+from obk_cli.plan.plan import Process
 from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = [

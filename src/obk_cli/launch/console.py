@@ -21,7 +21,7 @@ from obk_cli.launch.events import OutputEvent, OutputLine
 from obk_cli.launch.journal import Journal
 from obk_cli.launch.node_lines import NodeLines
 from obk_cli.launch.process_groups import Unit
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.report.escapes import plain
 from obk_cli.report.launch import LaunchReport
 from obk_cli.report.launch_json import JsonReport

@@ -7,7 +7,7 @@ from typing import Final
 from obk_cli.launch.interfaces import Limits
 from obk_cli.launch.process_groups import Share
 from obk_cli.launch.transitions import Until
-from obk_cli.plan import OnCrash
+from obk_cli.plan.plan import OnCrash
 from obk_cli.record.topic_filter import RecordRequest
 
 __all__ = ["KEPT_RUNS", "LaunchOptions"]

@@ -15,7 +15,7 @@ from obelisk_spec.runtime_protocol import GATE_VARIABLE
 from obk_cli.launch.commands import Executables, is_composable
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import WardenProcesses
-from obk_cli.plan import Process
+from obk_cli.plan.plan import Process
 
 __all__ = ["closed_gate", "early_units", "gate_path", "gate_variables", "held_at_gate"]
 

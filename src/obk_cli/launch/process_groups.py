@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from obk_cli.plan import OnCrash, Plan, Process
+from obk_cli.plan.plan import OnCrash, Plan, Process
 
 __all__ = ["Share", "Unit", "devices_of", "rule_of", "share_of", "units_of"]
 

@@ -44,7 +44,7 @@ from obk_cli.launch.run_lock import locked_run
 from obk_cli.launch.state_node import StateNode, state_node_name
 from obk_cli.launch.supervisor import Supervisor
 from obk_cli.launch.video import VideoReports
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.process.shared_memory import remove_dead_segments
 from obk_cli.process.signals import end_signals_heard
 from obk_cli.ros.environment import RosEnvironment

@@ -22,7 +22,7 @@ from obk_cli.files import is_within_planted
 from obk_cli.launch.events import Ended
 from obk_cli.launch.options import KEPT_RUNS, LaunchOptions
 from obk_cli.optional_deps import run_versions
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.process.identity import boot_id, this_process
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.runs.folder import (

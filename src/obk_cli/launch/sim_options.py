@@ -8,7 +8,7 @@ from obelisk_spec.values import ParameterValue
 from obk_cli.errors import MisuseError
 from obk_cli.launch.process_groups import Share
 from obk_cli.optional_deps import require_extra, require_ros
-from obk_cli.plan import Plan, Process
+from obk_cli.plan.plan import Plan, Process
 from obk_cli.process.shared_memory_check import require_shared_memory
 
 __all__ = ["require_libraries", "simulated_robots", "with_simulator_parameters"]

@@ -11,7 +11,7 @@ from typing import Final, Literal
 from obelisk_spec.runtime_protocol import Rate
 from obk_cli.launch.process_groups import Unit, rule_of
 from obk_cli.launch.transitions import UNKNOWN
-from obk_cli.plan import OnCrash, Plan, Process
+from obk_cli.plan.plan import OnCrash, Plan, Process
 from obk_cli.runs.lifecycle import ACTIVE, FINALIZED, INACTIVE, RESTING, UNCONFIGURED
 from obk_cli.runs.protocol import NodeStatus
 

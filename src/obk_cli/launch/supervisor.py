@@ -43,7 +43,7 @@ from obk_cli.launch.restart_policy import RestartPolicy
 from obk_cli.launch.stack_state import RunState, StackState
 from obk_cli.launch.transition_runner import Change, TransitionRunner, reason
 from obk_cli.launch.transitions import UNTIL, PendingRequests, Until, tiers_down, way_down, way_up
-from obk_cli.plan import OnCrash, Plan
+from obk_cli.plan.plan import OnCrash, Plan
 from obk_cli.runs.lifecycle import ACTIVE, FINALIZED, TRANSITIONS, UNCONFIGURED, Transition
 from obk_cli.runs.protocol import ChangeAnswer, Member
 

@@ -22,7 +22,7 @@ from obk_cli.runs.lifecycle import (
 
 if TYPE_CHECKING:
     from obk_cli.launch.events import Answered, Failed, StateSeen
-    from obk_cli.plan import Plan
+    from obk_cli.plan.plan import Plan
 
 __all__ = [
     "EDGES",

@@ -7,7 +7,7 @@ from obelisk_spec.suggestions import list_names
 from obk_cli.launch.events import Ended, OutputEvent, Phase, VideoReported
 from obk_cli.launch.process_groups import Share
 from obk_cli.launch.sim_options import simulated_robots
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 __all__ = ["VideoReports"]
 

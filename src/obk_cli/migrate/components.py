@@ -9,12 +9,12 @@ import re
 from collections.abc import Iterator
 
 from obelisk_spec.components import SETTING_SUFFIX, component_identity
-from obk_cli.cures import remove_entry, respell
-from obk_cli.diagnostics import Diagnostic
-from obk_cli.edits import Edit, Offsets
+from obk_cli.config.fixes import remove_entry, respell
+from obk_cli.config.tree import Entry, TreeMap
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.edits import Edit, Offsets
 from obk_cli.migrate.kept import kept
 from obk_cli.migrate.shape import Spelling, text_of
-from obk_cli.tree import Entry, TreeMap
 
 __all__ = ["rename_component"]
 

@@ -1,7 +1,7 @@
 """What stays as it was, said with its place."""
 
-from obk_cli.diagnostics import Diagnostic
-from obk_cli.source import Span
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.source import Span
 
 __all__ = ["kept"]
 

@@ -8,14 +8,14 @@ import re
 from collections.abc import Iterator
 from itertools import pairwise
 
-from obk_cli.config import ONE_DEVICE
-from obk_cli.cures import is_flow
-from obk_cli.diagnostics import Diagnostic
-from obk_cli.edits import Edit, Offsets
+from obk_cli.config.fixes import is_flow
+from obk_cli.config.model import ONE_DEVICE
+from obk_cli.config.tree import Entry, TreeMap
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.edits import Edit, Offsets
+from obk_cli.diagnostics.source import indent_of, line_end_of
 from obk_cli.migrate.kept import kept
 from obk_cli.migrate.shape import devices_of, sections_of
-from obk_cli.source import indent_of, line_end_of
-from obk_cli.tree import Entry, TreeMap
 
 __all__ = ["lift_device", "nest_sections"]
 

@@ -7,15 +7,15 @@ file; what the text includes is not followed.
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from obk_cli.diagnostics import Diagnostic, found, in_order
-from obk_cli.edits import Edit, Offsets, apply_edits
+from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, kind_of
+from obk_cli.config.yaml_parser import parse_source
+from obk_cli.diagnostics.diagnostic import Diagnostic, found, in_order
+from obk_cli.diagnostics.edits import Edit, Offsets, apply_edits
+from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.migrate.components import rename_component
 from obk_cli.migrate.kept import kept
 from obk_cli.migrate.levels import lift_device, nest_sections
 from obk_cli.migrate.shape import Spelling, components_of, is_config, meaning
-from obk_cli.parse import parse_source
-from obk_cli.source import SourceFile, Span
-from obk_cli.tree import Entry, Tree, TreeList, TreeMap, kind_of
 
 __all__ = ["Migrated", "migrate_source"]
 

@@ -3,7 +3,7 @@
 import difflib
 import re
 
-from obk_cli.source import SourceFile
+from obk_cli.diagnostics.source import SourceFile
 
 __all__ = ["report_diff"]
 

@@ -5,7 +5,7 @@ Source: GitHub documentation, "Workflow commands for GitHub Actions".
 
 from collections.abc import Iterable
 
-from obk_cli.diagnostics import Diagnostic
+from obk_cli.diagnostics.diagnostic import Diagnostic
 
 __all__ = ["report_github"]
 

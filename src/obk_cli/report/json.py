@@ -4,9 +4,9 @@ import json
 from collections import Counter
 from collections.abc import Iterable
 
-from obk_cli.diagnostics import Diagnostic
-from obk_cli.edits import Edit
-from obk_cli.source import Span
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.edits import Edit
+from obk_cli.diagnostics.source import Span
 
 __all__ = ["report_json"]
 

@@ -27,7 +27,7 @@ from obk_cli.launch.events import (
     TransitionEnded,
 )
 from obk_cli.launch.process_groups import Unit
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.report.launch import LaunchReport
 from obk_cli.runs.lifecycle import ACTIVE, FINALIZED, TRANSITIONS, UNCONFIGURED
 from obk_cli.runs.protocol import NodeStatus, StackStatus

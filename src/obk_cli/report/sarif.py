@@ -8,10 +8,10 @@ from collections.abc import Iterable
 from pathlib import PurePath
 from urllib.parse import quote
 
-from obk_cli.codes import rule_of
-from obk_cli.diagnostics import Diagnostic, Related
-from obk_cli.edits import Edit
-from obk_cli.source import Span
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related
+from obk_cli.diagnostics.edits import Edit
+from obk_cli.diagnostics.rules import rule_of
+from obk_cli.diagnostics.source import Span
 
 __all__ = ["report_sarif"]
 

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 
 from obelisk_spec.wording import with_number
-from obk_cli.diagnostics import Diagnostic, Severity
+from obk_cli.diagnostics.diagnostic import Diagnostic, Severity
+from obk_cli.diagnostics.source import Span
 from obk_cli.report.escapes import visible
-from obk_cli.source import Span
 
 __all__ = ["report_text", "summary"]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from obk_cli.plan import Plan, Process
+from obk_cli.plan.plan import Plan, Process
 from obk_cli.runs.folder import read_record
 
 __all__ = ["run_plan", "run_topics"]

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from obelisk_spec.messages import resolve_msg_type
 from obelisk_spec.sensors import SENSOR_GROUPS
-from obk_cli.config import COMPONENT_LISTS, ComponentKind
-from obk_cli.node_code import CodeComponent, NodeCode
+from obk_cli.config.model import COMPONENT_LISTS, ComponentKind
+from obk_cli.config.node_facts import CodeComponent, NodeFacts
 from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
 from obk_cli.scaffold.model import Model, ModelSensor
 from obk_cli.scaffold.questions import MessageType
@@ -39,7 +39,7 @@ class StackNode:
 
     package: str
     executable: str
-    code: NodeCode
+    code: NodeFacts
 
     @property
     def kind(self) -> str | None:

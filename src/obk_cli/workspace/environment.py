@@ -4,19 +4,19 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from obk_cli.node_code import CodeFault, NodeCode
-from obk_cli.source import SourceFile, Span
-from obk_cli.surroundings import Command, ExecutableMissing, ModelFault, ModelRead
+from obk_cli.config.environment import Command, ExecutableMissing, ModelFault, ModelRead
+from obk_cli.config.node_facts import CodeFault, NodeFacts
+from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.workspace.mjcf_locations import MjcfElement, mjcf_elements, mjcf_files
 from obk_cli.workspace.model_cache import cache_folder, read_model_once
 from obk_cli.workspace.model_reader import has_mujoco
 from obk_cli.workspace.node_sources import NodeSources
 from obk_cli.workspace.package_index import PackageIndex
 
-__all__ = ["MachineSurroundings"]
+__all__ = ["MachineEnvironment"]
 
 
-class MachineSurroundings:
+class MachineEnvironment:
     """One run's view of the machine; every file is read at most once.
 
     `note` hears of the files that the answers depend on, each before it is read.
@@ -38,7 +38,7 @@ class MachineSurroundings:
         self._elements: dict[Path, dict[tuple[str, str], MjcfElement]] = {}
         self._sources: dict[Path, SourceFile] = {}
         self._commands: dict[tuple[str, str], Command | ExecutableMissing] = {}
-        self._codes: dict[tuple[str, str], NodeCode | CodeFault | None] = {}
+        self._codes: dict[tuple[str, str], NodeFacts | CodeFault | None] = {}
 
     def find_package_share(self, name: str) -> Path | None:
         """The folder that holds a package's data."""
@@ -66,7 +66,7 @@ class MachineSurroundings:
             self._commands[key] = self.packages.find_executable(package, executable)
         return self._commands[key]
 
-    def read_node_code(self, package: str, executable: str) -> NodeCode | CodeFault | None:
+    def read_node_code(self, package: str, executable: str) -> NodeFacts | CodeFault | None:
         """What the Python source of an executable says."""
         key = (package, executable)
         if key not in self._codes:

@@ -14,8 +14,8 @@ from hashlib import sha256
 from pathlib import Path
 
 from obelisk_spec.model import ModelFacts, SensorFact
+from obk_cli.config.environment import ModelFault, ModelRead
 from obk_cli.optional_deps import distribution_version
-from obk_cli.surroundings import ModelFault, ModelRead
 from obk_cli.workspace.mjcf_locations import mjcf_files
 from obk_cli.workspace.model_reader import missing_files
 from obk_cli.workspace.model_subprocess import read_model_bounded

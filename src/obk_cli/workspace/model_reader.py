@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from obelisk_spec.model import read_model_facts
-from obk_cli.surroundings import ModelFault, ModelRead
+from obk_cli.config.environment import ModelFault, ModelRead
 
 __all__ = ["has_mujoco", "import_mujoco", "missing_files", "read_model"]
 

@@ -14,7 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final, NoReturn
 
-from obk_cli.surroundings import ModelFault, ModelRead
+from obk_cli.config.environment import ModelFault, ModelRead
 from obk_cli.workspace.mjcf_locations import mjcf_files
 from obk_cli.workspace.model_reader import import_mujoco, read_model
 

@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterable
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-from obk_cli.code.entry import read_node_code
-from obk_cli.code.modules import FoundSource, Module, parse_module
-from obk_cli.node_code import CodeFault, NodeCode
-from obk_cli.source import SourceFile
-from obk_cli.surroundings import Command
+from obk_cli.config.environment import Command
+from obk_cli.config.node_facts import CodeFault, NodeFacts
+from obk_cli.diagnostics.source import SourceFile
+from obk_cli.source_analysis.entry_point import read_node_code
+from obk_cli.source_analysis.modules import FoundSource, Module, parse_module
 from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = ["NodeSources"]
@@ -42,7 +42,7 @@ class NodeSources:
         self._modules: dict[tuple[str, Path], Module | None] = {}
         self._folders: dict[tuple[str, tuple[Path, ...]], tuple[Path, ...]] = {}
 
-    def read(self, command: Command) -> NodeCode | CodeFault | None:
+    def read(self, command: Command) -> NodeFacts | CodeFault | None:
         """What the source of a command says, None where it is not Python or not to be had."""
         if command.module is not None:
             return self._read_module(command.module, command.function, command.python_path)
@@ -64,7 +64,7 @@ class NodeSources:
 
     def _read_module(
         self, module: str, function: str | None, path: tuple[Path, ...]
-    ) -> NodeCode | CodeFault | None:
+    ) -> NodeFacts | CodeFault | None:
         installed = (module.partition(".")[0],)
         if function is None and self._is_package(module, path, installed):
             module = f"{module}.{_PROGRAM}"

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Final
 
 from obelisk_spec.suggestions import list_names, near_names
+from obk_cli.config.environment import UNSEARCHED
 from obk_cli.files import STANDARD_INPUT
-from obk_cli.surroundings import UNSEARCHED
 from obk_cli.workspace.package_index import find_workspace
 
 __all__ = ["did_you_mean_config"]

@@ -1,13 +1,13 @@
-"""Surroundings in which there is nothing: no package, no message, no MuJoCo."""
+"""An environment that is empty: no packages, no messages, no MuJoCo."""
 
 from pathlib import Path
 
-from obk_cli.source import Span
-from obk_cli.surroundings import Command, ExecutableMissing, ModelFault, ModelRead
+from obk_cli.config.environment import Command, ExecutableMissing, ModelFault, ModelRead
+from obk_cli.diagnostics.source import Span
 
 
 class Nowhere:
-    """What of a stack can be told without its surroundings."""
+    """Knows nothing; what a stack says by itself is still checked."""
 
     def find_package_share(self, name: str) -> Path | None:
         return None

@@ -1,6 +1,6 @@
 """Nodes of plans, for tests that compile no config."""
 
-from obk_cli.plan import Origin, Process
+from obk_cli.plan.plan import Origin, Process
 
 __all__ = ["node"]
 

@@ -61,7 +61,7 @@ def test_plain_help_needs_neither_a_renderer_nor_what_a_config_is() -> None:
     code = (
         "import sys\n"
         "from obk_cli.cli.main import main\n"
-        "unneeded = {'rich', 'yaml', 'hashlib', 'obk_cli.config', 'obk_cli.launch.asks'}\n"
+        "unneeded = {'rich', 'yaml', 'hashlib', 'obk_cli.config.model', 'obk_cli.launch.asks'}\n"
         "try: main(['topic', 'echo', '--help'])\n"
         "except SystemExit as ended: print(ended.code, unneeded & sys.modules.keys())\n"
     )

@@ -9,7 +9,7 @@ from obelisk_spec.yaml_core import load_yaml_core
 from obk_cli.emit.json import emit_plan
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.files import write_text
-from obk_cli.plan import Plan, Process
+from obk_cli.plan.plan import Plan, Process
 
 from .plans import node
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
 from obk_cli.files import (
     STANDARD_INPUT,
     STATE_MODE,
@@ -17,7 +18,6 @@ from obk_cli.files import (
     write_bytes,
     write_text,
 )
-from obk_cli.source import LONGEST_FILE_BYTES
 
 
 def test_a_named_pipe_is_not_waited_for(tmp_path: Path) -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from obk_cli.cli.main import main
+from obk_cli.compiler import Options
 from obk_cli.fixing import Fixed, fix_config
-from obk_cli.pipeline import Options
 
 SOUND = """\
 config: d
@@ -45,7 +45,7 @@ FAULTS = (
 
 
 def options(folder: Path) -> Options:
-    return Options(environment={}, working_folder=folder, ignore=("OBK4",))
+    return Options(variables={}, working_folder=folder, ignore=("OBK4",))
 
 
 def fix(path: Path, allowed: bool = True) -> Fixed:

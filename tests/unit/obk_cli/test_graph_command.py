@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from obk_cli.cli.main import main
+from obk_cli.compiler import Options, compile_config
 from obk_cli.emit.forms import FORMS
-from obk_cli.pipeline import Options, compile_config
 
 CONFIG = str(Path(__file__).resolve().parents[2] / "cases/accept/OBK004/topic_twice.yaml")
 
@@ -32,7 +32,7 @@ def test_without_options_it_is_drawn_for_eighty_columns(
 )
 def test_the_outputs_name_says_which_picture(tmp_path: Path, name: str, form: str) -> None:
     assert graph("--output", str(tmp_path / name)) == 0
-    options = Options(environment={}, working_folder=Path.cwd(), ignore=("OBK4",))
+    options = Options(variables={}, working_folder=Path.cwd(), ignore=("OBK4",))
     plan = compile_config(CONFIG, options).plan
     assert plan is not None
     assert (tmp_path / name).read_text() == FORMS[form].emit(plan)

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.pipeline import Options, compile_source
-from obk_cli.plan import Process
+from obk_cli.compiler import Options, compile_source
+from obk_cli.diagnostics.source import SourceFile
+from obk_cli.plan.plan import Process
 from obk_cli.report.text import report_text
-from obk_cli.source import SourceFile
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 
 ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "docs/how-to/from-launch-files.md").read_text()
@@ -34,8 +34,8 @@ def launched() -> dict[str, dict[str, object]]:
 def compiled(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Process]:
     folder = tmp_path_factory.mktemp("stack")
     shutil.copytree(ROOT / "examples/dummy", folder, dirs_exist_ok=True)
-    surroundings = MachineSurroundings(folder, folder, {})
-    options = Options(environment={}, working_folder=folder, surroundings=surroundings)
+    environment = MachineEnvironment(folder, folder, {})
+    options = Options(variables={}, working_folder=folder, environment=environment)
     outcome = compile_source(SourceFile.of(str(folder / "arm.yaml"), CONFIG), options)
     assert report_text(outcome.diagnostics, colour=False) == ""
     assert outcome.plan is not None

@@ -9,7 +9,7 @@ from obk_cli.cli.main import main
 from obk_cli.cli.render_options import FilmWords, with_film
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.process_groups import share_of
-from obk_cli.plan import Plan, Process
+from obk_cli.plan.plan import Plan, Process
 
 from .plans import node
 

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.diagnostics import counted, found
-from obk_cli.source import SourceFile, Span
+from obk_cli.diagnostics.diagnostic import counted, found
+from obk_cli.diagnostics.source import SourceFile, Span
 
 COMPILE = """
 import resource, sys
 from collections import Counter
 from pathlib import Path
-from obk_cli.pipeline import Options, compile_config
+from obk_cli.compiler import Options, compile_config
 resource.setrlimit(resource.RLIMIT_AS, (700_000_000, 700_000_000))
 resource.setrlimit(resource.RLIMIT_CPU, (20, 20))  # [s], whatever else the machine does
-outcome = compile_config(sys.argv[1], Options(environment={}, working_folder=Path.cwd()))
+outcome = compile_config(sys.argv[1], Options(variables={}, working_folder=Path.cwd()))
 for code, times in Counter(fault.code for fault in outcome.diagnostics).items():
     print(code, times)
 """

@@ -2,13 +2,13 @@ import json
 
 from sarif_pydantic import Sarif
 
-from obk_cli.diagnostics import Related, found
-from obk_cli.edits import Edit
+from obk_cli.diagnostics.diagnostic import Related, found
+from obk_cli.diagnostics.edits import Edit
+from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.report.github import report_github
 from obk_cli.report.json import report_json
 from obk_cli.report.sarif import report_sarif
 from obk_cli.report.text import report_text, summary
-from obk_cli.source import SourceFile, Span
 
 SOURCE = SourceFile.of("f.yaml", "a: 1\n\tb: xyz\nc:\n  - d\n")
 FINDING = found(

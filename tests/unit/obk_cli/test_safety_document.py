@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from obelisk_spec.components import STALE_ACTIONS
+from obk_cli.compiler import Options, Outcome, compile_source
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.migrate.rewrite import migrate_source
-from obk_cli.pipeline import Options, Outcome, compile_source
 from obk_cli.report.text import report_text
-from obk_cli.source import SourceFile
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 
 ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "docs/how-to/safety.md").read_text()
@@ -20,8 +20,8 @@ TEXT = (ROOT / "docs/how-to/safety.md").read_text()
 
 def compile_text(text: str, folder: Path) -> Outcome:
     shutil.copytree(ROOT / "examples/dummy", folder, dirs_exist_ok=True)
-    surroundings = MachineSurroundings(folder, folder, {})
-    options = Options(environment={}, working_folder=folder, surroundings=surroundings)
+    environment = MachineEnvironment(folder, folder, {})
+    options = Options(variables={}, working_folder=folder, environment=environment)
     return compile_source(SourceFile.of(str(folder / "watched.yaml"), text), options)
 
 

@@ -11,7 +11,7 @@ import pytest
 from obelisk_spec import scans, sensors
 from obelisk_spec.sensors import sensor_group
 from obelisk_spec.yaml_core import load_yaml_core
-from obk_cli.read import keys
+from obk_cli.config import keys
 
 TABLES = {
     "node": keys.NODE_KEYS,

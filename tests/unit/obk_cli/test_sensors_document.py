@@ -10,10 +10,10 @@ import yaml
 
 from obelisk_spec.sensors import SENSOR_GROUPS
 from obelisk_spec.sim_checks import check_sim
-from obk_cli.pipeline import Options, compile_source
+from obk_cli.compiler import Options, compile_source
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.report.text import report_text
-from obk_cli.source import SourceFile
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 
 ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "docs/reference/sensors.md").read_text()
@@ -39,8 +39,8 @@ def test_the_components_of_the_true_state_are_taken(tmp_path: Path) -> None:
     config = yaml.safe_load((tmp_path / "dummy_new.yaml").read_text())
     config["robot"] |= {key: robot[key] for key in ("publishers", "timers")}
     text = yaml.safe_dump(config)
-    surroundings = MachineSurroundings(tmp_path, tmp_path, {})
-    options = Options(environment={}, working_folder=tmp_path, surroundings=surroundings)
+    environment = MachineEnvironment(tmp_path, tmp_path, {})
+    options = Options(variables={}, working_folder=tmp_path, environment=environment)
     outcome = compile_source(SourceFile.of(str(tmp_path / "true.yaml"), text), options)
     assert outcome.plan is not None, report_text(outcome.diagnostics, colour=False)
     (process,) = (one for one in outcome.plan.processes if one.section == "robot")

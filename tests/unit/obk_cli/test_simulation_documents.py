@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 import yaml
 
-from obk_cli.pipeline import Options, compile_source
+from obk_cli.compiler import Options, compile_source
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.report.text import report_text
-from obk_cli.source import SourceFile
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 
 ROOT = Path(__file__).parents[3]
 DUMMY = ROOT / "examples/dummy"
@@ -75,8 +75,8 @@ def test_both_pages_have_listings() -> None:
 def test_the_listing_is_sound(listing: str, folder: Path) -> None:
     stack = yaml.safe_load((DUMMY / "dummy_new.yaml").read_text())
     text = yaml.safe_dump(with_listing(stack, yaml.safe_load(listing)))
-    surroundings = MachineSurroundings(folder, folder, {})
-    options = Options(environment={}, working_folder=folder, surroundings=surroundings)
+    environment = MachineEnvironment(folder, folder, {})
+    options = Options(variables={}, working_folder=folder, environment=environment)
     outcome = compile_source(SourceFile.of(str(folder / "dummy.yaml"), text), options)
     assert outcome.plan is not None
     told = [finding for finding in outcome.diagnostics if finding.severity != "info"]

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.pipeline import Options, compile_config
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.compiler import Options, compile_config
+from obk_cli.workspace.environment import MachineEnvironment
 
 from ...ros.walkthrough import (  # noqa: TID252 - shared by folders of tests
     Commands,
@@ -29,7 +29,7 @@ def test_each_launch_of_the_document_has_its_nodes(tmp_path: Path) -> None:
             apply(step, tmp_path / "two")
     folder = tmp_path / "two"
     options = Options(
-        environment={}, working_folder=folder, surroundings=MachineSurroundings(folder, folder, {})
+        variables={}, working_folder=folder, environment=MachineEnvironment(folder, folder, {})
     )
     plan = compile_config(str(folder / "dummy_new.yaml"), options).plan
     assert plan is not None

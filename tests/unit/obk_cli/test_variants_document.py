@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.pipeline import Options, compile_config
-from obk_cli.plan import Plan
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.compiler import Options, compile_config
+from obk_cli.plan.plan import Plan
+from obk_cli.workspace.environment import MachineEnvironment
 
 from ...ros.walkthrough import (  # noqa: TID252 - shared by folders of tests
     Commands,
@@ -43,8 +43,8 @@ def typed(line: str, folder: Path) -> str:
 
 
 def plan_of(config: Path) -> Plan:
-    surroundings = MachineSurroundings(config.parent, config.parent, {})
-    options = Options(environment={}, working_folder=config.parent, surroundings=surroundings)
+    environment = MachineEnvironment(config.parent, config.parent, {})
+    options = Options(variables={}, working_folder=config.parent, environment=environment)
     plan = compile_config(str(config), options).plan
     assert plan is not None
     return plan

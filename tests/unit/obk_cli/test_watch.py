@@ -10,7 +10,7 @@ import pytest
 from obk_cli.cli import watch as module
 from obk_cli.cli.main import main
 from obk_cli.cli.watch import WatchedRun, watch
-from obk_cli.pipeline import Options
+from obk_cli.compiler import Options
 from obk_cli.workspace.mjcf_locations import mjcf_files
 
 
@@ -70,7 +70,7 @@ def test_every_file_that_took_part_is_marked(tmp_path: Path) -> None:
         "      - {topic: /s, dt: 1, msg_type: ObkScan, config_path: rays.yaml}\n"
         "      - {topic: /t, dt: 1, msg_type: ObkScan, config_path: gone.yaml}\n"
     )
-    run = WatchedRun(Options(environment={}, working_folder=tmp_path))
+    run = WatchedRun(Options(variables={}, working_folder=tmp_path))
     run.compile(str(config))
     marked = {path.name: mark is not None for path, mark in run.marks.items()}
     assert marked == {
@@ -95,7 +95,7 @@ def test_the_sources_of_nodes_and_what_names_them_are_marked(tmp_path: Path) -> 
     (package / "demo" / "__init__.py").write_text("")
     (package / "demo" / "node.py").write_text("from demo.parts import main\n")
     (tmp_path / "c.yaml").write_text("control: {pkg: demo, executable: node}\n")
-    run = WatchedRun(Options(environment={}, working_folder=tmp_path))
+    run = WatchedRun(Options(variables={}, working_folder=tmp_path))
     run.compile(str(tmp_path / "c.yaml"))
     marked = {str(p.relative_to(package)): m is not None for p, m in run.marks.items()
               if p.is_relative_to(package)}  # fmt: skip
@@ -118,7 +118,7 @@ def test_the_files_of_a_model_are_marked(tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text(
         "robot: {pkg: p, executable: e, is_simulated: true, sim: {model_xml_path: arm.xml}}\n"
     )
-    run = WatchedRun(Options(environment={}, working_folder=tmp_path))
+    run = WatchedRun(Options(variables={}, working_folder=tmp_path))
     run.compile(str(tmp_path / "c.yaml"))
     marked = {str(p.relative_to(tmp_path)): m is not None for p, m in run.marks.items()}
     assert marked.items() >= {"part.xml": True, "hand.xml": True, "m/hand.stl": False}.items()
@@ -127,7 +127,7 @@ def test_the_files_of_a_model_are_marked(tmp_path: Path) -> None:
 def test_a_change_while_the_check_runs_is_one(tmp_path: Path) -> None:
     config = tmp_path / "c.yaml"
     rewrite(config, "control: 1\n", 1)
-    run = WatchedRun(Options(environment={}, working_folder=tmp_path))
+    run = WatchedRun(Options(variables={}, working_folder=tmp_path))
     run.compile(str(config))
     rewrite(config, "control: 2\n", 2)
     run.compile(str(config))

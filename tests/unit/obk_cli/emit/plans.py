@@ -1,6 +1,6 @@
 """Plans to emit, made up."""
 
-from obk_cli.plan import Endpoint, Plan, Process, SensorGroup
+from obk_cli.plan.plan import Endpoint, Plan, Process, SensorGroup
 
 from .. import plans  # noqa: TID252 - shared by folders of tests
 

@@ -7,7 +7,7 @@ import pytest
 from obelisk_spec.yaml_core import load_yaml_core
 from obk_cli.emit.launch_file import emit_launch_file
 from obk_cli.emit.params import emit_params
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 from .plans import loop, node
 from .stand_in import LifecycleNode, OnStateTransition, World, run_launch_file

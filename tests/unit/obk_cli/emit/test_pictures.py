@@ -14,7 +14,7 @@ from obk_cli.emit.svg import emit_svg
 from obk_cli.emit.terminal import emit_terminal
 from obk_cli.emit.text_width import columns_of, shortened
 from obk_cli.errors import CommandFailedError
-from obk_cli.plan import Endpoint, Plan
+from obk_cli.plan.plan import Endpoint, Plan
 
 from .plans import loop, node
 

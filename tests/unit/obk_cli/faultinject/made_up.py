@@ -6,7 +6,7 @@ from obk_cli.faultinject.expectations import Case, Fault, expectation_of
 from obk_cli.faultinject.observation import Observation, TimedEvent
 from obk_cli.launch.events import OutputEvent
 from obk_cli.launch.process_groups import Unit
-from obk_cli.plan import OnCrash, Process
+from obk_cli.plan.plan import OnCrash, Process
 from obk_cli.runs.protocol import NodeStatus, StackStatus
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests

@@ -7,7 +7,7 @@ import pytest
 
 from obk_cli.faultinject.expectations import Allowances, Fault, Reaction, expectation_of, make_cases
 from obk_cli.launch.process_groups import Unit
-from obk_cli.plan import OnCrash
+from obk_cli.plan.plan import OnCrash
 
 from .made_up import CONTROLLER, ESTIMATOR, NODES, ROBOT, process, unit
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from obk_cli.clock import local_time
+from obk_cli.compiler import Options, compile_config
 from obk_cli.errors import CommandFailedError
 from obk_cli.faultinject.launched_stack import LaunchedStack
 from obk_cli.faultinject.runner import LaunchSettings, run_cases
 from obk_cli.faultinject.setup import make_rehearsal_folder, refuse_hardware, refuse_running
 from obk_cli.launch.run_lock import claim_run
-from obk_cli.pipeline import Options, compile_config
 from obk_cli.process.identity import this_process
 from obk_cli.runs.folder import Run
 
@@ -51,7 +51,7 @@ def test_a_launcher_that_may_still_say_something_is_not_waited_for(tmp_path: Pat
 
 
 def compiled(*overrides: str) -> Options:
-    return Options(environment={}, working_folder=DUMMY.parent, overrides=overrides)
+    return Options(variables={}, working_folder=DUMMY.parent, overrides=overrides)
 
 
 def test_a_robot_that_is_hardware_is_refused_with_its_place() -> None:

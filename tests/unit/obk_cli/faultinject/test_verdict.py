@@ -19,7 +19,7 @@ from obk_cli.launch.events import (
     Restarting,
 )
 from obk_cli.launch.journal import event_record
-from obk_cli.plan import OnCrash
+from obk_cli.plan.plan import OnCrash
 
 from .made_up import CONTROLLER, ESTIMATOR, ROBOT, case, events, observation, status
 

@@ -16,7 +16,7 @@ from obk_cli.introspect.graph_model import (
 from obk_cli.introspect.latency import stamp_of
 from obk_cli.introspect.publishing import moved_by
 from obk_cli.introspect.resolve import meant, one_meant
-from obk_cli.plan import Endpoint, Plan
+from obk_cli.plan.plan import Endpoint, Plan
 from obk_cli.ros.raw_subscription import Offer
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests

@@ -16,7 +16,7 @@ from obk_cli.introspect.publishing import (
     wait_for_subscribers,
 )
 from obk_cli.introspect.target import GraphTarget
-from obk_cli.plan import Endpoint, Plan
+from obk_cli.plan.plan import Endpoint, Plan
 from obk_cli.ros.raw_subscription import Offer
 from obk_cli.runs.folder import Run
 

@@ -2,14 +2,14 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.diagnostics import Diagnostic, found
+from obk_cli.compiler import Options
+from obk_cli.diagnostics.diagnostic import Diagnostic, found
+from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.joining.entry_text import flow_text
 from obk_cli.joining.join import Joined, join_node
 from obk_cli.joining.newcomer import read_newcomer
 from obk_cli.joining.proof import new_errors
-from obk_cli.pipeline import Options
-from obk_cli.source import SourceFile, Span
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 
 HERE = Path(__file__).parent
@@ -44,11 +44,9 @@ sensing:
 
 
 def join(text: str, section: str = "sensing", new: str = NEW) -> str:
-    surroundings = MachineSurroundings(HERE, HERE, {})
-    surroundings.packages = PackageIndex(workspaces=(), prefixes=())
-    options = Options(
-        environment={}, working_folder=HERE, ignore=("OBK4",), surroundings=surroundings
-    )
+    environment = MachineEnvironment(HERE, HERE, {})
+    environment.packages = PackageIndex(workspaces=(), prefixes=())
+    options = Options(variables={}, working_folder=HERE, ignore=("OBK4",), environment=environment)
     joined = join_node(SourceFile.of("c.yaml", text), read_newcomer(section, new), options)
     assert isinstance(joined, Joined), joined
     return joined.text

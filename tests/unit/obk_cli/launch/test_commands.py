@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.config.environment import Command
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.commands import (
     ComposedNode,
@@ -19,9 +20,8 @@ from obk_cli.launch.commands import (
 from obk_cli.launch.console import Output
 from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.launch.run import _commands
-from obk_cli.plan import Plan, Process
+from obk_cli.plan.plan import Plan, Process
 from obk_cli.report.launch import LaunchReport
-from obk_cli.surroundings import Command
 from obk_cli.workspace.package_index import PackageIndex
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests

@@ -24,7 +24,7 @@ from obk_cli.launch.conflicts import (
     watching_types,
 )
 from obk_cli.launch.events import InputEvent, UnknownPublisherSeen
-from obk_cli.plan import Endpoint, Plan
+from obk_cli.plan.plan import Endpoint, Plan
 from obk_cli.ros.graph import OWN_DISCOVERY_S, UNNAMED
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests

@@ -22,7 +22,7 @@ from obk_cli.launch.events import (
     StopAsked,
     TransitionEnded,
 )
-from obk_cli.plan import Origin, Plan
+from obk_cli.plan.plan import Origin, Plan
 from obk_cli.runs.protocol import ChangeAnswer
 
 from .world import CONTROLLER, ESTIMATOR, ROBOT, World, process

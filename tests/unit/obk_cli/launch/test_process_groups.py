@@ -1,7 +1,7 @@
 """Which part of a stack a launch runs."""
 
 from obk_cli.launch.process_groups import Share, devices_of, share_of, units_of
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 from .world import process
 

@@ -20,7 +20,7 @@ from obk_cli.launch.events import (
     StopAsked,
     VideoReported,
 )
-from obk_cli.plan import Origin, Promise
+from obk_cli.plan.plan import Origin, Promise
 from obk_cli.runs.protocol import StackStatus
 
 from .world import CONTROLLER, ESTIMATOR, PLAN, ROBOT, World, rates

@@ -20,7 +20,7 @@ from obk_cli.launch.console import Output
 from obk_cli.launch.options import KEPT_RUNS, LaunchOptions
 from obk_cli.launch.process_groups import Share
 from obk_cli.launch.run_lock import claim_run, locked_run
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.process.identity import boot_id, start_s, this_process
 from obk_cli.report.launch import LaunchReport
 from obk_cli.ros.environment import RosEnvironment

@@ -18,7 +18,7 @@ from obk_cli.launch.events import (
     StopAsked,
     TransitionEnded,
 )
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 
 from .world import CONTROLLER, ESTIMATOR, PLAN, ROBOT, World, process
 

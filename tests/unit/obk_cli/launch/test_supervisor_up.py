@@ -23,7 +23,7 @@ from obk_cli.launch.events import (
     TransitionEnded,
     WaitingFor,
 )
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.runs.protocol import ChangeAnswer, StackStatus
 
 from .world import CONTROLLER, ESTIMATOR, ROBOT, World, process

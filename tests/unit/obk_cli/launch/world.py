@@ -25,7 +25,7 @@ from obk_cli.launch.interfaces import Limits
 from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.launch.supervisor import Supervisor
 from obk_cli.launch.transitions import Until
-from obk_cli.plan import OnCrash, Plan, Process
+from obk_cli.plan.plan import OnCrash, Plan, Process
 from obk_cli.runs.lifecycle import TRANSITIONS
 
 from .. import plans  # noqa: TID252 - shared by folders of tests

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.diagnostics.source import SourceFile
 from obk_cli.migrate.rewrite import Migrated, migrate_source
 from obk_cli.migrate.shape import Spelling
 from obk_cli.report.text import report_text
-from obk_cli.source import SourceFile
 
 HERE = Path(__file__).parent
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from obk_cli.monitor.expected_topics import PlannedTopic, planned_topics, simulated_robots
-from obk_cli.plan import Endpoint, Plan, Process
+from obk_cli.plan.plan import Endpoint, Plan, Process
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 

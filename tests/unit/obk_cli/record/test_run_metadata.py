@@ -7,7 +7,7 @@ from math import inf
 from pathlib import Path
 
 from obk_cli.emit.json import emit_plan
-from obk_cli.plan import Endpoint, Plan, SensorGroup
+from obk_cli.plan.plan import Endpoint, Plan, SensorGroup
 from obk_cli.record.recorder_job import RecorderJob, job_from_json, job_to_json
 from obk_cli.record.run_metadata import RunMetadata, file_name, run_metadata_of
 from obk_cli.record.topic_filter import RecordRequest

@@ -21,7 +21,7 @@ from obk_cli.launch.events import (
     TransitionEnded,
 )
 from obk_cli.launch.process_groups import units_of
-from obk_cli.plan import Plan
+from obk_cli.plan.plan import Plan
 from obk_cli.report.escapes import plain
 from obk_cli.report.launch import LaunchReport
 from obk_cli.report.launch_status import LiveReport, opening_status, with_event

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from obk_cli.cli.init import command as make_workspace
 from obk_cli.cli.new import app
+from obk_cli.compiler import Options, compile_config
 from obk_cli.errors import CommandFailedError, MisuseError, ObkError
-from obk_cli.pipeline import Options, compile_config
 
 EXAMPLE = Path(__file__).resolve().parents[4] / "examples" / "dummy"
 
@@ -44,7 +44,7 @@ def refused(*arguments: str) -> ObkError:
 
 
 def errors(config: Path) -> list[str]:
-    options = Options(environment={}, working_folder=Path.cwd())
+    options = Options(variables={}, working_folder=Path.cwd())
     outcome = compile_config(str(config), options)
     return [str(finding) for finding in outcome.diagnostics if finding.severity != "info"]
 

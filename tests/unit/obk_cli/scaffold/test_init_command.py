@@ -13,9 +13,9 @@ import typer
 
 from obk_cli.cli.init import command
 from obk_cli.cli.vscode import install_vscode
+from obk_cli.compiler import Options, compile_config
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.jsonc import read_jsonc
-from obk_cli.pipeline import Options, compile_config
 from obk_cli.resources import resource_folder
 
 from .new_command import printed_by, refused_by
@@ -94,7 +94,7 @@ def test_the_editor_is_set_up_as_the_schema_command_would(here: Path) -> None:
 @pytest.mark.mujoco
 def test_its_config_is_valid_without_a_finding(here: Path) -> None:
     obk_init("my_robot")
-    options = Options(environment={}, working_folder=here)
+    options = Options(variables={}, working_folder=here)
     outcome = compile_config("my_robot/my_robot.yaml", options)
     found = [str(d) for d in outcome.diagnostics]
     # The simulator's package is there only where the tool is installed.

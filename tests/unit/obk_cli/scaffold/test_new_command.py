@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from obk_cli.cli.new import app
+from obk_cli.config.environment import Command
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.surroundings import Command
 from obk_cli.workspace.package_index import PackageIndex
 from obk_interfaces import discover
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.compiler import Options, compile_config
 from obk_cli.errors import MisuseError
-from obk_cli.pipeline import Options, compile_config
 
 from .new_command import empty_workspace, obk_new, refused
 
@@ -32,7 +32,7 @@ def test_what_the_config_is_to_say_is_valid_in_place_of_the_example(
     nodes = nodes.replace("/STACK/", "/obelisk/dummy/")
     robot = "robot:" + example.partition("\nrobot:")[2]
     (workspace / "config.yaml").write_text(f"config: mine\n{nodes}{robot}")
-    options = Options(environment={}, working_folder=workspace)
+    options = Options(variables={}, working_folder=workspace)
     outcome = compile_config("config.yaml", options)
     faults = [str(d) for d in outcome.diagnostics if d.severity != "info"]
     # The simulator's package is there only where the tool is installed.
@@ -47,7 +47,7 @@ def test_a_config_takes_nodes_that_fit_together(workspace: Path) -> None:
     obk_new("robot", "a_robot", "--sensor-msg", "JointEncoders")
     obk_new("robot", "b_robot", "--sensor-msg", "ObkJointEncoders")
     obk_new("config", "stack")
-    outcome = compile_config("stack.yaml", Options(environment={}, working_folder=workspace))
+    outcome = compile_config("stack.yaml", Options(variables={}, working_folder=workspace))
     assert outcome.config is not None
     executables = {node.executable.value for node in outcome.config.nodes}
     assert executables == {"a_control", "b_estimate", "b_robot"}
@@ -64,7 +64,7 @@ def test_a_config_joins_the_nodes_of_the_workspace(workspace: Path) -> None:
     assert obk_new("config", "stack").startswith(
         "made the config `stack` in ./\n  create    stack.yaml\n\n"
     )
-    outcome = compile_config("stack.yaml", Options(environment={}, working_folder=workspace))
+    outcome = compile_config("stack.yaml", Options(variables={}, working_folder=workspace))
     assert outcome.config is not None
     assert [str(d) for d in outcome.diagnostics if d.severity != "info"] == []
     executables = {node.executable.value for node in outcome.config.nodes}
@@ -84,7 +84,7 @@ def test_a_config_without_a_robot_simulates_the_model_that_is_there(workspace: P
     assert "model_xml_path: model/arm.xml" in text
     assert "tip_gyro: gyro" in text
     assert not (workspace / "two.xml").exists()
-    outcome = compile_config("two.yaml", Options(environment={}, working_folder=workspace))
+    outcome = compile_config("two.yaml", Options(variables={}, working_folder=workspace))
     faults = [str(d) for d in outcome.diagnostics if d.severity != "info"]
     # The simulator's package is there only where the tool is installed.
     assert [fault for fault in faults if "`obelisk_sim_py`" not in fault] == []

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.surroundings import Command
+from obk_cli.config.environment import Command
 from obk_cli.workspace.package_index import PackageIndex
 
 from .new_command import empty_workspace, obk_new, refused

@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
+from obk_cli.config.environment import ModelFault, ModelRead
 from obk_cli.optional_deps import distribution_version
-from obk_cli.surroundings import ModelFault, ModelRead
 from obk_cli.workspace import model_cache
 from obk_cli.workspace.model_cache import cache_folder, read_model_once
 

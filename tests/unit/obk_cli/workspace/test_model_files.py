@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.surroundings import ModelFault, ModelRead
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.config.environment import ModelFault, ModelRead
+from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.mjcf_locations import mjcf_elements, mjcf_files
 from obk_cli.workspace.model_reader import missing_files, read_model
 
@@ -40,11 +40,11 @@ def test_a_file_that_is_no_xml_has_what_came_before_the_fault(
 
 def test_an_element_of_several_lines_is_underlined_on_its_first(tmp_path: Path) -> None:
     (tmp_path / "m.xml").write_text('<mujoco><sensor>\n  <gyro\n    name="g"/></sensor></mujoco>')
-    surroundings = MachineSurroundings(tmp_path, tmp_path, {})
-    span = surroundings.model_element(tmp_path / "m.xml", "sensor", "g")
+    environment = MachineEnvironment(tmp_path, tmp_path, {})
+    span = environment.model_element(tmp_path / "m.xml", "sensor", "g")
     assert span is not None
     assert (str(span), span.text) == ("m.xml:2:3", "<gyro")
-    assert surroundings.model_element(tmp_path / "m.xml", "geom", "g") is None
+    assert environment.model_element(tmp_path / "m.xml", "geom", "g") is None
 
 
 @pytest.mark.mujoco

@@ -8,7 +8,7 @@ from typing import NoReturn
 
 import pytest
 
-from obk_cli.surroundings import ModelFault, ModelRead
+from obk_cli.config.environment import ModelFault, ModelRead
 from obk_cli.workspace import model_subprocess
 from obk_cli.workspace.model_subprocess import read_model_bounded
 

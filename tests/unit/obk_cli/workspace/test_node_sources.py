@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.node_code import CodeFault, NodeCode
-from obk_cli.workspace.environment import MachineSurroundings
+from obk_cli.config.node_facts import CodeFault, NodeFacts
+from obk_cli.workspace.environment import MachineEnvironment
 
 NODE = """\
 from obelisk_py.core.node import ObeliskNode
@@ -34,8 +34,8 @@ def package(root: Path, setup: str = SETUP) -> Path:
     return root
 
 
-def read(workspace: Path) -> NodeCode | CodeFault | None:
-    return MachineSurroundings(workspace, workspace, {}).read_node_code("demo", "run")
+def read(workspace: Path) -> NodeFacts | CodeFault | None:
+    return MachineEnvironment(workspace, workspace, {}).read_node_code("demo", "run")
 
 
 @pytest.mark.parametrize("layout", [".", "src"])
@@ -45,7 +45,7 @@ def test_an_entry_point_in_the_workspace_is_read_and_not_run(tmp_path: Path, lay
     folder.mkdir(parents=True)
     (folder / "run.py").write_text(NODE)
     found = read(tmp_path)
-    assert isinstance(found, NodeCode)
+    assert isinstance(found, NodeFacts)
     assert [component.name for component in found.components] == ["pub_x_setting"]
     assert found.knows_components
     assert found.span.path == str((folder / "run.py").relative_to(tmp_path))
@@ -61,7 +61,7 @@ def test_a_base_in_another_package_of_the_workspace_is_followed(tmp_path: Path) 
     (base / "base").mkdir(parents=True)
     (base / "package.xml").write_text("<package><name>base</name></package>")
     (base / "base" / "run.py").write_text(NODE)
-    assert isinstance(read(tmp_path), NodeCode)
+    assert isinstance(read(tmp_path), NodeFacts)
 
 
 def test_a_python_script_of_the_package_is_read(tmp_path: Path) -> None:
@@ -70,7 +70,7 @@ def test_a_python_script_of_the_package_is_read(tmp_path: Path) -> None:
     (scripts / "run").write_text(f"#!/usr/bin/env python3\n{NODE}\nmain()\n")
     (scripts / "run").chmod(0o755)
     found = read(tmp_path)
-    assert isinstance(found, NodeCode)
+    assert isinstance(found, NodeFacts)
     assert found.class_name == "Mine"
 
 
@@ -81,7 +81,7 @@ def test_a_shell_script_that_runs_a_module_leads_to_it(tmp_path: Path) -> None:
     (scripts / "run").write_text(f"#!/bin/sh\n{runs}")
     (scripts / "run").chmod(0o755)
     found = read(tmp_path)
-    assert isinstance(found, NodeCode)
+    assert isinstance(found, NodeFacts)
     assert found.class_name == "JointEncodersPassthroughEstimator"
 
 
@@ -110,6 +110,6 @@ def test_a_file_in_an_encoding_of_its_own_is_read(tmp_path: Path) -> None:
     folder = package(tmp_path / "src" / "demo") / "demo"
     folder.mkdir()
     (folder / "run.py").write_bytes(f"# -*- coding: latin-1 -*-\n# é\n{NODE}".encode("latin-1"))
-    assert isinstance(read(tmp_path), NodeCode)
+    assert isinstance(read(tmp_path), NodeFacts)
     (folder / "run.py").write_bytes(f"# é\n{NODE}".encode("latin-1"))
     assert read(tmp_path) is None

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.surroundings import Command, ExecutableMissing
+from obk_cli.config.environment import Command, ExecutableMissing
 from obk_cli.workspace.entry_points import source_console_scripts
 from obk_cli.workspace.package_index import PackageIndex, find_workspace, package_folders
 

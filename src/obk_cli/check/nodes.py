@@ -1,0 +1,204 @@
+"""OBK107, OBK108, OBK201, OBK202, OBK207, OBK208: which nodes exist, and their components."""
+
+from collections.abc import Collection, Iterator
+from dataclasses import replace
+
+from obelisk_spec.components import component_identity, standard_component
+from obelisk_spec.suggestions import did_you_mean, near_names, sure_name
+from obk_cli.check.context import CheckContext
+from obk_cli.config.environment import Environment
+from obk_cli.config.fixes import respell
+from obk_cli.config.model import Component, Node, Spanned, Stack
+from obk_cli.config.node_facts import NodeFacts
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.source import Span
+
+__all__ = [
+    "check_callback_groups",
+    "check_components",
+    "check_node_names",
+    "check_required_sections",
+]
+
+_REQUIRED = (
+    ("control", "a controller"),
+    ("estimation", "an estimator"),
+    ("robot", "a robot, real or simulated"),
+)
+
+
+def check_required_sections(context: CheckContext) -> Iterator[Diagnostic]:
+    """Each required section has a node on some device."""
+    for section, what in _REQUIRED:
+        if next(context.stack.section(section), None) is None:
+            message = f"section `{section}` has no node, a stack needs {what}"
+            yield found("OBK201", message, context.stack.span)
+
+
+def check_node_names(context: CheckContext) -> Iterator[Diagnostic]:
+    """No two nodes have one full name."""
+    seen: dict[str, Span] = {}
+    for name, place, help in _named(context.stack):
+        if name not in seen:
+            seen[name] = place
+            continue
+        yield found(
+            "OBK202",
+            f"two nodes are named `{name}`",
+            place,
+            help=help,
+            related=(Related(message="the other one", span=seen[name]),),
+        )
+
+
+def _named(stack: Stack) -> Iterator[tuple[str, Span, str]]:
+    """The full name of each node, its place, and what would give it another."""
+    for node in stack.nodes:
+        named = node.name or node.pkg
+        place = named.span if named else node.span
+        yield node.full_name, place, "give one of them another `name` or `namespace`"
+    for joystick in stack.joysticks:
+        if joystick.on:
+            yield joystick.full_name, joystick.span, "switch one of the two off: `on: false`"
+
+
+_MOST_SUGGESTIONS = 200
+"""Findings that are compared with what exists."""
+
+
+def check_components(context: CheckContext) -> Iterator[Diagnostic]:
+    """Two entries for one component, and names that contradict each other."""
+    for node in context.stack.nodes:
+        yield from _check_twice(node)
+        if any(component.ros_parameter and component.key for component in node.components):
+            yield from _check_contradictions(node, _code_of(node, context.environment))
+
+
+def _code_of(node: Node, environment: Environment) -> NodeFacts | None:
+    if node.pkg is None or node.executable is None:
+        return None
+    code = environment.read_node_code(node.pkg.value, node.executable.value)
+    return code if isinstance(code, NodeFacts) else None
+
+
+def _check_twice(node: Node) -> Iterator[Diagnostic]:
+    seen: dict[tuple[str, str], Component] = {}
+    for component in node.components:
+        if component.identity is None or component.name is None:
+            continue
+        same = (component.kind, component.identity)
+        first = seen.setdefault(same, component)
+        if first is component or first.name is None:
+            continue
+        yield found(
+            "OBK108",
+            f"{component.kind} `{component.identity}` of `{node.node_name}` is configured twice",
+            component.name.span,
+            related=(Related(message="the first time", span=first.name.span),),
+        )
+
+
+def _check_contradictions(node: Node, code: NodeFacts | None) -> Iterator[Diagnostic]:
+    """A `key` beside a `ros_parameter` may be a name of the user's own, but no other component's.
+
+    The node finds a component by either name.
+    """
+    owners = {
+        (component.kind, _meant(component.name.value)): component
+        for component in reversed(node.components)
+        if component.name is not None
+    }
+    for component in node.components:
+        parameter, key = component.ros_parameter, component.key
+        if key is None:
+            continue
+        meant = _meant(key.value)
+        owner = owners.setdefault((component.kind, meant), component)
+        if parameter is None or meant == (own := _meant(parameter.value)):
+            continue
+        is_other = owner is not component or standard_component(key.value) is not None
+        if is_other or _are_two(code, component, parameter, key):
+            place = owner.name if owner is not component else None
+            yield _contradiction(parameter, key, meant, own, place)
+        elif sure_name(meant, (own,)):
+            yield _misspelt_key(parameter, key, own)
+
+
+def _meant(name: str) -> str:
+    return standard_component(name) or component_identity(name)
+
+
+def _are_two(
+    code: NodeFacts | None, component: Component, parameter: Spanned[str], key: Spanned[str]
+) -> bool:
+    """Whether the code registers one component of either name."""
+    if code is None:
+        return False
+    named, keyed = (
+        code.component_of(replace(component, ros_parameter=name, key=None))
+        for name in (parameter, key)
+    )
+    return named is not None and keyed is not None and named is not keyed
+
+
+def _contradiction(
+    parameter: Spanned[str],
+    key: Spanned[str],
+    meant: str,
+    own: str,
+    owner: Spanned[str] | None,
+) -> Diagnostic:
+    there = (Related(message=f"the component `{meant}`", span=owner.span),) if owner else ()
+    return found(
+        "OBK107",
+        f"key `{key.value}` names the component `{meant}`, `ros_parameter` names `{own}`",
+        key.span,
+        help="remove one of the two",
+        related=(Related(message="the `ros_parameter`", span=parameter.span), *there),
+    )
+
+
+def _misspelt_key(parameter: Spanned[str], key: Spanned[str], own: str) -> Diagnostic:
+    return found(
+        "OBK107",
+        f"key `{key.value}` is not quite `{own}`, which `ros_parameter` names",
+        key.span,
+        help=f"write `key: {own}`, or leave `key` out",
+        related=(Related(message="the `ros_parameter`", span=parameter.span),),
+        fix=respell(key.span, key.value, own),
+    )
+
+
+def check_callback_groups(context: CheckContext) -> Iterator[Diagnostic]:
+    """Groups that are used and not defined, or defined and not used."""
+    undefined = 0
+    for node in context.stack.nodes:
+        defined = {group.name.value: group for group in node.callback_groups}
+        used: set[str] = set()
+        for component in node.components:
+            group = component.callback_group
+            if group is None:
+                continue
+            # A misspelt group counts as a use of the one that it is near to.
+            used.add(group.value)
+            if group.value not in defined:
+                undefined += 1
+                names = defined if undefined <= _MOST_SUGGESTIONS else ()
+                used.update(near_names(group.value, names))
+                yield _undefined_group(group, node, names)
+        for name, unused in defined.items():
+            if name not in used:
+                message = f"callback group `{name}` of `{node.node_name}` is not used"
+                yield found("OBK208", message, unused.name.span)
+
+
+def _undefined_group(group: Spanned[str], node: Node, names: Collection[str]) -> Diagnostic:
+    meant = sure_name(group.value, names)
+    return found(
+        "OBK207",
+        f"callback group `{group.value}` is not defined in `{node.node_name}`",
+        group.span,
+        help=did_you_mean(group.value, names)
+        or f"add `callback_groups: {{{group.value}: MutuallyExclusiveCallbackGroup}}`",
+        fix=respell(group.span, group.value, meant) if meant else (),
+    )

@@ -1,0 +1,274 @@
+"""OBK108, OBK3xx: `sim` blocks against their models, and control messages against actuators."""
+
+from collections.abc import Iterator
+
+from obelisk_spec.messages import resolve_msg_type
+from obelisk_spec.sim_checks import SimFault, check_sim
+from obelisk_spec.suggestions import list_names
+from obelisk_spec.wording import with_article, with_number
+from obk_cli.check.context import CheckContext
+from obk_cli.check.packages import no_such_package, where_it_is_not
+from obk_cli.config.environment import Environment, ModelFault, ModelRead
+from obk_cli.config.fixes import respell
+from obk_cli.config.model import SIM_PARAMETER, Component, FileSearch, Node, Sim, Stack
+from obk_cli.config.node_facts import ControlLength, NodeFacts
+from obk_cli.config.topology import absolute_topic
+from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.source import Span
+
+__all__ = ["check_controls", "check_models", "check_sim_blocks"]
+
+
+def check_sim_blocks(context: CheckContext) -> Iterator[Diagnostic]:
+    """No block takes the place of another, and the simulator has one."""
+    for node in context.stack.section("robot"):
+        yield from _check_twice(node)
+        if not node.is_simulator:
+            continue
+        if node.is_simulated is not None and not node.is_simulated.value:
+            yield found(
+                "OBK321",
+                f"`{node.node_name}` is a simulator, and `is_simulated: false` leaves out its "
+                "`sim` block",
+                node.is_simulated.span,
+                help="remove this line, or name the executable of the hardware",
+            )
+        else:
+            yield from _check_given(node)
+
+
+def _check_twice(node: Node) -> Iterator[Diagnostic]:
+    seen: dict[str, Sim] = {}
+    for sim in node.sims:
+        first = seen.setdefault(sim.parameter, sim)
+        if first is not sim:
+            yield found(
+                "OBK108",
+                f"two `sim` blocks of `{node.node_name}` go into the parameter `{sim.parameter}`",
+                sim.span,
+                help="remove one, or give it the `ros_parameter` that the code declares for it",
+                related=(Related(message="the first one", span=first.span),),
+            )
+
+
+def _check_given(node: Node) -> Iterator[Diagnostic]:
+    assert node.executable is not None  # it is the simulator's
+    given = {*(sim.parameter for sim in node.sims), *(p.name for p in node.params)}
+    if SIM_PARAMETER in given:
+        return
+    other = next((sim.ros_parameter for sim in node.sims if sim.ros_parameter), None)
+    if other is None:
+        yield found(
+            "OBK321",
+            f"`{node.node_name}` is a simulator and has no `sim` block",
+            node.executable.span,
+            help="add `sim: {model_xml_path: ...}`",
+        )
+    else:
+        yield found(
+            "OBK321",
+            f"the simulator reads its block from `{SIM_PARAMETER}`, this one goes into "
+            f"`{other.value}`",
+            other.span,
+            help="leave `ros_parameter` out",
+        )
+
+
+def check_models(context: CheckContext) -> Iterator[Diagnostic]:
+    """Every sound `sim` block, against its model where that can be read."""
+    skipped: Span | None = None
+    for node in context.stack.nodes:
+        for sim in node.sims:
+            if not sim.is_sound or sim.model is None:
+                continue
+            read = None
+            if sim.model.found is None:
+                yield _not_found(sim.model, sim, context.environment)
+            else:
+                read = context.environment.read_model(sim.model.found)
+                skipped = skipped or (sim.model.written.span if read is None else None)
+            if isinstance(read, ModelFault):
+                yield _unreadable(read, sim.model, context.environment)
+            in_block = tuple(_check_block(node, sim, read, context.environment))
+            # What MuJoCo stops at may be what the block was told of already.
+            is_told = any(finding.severity == "error" for finding in in_block)
+            if isinstance(read, ModelRead) and read.fault is not None and not is_told:
+                yield _unreadable(read.fault, sim.model, context.environment)
+            yield from in_block
+    if skipped is not None:
+        message = "MuJoCo is not installed, so names are not checked against the model"
+        help = "install the `mujoco` package to have them checked"
+        yield found("OBK300", message, skipped, help=help)
+
+
+def _not_found(model: FileSearch, sim: Sim, environment: Environment) -> Diagnostic:
+    if model.missing_package is not None and sim.robot_pkg is not None:
+        return no_such_package(model, sim.robot_pkg, "model", environment)
+    hint = "" if sim.robot_pkg or model.near else "; name the package that holds it as `robot_pkg`"
+    message = f"model `{model.written.value}` is not found"
+    return found("OBK301", message, model.written.span, help=where_it_is_not(model) + hint)
+
+
+def _unreadable(fault: ModelFault, model: FileSearch, environment: Environment) -> Diagnostic:
+    related: tuple[Related, ...] = ()
+    if fault.line and model.found is not None:
+        place = environment.model_line(model.found, fault.line)
+        related = (Related(message="MuJoCo stopped here", span=place),)
+    message = f"MuJoCo cannot read `{model.written.value}`: {fault.message}"
+    return found("OBK302", message, model.written.span, related=related)
+
+
+def _check_block(
+    node: Node, sim: Sim, read: ModelRead | ModelFault | None, environment: Environment
+) -> Iterator[Diagnostic]:
+    parameters = {parameter.name: parameter.value for parameter in node.params}
+    facts = read.facts if isinstance(read, ModelRead) else None
+    block = plain_value(sim.checked or sim.tree)
+    assert isinstance(block, dict)  # a TreeMap's value is one
+    for fault in check_sim(block, parameters, facts):
+        yield _placed(fault, node, sim, environment)
+    if isinstance(read, ModelRead) and read.missing_files and sim.model is not None:
+        count = len(read.missing_files)
+        yield found(
+            "OBK318",
+            f"{count} file{'s' if count > 1 else ''} of the model `{sim.model.written.value}` "
+            f"{'are' if count > 1 else 'is'} missing: {list_names(read.missing_files, most=3)}",
+            sim.model.written.span,
+            help="the simulation cannot start without them; the model's structure was checked",
+        )
+
+
+def _placed(fault: SimFault, node: Node, sim: Sim, environment: Environment) -> Diagnostic:
+    """A finding of the shared checks at its place in the config and in the model."""
+    related: tuple[Related, ...] = ()
+    if fault.element is not None and sim.model is not None and sim.model.found is not None:
+        kind, name = fault.element
+        place = environment.model_element(sim.model.found, kind, name)
+        if place is not None:
+            related = (Related(message="in the model", span=place),)
+    span, written = _place_of(fault, node, sim)
+    return found(
+        fault.code,
+        fault.message,
+        span,
+        help=fault.help,
+        severity=fault.severity,
+        related=related,
+        fix=respell(span, written, fault.meant) if fault.meant and written else (),
+    )
+
+
+def _place_of(fault: SimFault, node: Node, sim: Sim) -> tuple[Span, str | None]:
+    """Where a finding is, and the word there if another may stand in its place."""
+    if fault.path[:1] == ("params",):
+        name = ".".join(str(step) for step in fault.path[1:])
+        parameter = next((p for p in node.params if p.name == name), None)
+        return (parameter.span, str(parameter.value)) if parameter else (node.span, None)
+    tree: Tree = sim.checked or sim.tree
+    span, written = tree.span, None
+    for step in fault.path:
+        if isinstance(tree, TreeMap) and isinstance(step, str):
+            entry = tree.get(step)
+            if entry is None:
+                return span, None
+            is_key = fault.points_at == "key"
+            is_taken = is_key and fault.meant is not None and tree.get(fault.meant) is not None
+            tree = entry.value
+            span = entry.key_span if is_key else tree.span
+            written = None if is_taken else entry.key if is_key else _text(tree)
+        elif isinstance(tree, TreeList) and isinstance(step, int):
+            tree = tree.items[step]
+            span, written = tree.span, _text(tree)
+    return span, written
+
+
+def _text(tree: Tree) -> str | None:
+    return tree.value if isinstance(tree, TreeScalar) and isinstance(tree.value, str) else None
+
+
+_WITHOUT_ACTUATORS = (
+    "obelisk_control_msgs/msg/VelocityCommand",
+    "obelisk_control_msgs/msg/ExecutionFSM",
+)
+
+
+def check_controls(context: CheckContext) -> Iterator[Diagnostic]:
+    """The simulator can apply the message that it obeys, and it has a value for each actuator."""
+    told: set[tuple[str, Span]] = set()
+    for robot in context.stack.section("robot"):
+        if not robot.runs_simulation:
+            continue
+        for component in robot.components:
+            if not component.takes_commands:
+                continue
+            if robot.is_simulator:
+                yield from _check_message(component)
+            for place, fault in _check_lengths(
+                context.stack, robot, component, context.environment
+            ):
+                if place not in told:  # by another robot that obeys the same controller
+                    told.add(place)
+                    yield fault
+
+
+def _check_message(component: Component) -> Iterator[Diagnostic]:
+    if component.msg_type is None:
+        return
+    written = component.msg_type.value
+    if resolve_msg_type(written) in _WITHOUT_ACTUATORS:
+        yield found(
+            "OBK315",
+            f"the simulator cannot apply {with_article(written)}: it has no `u_mujoco`, "
+            "the values for the actuators",
+            component.msg_type.span,
+            help="it takes `PositionSetpoint` and `PDFeedForward`; a low-level controller can "
+            "turn one into the other",
+        )
+
+
+def _check_lengths(
+    stack: Stack, robot: Node, obeyed: Component, environment: Environment
+) -> Iterator[tuple[tuple[str, Span], Diagnostic]]:
+    """The findings, each with the controller and the place in its code."""
+    actuators = [
+        read.facts.actuators
+        for sim in robot.sims
+        if sim.model is not None and sim.model.found is not None
+        if isinstance(read := environment.read_model(sim.model.found), ModelRead)
+    ]
+    if len(actuators) != 1 or obeyed.topic is None:
+        return
+    topic = absolute_topic(obeyed.topic.value, robot)
+    for node in stack.section("control"):
+        if node.pkg is None or node.executable is None:
+            continue
+        published = [
+            c.topic
+            for c in node.components
+            if c.kind == "publisher" and c.topic and absolute_topic(c.topic.value, node) == topic
+        ]
+        code = environment.read_node_code(node.pkg.value, node.executable.value)
+        if published and isinstance(code, NodeFacts):
+            for length in code.control_lengths:
+                if length.length != actuators[0]:
+                    fault = _wrong_length(length, node, code, robot, actuators[0])
+                    yield (node.full_name, length.span), fault
+
+
+def _wrong_length(
+    length: ControlLength, node: Node, code: NodeFacts, robot: Node, actuators: int
+) -> Diagnostic:
+    assert node.executable is not None  # its code was read
+    (path, *_) = [sim.model_xml_path for sim in robot.sims if sim.model_xml_path]
+    return found(
+        "OBK317",
+        f"class `{code.class_name}` writes {with_number(length.length, 'value')} into "
+        f"`{length.field}`, the model has {with_number(actuators, 'actuator')}",
+        node.executable.span,
+        help="the simulator refuses a control message of another length",
+        related=(
+            Related(message="in the code", span=length.span),
+            Related(message="the model", span=path.span),
+        ),
+    )

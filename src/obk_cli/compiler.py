@@ -1,0 +1,149 @@
+"""Compile a config: load -> read -> locate -> check -> lower, the only module that knows the order.
+
+The library entry for everything that needs a config: the command line, the launcher, editors.
+"""
+
+from bisect import bisect_left, insort
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from obk_cli.check import check_stack
+from obk_cli.config.environment import Environment
+from obk_cli.config.loader import ConfigFiles, load_config
+from obk_cli.config.locate import locate_stack
+from obk_cli.config.model import Stack
+from obk_cli.config.reader import read_stack
+from obk_cli.config.suppressions import check_ignores, said_on_command_line, silence
+from obk_cli.config.yaml_parser import decode_source
+from obk_cli.diagnostics.diagnostic import Diagnostic, counted, found, in_order, worst
+from obk_cli.diagnostics.source import SourceFile, Span
+from obk_cli.files import STANDARD_INPUT, read_bytes
+from obk_cli.plan.lower import lower_stack
+from obk_cli.plan.plan import Plan
+from obk_cli.workspace.environment import MachineEnvironment
+from obk_cli.workspace.path_suggestions import did_you_mean_config
+
+__all__ = ["Options", "Outcome", "compile_config", "compile_source"]
+
+_LOSES_TEXT = frozenset(f"OBK{number:03}" for number in (2, 3, 6, 7, 8, 9, 10, 13))
+"""Faults after which part of the config is not there to be checked."""
+_OF_WHOLE_NODES = ("OBK207", "OBK208", "OBK306", "OBK307", "OBK405")
+"""Findings about what a node lacks: it may stand under a key that was written twice."""
+_FOLLOWS: Mapping[str, str | tuple[str, ...]] = {
+    "OBK011": "OBK",
+    "OBK109": ("OBK203", "OBK204"),
+    "OBK407": "OBK205",
+}
+"""Finding -> findings about the same text that would tell the same fault once more."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """How a config is compiled."""
+
+    variables: Mapping[str, str]
+    """Stands in for `${VAR}`; its AMENT_PREFIX_PATH says where packages are."""
+    working_folder: Path
+    overrides: tuple[str, ...] = ()
+    """`path=value`, as `--set` takes them."""
+    ignore: tuple[str, ...] = ()
+    """Codes, or beginnings of codes, not to report."""
+    environment: Environment | None = None
+    """What to ask about packages and models; None: this machine."""
+    read: Callable[[str], bytes | str] = read_bytes
+    """What a config file holds, or why it cannot be read."""
+    meant: Callable[[str], str | None] = did_you_mean_config
+    """What may be meant by the path of a file that cannot be read, as a help line."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What became of a config; there is a plan only where no error was found."""
+
+    path: str
+    plan: Plan | None
+    config: Stack | None
+    diagnostics: tuple[Diagnostic, ...] = field(default=())
+    environment: Environment | None = None
+    """What was asked about packages and models; None if nothing was."""
+
+
+def compile_config(path: str, options: Options) -> Outcome:
+    """Compile a file; `-` is the standard input."""
+    shown = "<standard input>" if path == STANDARD_INPUT else path
+    data = options.read(path)
+    if isinstance(data, str):
+        place = Span.at(SourceFile.of(shown, ""), 1, 1)
+        fault = found(
+            "OBK001", f"`{shown}` cannot be read: {data}", place, help=options.meant(path)
+        )
+        return Outcome(path=shown, plan=None, config=None, diagnostics=(fault,))
+    source = decode_source(shown, data)
+    if isinstance(source, Diagnostic):
+        return Outcome(path=shown, plan=None, config=None, diagnostics=(source,))
+    return compile_source(source, options)
+
+
+def compile_source(source: SourceFile, options: Options) -> Outcome:
+    """Compile a text; paths in it are relative to the folder of the path it goes by."""
+    folder = (options.working_folder / source.path).resolve().parent
+    if source.path.startswith("<"):
+        folder = options.working_folder
+    environment = options.environment or MachineEnvironment(
+        folder, options.working_folder, options.variables
+    )
+    files = ConfigFiles(
+        source,
+        variables=options.variables,
+        working_folder=options.working_folder,
+        read=options.read,
+    )
+    tree, faults = load_config(source, files, options.overrides)
+    stack: Stack | None = None
+    if tree is not None:
+        stack, read_faults = read_stack(tree)
+        faults += read_faults
+    if stack is not None:
+        stack, locate_faults = locate_stack(stack, folder, files, environment)
+        faults += locate_faults
+        is_whole = files.are_whole and not any(fault.code in _LOSES_TEXT for fault in faults)
+        faults += check_stack(stack, environment, is_whole=is_whole)
+    ignored = tuple(said_on_command_line(code) for code in options.ignore)
+    ignored += stack.ignored_codes if stack is not None else ()
+    faults += check_ignores(files.sources, ignored)
+    codes = [code.value for code in ignored]
+    heard = in_order(silence(tuple(_causes(faults, are_whole=files.are_whole)), codes))
+    plan = lower_stack(stack) if stack is not None and worst(heard) != "error" else None
+    return Outcome(
+        path=source.path,
+        plan=plan,
+        config=stack,
+        diagnostics=counted(heard),
+        environment=environment,
+    )
+
+
+def _causes(faults: tuple[Diagnostic, ...], *, are_whole: bool) -> Iterator[Diagnostic]:
+    """The findings without those that only follow from another one about the same text."""
+    columns: dict[tuple[str, str, int], list[int]] = defaultdict(list)
+    for fault in faults:
+        if fault.code in _FOLLOWS:
+            insort(columns[fault.code, fault.span.path, fault.span.line], fault.span.column)
+    for fault in faults:
+        if not are_whole and fault.code in _OF_WHOLE_NODES:
+            continue
+        if not any(
+            fault.code.startswith(follows)
+            and fault.code != code
+            and _covers(fault.span, columns.get((code, fault.span.path, fault.span.line), ()))
+            for code, follows in _FOLLOWS.items()
+        ):
+            yield fault
+
+
+def _covers(span: Span, columns: Sequence[int]) -> bool:
+    """Whether any of the columns, which ascend, is within the stretch on its first line."""
+    first = bisect_left(columns, span.column)
+    return first < len(columns) and columns[first] < span.first_line_end

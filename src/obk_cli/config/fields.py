@@ -1,0 +1,294 @@
+"""Read the keys of one mapping: each value of the right kind, or a finding and None.
+
+Null is the same as not written, except where a key is required. Names that ROS would reject are
+findings too.
+"""
+
+from collections.abc import Callable, Iterable
+from math import inf
+from typing import TypeVar
+
+from obelisk_spec.names import (
+    namespace_fault,
+    node_name_fault,
+    package_name_fault,
+    topic_name_fault,
+)
+from obelisk_spec.suggestions import ask_for, list_names, near_names, sure_name
+from obelisk_spec.values import LARGEST_COUNT, LONGEST_PERIOD_S, SHORTEST_PERIOD_S
+from obelisk_spec.yaml_core import core_scalar
+from obk_cli.config.fixes import remove_entry, respell
+from obk_cli.config.keys import NO_EFFECT_KEYS
+from obk_cli.config.model import Spanned
+from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of, shown
+from obk_cli.diagnostics.diagnostic import Diagnostic, found
+from obk_cli.diagnostics.edits import Edit
+from obk_cli.diagnostics.source import Span
+
+__all__ = [
+    "Faults",
+    "Fields",
+    "check_namespace",
+    "check_node_name",
+    "check_package",
+    "check_topic",
+    "read_items",
+    "read_text",
+]
+
+T = TypeVar("T")
+
+Faults = list[Diagnostic]
+
+_MOST_COMPARED = 400
+"""Findings up to which an unknown key is compared with the known ones."""
+
+_TOO_LARGE_FOR_FLOAT = 2**1023
+
+
+class Fields:
+    """The keys of one mapping; findings go into the list that it was made with."""
+
+    def __init__(self, tree: TreeMap, what: str, keys: tuple[str, ...], faults: Faults) -> None:
+        self.tree = tree
+        self._what = what
+        self._faults = faults
+        known = frozenset(keys)
+        self._entries = {entry.key: entry for entry in tree if entry.key in known}
+        for entry in tree:
+            if entry.key not in known:
+                self._unknown(entry, keys)
+            elif entry.key in NO_EFFECT_KEYS:
+                message = f"`{entry.key}` has no effect"
+                cure = remove_entry(tree, entry)
+                faults.append(found("OBK506", message, entry.key_span, fix=cure))
+
+    def _unknown(self, entry: Entry, keys: tuple[str, ...]) -> None:
+        useful = [key for key in keys if key not in NO_EFFECT_KEYS]
+        compared = useful if len(self._faults) < _MOST_COMPARED else []
+        near = near_names(entry.key, compared)
+        help = f"it takes {list_names(useful, most=20)}"
+        key, colon, value = entry.key.partition(":")
+        if colon and key in useful:
+            help = f"put a space after the colon: `{key}: {value}`"
+        elif near:
+            help = ask_for(near) or help
+        if near:
+            # It is read as what it was meant to be, so that nothing is reported missing.
+            self._entries.setdefault(near[0], entry)
+        message = f"{self._what} has no key `{entry.key}`"
+        meant = sure_name(entry.key, compared)
+        cure: tuple[Edit, ...] = ()
+        if meant is not None and self.tree.get(meant) is None:
+            cure = respell(entry.key_span, entry.key, meant)
+        self._faults.append(found("OBK101", message, entry.key_span, help=help, fix=cure))
+
+    def entry(self, key: str, *, required: bool = False) -> Entry | None:
+        """The entry of a key that holds something."""
+        entry = self._entries.get(key)
+        if entry is None:
+            if required:
+                message = f"{self._what} has no `{key}`"
+                self._faults.append(found("OBK102", message, self.start))
+            return None
+        if isinstance(entry.value, TreeScalar) and entry.value.value is None:
+            if required:
+                self._faults.append(found("OBK103", f"`{key}` is empty", entry.key_span))
+            return None
+        return entry
+
+    @property
+    def start(self) -> Span:
+        """The place of the mapping's first key, or of the mapping."""
+        first = next(iter(self.tree), None)
+        return first.key_span if first else self.tree.span
+
+    def text(self, key: str, *, required: bool = False) -> Spanned[str] | None:
+        """A text that is not empty."""
+        return self._read(key, required, "text", _text)
+
+    def no_or_text(self, key: str) -> Spanned[str] | None:
+        """A text; the word `None` counts as not written."""
+        text = self.text(key)
+        return None if text is None or text.value == "None" else text
+
+    def boolean(self, key: str) -> Spanned[bool] | None:
+        """`true` or `false`."""
+        return self._read(key, False, "`true` or `false`", _boolean)
+
+    def count(self, key: str, *, least: int = 1) -> Spanned[int] | None:
+        """A whole number of at least `least`."""
+        wanted = f"a whole number of at least {least}"
+        number = self._read(key, False, wanted, _integer)
+        number = self._within(key, number, wanted, lambda value: value >= least)
+        wanted = f"a whole number of at most {LARGEST_COUNT}, as much as 32 bits hold"
+        return self._within(key, number, wanted, lambda value: value <= LARGEST_COUNT)
+
+    def number(self, key: str, *, least: float, most: float) -> Spanned[float] | None:
+        """A number within bounds, whole or not."""
+        wanted = f"a number from {least:g} to {most:g}"
+        number = self._read(key, False, wanted, _number)
+        return self._within(key, number, wanted, lambda value: least <= value <= most)
+
+    def period_s(self, key: str, *, required: bool = False) -> Spanned[float] | None:
+        """A number of seconds above 0, of which ROS can count the nanoseconds."""
+        wanted = "a number of seconds greater than 0"
+        number = self._read(key, required, wanted, _number)
+        number = self._within(key, number, wanted, lambda value: value > 0)
+        wanted = f"a number of seconds from {SHORTEST_PERIOD_S:g} to {LONGEST_PERIOD_S:g}"
+        return self._within(
+            key, number, wanted, lambda value: SHORTEST_PERIOD_S <= value <= LONGEST_PERIOD_S
+        )
+
+    def one_of(self, key: str, allowed: Iterable[str]) -> Spanned[str] | None:
+        """One of certain words."""
+        text = self.text(key)
+        words = tuple(allowed)
+        if text is None or text.value in words:
+            return text
+        message = f"`{key}` is `{text.value}`, expected one of {list_names(words)}"
+        help = ask_for(near_names(text.value, words))
+        meant = sure_name(text.value, words)
+        cure = respell(text.span, text.value, meant) if meant else ()
+        self._faults.append(found("OBK105", message, text.span, help=help, fix=cure))
+        return None
+
+    def mapping(self, key: str, *, required: bool = False) -> TreeMap | None:
+        """A mapping."""
+        entry = self.entry(key, required=required)
+        if entry is None or isinstance(entry.value, TreeMap):
+            return entry.value if entry and isinstance(entry.value, TreeMap) else None
+        self._wrong(key, entry.value, "a mapping")
+        return None
+
+    def maps(self, key: str) -> tuple[TreeMap, ...]:
+        """A list of mappings, or one mapping for a list of one."""
+        entry = self.entry(key)
+        return () if entry is None else read_items(key, entry.value, self._faults)
+
+    def _read(
+        self, key: str, required: bool, wanted: str, convert: Callable[[object], T | None]
+    ) -> Spanned[T] | None:
+        entry = self.entry(key, required=required)
+        if entry is None:
+            return None
+        value = convert(entry.value.value) if isinstance(entry.value, TreeScalar) else None
+        if value is None:
+            self._wrong(key, entry.value, wanted)
+            return None
+        return Spanned(value, entry.value.span, entry.key_span)
+
+    def _within(
+        self, key: str, number: Spanned[T] | None, wanted: str, is_within: Callable[[T], bool]
+    ) -> Spanned[T] | None:
+        if number is None or is_within(number.value):
+            return number
+        message = f"`{key}` is {shown(number.value)}, expected {wanted}"
+        self._faults.append(found("OBK104", message, number.span))
+        return None
+
+    def _wrong(self, key: str, value: Tree, wanted: str) -> None:
+        message = f"`{key}` is {kind_of(value)}, expected {wanted}"
+        self._faults.append(found("OBK103", message, value.span, help=_hint(value, wanted)))
+
+
+def read_items(key: str, tree: Tree, faults: Faults) -> tuple[TreeMap, ...]:
+    """The mappings of a list; one mapping counts as a list of one."""
+    if isinstance(tree, TreeMap):
+        return (tree,)
+    if not isinstance(tree, TreeList):
+        message = f"`{key}` is {kind_of(tree)}, expected a list of mappings"
+        faults.append(found("OBK103", message, tree.span, help=_hint(tree, "a mapping")))
+        return ()
+    maps: list[TreeMap] = []
+    for item in tree.items:
+        if isinstance(item, TreeMap):
+            maps.append(item)
+        else:
+            message = f"an item of `{key}` is {kind_of(item)}, expected a mapping"
+            faults.append(found("OBK103", message, item.span, help=_hint(item, "a mapping")))
+    return tuple(maps)
+
+
+def read_text(what: str, tree: Tree, faults: Faults) -> Spanned[str] | None:
+    """A value that must be text."""
+    if isinstance(tree, TreeScalar) and isinstance(tree.value, str) and tree.value:
+        return Spanned(tree.value, tree.span)
+    message = f"{what} is {kind_of(tree)}, expected text"
+    faults.append(found("OBK103", message, tree.span, help=_hint(tree, "text")))
+    return None
+
+
+def _hint(value: Tree, wanted: str) -> str | None:
+    if not isinstance(value, TreeScalar):
+        return None
+    if wanted == "text" and value.value not in (None, ""):
+        return f'write it in quotes: "{value.span.text}"'
+    if isinstance(value.value, str):
+        head, colon, tail = value.value.partition(":")
+        if colon and head.isidentifier() and wanted == "a mapping":
+            return f"put a space after the colon: `{head}: {tail.strip()}`"
+        if wanted == "`true` or `false`" and value.value.lower() in ("yes", "no", "on", "off"):
+            return f"in YAML 1.2 `{value.value}` is text; write `true` or `false`"
+        if value.span.text[:1] in ("'", '"') and not isinstance(core_scalar(value.value), str):
+            return f"without its quotes it is no text: `{value.span.text[1:-1]}`"
+    return None
+
+
+def _text(value: object) -> str | None:
+    return value if isinstance(value, str) and value else None
+
+
+def _boolean(value: object) -> bool | None:
+    return value if isinstance(value, bool) else None
+
+
+def _integer(value: object) -> int | None:
+    return value if isinstance(value, int) and not isinstance(value, bool) else None
+
+
+def _number(value: object) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    if isinstance(value, int) and abs(value) >= _TOO_LARGE_FOR_FLOAT:
+        return inf if value > 0 else -inf
+    return float(value)
+
+
+def check_topic(topic: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
+    """The topic, with a finding if it is none."""
+    return _checked(topic, topic_name_fault, "OBK109", "a topic name", faults)
+
+
+def check_namespace(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
+    """The namespace, with a finding if it is none."""
+    return _checked(name, namespace_fault, "OBK110", "a namespace", faults)
+
+
+def _name_part_fault(name: str) -> str | None:
+    # A digit may come first: the whole name starts with `obelisk_`.
+    return node_name_fault(f"n{name}")
+
+
+def check_node_name(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
+    """The node's name part, with a finding if it can be none."""
+    return _checked(name, _name_part_fault, "OBK110", "part of a node name", faults)
+
+
+def check_package(name: Spanned[str] | None, faults: Faults) -> Spanned[str] | None:
+    """The package's name, with a finding if it is none."""
+    return _checked(name, package_name_fault, "OBK111", "a package name", faults)
+
+
+def _checked(
+    name: Spanned[str] | None,
+    fault_of: Callable[[str], str | None],
+    code: str,
+    what: str,
+    faults: Faults,
+) -> Spanned[str] | None:
+    fault = fault_of(name.value) if name else None
+    if name is not None and fault is not None:
+        faults.append(found(code, f"`{name.value}` cannot be {what}: {fault}", name.span))
+    # A wrong name is kept: what it stands for is still there, and is not to be reported missing.
+    return name

@@ -1,0 +1,301 @@
+"""The typed config: what a stack is, each field with the place that wrote it.
+
+Made by reading a tree; holds what the user wrote, defaults not filled in.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final, Generic, Literal, TypeVar
+
+from obelisk_spec.components import (
+    CONTROL_SUBSCRIPTION,
+    SETTING_SUFFIX,
+    component_identity,
+    standard_component,
+)
+from obelisk_spec.values import ParameterValue
+from obk_cli.config.tree import TreeMap, plain_value
+from obk_cli.diagnostics.source import Span
+
+__all__ = [
+    "COMPONENT_LISTS",
+    "FEEDBACK_TOPIC",
+    "JOYSTICK_EXECUTABLE",
+    "JOYSTICK_NODE",
+    "JOYSTICK_PACKAGE",
+    "JOYSTICK_TOPIC",
+    "NODE_SECTIONS",
+    "ONE_DEVICE",
+    "SIMULATOR_EXECUTABLE",
+    "SIM_PARAMETER",
+    "CallbackGroup",
+    "Component",
+    "ComponentKind",
+    "FileSearch",
+    "Joystick",
+    "Node",
+    "Parameter",
+    "Qos",
+    "SensorGroup",
+    "Sim",
+    "Spanned",
+    "Stack",
+]
+
+T = TypeVar("T")
+
+ComponentKind = Literal["publisher", "subscriber", "timer"]
+
+COMPONENT_LISTS: Final[Mapping[str, ComponentKind]] = MappingProxyType(
+    {"publishers": "publisher", "subscribers": "subscriber", "timers": "timer"}
+)
+"""Key of a node -> what its list holds."""
+
+NODE_SECTIONS = ("control", "estimation", "robot", "sensing")
+"""Sections that are lists of nodes; `viz` holds nodes one level deeper."""
+
+ONE_DEVICE = "onboard"
+"""The device of a config whose sections stand at the top level."""
+
+SIM_PARAMETER = f"mujoco{SETTING_SUFFIX}"
+"""The ROS parameter of a `sim` block that names none."""
+
+SIMULATOR_EXECUTABLE = "obelisk_mujoco_robot"
+"""What simulates robots: it reads the block of `SIM_PARAMETER`, and commands from `u_mujoco`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spanned(Generic[T]):
+    """A value with its place and, where it has one, its key's."""
+
+    value: T
+    span: Span
+    key_span: Span | None = None
+
+    @property
+    def entry_span(self) -> Span:
+        """The place of the key, else of the value."""
+        return self.key_span or self.span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileSearch:
+    """Where a path that the config names was looked for."""
+
+    written: Spanned[str]
+    found: Path | None
+    tried: tuple[Path, ...] = ()
+    missing_package: str | None = None
+    """A `robot_pkg` that is nowhere."""
+    near: tuple[str, ...] = ()
+    """Files that are there and may be meant, as they would be written."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Qos:
+    """Quality of service of one end of a topic."""
+
+    reliability: Spanned[str] | None = None
+    durability: Spanned[str] | None = None
+    history_depth: Spanned[int] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Component:
+    """A publisher, subscriber or timer of a node."""
+
+    kind: ComponentKind
+    span: Span
+    tree: TreeMap
+    ros_parameter: Spanned[str] | None = None
+    key: Spanned[str] | None = None
+    topic: Spanned[str] | None = None
+    msg_type: Spanned[str] | None = None
+    code_type: str | None = None
+    """The full message type that the node's code gives it, where that is known."""
+    history_depth: Spanned[int] | None = None
+    qos: Qos = field(default_factory=Qos)
+    callback_group: Spanned[str] | None = None
+    timer_period_s: Spanned[float] | None = None
+    max_age_s: Spanned[float] | None = None
+    """How old a robot's newest command may become [s]."""
+    stale_action: Spanned[str] | None = None
+
+    @property
+    def name(self) -> Spanned[str] | None:
+        """What names the component: its `ros_parameter`, else its `key`."""
+        return self.ros_parameter or self.key
+
+    @property
+    def identity(self) -> str | None:
+        """The component of the code that is meant, `pub_ctrl`."""
+        return component_identity(self.name.value) if self.name else None
+
+    @property
+    def takes_commands(self) -> bool:
+        """Whether it is the subscription by which a robot gets its commands."""
+        standard = standard_component(self.identity or "")
+        return self.kind == "subscriber" and standard == CONTROL_SUBSCRIPTION
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CallbackGroup:
+    """A named callback group of a node."""
+
+    name: Spanned[str]
+    type: Spanned[str] | None
+    """None where what was written is no type."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """One ROS parameter of the user's, nested names joined by dots."""
+
+    name: str
+    value: ParameterValue
+    span: Span
+    key_span: Span | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorGroup:
+    """Sensors of the model that are published together."""
+
+    topic: Spanned[str]
+    msg_type: Spanned[str] | None
+    period_s: Spanned[float] | None
+    span: Span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sim:
+    """One `sim` block; `tree` is the block in the newer names of its keys."""
+
+    tree: TreeMap
+    ros_parameter: Spanned[str] | None
+    model_xml_path: Spanned[str] | None
+    robot_pkg: Spanned[str] | None
+    sensor_groups: tuple[SensorGroup, ...]
+    config_paths: tuple[Spanned[str], ...] = ()
+    is_sound: bool = True
+    """Whether the block was read without an error, so that it can be checked further."""
+    model: FileSearch | None = None
+    files: tuple[FileSearch, ...] = ()
+    checked: TreeMap | None = None
+    """`tree` with the files of `config_path` in place, where there are any."""
+
+    @property
+    def span(self) -> Span:
+        """Where the block starts."""
+        return self.tree.span
+
+    @property
+    def parameter(self) -> str:
+        """The ROS parameter that carries the block."""
+        return self.ros_parameter.value if self.ros_parameter else SIM_PARAMETER
+
+    @property
+    def block(self) -> dict[str, object]:
+        """The block as plain values."""
+        value = plain_value(self.tree)
+        assert isinstance(value, dict)  # a TreeMap's value is one
+        return value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Node:
+    """One ROS node of the stack."""
+
+    section: str
+    device: str
+    index: int
+    """Position among the nodes of its section, over all devices, from 0."""
+    span: Span
+    pkg: Spanned[str] | None = None
+    executable: Spanned[str] | None = None
+    name: Spanned[str] | None = None
+    namespace: Spanned[str] | None = None
+    params_path: Spanned[str] | None = None
+    params: tuple[Parameter, ...] = ()
+    callback_groups: tuple[CallbackGroup, ...] = ()
+    components: tuple[Component, ...] = ()
+    remappings: tuple[tuple[str, str], ...] = ()
+    env: tuple[tuple[str, str], ...] = ()
+    log_level: Spanned[str] | None = None
+    respawn: Spanned[bool] | None = None
+    on_crash: Spanned[str] | None = None
+    is_simulated: Spanned[bool] | None = None
+    sims: tuple[Sim, ...] = ()
+    robot_pkg: Spanned[str] | None = None
+    urdf: Spanned[str] | None = None
+    robot_topic: Spanned[str] | None = None
+    tf_prefix: Spanned[str] | None = None
+    params_file: FileSearch | None = None
+    urdf_file: FileSearch | None = None
+
+    @property
+    def node_name(self) -> str:
+        """The node's ROS name without its namespace, `obelisk_control_0`."""
+        return f"obelisk_{self.section}_{self.name.value if self.name else self.index}"
+
+    @property
+    def ros_namespace(self) -> str:
+        """The node's namespace with its leading `/`."""
+        return "/" + (self.namespace.value.strip("/") if self.namespace else "")
+
+    @property
+    def full_name(self) -> str:
+        """The node's name in the ROS graph."""
+        return f"{self.ros_namespace.rstrip('/')}/{self.node_name}"
+
+    @property
+    def is_simulator(self) -> bool:
+        """Whether it runs the simulator of this project."""
+        return self.executable is not None and self.executable.value == SIMULATOR_EXECUTABLE
+
+    @property
+    def runs_simulation(self) -> bool:
+        """Whether a simulator stands in for the robot."""
+        return bool(self.sims) and (self.is_simulated is None or self.is_simulated.value)
+
+
+JOYSTICK_PACKAGE = "joy"
+JOYSTICK_EXECUTABLE = "joy_node"
+JOYSTICK_NODE = "obelisk_joystick"
+JOYSTICK_TOPIC = "joy"
+FEEDBACK_TOPIC = "joy/set_feedback"
+"""What ROS's own node publishes and subscribes to."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Joystick:
+    """The joystick node of a stack: ROS's own."""
+
+    on: bool
+    device: str
+    span: Span
+    pub_topic: Spanned[str] | None = None
+    sub_topic: Spanned[str] | None = None
+    params: tuple[Parameter, ...] = ()
+
+    @property
+    def full_name(self) -> str:
+        """The node's name in the ROS graph: every joystick's."""
+        return f"/{JOYSTICK_NODE}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stack:
+    """A whole config."""
+
+    name: Spanned[str] | None
+    nodes: tuple[Node, ...]
+    span: Span
+    joysticks: tuple[Joystick, ...] = ()
+    ignored_codes: tuple[Spanned[str], ...] = ()
+
+    def section(self, section: str) -> Iterator[Node]:
+        """The nodes of one section."""
+        return (node for node in self.nodes if node.section == section)

@@ -1,0 +1,367 @@
+"""Read one node, of a section or of `viz`: its components, parameters and `sim` blocks."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from obelisk_spec.components import CALLBACK_GROUP_TYPES, STALE_ACTIONS
+from obelisk_spec.values import LONGEST_PERIOD_S, ParameterValue
+from obelisk_spec.yaml_core import Scalar
+from obk_cli.config.fields import (
+    Faults,
+    Fields,
+    check_namespace,
+    check_node_name,
+    check_package,
+    check_topic,
+    read_items,
+    read_text,
+)
+from obk_cli.config.fixes import respell
+from obk_cli.config.keys import (
+    COMPONENT_KEYS,
+    NODE_KEYS,
+    OLDER_KEYS,
+    QOS_KEYS,
+    ROBOT_KEYS,
+    SENSOR_GROUP_KEYS,
+    SIM_KEYS,
+    TIMER_KEYS,
+    VIZ_NODE_KEYS,
+)
+from obk_cli.config.model import (
+    COMPONENT_LISTS,
+    CallbackGroup,
+    Component,
+    ComponentKind,
+    Node,
+    Parameter,
+    Qos,
+    SensorGroup,
+    Sim,
+    Spanned,
+)
+from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, kind_of
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+
+__all__ = ["LOG_LEVELS", "read_node"]
+
+_HOLDS = "a ROS parameter holds a bool, int, float, text or a list of one of these"
+_INT64 = range(-(2**63), 2**63)
+
+
+def read_params(tree: TreeMap | None, faults: Faults) -> tuple[Parameter, ...]:
+    """The parameters of a `params` mapping; those that ROS cannot hold become findings."""
+    by_name: dict[str, Parameter] = {}
+    for parameter in _read_map(tree, "", faults) if tree else ():
+        first = by_name.setdefault(parameter.name, parameter)
+        if first is not parameter:
+            faults.append(_given_twice(parameter, first))
+    return tuple(by_name.values())
+
+
+def _given_twice(parameter: Parameter, first: Parameter) -> Diagnostic:
+    """`a.b: 1` and `a: {b: 1}` are one name."""
+    return found(
+        "OBK004",
+        f"parameter `{parameter.name}` is given twice",
+        parameter.key_span or parameter.span,
+        related=(Related(message="the first time", span=first.key_span or first.span),),
+    )
+
+
+def _read_map(tree: TreeMap, prefix: str, faults: Faults) -> Iterator[Parameter]:
+    for entry in tree:
+        name = prefix + entry.key
+        if isinstance(entry.value, TreeMap):
+            yield from _read_map(entry.value, f"{name}.", faults)
+            continue
+        value = _read_value(name, entry.value, faults)
+        if value is not None:
+            yield Parameter(name=name, value=value, span=entry.value.span, key_span=entry.key_span)
+
+
+def _read_value(name: str, tree: Tree, faults: Faults) -> ParameterValue | None:
+    if isinstance(tree, TreeList):
+        return _read_list(name, tree, faults)
+    if isinstance(tree, TreeScalar) and tree.value is not None and _fits_ros(tree.value):
+        return tree.value
+    message = f"parameter `{name}` is {kind_of(tree)}, which ROS cannot hold"
+    faults.append(found("OBK113", message, tree.span, help=_HOLDS))
+    return None
+
+
+def _fits_ros(value: Scalar) -> bool:
+    """Whether the value fits ROS's 64 bits; all but huge integers do."""
+    return isinstance(value, bool) or not isinstance(value, int) or value in _INT64
+
+
+def _read_list(name: str, tree: TreeList, faults: Faults) -> ParameterValue | None:
+    if not tree.items:
+        message = f"parameter `{name}` is an empty list, whose type ROS cannot know"
+        faults.append(found("OBK113", message, tree.span, help="leave the parameter out"))
+        return None
+    values: list[Scalar] = []
+    for item in tree.items:
+        if not isinstance(item, TreeScalar) or item.value is None or not _fits_ros(item.value):
+            what = (
+                "an empty item"
+                if isinstance(item, TreeScalar) and item.value is None
+                else kind_of(item)
+            )
+            message = f"parameter `{name}` is a list with {what} in it"
+            faults.append(found("OBK113", message, item.span, help=_HOLDS))
+            return None
+        values.append(item.value)
+    return _of_one_kind(name, values, tree, faults)
+
+
+def _of_one_kind(
+    name: str, values: list[Scalar], tree: TreeList, faults: Faults
+) -> ParameterValue | None:
+    kinds = {type(value) for value in values}
+    if kinds == {int, float}:
+        message = f"parameter `{name}` mixes int and float, it is read as floats"
+        faults.append(found("OBK505", message, tree.span))
+        return tuple(float(value) for value in values if isinstance(value, int | float))
+    if len(kinds) > 1:
+        mixed = " and ".join(sorted(kind.__name__ for kind in kinds))
+        message = f"parameter `{name}` is a list that mixes {mixed}"
+        faults.append(found("OBK113", message, tree.span, help=_HOLDS))
+        return None
+    one_kind: ParameterValue = tuple(values)  # type: ignore[assignment]  # all of one type
+    return one_kind
+
+
+def read_sim(tree: TreeMap, faults: Faults) -> Sim:
+    """One block; `is_sound` is False where any of it is wrong."""
+    own: Faults = []
+    groups, tree = _with_newer_names(tree, own)
+    fields = Fields(tree, "`sim`", SIM_KEYS, own)
+    fields.count("num_steps_per_viz")
+    fields.count("n_u", least=0)
+    fields.period_s("time_step")
+    _read_viz_geoms(fields, own)
+    sim = Sim(
+        tree=tree,
+        ros_parameter=fields.text("ros_parameter"),
+        model_xml_path=fields.text("model_xml_path", required=True),
+        robot_pkg=check_package(fields.no_or_text("robot_pkg"), own),
+        sensor_groups=tuple(_read_group(group, own) for group in groups),
+        config_paths=_config_paths(groups),
+    )
+    faults += own
+    return replace(sim, is_sound=not any(fault.severity == "error" for fault in own))
+
+
+def _with_newer_names(tree: TreeMap, faults: Faults) -> tuple[tuple[TreeMap, ...], TreeMap]:
+    """The sensor groups with older keys renamed, and the block with those groups in it."""
+    entry = tree.get("sensor_settings")
+    if entry is None or (isinstance(entry.value, TreeScalar) and entry.value.value is None):
+        return (), tree
+    items = read_items("sensor_settings", entry.value, faults)
+    groups = tuple(_renamed(group, faults) for group in items)
+    new = replace(entry, value=TreeList(groups, entry.value.span))
+    return groups, replace(tree, entries=tuple(new if e is entry else e for e in tree))
+
+
+def _renamed(group: TreeMap, faults: Faults) -> TreeMap:
+    entries = []
+    for entry in group:
+        newer = OLDER_KEYS.get(entry.key)
+        if newer is not None and group.get(newer) is None:
+            message = f"`{entry.key}` is the older name of `{newer}`"
+            cure = respell(entry.key_span, entry.key, newer)
+            help = f"write `{newer}`"
+            faults.append(found("OBK501", message, entry.key_span, help=help, fix=cure))
+            entry = replace(entry, key=newer)
+        entries.append(entry)
+    return replace(group, entries=tuple(entries))
+
+
+def _read_group(tree: TreeMap, faults: Faults) -> SensorGroup:
+    fields = Fields(tree, "a sensor group", SENSOR_GROUP_KEYS, faults)
+    fields.count("history_depth")
+    fields.mapping("scan_config")
+    fields.mapping("noise")
+    fields.number("dropout", least=0, most=1)
+    fields.number("delay", least=0, most=LONGEST_PERIOD_S)
+    fields.count("seed", least=0)
+    names = fields.mapping("sensor_names")
+    for entry in names or ():
+        read_text(f"the type of sensor `{entry.key}`", entry.value, faults)
+    return SensorGroup(
+        topic=check_topic(fields.text("topic", required=True), faults) or Spanned("", fields.start),
+        msg_type=fields.text("msg_type", required=True),
+        period_s=fields.period_s("dt", required=True),
+        span=fields.start,
+    )
+
+
+def _config_paths(groups: tuple[TreeMap, ...]) -> tuple[Spanned[str], ...]:
+    paths = (Fields(g, "a sensor group", SENSOR_GROUP_KEYS, []).text("config_path") for g in groups)
+    return tuple(path for path in paths if path is not None)
+
+
+def _read_viz_geoms(fields: Fields, faults: Faults) -> None:
+    tree = fields.mapping("viz_geoms")
+    if tree is None:
+        return
+    geoms = Fields(tree, "`viz_geoms`", tuple(entry.key for entry in tree), faults)
+    geoms.period_s("dt")
+    for entry in tree:
+        if entry.key != "dt":
+            read_text(f"the type of geom `{entry.key}`", entry.value, faults)
+
+
+def read_components(node: Fields, faults: Faults) -> tuple[Component, ...]:
+    """All components of a node, publishers first."""
+    return tuple(
+        _read_component(tree, kind, faults)
+        for key, kind in COMPONENT_LISTS.items()
+        for tree in node.maps(key)
+    )
+
+
+def _read_component(tree: TreeMap, kind: ComponentKind, faults: Faults) -> Component:
+    keys = TIMER_KEYS if kind == "timer" else COMPONENT_KEYS
+    fields = Fields(tree, f"a {kind}", keys, faults)
+    ros_parameter, key = fields.text("ros_parameter"), fields.text("key")
+    if fields.entry("ros_parameter") is None and fields.entry("key") is None:
+        message = f"this {kind} has neither `ros_parameter` nor `key`"
+        faults.append(found("OBK106", message, fields.start))
+    group = fields.no_or_text("callback_group")
+    if kind == "timer":
+        return Component(
+            kind=kind,
+            span=fields.start,
+            tree=tree,
+            ros_parameter=ros_parameter,
+            key=key,
+            callback_group=group,
+            timer_period_s=fields.period_s("timer_period_sec", required=True),
+        )
+    return Component(
+        kind=kind,
+        span=fields.start,
+        tree=tree,
+        ros_parameter=ros_parameter,
+        key=key,
+        callback_group=group,
+        topic=check_topic(fields.text("topic", required=True), faults),
+        msg_type=fields.text("msg_type"),
+        history_depth=fields.count("history_depth"),
+        qos=_read_qos(fields.mapping("qos"), faults),
+        max_age_s=fields.period_s("max_age_sec"),
+        stale_action=fields.one_of("stale_action", STALE_ACTIONS),
+    )
+
+
+def _read_qos(tree: TreeMap | None, faults: Faults) -> Qos:
+    if tree is None:
+        return Qos()
+    fields = Fields(tree, "`qos`", QOS_KEYS, faults)
+    return Qos(
+        reliability=fields.one_of("reliability", ("reliable", "best_effort")),
+        durability=fields.one_of("durability", ("volatile", "transient_local")),
+        history_depth=fields.count("history_depth"),
+    )
+
+
+def read_callback_groups(node: Fields, faults: Faults) -> tuple[CallbackGroup, ...]:
+    """The callback groups that a node defines."""
+    tree = node.mapping("callback_groups")
+    if tree is None:
+        return ()
+    names = tuple(entry.key for entry in tree)
+    fields = Fields(tree, "`callback_groups`", names, faults)
+    return tuple(
+        CallbackGroup(
+            name=Spanned(entry.key, entry.key_span),
+            type=fields.one_of(entry.key, CALLBACK_GROUP_TYPES),
+        )
+        for entry in tree
+    )
+
+
+LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
+_ON_CRASH = ("stop", "restart", "ignore")
+_SPECIAL_KEYS = {"robot": ROBOT_KEYS, "viz": VIZ_NODE_KEYS}
+
+
+def read_node(tree: TreeMap, section: str, device: str, index: int, faults: Faults) -> Node:
+    """A node of a section; what of it is wrong becomes findings and is left out."""
+    keys = _SPECIAL_KEYS.get(section, NODE_KEYS)
+    fields = Fields(tree, f"a node of `{section}`", keys, faults)
+    own_device = fields.text("device")
+    is_robot, is_viz = section == "robot", section == "viz"
+    return Node(
+        section=section,
+        device=own_device.value if own_device else device,
+        index=index,
+        span=fields.start,
+        pkg=check_package(fields.text("pkg", required=True), faults),
+        executable=fields.text("executable", required=True),
+        name=check_node_name(fields.text("name"), faults),
+        namespace=check_namespace(fields.text("namespace"), faults),
+        params_path=fields.no_or_text("params_path"),
+        params=read_params(fields.mapping("params"), faults),
+        callback_groups=read_callback_groups(fields, faults),
+        components=read_components(fields, faults),
+        remappings=_read_remappings(fields, faults),
+        env=_read_env(fields, faults),
+        log_level=fields.one_of("log_level", LOG_LEVELS),
+        respawn=fields.boolean("respawn"),
+        on_crash=fields.one_of("on_crash", _ON_CRASH),
+        is_simulated=fields.boolean("is_simulated") if is_robot else None,
+        sims=tuple(read_sim(sim, faults) for sim in fields.maps("sim")) if is_robot else (),
+        robot_pkg=check_package(fields.no_or_text("robot_pkg"), faults) if is_viz else None,
+        urdf=fields.text("urdf") if is_viz else None,
+        robot_topic=check_topic(fields.text("robot_topic"), faults) if is_viz else None,
+        tf_prefix=fields.text("tf_prefix") if is_viz else None,
+    )
+
+
+def _read_remappings(fields: Fields, faults: Faults) -> tuple[tuple[str, str], ...]:
+    """`{from: to}`, or a list of `from:=to`."""
+    entry = fields.entry("remappings")
+    if entry is None:
+        return ()
+    if isinstance(entry.value, TreeMap):
+        pairs = [
+            (Spanned(e.key, e.key_span), new)
+            for e in entry.value
+            if (new := read_text(f"remapping `{e.key}`", e.value, faults))
+        ]
+    else:
+        items = entry.value.items if isinstance(entry.value, TreeList) else (entry.value,)
+        pairs = [pair for item in items if (pair := _read_remapping(item, faults))]
+    for old, new in pairs:
+        # Before a colon stands whom it is for; `__ns` and the like are no topics.
+        if ":" not in old.value and not old.value.startswith("__"):
+            check_topic(old, faults)
+        check_topic(new, faults)
+    return tuple((old.value, new.value) for old, new in pairs)
+
+
+def _read_remapping(item: Tree, faults: Faults) -> tuple[Spanned[str], Spanned[str]] | None:
+    text = item.value if isinstance(item, TreeScalar) else None
+    old, sign, new = str(text).partition(":=")
+    if isinstance(text, str) and old and sign and new:
+        return Spanned(old, item.span), Spanned(new, item.span)
+    message = f"a remapping is {kind_of(item)}, expected `from:=to`"
+    faults.append(found("OBK103", message, item.span))
+    return None
+
+
+def _read_env(fields: Fields, faults: Faults) -> tuple[tuple[str, str], ...]:
+    """Environment variables; a number counts as its text."""
+    pairs: list[tuple[str, str]] = []
+    for entry in fields.mapping("env") or ():
+        value = entry.value
+        if isinstance(value, TreeScalar) and value.value is not None:
+            text = value.value if isinstance(value.value, str) else value.text
+            pairs.append((entry.key, text))
+        else:
+            message = f"environment variable `{entry.key}` is {kind_of(value)}, expected text"
+            faults.append(found("OBK103", message, value.span))
+    return tuple(pairs)

@@ -1,0 +1,223 @@
+"""Who publishes and who subscribes to what, over the whole stack: a config in, ends of topics out.
+
+Components, the simulator's sensor groups and the joystick alike, names made absolute as ROS does.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from obelisk_spec.messages import resolve_msg_type
+from obelisk_spec.sensors import sensor_group
+from obk_cli.config.model import (
+    FEEDBACK_TOPIC,
+    JOYSTICK_TOPIC,
+    Component,
+    Joystick,
+    Node,
+    Qos,
+    SensorGroup,
+    Spanned,
+    Stack,
+)
+from obk_cli.diagnostics.source import Span
+
+__all__ = [
+    "Direction",
+    "TopicEnd",
+    "Topology",
+    "absolute_topic",
+    "joystick_ends",
+    "may_be_one",
+    "node_ends",
+    "sending_period_s",
+    "stack_ends",
+    "timers_of",
+]
+
+Direction = Literal["publishes", "subscribes"]
+
+_TYPE_OF_STANDARD = {"pub_true_sim_state": "obelisk_sensor_msgs/msg/TrueSimState"}
+_ONE_SEED_NAME = {
+    "obelisk_sensor_msgs/msg/JointEncoders",
+    "obelisk_sensor_msgs/msg/ObkJointEncoders",
+}
+"""The seeds write one name for the other, and what their C++ nodes take is in their code."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicEnd:
+    """One end of a topic."""
+
+    direction: Direction
+    topic: str
+    """Absolute."""
+    msg_type: str | None
+    """Full, None where only the code knows it."""
+    owner: str
+    """The node's full name."""
+    section: str
+    span: Span
+    """The topic as written."""
+    type_span: Span | None = None
+    code_type: str | None = None
+    """The type that the node's source says, where that can be read; it is what runs."""
+    qos: Qos = Qos()  # noqa: RUF009  (frozen)
+    rate_hz: float | None = None
+    component: str | None = None
+    is_optional: bool = False
+    """Whether the end has its use although nobody is at the other."""
+
+    @property
+    def known_type(self) -> str | None:
+        """The type that runs: the code's where it can be read, else the config's."""
+        return self.code_type or self.msg_type
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Topology:
+    """Every end of every topic of a stack, prepared once for all checks."""
+
+    ends: tuple[TopicEnd, ...]
+    """Node by node, then the joysticks'."""
+    by_node: tuple[tuple[Node, tuple[TopicEnd, ...]], ...]
+    """Each node with its ends; two nodes may have one name by mistake."""
+    published: Mapping[str, tuple[TopicEnd, ...]]
+    """Topic -> its publishers."""
+    subscribed: Mapping[str, tuple[TopicEnd, ...]]
+    """Topic -> its subscribers."""
+
+    @classmethod
+    def of(cls, stack: Stack) -> "Topology":
+        """The topology of a stack."""
+        by_node = tuple((node, tuple(node_ends(node))) for node in stack.nodes)
+        ends = [end for _, of_node in by_node for end in of_node]
+        ends += [end for joystick in stack.joysticks for end in joystick_ends(joystick)]
+        return cls(
+            ends=tuple(ends),
+            by_node=by_node,
+            published=_by_topic(ends, "publishes"),
+            subscribed=_by_topic(ends, "subscribes"),
+        )
+
+
+def _by_topic(ends: Iterable[TopicEnd], direction: Direction) -> Mapping[str, tuple[TopicEnd, ...]]:
+    topics: dict[str, list[TopicEnd]] = defaultdict(list)
+    for end in ends:
+        if end.direction == direction:
+            topics[end.topic].append(end)
+    return {topic: tuple(of_topic) for topic, of_topic in topics.items()}
+
+
+def may_be_one(one: str | None, other: str | None) -> bool:
+    """Whether two types are one, or may be meant as one."""
+    return one == other or {one, other} == _ONE_SEED_NAME
+
+
+def stack_ends(stack: Stack) -> Iterator[TopicEnd]:
+    """Every end of the stack, node by node."""
+    for node in stack.nodes:
+        yield from node_ends(node)
+    for joystick in stack.joysticks:
+        yield from joystick_ends(joystick)
+
+
+def joystick_ends(joystick: Joystick) -> Iterator[TopicEnd]:
+    """The ends of a joystick's node; where no topic is written, those that ROS's own node has."""
+    if not joystick.on:
+        return
+    ends: tuple[tuple[Direction, Spanned[str] | None, str, str], ...] = (
+        ("publishes", joystick.pub_topic, JOYSTICK_TOPIC, "sensor_msgs/msg/Joy"),
+        ("subscribes", joystick.sub_topic, FEEDBACK_TOPIC, "sensor_msgs/msg/JoyFeedback"),
+    )
+    for direction, written, usual, msg_type in ends:
+        topic = written or Spanned(usual, joystick.span)
+        yield TopicEnd(
+            direction=direction,
+            topic="/" + topic.value.lstrip("/"),
+            msg_type=msg_type,
+            owner=joystick.full_name,
+            section="joystick",
+            span=topic.span,
+            is_optional=True,
+        )
+
+
+def node_ends(node: Node) -> Iterator[TopicEnd]:
+    """The ends of one node: its components', and its sensor groups' if it simulates."""
+    timers = timers_of(node)
+    for component in node.components:
+        if component.kind == "timer" or component.topic is None:
+            continue
+        period = sending_period_s(component, timers)
+        publishes = component.kind == "publisher"
+        yield TopicEnd(
+            direction="publishes" if publishes else "subscribes",
+            topic=absolute_topic(component.topic.value, node),
+            msg_type=_component_type(component),
+            owner=node.full_name,
+            section=node.section,
+            span=component.topic.span,
+            type_span=component.msg_type.span if component.msg_type else None,
+            code_type=component.code_type,
+            qos=component.qos,
+            rate_hz=1 / period.value if period else None,
+            component=component.identity,
+        )
+    if node.runs_simulation:
+        for sim in node.sims:
+            for group in sim.sensor_groups:
+                if group.topic.value:
+                    yield _sensor_end(group, node)
+
+
+def timers_of(node: Node) -> Mapping[str | None, Spanned[float] | None]:
+    """The periods [s] of a node's timers by their identity."""
+    return {c.identity: c.timer_period_s for c in node.components if c.kind == "timer"}
+
+
+def sending_period_s(
+    component: Component, timers: Mapping[str | None, Spanned[float] | None]
+) -> Spanned[float] | None:
+    """The period of the timer that makes a publisher send; None where the config sets none."""
+    if component.kind != "publisher":
+        return None
+    return timers.get(f"timer_{(component.identity or '').removeprefix('pub_')}")
+
+
+def _component_type(component: Component) -> str | None:
+    written = resolve_msg_type(component.msg_type.value) if component.msg_type else None
+    return written or component.code_type or _TYPE_OF_STANDARD.get(component.identity or "")
+
+
+def _sensor_end(group: SensorGroup, node: Node) -> TopicEnd:
+    rule = sensor_group(group.msg_type.value) if group.msg_type else None
+    return TopicEnd(
+        direction="publishes",
+        topic=absolute_topic(group.topic.value, node),
+        msg_type=rule.published if rule else None,
+        owner=node.full_name,
+        section=node.section,
+        span=group.topic.span,
+        type_span=group.msg_type.span if group.msg_type else None,
+        rate_hz=1 / group.period_s.value if group.period_s else None,
+    )
+
+
+def absolute_topic(topic: str, node: Node) -> str:
+    """The topic's name in the graph: put into the node's namespace, then remapped.
+
+    Of several remappings the first holds, in whichever spelling it names the topic.
+    """
+    name = _in_namespace(topic, node)
+    targets = (to for old, to in node.remappings if _in_namespace(old, node) == name)
+    return _in_namespace(next(targets, topic), node)
+
+
+def _in_namespace(topic: str, node: Node) -> str:
+    if topic.startswith("/"):
+        return topic
+    if topic.startswith("~"):
+        return node.full_name + topic[1:]
+    return f"{node.ros_namespace.rstrip('/')}/{topic}"

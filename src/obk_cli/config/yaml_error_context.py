@@ -1,0 +1,142 @@
+"""Where and why PyYAML stopped, with the text around that place.
+
+Pure; `yaml_errors` finds the cause in it.
+"""
+
+import re
+from dataclasses import dataclass
+
+import yaml
+
+from obk_cli.config.yaml_text import YAML_LOADER, YamlText
+from obk_cli.diagnostics.edits import Offsets
+from obk_cli.diagnostics.source import SourceFile, Span
+
+__all__ = ["LONGEST_LINE", "ErrorContext", "ReadBefore", "indent_of", "without_comment"]
+
+LONGEST_LINE = 1_000
+"""Characters of a line up to which causes are looked for in it."""
+
+_COMMENT = re.compile(r"\s+#.*$")
+_OPENING = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)
+_CLOSING = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadBefore:
+    """What was read until the error."""
+
+    scalar: Span | None = None
+    """The last value or key, quotes and all."""
+    is_plain: bool = False
+    """Whether that is written without quotes."""
+    bracket: Span | None = None
+    """The innermost bracket or brace that is still open."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorContext:
+    """The place where the parser noticed a mistake, and what it expected there."""
+
+    source: SourceFile
+    problem: str
+    context: str
+    line: int
+    column: int
+    context_place: tuple[int, int] | None
+    before: ReadBefore
+
+    @classmethod
+    def of(cls, error: yaml.MarkedYAMLError, source: SourceFile) -> "ErrorContext":
+        """The context of an error in this source."""
+        mark = error.problem_mark or error.context_mark
+        line, column = _within(source, (mark.line + 1, mark.column + 1) if mark else (1, 1))
+        context = error.context_mark
+        return cls(
+            source=source,
+            problem=error.problem or "the text ends too early",
+            context=error.context or "",
+            line=line,
+            column=column,
+            context_place=(
+                _within(source, (context.line + 1, context.column + 1)) if context else None
+            ),
+            before=_before(source, line, column),
+        )
+
+    @property
+    def span(self) -> Span:
+        """The place where it was noticed."""
+        return Span.at(self.source, self.line, self.column)
+
+    def at(self, line: int, column: int, length: int = 1) -> Span:
+        """A place in the same source."""
+        return Span.at(self.source, line, column, length)
+
+    @property
+    def text(self) -> str:
+        """The line where it was noticed."""
+        return self.source.line(self.line)
+
+    @property
+    def rest(self) -> str:
+        """What stands there, to the end of the line."""
+        return self.text[self.column - 1 :].rstrip()
+
+    @property
+    def is_short(self) -> bool:
+        """Whether every line that has to do with it is one that a person may have typed."""
+        lines = {self.line, self.line - 1}
+        lines |= {self.context_place[0]} if self.context_place else set()
+        lines |= {self.before.scalar.line} if self.before.scalar else set()
+        lines |= {self.before.bracket.line} if self.before.bracket else set()
+        return all(len(self.source.line(number)) <= LONGEST_LINE for number in lines)
+
+    @property
+    def is_at_end(self) -> bool:
+        """Whether nothing stands there or below."""
+        return not self.rest and not any(self.source.lines[self.line :])
+
+
+def indent_of(text: str) -> int:
+    """How many blanks a line starts with."""
+    return len(text) - len(text.lstrip())
+
+
+def without_comment(text: str) -> str:
+    """The text without the comment behind it and the blanks at its end."""
+    return _COMMENT.sub("", text.rstrip())
+
+
+def _within(source: SourceFile, place: tuple[int, int]) -> tuple[int, int]:
+    line, column = place
+    if line > len(source.lines):
+        line, column = len(source.lines), len(source.lines[-1]) + 1
+    return line, min(column, len(source.line(line)) + 1)
+
+
+def _before(source: SourceFile, line: int, column: int) -> ReadBefore:
+    """Reads the text up to the error once more, its end taken for the end of the text."""
+    text = source.text[: Offsets.of(source).at(line, column)]
+    scalar: yaml.ScalarToken | None = None
+    opened: list[yaml.Token] = []
+    try:
+        for token in yaml.scan(YamlText(text).text, Loader=YAML_LOADER):
+            if isinstance(token, yaml.ScalarToken):
+                scalar = token
+            elif isinstance(token, _OPENING):
+                opened.append(token)
+            elif isinstance(token, _CLOSING) and opened:
+                opened.pop()
+    except yaml.YAMLError:
+        pass  # what was read before it counts
+    return ReadBefore(
+        scalar=_span(source, scalar) if scalar else None,
+        is_plain=scalar is not None and scalar.plain,
+        bracket=_span(source, opened[-1]) if opened else None,
+    )
+
+
+def _span(source: SourceFile, token: yaml.Token) -> Span:
+    start, end = token.start_mark, token.end_mark
+    return Span(source, start.line + 1, start.column + 1, end.line + 1, end.column + 1)

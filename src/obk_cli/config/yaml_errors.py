@@ -1,0 +1,507 @@
+"""Explain why a text is not YAML, at the place of the mistake, as an OBK003 finding.
+
+A parser notices many mistakes lines below where they were made. `_CAUSES` is the table of the usual
+ones, each a function that finds its mistake or returns None; the first that finds one wins.
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import yaml
+
+from obelisk_spec.wording import with_number
+from obk_cli.config.yaml_error_context import LONGEST_LINE, ErrorContext, indent_of, without_comment
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.source import SourceFile, Span
+
+__all__ = ["explain_yaml_error", "template_braces"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Cause:
+    """The mistake, its place, and what would be right."""
+
+    message: str
+    span: Span
+    help: str | None = None
+    related: Related | None = None
+
+
+def explain_yaml_error(error: yaml.MarkedYAMLError, source: SourceFile) -> Diagnostic:
+    """A finding at the cause if it is known, otherwise where the parser noticed it."""
+    at = ErrorContext.of(error, source)
+    causes = _CAUSES if at.is_short else ()
+    return _finding(next((found for cause in causes if (found := cause(at))), _as_noticed(at)))
+
+
+def template_braces(key: Span) -> Diagnostic | None:
+    """A finding if a key that is a mapping comes from `{{ name }}`."""
+    cause = _braces(key)
+    return _finding(cause) if cause else None
+
+
+def _finding(cause: _Cause) -> Diagnostic:
+    related = (cause.related,) if cause.related else ()
+    return found("OBK003", cause.message, cause.span, help=cause.help, related=related)
+
+
+def _as_noticed(at: ErrorContext) -> _Cause:
+    related = None
+    if at.context and at.context_place and at.context_place[0] < at.line:
+        related = Related(message=at.context, span=at.at(*at.context_place))
+    return _Cause(f"not YAML: {at.problem}", at.span, None, related)
+
+
+# Quotes
+
+
+def _wrong_escape(at: ErrorContext) -> _Cause | None:
+    r"""`"C:\demo"`."""
+    if "quoted scalar" not in at.context or not at.context_place or "escape" not in at.problem:
+        return None
+    start = at.text.rfind("\\", 0, at.column + 1)
+    written = at.text[start : start + 2] if start >= 0 else "\\"
+    return _Cause(
+        f"`{written}` is no escape of YAML's",
+        at.at(at.line, max(start, 0) + 1, 2),
+        "within double quotes a backslash is written `\\\\`; within single quotes it is itself",
+    )
+
+
+def _open_quote(at: ErrorContext) -> _Cause | None:
+    """`"text`, to the end of the file."""
+    if "quoted scalar" not in at.context or not at.context_place:
+        return None
+    return _quote_from(at.at(*at.context_place), "is never closed")
+
+
+def _quote_closed_later(at: ErrorContext) -> _Cause | None:
+    """`"text`, closed by the quote that opens the next value."""
+    quoted = _quoted_before(at)
+    if quoted is None or quoted.end_line == quoted.line:
+        return None
+    return _quote_from(quoted, f"is closed only in line {quoted.end_line}, by one that was to open")
+
+
+def _text_after_quote(at: ErrorContext) -> _Cause | None:
+    """`"a"b`, and `'robot's'`."""
+    quoted = _quoted_before(at)
+    if quoted is None:
+        return None
+    quote, inner = quoted.text[0], quoted.text[1:-1]
+    rest = without_comment(at.text[quoted.end_column - 1 :])
+    if quote == "'" and rest.endswith("'"):
+        help = f'an apostrophe stands within double quotes: `"{inner}\'{rest[:-1]}"`'
+    elif quote == '"' and rest.endswith('"'):
+        help = f"a double quote stands within single quotes: `'{inner}\"{rest[:-1]}'`"
+    else:
+        help = f"put all of it in quotes: `{quote}{inner}{rest}{quote}`"
+    message = f"`{rest.strip()}` follows the quote {quote} that ends the value"
+    return _Cause(message, at.span, help)
+
+
+def _quoted_before(at: ErrorContext) -> Span | None:
+    """The quoted value that text follows directly."""
+    scalar = at.before.scalar
+    if scalar is None or at.before.is_plain or scalar.text[:1] not in ("'", '"'):
+        return None
+    between = at.text[scalar.end_column - 1 : at.column - 1]
+    if at.line != scalar.end_line or between.strip():
+        return None
+    return None if at.rest[:1] in ("", ":", ",", "]", "}") else scalar
+
+
+def _quote_from(place: Span, what: str) -> _Cause:
+    line = place.source.line(place.line)
+    quote = line[place.column - 1]
+    written = without_comment(line[place.column - 1 :])
+    value = written.rstrip(",]}")  # the quote goes before what closes a list around it
+    closed = f"`{value}{quote}{written[len(value) :]}`"
+    return _Cause(
+        f"the quote {quote} that opens here {what}",
+        Span.at(place.source, place.line, place.column, max(len(written), 1)),
+        f"close it: {closed}" if written.strip(quote) else None,
+    )
+
+
+# Characters that mean something to YAML where text was meant, and blanks that are no spaces
+
+_BLANKS: Final = {
+    "\t": "a tab",
+    "\u00a0": "a no-break space",
+    "\u3000": "a wide space",
+    "\u200b": "a zero-width space",
+}
+_BRACES: Final = re.compile(r":\s+(\{\{.*?\}\}\S*)")
+_CONFLICT: Final = re.compile(r"(<{7}|={7}|>{7})(\s|$)")
+_OFTEN_TEXT: Final = "@`%*&!|>?"
+
+
+def _start_of_line(at: ErrorContext) -> _Cause | None:
+    """A tab in the indentation, or a mark of a merge conflict."""
+    for number in (at.line, at.line - 1, at.context_place and at.context_place[0]):
+        if number:
+            cause = _indentation(at, number) or _conflict(at, number)
+            if cause is not None:
+                return cause
+    return None
+
+
+def _indentation(at: ErrorContext, number: int) -> _Cause | None:
+    text = at.source.line(number)
+    indent = text[: indent_of(text)]
+    wrong = re.search(r"[^ ]", indent) if indent else re.match("\u200b", text)
+    if wrong is None or not text.strip():
+        return None
+    name = _BLANKS.get(wrong[0], f"U+{ord(wrong[0]):04X}")
+    return _Cause(
+        f"line {number} is indented with {name}, YAML takes only spaces",
+        at.at(number, wrong.start() + 1),
+        "put spaces in its place; editors can be set to do so by themselves",
+    )
+
+
+def _conflict(at: ErrorContext, number: int) -> _Cause | None:
+    mark = _CONFLICT.match(at.source.line(number))
+    if mark is None:
+        return None
+    return _Cause(
+        f"`{mark[1]}` is left of a merge that met a conflict",
+        at.at(number, 1, len(mark[1])),
+        "keep one of the two versions, and take the marks out",
+    )
+
+
+def _template(at: ErrorContext) -> _Cause | None:
+    """`{{ name }}`."""
+    return _braces(at.span)
+
+
+def _braces(span: Span) -> _Cause | None:
+    """`{{ name }}` on the line of a place."""
+    text = span.source.line(span.line)
+    braces = _BRACES.search(text) if len(text) <= LONGEST_LINE else None
+    if braces is None:
+        return None
+    return _Cause(
+        f"`{braces[1]}` is not filled in, a config is no template",
+        Span.at(span.source, span.line, braces.start(1) + 1, len(braces[1])),
+        "an environment variable is written `${NAME}`; braces that are text go in quotes",
+    )
+
+
+def _item_after_key(at: ErrorContext) -> _Cause | None:
+    """`key: - item`."""
+    column, value = _rejected_value(at)
+    if value[:1] != "-" or not at.text[: column - 1].strip():
+        return None
+    return _Cause(
+        "an item of a list cannot start behind a key, on its line",
+        at.at(at.line, column, len(value)),
+        "put the item on the next line, or write the list as `[...]`",
+    )
+
+
+def _reserved_start(at: ErrorContext) -> _Cause | None:
+    """`@`, `%` and the like at the start of a value, or `*` and `&` without a name."""
+    column, value = _rejected_value(at)
+    if not value or value[0] not in _OFTEN_TEXT:
+        return None
+    return _Cause(
+        f"text cannot start with `{value[0]}`, which means something else in YAML",
+        at.at(at.line, column, len(value)),
+        f"put it in quotes: `{_in_quotes(value)}`",
+    )
+
+
+def _rejected_value(at: ErrorContext) -> tuple[int, str]:
+    """The column and text of a value whose first character the parser rejected; else no text."""
+    column = at.column
+    if at.context.endswith(("alias", "anchor", "block scalar")) and at.context_place:
+        column = at.context_place[1]
+    elif "cannot start any token" not in at.problem and "not allowed" not in at.problem:
+        return column, ""
+    return column, without_comment(at.text[column - 1 :])
+
+
+def _in_quotes(text: str) -> str:
+    if '"' not in text and "\\" not in text:
+        return f'"{text}"'
+    return "'" + text.replace("'", "''") + "'"
+
+
+# Brackets and braces
+
+_CLOSING: Final = {"[": "]", "{": "}"}
+_LAST_WORD: Final = re.compile(r"\S+\s*$")
+
+
+def _extra_bracket(at: ErrorContext) -> _Cause | None:
+    """`{a: b}}`."""
+    if at.before.bracket is not None or at.rest[:1] not in ("]", "}"):
+        return None
+    message = f"this `{at.rest[0]}` closes nothing, none is open"
+    return _Cause(message, at.span, "take it out, or put the whole value in quotes")
+
+
+def _open_bracket(at: ErrorContext) -> _Cause | None:
+    """`[1, 2`, noticed where the next line is no part of it."""
+    opened = at.before.bracket
+    if opened is None:
+        return None
+    opening = opened.source.line(opened.line)
+    if at.line > opened.line:
+        is_open = at.is_at_end or indent_of(at.text) <= indent_of(opening)
+    else:
+        is_open = not at.rest
+    if not is_open:
+        return None
+    bracket = opening[opened.column - 1]
+    written = without_comment(opening[opened.column - 1 :])
+    is_near = at.is_at_end or at.line == opened.line
+    return _Cause(
+        f"the `{bracket}` that opens here is never closed",
+        Span.at(opened.source, opened.line, opened.column, len(written)),
+        f"close it: `{written.rstrip(', ')}{_CLOSING[bracket]}`",
+        None if is_near else Related(message="noticed here", span=at.span),
+    )
+
+
+def _other_bracket(at: ErrorContext) -> _Cause | None:
+    """`{a: [1}`."""
+    opened = at.before.bracket
+    if opened is None or at.rest[:1] not in ("]", "}") or at.rest[0] == _CLOSING[opened.text]:
+        return None
+    return _Cause(
+        f"`{at.rest[0]}` stands where the `{opened.text}` of line {opened.line} is open",
+        at.span,
+        f"close that with `{_CLOSING[opened.text]}` first",
+    )
+
+
+def _missing_comma(at: ErrorContext) -> _Cause | None:
+    """`{a: b c: d}`."""
+    opened = at.before.bracket
+    if opened is None or at.rest[:1] in ("", "]", "}") or "expected ',' or" not in at.problem:
+        return None
+    place = at.span
+    if at.rest[0] == ":":
+        # The word before the colon is the next key, read as the end of the value before it.
+        word = _LAST_WORD.search(at.text, 0, at.column - 1)
+        start = opened.column if opened.line == at.line else 0
+        if word is not None and word.start() >= start:
+            place = at.at(at.line, word.start() + 1, len(word[0].rstrip()))
+    within = "braces" if opened.text == "{" else "brackets"
+    help = f"the parts within {within} are separated by commas"
+    return _Cause(f"a comma is missing before `{place.text}`", place, help)
+
+
+# Spaces and colons
+
+_KEY: Final = r"[A-Za-z_][A-Za-z0-9_.]*"
+_ITEM: Final = r"\s*(?:- +)*"
+_GLUED_COLON: Final = re.compile(rf"{_ITEM}({_KEY}):(?!//)([^\s:].*?)(?:\s+#.*)?$")
+_GLUED_DASH: Final = re.compile(rf"\s*(?:- +)*(-({_KEY}:(?:\s.*)?))$")
+_KEY_ONLY: Final = re.compile(rf"{_ITEM}({_KEY})\s*(?:#.*)?$")
+_OTHER_COLON: Final = re.compile(
+    rf"{_ITEM}({_KEY})(?:\s*[=：]\s*|\s+)(\S.*?)(?:\s+#.*)?$"  # noqa: RUF001
+)
+_PAIR: Final = re.compile(rf"{_ITEM}({_KEY}):\s+(\S.*?)(?:\s+#.*)?$")
+_NEXT_PAIR: Final = re.compile(rf",\s*{_KEY}:\s")
+_NO_MAPPING_HERE: Final = "mapping values are not allowed"
+_NO_COLON: Final = "could not find expected ':'"
+
+
+def _missing_space(at: ErrorContext) -> _Cause | None:
+    """`-item` and `key:value`, in one of the lines from the last value on."""
+    first = at.before.scalar.line if at.before.scalar else at.line
+    if at.context_place and "simple key" in at.context:
+        first = min(first, at.context_place[0])
+    for number in sorted({first, at.line - 1, at.line}):
+        text = at.source.line(number)
+        dash, colon = _GLUED_DASH.match(text), _GLUED_COLON.match(text)
+        if dash is not None:
+            place = at.at(number, dash.start(1) + 1)
+            return _Cause("a space is missing after the dash", place, f"write `- {dash[2]}`")
+        if colon is not None:
+            place, help = at.at(number, colon.end(1) + 1), f"write `{colon[1]}: {colon[2]}`"
+            return _Cause("a space is missing after the colon", place, help)
+    return None
+
+
+def _second_colon(at: ErrorContext) -> _Cause | None:
+    """`key: value: x`: the second colon makes a mapping of a value that started as text."""
+    pair = _PAIR.match(at.text) if at.problem.startswith(_NO_MAPPING_HERE) else None
+    if pair is None or at.column <= pair.end(1) + 1:
+        return None
+    value = pair[2]
+    help = f"text with `: ` in it goes in quotes: `{pair[1]}: {_in_quotes(value)}`"
+    if _NEXT_PAIR.search(value):
+        help = "every key has a line of its own; text with `: ` in it goes in quotes"
+    message = f"the value of `{pair[1]}` holds a colon with a space behind it"
+    return _Cause(message, at.at(at.line, pair.start(2) + 1, len(value)), help)
+
+
+def _missing_colon(at: ErrorContext) -> _Cause | None:
+    """`key`, `key = value`, `key value`, and a wide colon."""
+    if not at.problem.startswith(_NO_COLON) or not at.context_place:
+        return None
+    number = at.context_place[0]
+    text = at.source.line(number)
+    key = _KEY_ONLY.match(text)
+    pair = key or _OTHER_COLON.match(text)
+    if pair is None:
+        return None
+    place = at.at(number, pair.start(1) + 1, len(pair[1]))
+    if key is not None:
+        return _Cause(f"`{key[1]}` has no colon", place, f"write `{key[1]}:`")
+    is_wide = text[pair.end(1) :].lstrip().startswith("：")  # noqa: RUF001
+    what = f"the colon of `{pair[1]}` is a wide one" if is_wide else f"`{pair[1]}` has no colon"
+    return _Cause(what, place, f"write `{pair[1]}: {pair[2]}`")
+
+
+# Lines that start in another column than those they belong to
+
+_DASHES: Final = re.compile(r"(\s*)((?:- +)*)")
+_MOST_LINES: Final = 200
+"""Lines above the mistake that are searched."""
+
+_Start = tuple[int, int, str]
+"""Line, column and kind, dash or key, of what a line starts with."""
+
+
+def _deeper_than_key(at: ErrorContext) -> _Cause | None:
+    """A key below a value, deeper than the value's key: one of the two is in a wrong column."""
+    scalar = at.before.scalar
+    if not at.problem.startswith(_NO_MAPPING_HERE) or scalar is None or not at.before.is_plain:
+        return None
+    if scalar.line >= at.line:
+        return None
+    above = _starts_of(at.source, scalar.line)[-1]
+    column = indent_of(at.text) + 1
+    outer = [start for start in _starts(at.source, scalar.line) if start[2] == "key"]
+    if any(start[1] == column for start in outer[:1]):
+        # The key fits to what stands further up, so that the line between is the odd one.
+        return _differs(at.source, (scalar.line, above[1]), outer[0][:2])
+    return _differs(at.source, (at.line, column), above[:2])
+
+
+def _item_among_keys(at: ErrorContext) -> _Cause | None:
+    """`- item` in the column of keys."""
+    if not _is_start_of_block(at) or _kind(at) != "dash" or at.context_place is None:
+        return None
+    if at.context_place[1] != at.column or any(
+        start[1:] == (at.column, "dash") for start in _starts(at.source, at.line)
+    ):
+        return None
+    return _Cause(
+        "an item of a list (`-`) stands among the keys of a mapping",
+        at.span,
+        "what holds items holds nothing else: give every key below it a dash too, or none",
+        Related(message="the mapping", span=at.at(*at.context_place)),
+    )
+
+
+def _other_column(at: ErrorContext) -> _Cause | None:
+    """A line in a column in which none above it starts."""
+    if not _is_start_of_block(at):
+        return None
+    kind = _kind(at)
+    near = [s for s in _starts(at.source, at.line) if s[2] == kind and s[1] != at.column]
+    if not near:
+        return _Cause(
+            f"this line starts in column {at.column}, as none above it does",
+            at.span,
+            "the lines of one mapping or list start in the same column",
+        )
+    line, column, _ = min(near, key=lambda s: (abs(s[1] - at.column), -s[0]))
+    odd = _line_between(at, kind) if abs(column - at.column) > 2 else None
+    if odd is not None:
+        return _differs(at.source, *odd)
+    return _differs(at.source, (at.line, at.column), (line, column))
+
+
+def _is_start_of_block(at: ErrorContext) -> bool:
+    """Whether the parser stopped at the first word of a line in block style."""
+    is_block = at.context.startswith("while parsing a block") and bool(at.rest)
+    is_first = indent_of(at.text) + 1 == at.column
+    return is_block and is_first and not at.problem.startswith(_NO_MAPPING_HERE)
+
+
+def _kind(at: ErrorContext) -> str:
+    return "dash" if at.rest == "-" or at.rest.startswith("- ") else "key"
+
+
+def _line_between(at: ErrorContext, kind: str) -> tuple[tuple[int, int], tuple[int, int]] | None:
+    """A line too far left, below one to which the place fits; and that one."""
+    odd: tuple[int, int] | None = None
+    for number in range(at.line - 1, max(at.line - 1 - _MOST_LINES, 0), -1):
+        text = at.source.line(number)
+        if not text.strip() or text.lstrip().startswith("#"):
+            continue
+        for _, column, what in _starts_of(at.source, number):
+            if (column, what) == (at.column, kind):
+                return (odd, (number, column)) if odd else None
+        if indent_of(text) + 1 < at.column:
+            if odd is not None:
+                return None
+            odd = (number, indent_of(text) + 1)
+    return None
+
+
+def _differs(source: SourceFile, wrong: tuple[int, int], right: tuple[int, int]) -> _Cause:
+    (line, column), (other, wanted) = wrong, right
+    way = "right" if column < wanted else "left"
+    return _Cause(
+        f"this line starts in column {column}, its neighbour in line {other} in column {wanted}",
+        Span.at(source, line, column),
+        f"move it {with_number(abs(wanted - column), 'space')} to the {way}: the lines of one "
+        "mapping or list start in the same column",
+        Related(message="its neighbour", span=Span.at(source, other, wanted)),
+    )
+
+
+def _starts(source: SourceFile, line: int) -> Iterator[_Start]:
+    """What the lines above start with, nearest first, outer ones only."""
+    narrowest = 10**9
+    for number in range(line - 1, max(line - 1 - _MOST_LINES, 0), -1):
+        text = source.line(number)
+        if not text.strip() or text.lstrip().startswith("#") or indent_of(text) >= narrowest:
+            continue
+        for start in reversed(_starts_of(source, number)):
+            if start[1] < narrowest or start[2] == "dash":
+                yield start
+        narrowest = indent_of(text)
+
+
+def _starts_of(source: SourceFile, line: int) -> list[_Start]:
+    """The dashes of a line, and the key behind them."""
+    match = _DASHES.match(source.line(line))
+    assert match is not None  # it matches nothing, too
+    dashes = [(line, m.start() + match.end(1) + 1, "dash") for m in re.finditer("-", match[2])]
+    return [*dashes, (line, match.end() + 1, "key")]
+
+
+_CAUSES: Final[tuple[Callable[[ErrorContext], _Cause | None], ...]] = (
+    _wrong_escape,
+    _open_quote,
+    _quote_closed_later,
+    _text_after_quote,
+    _start_of_line,
+    _template,
+    _item_after_key,
+    _reserved_start,
+    _extra_bracket,
+    _open_bracket,
+    _other_bracket,
+    _missing_comma,
+    _missing_space,
+    _second_colon,
+    _missing_colon,
+    _deeper_than_key,
+    _item_among_keys,
+    _other_column,
+)
+"""In the order in which they are tried: a later cause may rely on an earlier one not being met."""

@@ -1,0 +1,295 @@
+"""Text -> tree with places. Whatever the text is, the result is a tree, findings, or both.
+
+Built on PyYAML's event stream: scalars are read by YAML 1.2 core, only the safe subset is taken,
+aliases may expand only so far. Opens no file.
+"""
+
+import codecs
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NoReturn
+
+import yaml
+
+from obelisk_spec.yaml_core import core_scalar
+from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, plain_value
+from obk_cli.config.yaml_text import YAML_LOADER, YamlText, forbidden_character
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, SourceFile, Span
+
+__all__ = [
+    "MOST_VALUES",
+    "Parsed",
+    "decode_source",
+    "parse_source",
+    "too_many_values",
+]
+
+MOST_VALUES = 150_000
+"""What a config may hold, an alias counted as all that it stands for."""
+_DEEPEST = 100
+
+_CORE_TAGS = {
+    f"tag:yaml.org,2002:{name}" for name in ("str", "int", "float", "bool", "null", "map", "seq")
+}
+_QUOTED_STYLES = ("'", '"', "|", ">")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parsed:
+    """What a text held; no tree where it is empty or nothing of it could be read."""
+
+    tree: Tree | None
+    diagnostics: tuple[Diagnostic, ...] = ()
+    values: int = 0
+    """How many they are, aliases expanded."""
+    is_whole: bool = True
+    """Whether every value is in the tree; of a key that stands twice only the first is."""
+
+
+def decode_source(path: str, data: bytes) -> SourceFile | Diagnostic:
+    """The bytes of a file as a source, or why they cannot be one."""
+    if len(data) > LONGEST_FILE_BYTES:
+        start = Span.at(SourceFile.of(path, ""), 1, 1)
+        return found("OBK007", "the file is longer than 10 MiB, so it is not read", start)
+    try:
+        return SourceFile.of(path, data.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        # The error's own bytes: a mark of the byte order in front is not among them.
+        before = SourceFile.of(path, error.object[: error.start].decode("utf-8"))
+        place = Span.at(before, len(before.lines), len(before.lines[-1]) + 1)
+        is_utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        help = "the file looks like UTF-16; save it as UTF-8" if is_utf16 else None
+        return found(
+            "OBK002", f"byte 0x{error.object[error.start]:02x} is not UTF-8", place, help=help
+        )
+
+
+def too_many_values(place: Span, *, values_before: int = 0) -> Diagnostic:
+    """The finding about a text that goes on past what a config may hold."""
+    together = ", together with those of the files before" if values_before else ""
+    return found("OBK006", f"the values are more than {MOST_VALUES:,}{together}", place)
+
+
+def parse_source(source: SourceFile, *, values_before: int = 0) -> Parsed:
+    """The tree of a text that holds one YAML document.
+
+    `values_before` are those of the same config's other files; all together are bounded.
+    """
+    unreadable = forbidden_character(source)
+    if unreadable is not None:
+        return Parsed(tree=None, diagnostics=(unreadable,))
+    seen = YamlText(source.text)
+    composer = _Composer(source, seen, values_before)
+    try:
+        tree = composer.document(iter(yaml.parse(seen.text, Loader=YAML_LOADER)))
+    except yaml.MarkedYAMLError as error:
+        from obk_cli.config.yaml_errors import explain_yaml_error  # most texts need none
+
+        fault = explain_yaml_error(error, source)
+        if not any(earlier.span.line == fault.span.line for earlier in composer.faults):
+            composer.faults.append(fault)
+        tree = None
+    except _GivenUpError:
+        tree = None
+    return Parsed(
+        tree=tree,
+        diagnostics=tuple(composer.faults),
+        values=composer.values,
+        is_whole=composer.is_whole,
+    )
+
+
+class _GivenUpError(Exception):
+    """The rest of the text is not worth reading; the finding is already noted."""
+
+
+@dataclass(slots=True)
+class _Collection:
+    """A list or mapping whose end has not come yet."""
+
+    start: yaml.CollectionStartEvent
+    items: list[Tree] = field(default_factory=list)
+    keys: list[tuple[str, Span]] = field(default_factory=list)
+    weight: int = 1
+
+
+@dataclass(slots=True)
+class _Anchored:
+    tree: Tree
+    weight: int
+
+
+class _Composer:
+    """Turns one event stream into one tree; keeps its own stack, so depth is not Python's."""
+
+    def __init__(self, source: SourceFile, seen: YamlText, values_before: int) -> None:
+        self.faults: list[Diagnostic] = []
+        self.values = 0
+        self.is_whole = True
+        self._source = source
+        self._seen = seen
+        self._anchors: dict[str, _Anchored | None] = {}
+        self._open: list[_Collection] = []
+        self._values_before = values_before
+
+    def document(self, events: Iterator[yaml.Event]) -> Tree | None:
+        """The tree of the first document; a second one is a finding."""
+        tree: Tree | None = None
+        documents = 0
+        for event in events:
+            if isinstance(event, yaml.DocumentStartEvent):
+                documents += 1
+                if documents > 1:
+                    message = "a second document starts here, a config is one document"
+                    self._give_up("OBK003", message, event)
+            done = self._take(event)
+            tree = done or tree
+        return tree
+
+    def _take(self, event: yaml.Event) -> Tree | None:
+        match event:
+            case yaml.ScalarEvent():
+                return self._add(self._scalar(event), 1, event)
+            case yaml.AliasEvent():
+                anchored = self._aliased(event)
+                return self._add(anchored.tree, anchored.weight, event)
+            case yaml.CollectionStartEvent():
+                self._check_tag(event)
+                if len(self._open) >= _DEEPEST:
+                    self._give_up("OBK013", f"values are nested over {_DEEPEST} deep", event)
+                if event.anchor:
+                    self._anchors[event.anchor] = None
+                self._open.append(_Collection(event))
+            case yaml.CollectionEndEvent():
+                collection = self._open.pop()
+                return self._add(
+                    self._closed(collection, event), collection.weight, collection.start
+                )
+        return None
+
+    def _add(self, tree: Tree, weight: int, event: yaml.NodeEvent) -> Tree | None:
+        """Put a finished value where it belongs; returns it if it is the whole document."""
+        if event.anchor and not isinstance(event, yaml.AliasEvent):
+            self._anchors[event.anchor] = _Anchored(tree, weight)
+        if not self._open:
+            return tree
+        parent = self._open[-1]
+        parent.weight += weight
+        is_map = isinstance(parent.start, yaml.MappingStartEvent)
+        if is_map and len(parent.keys) == len(parent.items):
+            parent.keys.append((self._key(tree), tree.span))
+        else:
+            parent.items.append(tree)
+            self._count(1, event)
+        return None
+
+    def _count(self, values: int, event: yaml.NodeEvent) -> None:
+        self.values += values
+        if self._values_before + self.values > MOST_VALUES:
+            place = self._span(event, event)
+            self.faults.append(too_many_values(place, values_before=self._values_before))
+            raise _GivenUpError
+
+    def _scalar(self, event: yaml.ScalarEvent) -> TreeScalar:
+        self._check_tag(event)
+        span = self._span(event, event)
+        is_text = event.tag == "tag:yaml.org,2002:str" or event.style in _QUOTED_STYLES
+        value = self._seen.restored(event.value)
+        if "\0" in value:
+            message = "a text with the character U+0000 in it fits neither ROS nor a path"
+            self.faults.append(found("OBK003", message, span))
+            value = value.replace("\0", "")
+        return TreeScalar(value if is_text else core_scalar(value), span)
+
+    def _key(self, tree: Tree) -> str:
+        """A key is text; a number or `true` is one as it is written."""
+        if isinstance(tree, TreeScalar):
+            key = tree.value if isinstance(tree.value, str) else tree.span.text
+            if not key:
+                self.faults.append(found("OBK003", "a key is empty", tree.span))
+            return key
+        from obk_cli.config.yaml_errors import template_braces
+
+        braces = template_braces(tree.span) if isinstance(tree, TreeMap) else None
+        self.faults.append(
+            braces or found("OBK003", "a list or mapping cannot be a key", tree.span)
+        )
+        return ""
+
+    def _closed(self, collection: _Collection, end: yaml.Event) -> Tree:
+        span = self._span(collection.start, end)
+        if isinstance(collection.start, yaml.SequenceStartEvent):
+            return TreeList(tuple(collection.items), span)
+        entries: dict[str, Entry] = {}
+        merged: list[Entry] = []
+        for (key, key_span), value in zip(collection.keys, collection.items, strict=True):
+            if key == "<<" and key_span.text == "<<":
+                merged += self._merged(value)
+            elif not key:
+                self.is_whole = False
+            elif key in entries:
+                self._duplicate(entries[key], key_span, value)
+            else:
+                entries[key] = Entry(key, key_span, value)
+        for entry in merged:
+            entries.setdefault(entry.key, entry)
+        return TreeMap(tuple(entries.values()), span)
+
+    def _merged(self, value: Tree) -> list[Entry]:
+        """The entries that `<<: value` brings, those of earlier mappings first."""
+        sources = value.items if isinstance(value, TreeList) else (value,)
+        entries: list[Entry] = []
+        for source in sources:
+            if isinstance(source, TreeMap):
+                entries += source.entries
+            else:
+                message = "`<<` merges mappings, this is none"
+                self.faults.append(found("OBK003", message, source.span))
+        return entries
+
+    def _duplicate(self, first: Entry, second: Span, value: Tree) -> None:
+        is_scalar = isinstance(value, TreeScalar) and isinstance(first.value, TreeScalar)
+        if not is_scalar or plain_value(value) != plain_value(first.value):
+            self.is_whole = False
+        are_lists = isinstance(first.value, TreeList) and isinstance(value, TreeList)
+        help = f"put the items of both under one `{first.key}`" if are_lists else None
+        self.faults.append(
+            found(
+                "OBK004",
+                f"key `{first.key}` stands twice in this mapping",
+                second,
+                help=help,
+                related=(Related(message="it stands here first", span=first.key_span),),
+            )
+        )
+
+    def _aliased(self, event: yaml.AliasEvent) -> _Anchored:
+        anchored = self._anchors.get(event.anchor or "")
+        if anchored is None:
+            inside = event.anchor in self._anchors
+            why = "stands inside its own value" if inside else "has no anchor before it"
+            help = f'text that starts with `*` goes in quotes: `"*{event.anchor}"`'
+            self._give_up("OBK003", f"alias `*{event.anchor}` {why}", event, help)
+        self._count(anchored.weight, event)
+        return anchored
+
+    def _check_tag(self, event: yaml.ScalarEvent | yaml.CollectionStartEvent) -> None:
+        if event.tag and event.tag not in _CORE_TAGS and event.tag != "!":
+            tag = event.tag.replace("tag:yaml.org,2002:", "!!")
+            span = self._span(event, event)
+            message = f"tag `{tag}` is not taken, a config holds plain values"
+            help = None if tag.startswith("!!") else "text that starts with `!` goes in quotes"
+            self.faults.append(found("OBK005", message, span, help=help))
+
+    def _give_up(
+        self, code: str, message: str, event: yaml.Event, help: str | None = None
+    ) -> NoReturn:
+        self.faults.append(found(code, message, self._span(event, event), help=help))
+        raise _GivenUpError
+
+    def _span(self, first: yaml.Event, last: yaml.Event) -> Span:
+        start, end = first.start_mark, last.end_mark
+        assert start is not None  # only hand-made events have no marks
+        assert end is not None
+        return Span(self._source, start.line + 1, start.column + 1, end.line + 1, end.column + 1)

@@ -1,0 +1,1 @@
+"""Findings with their places, the edits that fix them, and the rules."""

@@ -1,0 +1,94 @@
+"""Findings in the user's text, as values: collected, never raised."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from obk_cli.diagnostics.edits import Edit
+from obk_cli.diagnostics.rules import Severity, rule_of
+from obk_cli.diagnostics.source import Span
+
+__all__ = ["Diagnostic", "Related", "Severity", "counted", "found", "in_order", "worst"]
+
+_WORST_FIRST: tuple[Severity, ...] = ("error", "warning", "info")
+_MOST_OF_ONE_RULE = 1_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Related:
+    """Another place that a finding is about."""
+
+    message: str
+    span: Span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Diagnostic:
+    """One finding."""
+
+    code: str
+    severity: Severity
+    message: str
+    span: Span
+    help: str | None = None
+    related: tuple[Related, ...] = ()
+    fix: tuple[Edit, ...] = ()
+    """The edits that mend it; only where the cure is certain."""
+
+    def __str__(self) -> str:
+        return f"{self.span}: {self.severity}[{self.code}]: {self.message}"
+
+
+def found(
+    code: str,
+    message: str,
+    span: Span,
+    *,
+    help: str | None = None,
+    related: Iterable[Related] = (),
+    severity: Severity | None = None,
+    fix: Iterable[Edit] = (),
+) -> Diagnostic:
+    """A finding with the severity of its rule, unless another is given."""
+    return Diagnostic(
+        code=code,
+        severity=severity or rule_of(code).severity,
+        message=message,
+        span=span,
+        help=help,
+        related=tuple(related),
+        fix=tuple(fix),
+    )
+
+
+def in_order(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """Findings in reading order, the same finding once."""
+    unique = dict.fromkeys(diagnostics)
+    return tuple(
+        sorted(unique, key=lambda d: (d.span.path, d.span.line, d.span.column, d.code, d.message))
+    )
+
+
+def counted(
+    diagnostics: Iterable[Diagnostic], *, most: int = _MOST_OF_ONE_RULE
+) -> tuple[Diagnostic, ...]:
+    """The first findings of every rule; the rest of each is one line that says how many."""
+    by_code: dict[str, list[Diagnostic]] = {}
+    kept: list[Diagnostic] = []
+    for diagnostic in diagnostics:
+        same = by_code.setdefault(diagnostic.code, [])
+        same.append(diagnostic)
+        if len(same) <= most:
+            kept.append(diagnostic)
+    for code, same in by_code.items():
+        rest = same[most:]
+        severity = worst(rest)
+        if severity:
+            message = f"and {len(rest):,} more of this rule, the first of them here"
+            kept.append(found(code, message, rest[0].span, severity=severity))
+    return tuple(kept)
+
+
+def worst(diagnostics: Iterable[Diagnostic]) -> Severity | None:
+    """The worst severity among the findings, None where there are none."""
+    present = {diagnostic.severity for diagnostic in diagnostics}
+    return next((severity for severity in _WORST_FIRST if severity in present), None)

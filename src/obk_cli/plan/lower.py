@@ -1,0 +1,223 @@
+"""Checked config -> plan. Total: a config that passed its checks cannot fail here."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import cast
+
+from obelisk_spec.components import DEFAULT_HISTORY_DEPTH, SETTING_SUFFIX
+from obelisk_spec.settings import format_setting
+from obelisk_spec.values import ParameterValue
+from obk_cli.config.model import (
+    COMPONENT_LISTS,
+    FEEDBACK_TOPIC,
+    JOYSTICK_EXECUTABLE,
+    JOYSTICK_NODE,
+    JOYSTICK_PACKAGE,
+    JOYSTICK_TOPIC,
+    Component,
+    FileSearch,
+    Joystick,
+    Node,
+    Sim,
+    Stack,
+)
+from obk_cli.config.topology import Direction, TopicEnd, absolute_topic, joystick_ends, node_ends
+from obk_cli.config.tree import plain_value
+from obk_cli.diagnostics.source import Span
+from obk_cli.plan.plan import Endpoint, OnCrash, Origin, Plan, Process, Promise, SensorGroup
+
+__all__ = ["DEFAULT_STACK_NAME", "lower_stack"]
+
+DEFAULT_STACK_NAME = "obelisk"
+_SIM_DEFAULTS = {"num_steps_per_viz": 8}
+_LEFT_OUT = ("non_obelisk", "callback_key")
+_SETTING_ORDER = ("key", "ros_parameter", "topic", "msg_type", "history_depth", "timer_period_sec")
+
+
+def lower_stack(stack: Stack) -> Plan:
+    """The processes of a stack, in the order of the config."""
+    joysticks = (_lower_joystick(joystick) for joystick in stack.joysticks if joystick.on)
+    return Plan(
+        name=stack.name.value if stack.name else DEFAULT_STACK_NAME,
+        processes=(*(_lower_node(node) for node in stack.nodes), *joysticks),
+    )
+
+
+def _lower_node(node: Node) -> Process:
+    assert node.pkg is not None  # required keys: a config without them did not pass
+    assert node.executable is not None
+    ends = tuple(node_ends(node))
+    models = (_path(s.model, s.model.written.value) for s in node.sims if s.model is not None)
+    return Process(
+        node=node.node_name,
+        namespace=node.ros_namespace,
+        section=node.section,
+        device=node.device,
+        package=node.pkg.value,
+        executable=node.executable.value,
+        origin=_origin(node.span),
+        parameters=dict(_parameters(node)),
+        remappings=node.remappings,
+        env=dict(node.env),
+        log_level=node.log_level.value if node.log_level else None,
+        publishes=_endpoints(ends, "publishes"),
+        subscribes=_endpoints(ends, "subscribes"),
+        model=next(models, None) if node.runs_simulation else None,
+        sensor_groups=tuple(_sensor_groups(node)) if node.runs_simulation else (),
+        promises=tuple(_promises(node)),
+        on_crash=_on_crash(node),
+    )
+
+
+def _promises(node: Node) -> Iterator[Promise]:
+    periods = [(c.identity, c.timer_period_s) for c in node.components if c.kind == "timer"]
+    if node.runs_simulation:
+        groups = (group for sim in node.sims for group in sim.sensor_groups)
+        periods += [(absolute_topic(group.topic.value, node), group.period_s) for group in groups]
+    for name, period in periods:
+        if name and period is not None:
+            yield Promise(name=name, period_s=period.value, origin=_origin(period.span))
+
+
+def _on_crash(node: Node) -> OnCrash | None:
+    if node.on_crash is not None:
+        return cast(OnCrash, node.on_crash.value)
+    return "restart" if node.respawn is not None and node.respawn.value else None
+
+
+def _sensor_groups(node: Node) -> Iterator[SensorGroup]:
+    for sim in node.sims:
+        blocks = sim.block.get("sensor_settings")
+        for group, block in zip(
+            sim.sensor_groups, blocks if isinstance(blocks, list) else (), strict=True
+        ):
+            pattern = (block.get("scan_config") or {}).get("pattern")
+            yield SensorGroup(
+                topic=absolute_topic(group.topic.value, node),
+                kind=group.msg_type.value if group.msg_type else "",
+                sensors=block.get("sensor_names") or {},
+                rays=pattern.get("type") if isinstance(pattern, dict) else None,
+            )
+
+
+def _endpoints(ends: tuple[TopicEnd, ...], direction: Direction) -> tuple[Endpoint, ...]:
+    return tuple(
+        Endpoint(topic=end.topic, msg_type=end.msg_type, rate_hz=end.rate_hz)
+        for end in ends
+        if end.direction == direction
+    )
+
+
+def _origin(span: Span) -> Origin:
+    return Origin(path=span.path, line=span.line, column=span.column)
+
+
+def _parameters(node: Node) -> Iterator[tuple[str, ParameterValue]]:
+    """All ROS parameters of a node: the settings of its components, then the user's own."""
+    for name, component in _component_parameters(node).items():
+        yield name, format_setting(_setting(component))
+    if node.components or node.callback_groups:
+        yield "obelisk_settings", format_setting(_all_settings(node))
+    if node.params_path is not None:
+        yield "params_path", _path(node.params_file, node.params_path.value)
+    for sim in node.sims:
+        yield sim.parameter, format_setting(_sim_setting(sim))
+    if node.urdf is not None:
+        yield "urdf_path", _path(node.urdf_file, node.urdf.value)
+    for spanned, name in ((node.robot_topic, "robot_topic"), (node.tf_prefix, "tf_prefix")):
+        if spanned is not None:
+            yield name, spanned.value
+    for parameter in node.params:
+        yield parameter.name, parameter.value
+
+
+def _component_parameters(node: Node) -> Mapping[str, Component]:
+    """The ROS parameter of each component; two that have only a key in common have none."""
+    taken = {c.ros_parameter.value for c in node.components if c.ros_parameter}
+    names = [(_parameter_name(component), component) for component in node.components]
+    by_key = Counter(name for name, component in names if component.ros_parameter is None)
+    return {
+        name: component
+        for name, component in names
+        if component.ros_parameter or (by_key[name] == 1 and name not in taken)
+    }
+
+
+def _parameter_name(component: Component) -> str:
+    if component.ros_parameter is not None:
+        return component.ros_parameter.value
+    return f"{component.identity}{SETTING_SUFFIX}"
+
+
+def _path(search: FileSearch | None, written: str) -> str:
+    """The file if it was found, else the path as written: what it means is up to the node."""
+    return str(search.found) if search and search.found else written
+
+
+def _setting(component: Component) -> Mapping[str, object]:
+    """A component's entry as the run time reads it: the same in whichever spelling it was written.
+
+    Both names and the default depth are filled in; what says nothing is left out.
+    """
+    written = plain_value(component.tree)
+    assert isinstance(written, dict)  # a component's tree is a mapping
+    filled = {"key": component.identity, "ros_parameter": _parameter_name(component), **written}
+    if component.kind != "timer" and component.qos.history_depth is None:
+        filled.setdefault("history_depth", DEFAULT_HISTORY_DEPTH)
+    ordered = (*_SETTING_ORDER, *(key for key in filled if key not in _SETTING_ORDER))
+    return {
+        key: filled[key]
+        for key in ordered
+        if filled.get(key) is not None
+        and key not in _LEFT_OUT
+        and not (key == "callback_group" and filled[key] == "None")
+    }
+
+
+def _all_settings(node: Node) -> Mapping[str, object]:
+    settings: dict[str, object] = {
+        key: [dict(_setting(c)) for c in node.components if c.kind == kind]
+        for key, kind in COMPONENT_LISTS.items()
+    }
+    settings["callback_groups"] = {
+        group.name.value: group.type.value for group in node.callback_groups if group.type
+    }
+    return {key: value for key, value in settings.items() if value}
+
+
+def _sim_setting(sim: Sim) -> Mapping[str, object]:
+    """The block for the simulator, its paths resolved; what says nothing is left out."""
+    block = {
+        key: value
+        for key, value in sim.block.items()
+        if value not in (None, "None", _SIM_DEFAULTS.get(key)) and key != "ros_parameter"
+    }
+    if sim.model is not None:
+        block["model_xml_path"] = _path(sim.model, sim.model.written.value)
+    found = {file.written.value: _path(file, file.written.value) for file in sim.files}
+    groups = block.get("sensor_settings")
+    for group in groups if isinstance(groups, list) else ():
+        if group.get("config_path") in found:
+            group["config_path"] = found[group["config_path"]]
+        if group.get("history_depth") == DEFAULT_HISTORY_DEPTH:
+            del group["history_depth"]
+    return block
+
+
+def _lower_joystick(joystick: Joystick) -> Process:
+    ends = tuple(joystick_ends(joystick))
+    topics = ((JOYSTICK_TOPIC, joystick.pub_topic), (FEEDBACK_TOPIC, joystick.sub_topic))
+    return Process(
+        node=JOYSTICK_NODE,
+        namespace="/",
+        section="joystick",
+        device=joystick.device,
+        package=JOYSTICK_PACKAGE,
+        executable=JOYSTICK_EXECUTABLE,
+        origin=_origin(joystick.span),
+        parameters={parameter.name: parameter.value for parameter in joystick.params},
+        remappings=tuple((name, topic.value) for name, topic in topics if topic is not None),
+        publishes=_endpoints(ends, "publishes"),
+        subscribes=_endpoints(ends, "subscribes"),
+        has_lifecycle=False,
+    )

@@ -1,1 +1,0 @@
-"""Many trees into one: includes, merge, `${VAR}`, `--set`, paths. Every value keeps its place."""

@@ -1,0 +1,152 @@
+"""A class and its bases, followed through imports; abstract methods that nothing implements."""
+
+import ast
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from obelisk_spec.suggestions import near_names
+from obk_cli.config.node_facts import MissingMethod
+from obk_cli.source_analysis.modules import Library, Module, at_top_level, dotted_name, span_of
+
+__all__ = ["ClassSource", "Function", "Lineage", "lineage_of"]
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+_HARMLESS = ("rclpy", "abc", "typing", "typing_extensions", "object")
+"""Where bases come from that register nothing and implement nothing of Obelisk's."""
+_NODE_CLASS = "obelisk_py.core.node.ObeliskNode"
+_ROBOT_CLASS = "obelisk_py.core.robot.ObeliskRobot"
+_LIBRARY = "obelisk_py.core."
+_ABSTRACT = ("abc.abstractmethod", "abstractmethod")
+
+
+@dataclass(frozen=True)
+class ClassSource:
+    """A class where it is defined."""
+
+    module: Module
+    node: ast.ClassDef
+
+    @property
+    def full_name(self) -> str:
+        """Module and class."""
+        return f"{self.module.name}.{self.node.name}"
+
+    @property
+    def is_of_library(self) -> bool:
+        """Whether it is a base class of the run-time library."""
+        return self.module.name.startswith(_LIBRARY)
+
+    def method(self, name: str) -> Function | None:
+        """The method of that name that the class itself defines."""
+        return self._by_name.get(name)
+
+    def methods(self) -> Iterable[Function]:
+        """The methods that the class itself defines."""
+        return self._by_name.values()
+
+    @cached_property
+    def _by_name(self) -> Mapping[str, Function]:
+        """Asked for at every call that a constructor makes."""
+        methods: dict[str, Function] = {}
+        for statement in at_top_level(self.node.body):
+            if isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef)):
+                methods.setdefault(statement.name, statement)
+        return methods
+
+    def has(self, name: str) -> bool:
+        """Whether the class itself defines an attribute of that name."""
+        targets = (
+            target
+            for statement in self.node.body
+            if isinstance(statement, ast.Assign | ast.AnnAssign)
+            for target in getattr(statement, "targets", [getattr(statement, "target", None)])
+        )
+        assigned = any(isinstance(t, ast.Name) and t.id == name for t in targets)
+        return assigned or self.method(name) is not None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lineage:
+    """A class, then its bases, nearest first."""
+
+    classes: tuple[ClassSource, ...]
+    is_whole: bool
+    """Whether every base could be followed."""
+
+    @property
+    def is_node(self) -> bool:
+        """Whether the class is an Obelisk node."""
+        return any(c.full_name == _NODE_CLASS for c in self.classes)
+
+    @property
+    def can_damp(self) -> bool | None:
+        """Whether the class of a robot says how it brakes; None where that is not known."""
+        own = [c for c in self.classes if c.full_name != _ROBOT_CLASS]
+        if not self.is_whole or len(own) == len(self.classes):
+            return None
+        return any(c.has("apply_damping") or c.has("_can_damp") for c in own)
+
+    def method(self, name: str, start: int = 0) -> tuple[int, Function] | None:
+        """The method that a call reaches, and the place of its class; looked for from `start`."""
+        for index, source in enumerate(self.classes[start:], start):
+            found = source.method(name)
+            if found is not None:
+                return index, found
+        return None
+
+    def missing_methods(self) -> Iterator[MissingMethod]:
+        """Abstract methods that no class implements; none where a base is not known."""
+        if not self.is_whole:
+            return
+        own = [m.name for c in self.classes if not c.is_of_library for m in c.methods()]
+        seen: set[str] = set()
+        for source in self.classes:
+            for method in source.methods():
+                is_first = not any(c.has(method.name) for c in self._before(source))
+                if method.name not in seen and is_first and _is_abstract(method, source.module):
+                    yield MissingMethod(
+                        name=method.name,
+                        span=span_of(method, source.module.source),
+                        near=near_names(method.name, own),
+                    )
+                seen.add(method.name)
+
+    def _before(self, source: ClassSource) -> tuple[ClassSource, ...]:
+        return self.classes[: self.classes.index(source)]
+
+
+def lineage_of(source: ClassSource, library: Library) -> Lineage:
+    """The class and everything that it inherits from."""
+    found, is_whole = _collect(source, library, ())
+    # A base that several classes share comes after all of them, as in Python's own order.
+    last_first = dict.fromkeys(reversed(found))
+    return Lineage(classes=tuple(reversed(last_first)), is_whole=is_whole)
+
+
+def _collect(
+    source: ClassSource, library: Library, below: tuple[ClassSource, ...]
+) -> tuple[list[ClassSource], bool]:
+    found, is_whole = [source], not source.node.decorator_list
+    for base in source.node.bases:
+        expression = base.value if isinstance(base, ast.Subscript) else base
+        dotted = dotted_name(expression, source.module) or ""
+        if dotted.partition(".")[0] in _HARMLESS:
+            continue
+        definition = library.definition(dotted)
+        if definition is None or not isinstance(definition.node, ast.ClassDef):
+            is_whole = False
+            continue
+        base_source = ClassSource(definition.module, definition.node)
+        if base_source in below or base_source == source:
+            is_whole = False
+            continue
+        bases, bases_whole = _collect(base_source, library, (*below, source))
+        found += bases
+        is_whole = is_whole and bases_whole
+    return found, is_whole
+
+
+def _is_abstract(method: Function, module: Module) -> bool:
+    return any(dotted_name(d, module) in _ABSTRACT for d in method.decorator_list)

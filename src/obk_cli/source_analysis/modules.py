@@ -1,0 +1,306 @@
+"""Python modules as text: what a name stands for, and what an expression is worth.
+
+Follows names through imports to their definitions; opens and runs nothing itself.
+"""
+
+import ast
+import re
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+from obk_cli.diagnostics.source import SourceFile, Span
+
+__all__ = [
+    "UNKNOWN",
+    "Definition",
+    "Dotted",
+    "FoundSource",
+    "Imported",
+    "KnownValues",
+    "Library",
+    "LoadModule",
+    "Module",
+    "Unknown",
+    "UnreadableSourceError",
+    "Value",
+    "at_top_level",
+    "dotted_name",
+    "message_type",
+    "parse_module",
+    "span_of",
+    "value_of",
+]
+
+_LONGEST_CHAIN = 20
+"""Imports that are followed for one name."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundSource:
+    """The text of a module."""
+
+    source: SourceFile
+    is_package: bool = False
+    """Whether it is the `__init__` of a package, from which relative imports start."""
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """A name that an import brings."""
+
+    dotted: str
+
+
+Binding = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef | ast.expr | Imported | None
+"""What a name of a module stands for; None where it is bound more than once."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Module:
+    """One module."""
+
+    name: str
+    source: SourceFile
+    tree: ast.Module
+    names: Mapping[str, Binding]
+    has_more_names: bool
+    """Whether `import *` or `__getattr__` brings names that cannot be seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Definition:
+    """What a name stands for, and the module whose names that uses."""
+
+    module: Module
+    node: ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef | ast.expr
+
+
+LoadModule = Callable[[str], Module | None]
+"""Dotted name -> module, None where it is not to be followed."""
+
+
+class UnreadableSourceError(Exception):
+    """A module that is not Python; carries the sentence and the place."""
+
+    def __init__(self, message: str, span: Span) -> None:
+        super().__init__(message)
+        self.message = message
+        self.span = span
+
+
+class Library:
+    """Modules, each read once."""
+
+    def __init__(self, load: LoadModule) -> None:
+        self._load = load
+        self._modules: dict[str, Module | None] = {}
+
+    def module(self, name: str) -> Module | None:
+        """The module of that name, None where its source is not to be had.
+
+        Raises:
+            UnreadableSourceError: the source is not Python.
+        """
+        if name not in self._modules:
+            self._modules[name] = self._load(name)
+        return self._modules[name]
+
+    def definition(self, dotted: str) -> Definition | None:
+        """The class, function or value that a dotted name stands for, through re-exports.
+
+        Raises:
+            UnreadableSourceError: a module on the way is not Python.
+        """
+        for _ in range(_LONGEST_CHAIN):
+            name, _, attribute = dotted.rpartition(".")
+            module = self.module(name) if name else None
+            if module is None:
+                return None
+            match module.names.get(attribute):
+                case None:
+                    return None
+                case Imported(dotted=further):
+                    dotted = further
+                case node:
+                    return Definition(module, node)
+        return None
+
+
+def dotted_name(expression: ast.expr, module: Module) -> str | None:
+    """The full name that `a.b.C` means in a module: `pkg.a.b.C`; None for anything else."""
+    parts: list[str] = []
+    while isinstance(expression, ast.Attribute):
+        parts.append(expression.attr)
+        expression = expression.value
+    if not isinstance(expression, ast.Name):
+        return None
+    bound = module.names.get(expression.id, expression)
+    if bound is None:
+        return None
+    if isinstance(bound, Imported):
+        head = bound.dotted
+    else:
+        is_own = expression.id in module.names
+        head = f"{module.name}.{expression.id}" if is_own else expression.id
+    return ".".join((head, *reversed(parts)))
+
+
+def span_of(node: ast.expr | ast.stmt, source: SourceFile) -> Span:
+    """The first line of a piece of syntax; AST columns are bytes, ours are characters."""
+    line = source.line(node.lineno)
+    start = len(line.encode()[: node.col_offset].decode(errors="replace"))
+    end_offset = node.end_col_offset if node.end_lineno == node.lineno else None
+    text = line.rstrip().encode()[:end_offset].decode(errors="replace")
+    return Span.at(source, node.lineno, start + 1, max(len(text) - start, 1))
+
+
+def parse_module(name: str, found: FoundSource) -> Module:
+    """The module that a text is.
+
+    Raises:
+        UnreadableSourceError: the text is not Python.
+    """
+    tree = _syntax_tree(found.source)
+    statements = list(at_top_level(tree.body))
+    names: dict[str, Binding] = {}
+    for statement in statements:
+        for bound, value in _bindings(statement, name, found.is_package):
+            is_same = bound not in names or names[bound] == value
+            names[bound] = value if is_same else None
+    stars = any(
+        isinstance(s, ast.ImportFrom) and any(alias.name == "*" for alias in s.names)
+        for s in statements
+    )
+    return Module(
+        name=name,
+        source=found.source,
+        tree=tree,
+        names=names,
+        has_more_names=stars or "__getattr__" in names,
+    )
+
+
+def _syntax_tree(source: SourceFile) -> ast.Module:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return ast.parse(source.text)
+    except SyntaxError as error:
+        line = min(max(error.lineno or 1, 1), len(source.lines))
+        column = min(max(error.offset or 1, 1), len(source.line(line)) + 1)
+        raise UnreadableSourceError(error.msg, Span.at(source, line, column)) from error
+    except (ValueError, RecursionError, MemoryError) as error:
+        raise UnreadableSourceError(str(error), Span.at(source, 1, 1)) from error
+
+
+def at_top_level(statements: Iterable[ast.stmt]) -> Iterator[ast.stmt]:
+    """The statements that bind the names of a module or class, those in `if` and `try` too."""
+    for statement in statements:
+        yield statement
+        for part in ("body", "handlers", "orelse", "finalbody"):
+            inner = getattr(statement, part, ())
+            if isinstance(statement, ast.If | ast.Try | ast.With | ast.ExceptHandler):
+                yield from at_top_level(inner)
+
+
+def _bindings(statement: ast.stmt, module: str, is_package: bool) -> Iterator[tuple[str, Binding]]:
+    match statement:
+        case ast.ClassDef(name=name) | ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name):
+            yield name, statement
+        case ast.Import(names=aliases):
+            for alias in aliases:
+                top = alias.name.partition(".")[0]
+                yield (alias.asname, Imported(alias.name)) if alias.asname else (top, Imported(top))
+        case ast.ImportFrom(names=aliases):
+            origin = _origin(statement, module, is_package)
+            for alias in aliases:
+                yield alias.asname or alias.name, Imported(f"{origin}.{alias.name}")
+        case ast.Assign(targets=targets, value=value):
+            for target in targets:
+                if isinstance(target, ast.Name):
+                    yield target.id, value
+        case ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value):
+            yield name, value
+
+
+def _origin(statement: ast.ImportFrom, module: str, is_package: bool) -> str:
+    """The module that `from x import y` names, dots in front resolved."""
+    if not statement.level:
+        return statement.module or ""
+    parts = module.split(".")
+    kept = parts[: len(parts) - statement.level + (1 if is_package else 0)]
+    return ".".join((*kept, *([statement.module] if statement.module else [])))
+
+
+class Unknown(Enum):
+    """The one mark for what is computed at run time."""
+
+    UNKNOWN = "unknown"
+
+
+UNKNOWN: Final = Unknown.UNKNOWN
+
+
+@dataclass(frozen=True, slots=True)
+class Dotted:
+    """A class, function or module, by its full name."""
+
+    name: str
+
+
+Value = str | bool | None | Dotted | Unknown
+KnownValues = Mapping[str, Value]
+"""Local names, such as a constructor's parameters."""
+
+_MESSAGE = re.compile(r"(\w+)\.msg\.(?:_\w+\.)?([A-Z]\w*)")
+
+
+def message_type(value: Value) -> str | None:
+    """The message type that a class stands for, `pkg/msg/Name`; None for anything else."""
+    parts = _MESSAGE.fullmatch(value.name) if isinstance(value, Dotted) else None
+    return f"{parts[1]}/msg/{parts[2]}" if parts else None
+
+
+def value_of(
+    expression: ast.expr | None, module: Module, library: Library, local: KnownValues
+) -> Value:
+    """The text, truth, None or class that an expression is; no expression counts as None."""
+    match expression:
+        case None:
+            return None
+        case ast.Constant(value=str() | bool() | None as constant):
+            return constant
+        case ast.Name(id=name) if name in local:
+            return local[name]
+        case ast.BoolOp(op=ast.Or(), values=[first, second]):
+            value = value_of(first, module, library, local)
+            if value is UNKNOWN:
+                return UNKNOWN
+            return value or value_of(second, module, library, local)
+        case ast.Name() | ast.Attribute():
+            return _named(expression, module, library)
+        case _:
+            return UNKNOWN
+
+
+def _named(expression: ast.expr, module: Module, library: Library) -> Value:
+    dotted = dotted_name(expression, module)
+    if dotted is None or "." not in dotted:
+        return UNKNOWN
+    if _MESSAGE.fullmatch(dotted):
+        return Dotted(dotted)
+    found = library.definition(dotted)
+    if found is None:
+        return UNKNOWN
+    if isinstance(found.node, ast.expr):
+        match found.node:
+            case ast.Constant(value=str() | bool() | None as constant):
+                return constant
+            case ast.Name() | ast.Attribute():
+                further = dotted_name(found.node, found.module)
+                return Dotted(further) if further and _MESSAGE.fullmatch(further) else UNKNOWN
+        return UNKNOWN
+    return Dotted(f"{found.module.name}.{found.node.name}")

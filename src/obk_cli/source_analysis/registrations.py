@@ -1,0 +1,454 @@
+"""What a node's class registers and declares: its constructors walked from the class up its bases.
+
+Follows `super().__init__` with the values of its arguments, and the methods of `self` that are
+used on the way. What is computed at run time counts as unknown.
+"""
+
+import ast
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from obk_cli.config.model import ComponentKind
+from obk_cli.config.node_facts import CodeComponent, CodeParameter, kind_of_value
+from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
+from obk_cli.source_analysis.modules import (
+    UNKNOWN,
+    KnownValues,
+    Library,
+    Module,
+    Value,
+    dotted_name,
+    message_type,
+    span_of,
+    value_of,
+)
+
+__all__ = ["Registrations", "registrations_of"]
+
+_REGISTRATIONS: Final[dict[str, tuple[ComponentKind, tuple[str, ...]]]] = {
+    "register_obk_publisher": ("publisher", ("ros_parameter", "key", "msg_type", "default")),
+    "register_obk_subscription": (
+        "subscriber",
+        ("ros_parameter", "callback", "key", "msg_type", "default"),
+    ),
+    "register_obk_timer": ("timer", ("ros_parameter", "callback", "key", "default")),
+}
+"""Method -> what it registers, and its positional parameters."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scope:
+    """Where a call stands: its module, the local names that are known, the name of `self`."""
+
+    module: Module
+    local: KnownValues
+    self_name: str
+
+    def is_self(self, node: ast.AST) -> bool:
+        """Whether an expression is the node itself."""
+        return isinstance(node, ast.Name) and node.id == self.self_name
+
+
+def scope_of(function: Function, module: Module, local: KnownValues) -> Scope:
+    """The scope of a method's body; local names that are assigned are computed at run time."""
+    arguments = [*function.args.posonlyargs, *function.args.args]
+    self_name = arguments[0].arg if arguments else ""
+    assigned = {
+        n.id: UNKNOWN
+        for n in ast.walk(function)
+        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+    }
+    return Scope(module, {**local, **assigned}, self_name)
+
+
+def register_call(
+    name: str, call: ast.Call, scope: Scope, library: Library
+) -> CodeComponent | str | None:
+    """The component that a call registers; text: why it is not known; None: no registration."""
+    if name not in _REGISTRATIONS:
+        return None
+    kind, positional = _REGISTRATIONS[name]
+    if any(isinstance(a, ast.Starred) for a in call.args) or any(
+        k.arg is None for k in call.keywords
+    ):
+        return "its arguments are computed"
+    given: dict[str, ast.expr] = dict(zip(positional, call.args, strict=False))
+    given.update({k.arg: k.value for k in call.keywords if k.arg})
+    values: dict[str, Value] = {
+        key: value_of(given.get(key), scope.module, library, scope.local)
+        for key in ("ros_parameter", "key", "msg_type", "default")
+    }
+    names = [values["ros_parameter"], values["key"]]
+    if not any(isinstance(value, str) for value in names):
+        return "its names are computed"
+    required = (
+        value_of(given["required"], scope.module, library, scope.local)
+        if "required" in given
+        else True
+    )
+    return CodeComponent(
+        kind=kind,
+        ros_parameter=_text(values["ros_parameter"]),
+        key=_text(values["key"]),
+        msg_type=message_type(values["msg_type"]),
+        is_required=required is True and values["default"] is None,
+        is_optional=required is False,
+        has_default=values["default"] is not None,
+        is_named_in_full=UNKNOWN not in names,
+        is_of_library=False,
+        span=span_of(call, scope.module.source),
+    )
+
+
+def _text(value: Value) -> str | None:
+    return value if isinstance(value, str) else None
+
+
+def bound_arguments(
+    function: Function,
+    module: Module,
+    call: tuple[ast.Call, Scope] | None,
+    library: Library,
+    *,
+    is_open: bool,
+) -> KnownValues:
+    """The values of a constructor's parameters; without a call, those of its defaults.
+
+    `**kwargs` counts as None where nothing is in it; `is_open` says that arguments may be given
+    that cannot be seen.
+    """
+    arguments = function.args
+    positional = [*arguments.posonlyargs, *arguments.args]
+    local: dict[str, Value] = {a.arg: UNKNOWN for a in (*positional, *arguments.kwonlyargs)}
+    without_default = len(positional) - len(arguments.defaults)
+    defaults = [
+        *zip(positional[without_default:], arguments.defaults, strict=True),
+        *zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True),
+    ]
+    for parameter, default in defaults:
+        if default is not None:
+            local[parameter.arg] = value_of(default, module, library, {})
+    passed: dict[str, Value] = {}
+    if call is not None:
+        passed, is_open = _passed(positional, call, library)
+    if arguments.kwarg is not None:
+        is_empty = not is_open and passed.keys() <= local.keys()
+        local[arguments.kwarg.arg] = None if is_empty else UNKNOWN
+    if is_open:
+        local.update(dict.fromkeys(local, UNKNOWN))
+    return {**local, **passed}
+
+
+def _passed(
+    positional: list[ast.arg], call: tuple[ast.Call, Scope], library: Library
+) -> tuple[dict[str, Value], bool]:
+    """The arguments by name, and whether there may be more that cannot be seen."""
+    node, scope = call
+    known: dict[str, Value] = {}
+    is_open = False
+    for parameter, argument in zip(positional[1:], node.args, strict=False):
+        if isinstance(argument, ast.Starred):
+            is_open = True
+            break
+        known[parameter.arg] = value_of(argument, scope.module, library, scope.local)
+    for keyword in node.keywords:
+        value = value_of(keyword.value, scope.module, library, scope.local)
+        if keyword.arg is not None:
+            known[keyword.arg] = value
+        elif value is not None:
+            is_open = True
+    return known, is_open
+
+
+_NAMED_KINDS: Final = {
+    "BOOL": "bool",
+    "INTEGER": "int",
+    "DOUBLE": "float",
+    "STRING": "text",
+    "BOOL_ARRAY": "list of bools",
+    "INTEGER_ARRAY": "list of ints",
+    "DOUBLE_ARRAY": "list of floats",
+    "STRING_ARRAY": "list of texts",
+}
+"""`Parameter.Type` of rclpy -> what the config calls it."""
+_ARGUMENTS: Final = ("name", "value", "descriptor", "ignore_override")
+
+
+def declared_parameters(
+    method: str, call: ast.Call, scope: Scope, library: Library
+) -> tuple[CodeParameter, ...] | None:
+    """What `declare_parameter` or `declare_parameters` declares; None where that is computed."""
+    given: dict[str | None, ast.expr] = {k.arg: k.value for k in call.keywords}
+    if method == "declare_parameter":
+        given.update(zip(_ARGUMENTS, call.args, strict=False))
+        found = [_declared("", given, call, scope, library)]
+    else:
+        given.update(zip(("namespace", "parameters", "ignore_override"), call.args, strict=False))
+        namespace = value_of(given.get("namespace"), scope.module, library, scope.local)
+        if not isinstance(namespace, str):
+            return None
+        found = list(_listed(namespace, given, scope, library))
+    parameters = tuple(one for one in found if one is not None)
+    return parameters if parameters and len(parameters) == len(found) else None
+
+
+def _listed(
+    namespace: str, given: dict[str | None, ast.expr], scope: Scope, library: Library
+) -> Iterator[CodeParameter | None]:
+    match given.get("parameters"):
+        case ast.List(elts=items) | ast.Tuple(elts=items):
+            for item in items:
+                parts = item.elts if isinstance(item, ast.Tuple) else []
+                one: dict[str | None, ast.expr] = {
+                    key: given[key] for key in (None, "ignore_override") if key in given
+                }
+                one.update(zip(_ARGUMENTS, parts, strict=False))
+                yield _declared(namespace, one, item, scope, library)
+
+
+def _declared(
+    namespace: str,
+    given: dict[str | None, ast.expr],
+    place: ast.expr,
+    scope: Scope,
+    library: Library,
+) -> CodeParameter | None:
+    name = value_of(given.get("name"), scope.module, library, scope.local)
+    if not isinstance(name, str):
+        return None
+    is_held = None not in given and "ignore_override" not in given
+    return CodeParameter(
+        name=f"{namespace}.{name}" if namespace else name,
+        kind=_kind(given.get("value"), scope, library)
+        if is_held and _is_static(given.get("descriptor"))
+        else None,
+        span=span_of(place, scope.module.source),
+    )
+
+
+def _is_static(descriptor: ast.expr | None) -> bool:
+    """Whether a parameter of this descriptor keeps to the type of its default, as is usual."""
+    match descriptor:
+        case None:
+            return True
+        case ast.Call(args=[], keywords=keywords):
+            return not any(keyword.arg in (None, "dynamic_typing") for keyword in keywords)
+    return False
+
+
+def _kind(expression: ast.expr | None, scope: Scope, library: Library) -> str | None:
+    """The kind of a default that is written out, or of a type in its place."""
+    match expression:
+        case None:
+            return None
+        case ast.Name(id=name) if name in scope.local:
+            return None
+        case ast.Name() | ast.Attribute():
+            dotted = dotted_name(expression, scope.module) or ""
+            head, _, last = dotted.rpartition(".")
+            if head == "rclpy.parameter.Parameter.Type":
+                return _NAMED_KINDS.get(last)
+            found = library.definition(dotted) if "." in dotted else None
+            return _literal_kind(found.node) if found else None
+    return _literal_kind(expression)
+
+
+def _literal_kind(expression: ast.AST) -> str | None:
+    match expression:
+        case ast.BinOp(left=ast.List() | ast.Tuple() as items, op=ast.Mult()):
+            return _literal_kind(items)
+    try:
+        return kind_of_value(ast.literal_eval(expression))
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
+        return None
+
+
+_SURVIVES_SELF: Final = {"super", "isinstance", "type", "id", "print", "repr", "str", "hasattr"}
+_DECLARES_ALL: Final = (
+    "allow_undeclared_parameters",
+    "automatically_declare_parameters_from_overrides",
+)
+_BRANCHES = (ast.If, ast.For, ast.AsyncFor, ast.While, ast.Try, ast.IfExp, ast.Match, ast.Lambda,
+             ast.FunctionDef, ast.AsyncFunctionDef, ast.ListComp, ast.SetComp, ast.DictComp,
+             ast.GeneratorExp)  # fmt: skip
+
+
+@dataclass(slots=True)
+class Registrations:
+    """What was found; the two `knows_` turn False where something could not be seen."""
+
+    components: dict[ast.Call, CodeComponent] = field(default_factory=dict)
+    parameters: dict[str, CodeParameter] = field(default_factory=dict)
+    knows_components: bool = True
+    knows_parameters: bool = True
+
+
+def registrations_of(lineage: Lineage, library: Library, *, has_arguments: bool) -> Registrations:
+    """The components and parameters of a class; made with its defaults unless `has_arguments`."""
+    walk = _Walk(lineage, library, has_arguments=has_arguments)
+    walk.constructor(0, None)
+    for name in sorted({m.name for c in lineage.classes for m in c.methods()}):
+        if name.startswith("on_"):
+            walk.method(name, 0, is_certain=False)
+    walk.found.knows_components &= lineage.is_whole
+    walk.found.knows_parameters &= lineage.is_whole
+    return walk.found
+
+
+class _Walk:
+    def __init__(self, lineage: Lineage, library: Library, *, has_arguments: bool) -> None:
+        self._has_arguments = has_arguments
+        self.found = Registrations()
+        self._lineage = lineage
+        self._library = library
+        self._visited: dict[Function, bool] = {}
+
+    def constructor(self, start: int, call: tuple[ast.Call, Scope] | None) -> None:
+        """The first constructor from `start` on, called with the arguments of `call`."""
+        reached = self._lineage.method("__init__", start)
+        if reached is None:
+            return
+        index, function = reached
+        source = self._lineage.classes[index]
+        is_open = call is None and self._has_arguments
+        local = bound_arguments(function, source.module, call, self._library, is_open=is_open)
+        self._body(index, function, local, is_certain=True)
+        hands_on = any(
+            isinstance(n, ast.Call)
+            and isinstance(n.func, ast.Attribute)
+            and n.func.attr == "__init__"
+            for n in ast.walk(function)
+        )
+        if not hands_on:
+            self._give_up()
+
+    def method(self, name: str, start: int, *, is_certain: bool) -> None:
+        """A method of the node, whatever it is called with."""
+        reached = self._lineage.method(name, start)
+        if reached is None or reached[1].name == "__init__":
+            return
+        index, function = reached
+        if function in self._visited and self._visited[function] >= is_certain:
+            return
+        self._visited[function] = is_certain
+        arguments = function.args
+        names = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
+        self._body(index, function, {a.arg: UNKNOWN for a in names}, is_certain=is_certain)
+
+    def _body(
+        self, index: int, function: Function, local: KnownValues, *, is_certain: bool
+    ) -> None:
+        source = self._lineage.classes[index]
+        scope = scope_of(function, source.module, local)
+        for statement in function.body:
+            self._node(statement, index, source, scope, is_certain=is_certain)
+
+    def _node(
+        self, node: ast.AST, index: int, source: ClassSource, scope: Scope, *, is_certain: bool
+    ) -> None:
+        kept: tuple[ast.AST, ...] = ()
+        if isinstance(node, ast.Call):
+            kept = self._call(node, index, source, scope, is_certain=is_certain)
+        elif isinstance(node, ast.Attribute) and scope.is_self(node.value):
+            self._use(node.attr)
+            return
+        elif scope.is_self(node) and not source.is_of_library:
+            self._give_up()  # `self` is handed to something that may register more
+        is_certain = is_certain and not isinstance(node, _BRANCHES)
+        for child in ast.iter_child_nodes(node):
+            if child not in kept:
+                self._node(child, index, source, scope, is_certain=is_certain)
+
+    def _call(
+        self, call: ast.Call, index: int, source: ClassSource, scope: Scope, *, is_certain: bool
+    ) -> tuple[ast.AST, ...]:
+        """Take note of a call; returns the children that need no further look."""
+        match call.func:
+            case ast.Attribute(value=value, attr=name) if scope.is_self(value):
+                self._own_call(name, call, source, scope, is_certain=is_certain)
+                return (call.func,)
+            case ast.Attribute(value=ast.Call(func=ast.Name(id="super")), attr=name):
+                self._super_call(name, index, call, scope, is_certain=is_certain)
+                return (call.func,)
+            case ast.Attribute(attr="__init__"):
+                self._explicit_base(index, call, scope)
+                return tuple(call.args[:1])
+            case ast.Name(id=name) if name in _SURVIVES_SELF:
+                return tuple(call.args)
+        return ()
+
+    def _own_call(
+        self, name: str, call: ast.Call, source: ClassSource, scope: Scope, *, is_certain: bool
+    ) -> None:
+        registered = register_call(name, call, scope, self._library)
+        if registered is not None:
+            self._register(registered, call, source, is_certain=is_certain)
+        elif name in ("declare_parameter", "declare_parameters"):
+            self._declare(name, call, scope, is_certain=is_certain)
+        else:
+            self.method(name, 0, is_certain=is_certain)
+
+    def _register(
+        self,
+        registered: CodeComponent | str,
+        call: ast.Call,
+        source: ClassSource,
+        *,
+        is_certain: bool,
+    ) -> None:
+        if isinstance(registered, str):
+            self.found.knows_components = False
+            return
+        known = self.found.components.get(call)
+        certain = is_certain and registered.is_required
+        if known is None or certain:
+            self.found.components[call] = replace(
+                registered, is_required=certain, is_of_library=source.is_of_library
+            )
+        if not registered.is_named_in_full:
+            self.found.knows_components = False
+        if registered.ros_parameter:
+            name = registered.ros_parameter
+            parameter = CodeParameter(name=name, kind=None, span=registered.span)
+            self.found.parameters.setdefault(name, parameter)
+
+    def _declare(self, method: str, call: ast.Call, scope: Scope, *, is_certain: bool) -> None:
+        declared = declared_parameters(method, call, scope, self._library)
+        if declared is None:
+            self.found.knows_parameters = False
+        for parameter in declared or ():
+            if is_certain:
+                self.found.parameters[parameter.name] = parameter
+            else:
+                # Another branch may declare it of another kind.
+                of_any_kind = replace(parameter, kind=None)
+                self.found.parameters.setdefault(parameter.name, of_any_kind)
+
+    def _super_call(
+        self, name: str, index: int, call: ast.Call, scope: Scope, *, is_certain: bool
+    ) -> None:
+        if any(keyword.arg in _DECLARES_ALL for keyword in call.keywords):
+            self.found.knows_parameters = False
+        if name == "__init__":
+            self.constructor(index + 1, (call, scope))
+        else:
+            self.method(name, index + 1, is_certain=is_certain)
+
+    def _explicit_base(self, index: int, call: ast.Call, scope: Scope) -> None:
+        """`Base.__init__(self, ...)`: sound where one base follows another."""
+        without_self = ast.Call(func=call.func, args=call.args[1:], keywords=call.keywords)
+        self.constructor(index + 1, (without_self, scope))
+
+    def _use(self, name: str) -> None:
+        """`self.name` that is not called here: a callback, or a method that someone calls."""
+        if name.startswith("register_obk_"):
+            self.found.knows_components = False
+        elif name.startswith("declare_parameter"):
+            self.found.knows_parameters = False
+        else:
+            self.method(name, 0, is_certain=False)
+
+    def _give_up(self) -> None:
+        self.found.knows_components = False
+        self.found.knows_parameters = False

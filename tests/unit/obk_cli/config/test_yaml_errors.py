@@ -1,0 +1,124 @@
+"""The usual mistakes in YAML are told where they are made, with what would be right."""
+
+import pytest
+import yaml
+
+from obk_cli.config import yaml_error_context, yaml_parser
+from obk_cli.config.yaml_parser import parse_source
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.source import SourceFile
+
+NODE = """\
+config: demo
+control:
+  - pkg: demo
+    publishers:
+      - key: pub_ctrl
+        topic: /ctrl
+        msg_type: Setpoint
+    timers:
+      - key: timer_ctrl
+robot:
+  - pkg: demo
+"""
+
+
+def told(text: str) -> Diagnostic:
+    """The one finding of a text."""
+    (finding,) = parse_source(SourceFile.of("c.yaml", text)).diagnostics
+    return finding
+
+
+@pytest.fixture(params=["libyaml", "python"], autouse=True)
+def parser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both of PyYAML's parsers, whose words differ; not every PyYAML has the quicker one."""
+    if request.param == "python":
+        for module in (yaml_parser, yaml_error_context):
+            monkeypatch.setattr(module, "YAML_LOADER", yaml.SafeLoader)
+
+
+MISTAKES = [
+    # right, wrong, where, what, what would be right
+    ("/ctrl", '"/ctrl', "6:16", 'the quote " that opens here is never closed', '`"/ctrl"`'),
+    ("/ctrl", "'/ctrl  # why", "6:16", "the quote ' that opens here is never", "`'/ctrl'`"),
+    ("topic: /ctrl", 'qos: {a: "b}', "6:18", "never closed", '`"b"}`'),
+    ("/ctrl\n        msg_type: Setpoint", '"/ctrl\n        msg_type: "Setpoint"', "6:16",
+     'the quote " that opens here is closed only in line 7', '`"/ctrl"`'),
+    ("/ctrl", '"/demo"/ctrl', "6:23", '`/ctrl` follows the quote " that', '`"/demo/ctrl"`'),
+    ("/ctrl", "'robot's ctrl'", "6:23", "`s ctrl'` follows the quote '", '`"robot\'s ctrl"`'),
+    ("/ctrl", '"C:\\demo"', "6:19", "`\\d` is no escape", "`\\\\`"),
+    ("topic: /ctrl\n        msg_type: Setpoint", "qos: [1, 2", "6:14", "the `[` that opens here",
+     "`[1, 2]`"),
+    ("topic: /ctrl\n", "qos: {a: b\n", "6:14", "the `{` that opens here is never", "`{a: b}`"),
+    ("topic: /ctrl", "qos: {a: b}}", "6:20", "this `}` closes nothing", "take it out"),
+    ("topic: /ctrl", "qos: {a: [1}", "6:20", "`}` stands where the `[` of line 6", "`]` first"),
+    ("topic: /ctrl", "qos: {a: b c: d}", "6:20", "a comma is missing before `c`", "by commas"),
+    ("        topic", "       topic", "6:8", "this line starts in column 8, its neighbour in "
+     "line 5 in column 9", "1 space to the right"),
+    ("        topic", "          topic", "6:11", "in line 5 in column 9", "2 spaces to the left"),
+    ("robot:", " robot:", "10:2", "its neighbour in line 2 in column 1", "1 space to the left"),
+    ("    publishers", "publishers", "4:1", "its neighbour", "the same column"),
+    ("      - key: timer_ctrl", "      - key: a\n     - key: b", "10:6", "in line 9 in column 7",
+     "1 space to the right"),
+    ("    timers:\n", "    timers:\n      a: b\n", "10:7", "(`-`) stands among the keys", "a dash"),
+    ("topic: /ctrl", "topic:/ctrl", "6:14", "a space is missing after the colon",
+     "`topic: /ctrl`"),
+    ("- key: pub_ctrl", "-key: pub_ctrl", "5:7", "a space is missing after the dash",
+     "`- key: pub_ctrl`"),
+    ("publishers:", "publishers", "4:5", "`publishers` has no colon", "`publishers:`"),
+    ("topic: /ctrl", "topic /ctrl", "6:9", "`topic` has no colon", "`topic: /ctrl`"),
+    ("topic: /ctrl", "topic = /ctrl", "6:9", "`topic` has no colon", "`topic: /ctrl`"),
+    ("topic: /ctrl", "topic\uff1a /ctrl", "6:9", "the colon of `topic` is a wide one",
+     "`topic: /ctrl`"),
+    ("topic: /ctrl", "topic: demo: ctrl", "6:16", "the value of `topic` holds a colon",
+     '`topic: "demo: ctrl"`'),
+    ("config: demo", "config: a, b: c", "1:9", "the value of `config` holds a colon",
+     "a line of its own"),
+    ("topic: /ctrl", "topic: - /ctrl", "6:16", "an item of a list cannot start behind a key",
+     "the next line"),
+    ("/ctrl", "@ctrl", "6:16", "text cannot start with `@`", '`"@ctrl"`'),
+    ("/ctrl", "%ctrl", "6:16", "text cannot start with `%`", '`"%ctrl"`'),
+    ("/ctrl", "`ctrl`", "6:16", "text cannot start with", '`"`ctrl`"`'),
+    ("/ctrl", "*", "6:16", "text cannot start with `*`", '`"*"`'),
+    ("/ctrl", "*ctrl", "6:16", "alias `*ctrl` has no anchor", '`"*ctrl"`'),
+    ("/ctrl", "& ctrl", "6:16", "text cannot start with `&`", '`"& ctrl"`'),
+    ("/ctrl", "|ctrl", "6:16", "text cannot start with `|`", '`"|ctrl"`'),
+    ("/ctrl", "{{ robot }}/ctrl", "6:16", "`{{ robot }}/ctrl` is not filled in", "`${NAME}`"),
+    ("/ctrl", "{{ robot }}", "6:16", "`{{ robot }}` is not filled in", "`${NAME}`"),
+    ("        topic", "\t\ttopic", "6:1", "line 6 is indented with a tab", "spaces"),
+    ("        topic", "\u00a0       topic", "6:1", "indented with a no-break space", "spaces"),
+    ("    timers:", "<<<<<<< HEAD\n    timers:", "8:1", "left of a merge", "one of the two"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("right", "wrong", "where", "what", "cure"), MISTAKES)
+@pytest.mark.parametrize("line_end", ["\n", "\r\n"], ids=["lf", "crlf"])
+def test_a_usual_mistake_is_told_where_it_is_made(
+    right: str, wrong: str, where: str, what: str, cure: str, line_end: str
+) -> None:
+    assert right in NODE
+    finding = told(NODE.replace(right, wrong, 1).replace("\n", line_end))
+    assert f"{finding.span.line}:{finding.span.column}" == where
+    assert what in finding.message
+    assert cure in (finding.help or "")
+
+
+def test_what_was_noticed_far_below_an_open_bracket_is_shown_too() -> None:
+    finding = told(NODE.replace("topic: /ctrl", "qos: [1"))
+    assert [(r.message, r.span.line) for r in finding.related] == [("noticed here", 7)]
+
+
+def test_a_bracket_of_several_lines_lacks_a_comma_not_its_end() -> None:
+    finding = told("a: {\n  b: 1\n  c: 2\n}\n")
+    assert finding.message == "a comma is missing before `c`"
+    assert finding.span.line == 3
+
+
+def test_a_mistake_of_no_usual_kind_is_told_in_the_parsers_words() -> None:
+    finding = told("%YAML 9.1\n---\na: 1\n")
+    assert finding.message.startswith("not YAML: ")
+
+
+def test_nothing_is_looked_for_in_a_line_that_nobody_typed() -> None:
+    finding = told("a: '" + " " * 100_000)
+    assert finding.message.startswith("not YAML: ")

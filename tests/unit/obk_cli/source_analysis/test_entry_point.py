@@ -1,0 +1,337 @@
+"""What is known of a node from its source, and what is rather left unsaid."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from obk_cli.config.node_facts import CodeFault, NodeFacts
+from obk_cli.diagnostics.source import SourceFile
+from obk_cli.source_analysis.entry_point import read_node_code
+from obk_cli.source_analysis.modules import FoundSource, Module, parse_module
+
+LIBRARY = Path(__file__).parents[4] / "src"
+HEAD = """\
+from obelisk_control_msgs.msg import PositionSetpoint
+from obelisk_py.core.control import ObeliskController
+from obelisk_py.core.node import ObeliskNode
+from obelisk_py.core.utils.ros import spin_obelisk
+from obelisk_sensor_msgs.msg import ObkImu
+"""
+TAIL = """
+def main():
+    spin_obelisk(None, Mine)
+"""
+
+
+def load_from(texts: Mapping[str, str], name: str) -> Module | None:
+    """A module from the texts, or of the run-time library."""
+    if name in texts:
+        return parse_module(name, FoundSource(source=SourceFile.of(f"{name}.py", texts[name])))
+    if not name.startswith("obelisk_py"):
+        return None
+    path = LIBRARY.joinpath(*name.split("."))
+    file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    if not file.is_file():
+        return None
+    source = SourceFile.of(file.name, file.read_text(encoding="utf-8"))
+    return parse_module(name, FoundSource(source=source, is_package=path.is_dir()))
+
+
+def read(body: str, **modules: str) -> NodeFacts | CodeFault | None:
+    texts = {"m": HEAD + body + TAIL, **modules}
+    return read_node_code("m", "main", lambda name: load_from(texts, name))
+
+
+def code(body: str, **modules: str) -> NodeFacts:
+    found = read(body, **modules)
+    assert isinstance(found, NodeFacts)
+    return found
+
+
+def names(found: NodeFacts) -> list[str]:
+    return [component.name for component in found.components]
+
+
+def node(constructor: str, *, bases: str = "ObeliskNode") -> str:
+    lines = "".join(f"        {line}\n" for line in constructor.splitlines())
+    return (
+        f"class Mine({bases}):\n    def __init__(self, node_name='n', **kwargs):\n"
+        f"        super().__init__(node_name, **kwargs)\n{lines}"
+        "    def add(self, name):\n        self.register_obk_publisher(name)\n"
+        "    def on_x(self, msg):\n        pass\n"
+    )
+
+
+def test_components_of_the_bases_come_with_the_types_that_the_constructor_hands_up() -> None:
+    body = "class Mine(ObeliskController):\n    def __init__(self):\n"
+    found = code(body + "        super().__init__('n', est_msg_type=ObkImu)\n")
+    assert {c.name: c.msg_type for c in found.components} == {
+        "timer_ctrl_setting": None,
+        "pub_ctrl_setting": None,
+        "sub_est_setting": "obelisk_sensor_msgs/msg/ObkImu",
+    }
+    assert all(c.is_of_library and c.is_required for c in found.components)
+    assert [m.name for m in found.missing_methods] == ["update_x_hat", "compute_control"]
+
+
+def test_a_method_that_the_constructor_calls_registers_too() -> None:
+    helper = "    def more(self):\n        self.register_obk_timer('timer_x_setting', self.on_x)\n"
+    found = code(node("self.more()") + helper)
+    assert names(found) == ["timer_x_setting"]
+    assert found.knows_components
+    assert found.components[0].is_required
+
+
+def test_names_may_be_constants_of_the_module_or_of_another() -> None:
+    body = "from names import TOPIC as T\nNAME = 'pub_a_setting'\n"
+    found = code(
+        body + node("self.register_obk_publisher(NAME)\nself.register_obk_publisher(key=T)"),
+        names="TOPIC = 'pub_b'\n",
+    )
+    assert names(found) == ["pub_a_setting", "pub_b"]
+    assert found.knows_components
+
+
+def test_the_class_may_come_from_another_module_by_a_reexport() -> None:
+    other = HEAD + node("self.register_obk_publisher('pub_a_setting')")
+    package = "from other import Mine\n"
+    found = code("from package import Mine\n", package=package, other=other)
+    assert names(found) == ["pub_a_setting"]
+    assert found.span.path == "other.py"
+
+
+@pytest.mark.parametrize(
+    "constructor",
+    [
+        "self.register_obk_publisher(f'pub_{node_name}_setting')",
+        "self.register_obk_publisher(name)",
+        "self.register_obk_publisher(*names)",
+        "self.register_obk_publisher(**settings)",
+        "self.add('pub_a_setting')",
+        "register = self.register_obk_publisher",
+        "register_all(self)",
+        "other = self",
+        "getattr(self, name)('pub_a_setting')",
+        "[self.register_obk_publisher(name) for name in names]",
+    ],
+)
+def test_what_is_computed_leaves_open_which_components_there_are(constructor: str) -> None:
+    assert not code(node(constructor)).knows_components
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        node("pass", bases="ObeliskNode, Unknown"),
+        "import elsewhere\n" + node("pass", bases="elsewhere.Mixin, ObeliskNode"),
+        "@register\n" + node("pass"),
+        "class Mine(ObeliskNode):\n    def __init__(self):\n        start(None)\n",
+    ],
+)
+def test_a_base_or_constructor_that_cannot_be_followed_leaves_everything_open(body: str) -> None:
+    found = code(body)
+    assert not found.knows_components
+    assert not found.knows_parameters
+    assert not found.missing_methods
+
+
+def test_a_method_that_a_branch_of_the_class_defines_is_one() -> None:
+    methods = "".join(
+        f"        def {name}(self, *_):\n            pass\n"
+        for name in ("update_x_hat", "compute_control")
+    )
+    branches = f"    if sys.platform == 'linux':\n{methods}    else:\n{methods}"
+    assert not code(f"class Mine(ObeliskController):\n{branches}").missing_methods
+
+
+def test_a_mixin_that_cannot_be_followed_may_implement_the_abstract_methods() -> None:
+    assert not code("class Mine(Unknown, ObeliskController):\n    pass\n").missing_methods
+    assert code("class Mine(ObeliskController):\n    pass\n").missing_methods
+
+
+@pytest.mark.parametrize(
+    "around", ["if x:", "for x in y:", "while x:", "with_x = lambda: (", "try:"]
+)
+def test_a_registration_on_a_condition_is_not_required(around: str) -> None:
+    call = "self.register_obk_publisher('pub_a_setting')"
+    text = f"{around}{call})" if "(" in around else f"{around}\n    {call}"
+    if around == "try:":
+        text += "\nfinally:\n    pass"
+    (component,) = code(node(text)).components
+    assert not component.is_required
+
+
+@pytest.mark.parametrize(
+    ("head", "can_damp"),
+    [
+        ("class Mine(ObeliskRobot):\n", False),
+        ("class Mine(ObeliskRobot):\n    def apply_damping(self): ...\n", True),
+        ("class Mine(ObeliskMujocoRobot):\n", True),
+        ("class Mine(Unknown, ObeliskRobot):\n", None),
+        ("class Mine(ObeliskController):\n", None),
+    ],
+)
+def test_whether_a_robot_can_damp_is_known_from_its_methods(
+    head: str, can_damp: bool | None
+) -> None:
+    imports = (
+        "from obelisk_py.core.robot import ObeliskRobot\n"
+        "from obelisk_py.core.sim.mujoco.robot import ObeliskMujocoRobot\n"
+    )
+    assert code(f"{imports}{head}    pass\n").can_damp is can_damp
+
+
+@pytest.mark.parametrize(
+    ("arguments", "is_required", "is_optional", "has_default"),
+    [
+        ("", True, False, False),
+        (", required=False", False, True, False),
+        (", required=flag", False, False, False),
+        (", default='topic:/a'", False, False, True),
+        (", default=None", True, False, False),
+    ],
+)
+def test_whether_a_component_may_be_left_out(
+    arguments: str, is_required: bool, is_optional: bool, has_default: bool
+) -> None:
+    (component,) = code(node(f"self.register_obk_publisher('pub_a_setting'{arguments})")).components
+    assert component.is_required is is_required
+    assert component.is_optional is is_optional
+    assert component.has_default is has_default
+
+
+def test_parameters_are_those_that_are_declared_anywhere_in_the_life_cycle() -> None:
+    configure = "    def on_configure(self, state):\n        self.declare_parameter('late', 1)\n"
+    found = code(
+        node("self.declare_parameter('a', 1)\nself.declare_parameters('', [('b', 1), ('c', 2)])")
+        + configure
+    )
+    assert {"a", "b", "c", "late"} <= {declared.name for declared in found.parameters}
+    assert found.knows_parameters
+
+
+@pytest.mark.parametrize(
+    "constructor",
+    ["self.declare_parameter(name)", "self.declare_parameters('', table)"],
+)
+def test_computed_parameters_leave_open_which_there_are(constructor: str) -> None:
+    found = code(node(constructor))
+    assert not found.knows_parameters
+    assert found.knows_components
+
+
+def kinds(found: NodeFacts) -> dict[str, str | None]:
+    return {declared.name: declared.kind for declared in found.parameters}
+
+
+@pytest.mark.parametrize(
+    ("default", "kind"),
+    [
+        ("True", "bool"),
+        ("1", "int"),
+        ("-1.5", "float"),
+        ("'x'", "text"),
+        ("[1, -2]", "list of ints"),
+        ("(1.0,)", "list of floats"),
+        ("[0.0] * JOINTS", "list of floats"),
+        ("GAIN", "float"),
+        ("shared.GAIN", "int"),
+        ("Parameter.Type.STRING_ARRAY", "list of texts"),
+        ("1.0, ParameterDescriptor(description='x')", "float"),
+        ("value=1.0", "float"),
+        ("1.0, ParameterDescriptor(dynamic_typing=True)", None),
+        ("1.0, DESCRIPTOR", None),
+        ("1.0, ignore_override=True", None),
+        ("1.0, **more", None),
+        ("[]", None),
+        ("[1, 1.0]", None),
+        ("None", None),
+        ("[JOINTS]", None),
+        ("computed()", None),
+        ("kp", None),
+    ],
+)
+def test_a_parameter_is_of_the_kind_of_its_default(default: str, kind: str | None) -> None:
+    head = "import shared\nfrom rclpy.parameter import Parameter\nJOINTS = 2\nGAIN = 1.0\n"
+    constructor = f"kp = 1.0\nself.declare_parameter('a', {default})"
+    assert kinds(code(head + node(constructor), shared="GAIN = 3\n"))["a"] == kind
+
+
+def test_parameters_of_a_list_are_of_the_kinds_of_their_defaults_behind_its_namespace() -> None:
+    listed = "[('a', 1.0), ('b', 1), ('c',)]"
+    found = kinds(code(node(f"self.declare_parameters('arm', {listed})")))
+    assert found.items() >= {"arm.a": "float", "arm.b": "int", "arm.c": None}.items()
+
+
+def test_what_a_branch_declares_is_of_a_kind_that_is_not_known() -> None:
+    found = kinds(code(node("if x:\n    self.declare_parameter('a', 1.0)")))
+    assert found["a"] is None
+
+
+def test_parameters_that_are_declared_by_themselves_leave_open_which_there_are() -> None:
+    body = "class Mine(ObeliskNode):\n    def __init__(self):\n"
+    declares = "super().__init__('n', automatically_declare_parameters_from_overrides=True)"
+    assert not code(f"{body}        {declares}\n").knows_parameters
+
+
+def test_only_lists_that_are_written_out_into_control_messages_have_a_length() -> None:
+    method = """\
+    def compute_control(self):
+        msg, other = PositionSetpoint(), Unknown()
+        plain = PositionSetpoint()
+        plain.u_mujoco = [1.0, 2.0]
+        plain.u_mujoco = [*values]
+        plain.u_mujoco = values
+        plain.u_mujoco = []
+        other.u = [1.0]
+"""
+    found = code(node("pass") + method)
+    assert [(length.field, length.length) for length in found.control_lengths] == [("u_mujoco", 2)]
+
+
+@pytest.mark.parametrize(
+    "tail",
+    [
+        "def main():\n    spin_obelisk(None, make())\n",
+        "def main():\n    spin_obelisk(None, A if x else B)\n",
+        "def main():\n    run()\n",
+        "def main():\n    spin_obelisk(None, Mine)\n    spin_obelisk(None, Other)\n",
+        "main = make_main(Mine)\n",
+        "from elsewhere import main\n",
+        "from elsewhere import *\n",
+    ],
+)
+def test_an_entry_point_whose_class_is_not_named_says_nothing(tail: str) -> None:
+    text = HEAD + node("pass") + tail
+    assert read_node_code("m", "main", lambda name: load_from({"m": text}, name)) is None
+
+
+def test_a_class_that_is_no_obelisk_node_says_nothing() -> None:
+    assert read("class Mine:\n    pass\n") is None
+
+
+def test_bases_in_a_circle_end() -> None:
+    assert read("class Mine(Other):\n    pass\nclass Other(Mine):\n    pass\n") is None
+
+
+def test_a_fault_in_a_base_is_told_at_its_place() -> None:
+    found = read("from base import Mine\n", base="class Mine(\n")
+    assert isinstance(found, CodeFault)
+    assert str(found.span) == "base.py:1:11"
+
+
+SOURCES = [path.read_text(encoding="utf-8") for path in sorted(LIBRARY.rglob("core/*.py"))]
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.sampled_from(SOURCES), st.data())
+def test_any_source_is_read_or_told_to_be_none(text: str, data: st.DataObject) -> None:
+    at = data.draw(st.integers(0, len(text)))
+    cut = data.draw(st.integers(0, 30))
+    text = text[:at] + data.draw(st.text(max_size=5)) + text[at + cut :]
+    for function in ("main", None):
+        read_node_code("m", function, lambda name: load_from({"m": text + TAIL}, name))
+    read(text)

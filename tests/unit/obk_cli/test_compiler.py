@@ -1,0 +1,216 @@
+from pathlib import Path
+
+import pytest
+
+from obk_cli.cli.launch import gated_executables
+from obk_cli.compiler import Options, Outcome, compile_config, compile_source
+from obk_cli.config import loader, yaml_parser
+from obk_cli.config.suppressions import near_codes
+from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, SourceFile
+
+CASES = Path(__file__).parents[2] / "cases"
+DUMMY = Path(__file__).parents[3] / "examples" / "dummy" / "dummy.yaml"
+SOUND = (CASES / "accept/OBK004/topic_twice.yaml").read_text()
+
+
+def options(folder: Path, **more: tuple[str, ...]) -> Options:
+    return Options(
+        variables={}, working_folder=folder, ignore=more.pop("ignore", ("OBK4",)), **more
+    )
+
+
+def compile_text(text: str, **more: tuple[str, ...]) -> Outcome:
+    return compile_source(SourceFile.of("<text>", text), options(Path.cwd(), **more))
+
+
+def codes(outcome: Outcome) -> list[str]:
+    return [diagnostic.code for diagnostic in outcome.diagnostics]
+
+
+def test_a_file_that_cannot_be_read_is_a_finding(tmp_path: Path) -> None:
+    outcome = compile_config("none.yaml", options(tmp_path))
+    assert [str(d) for d in outcome.diagnostics] == [
+        "none.yaml:1:1: error[OBK001]: `none.yaml` cannot be read: there is no such file"
+    ]
+    assert "it is a folder" in str(compile_config(str(tmp_path), options(tmp_path)).diagnostics[0])
+
+
+def test_a_file_that_is_not_there_may_be_meant_to_be_one_that_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "stack.yaml").touch()
+    monkeypatch.chdir(tmp_path)
+    (fault,) = compile_config("stakc.yaml", options(tmp_path)).diagnostics
+    assert fault.help == "did you mean `stack.yaml`?"
+
+
+def test_a_sound_config_has_a_plan() -> None:
+    outcome = compile_text(SOUND)
+    assert outcome.diagnostics == ()
+    assert outcome.plan is not None
+    assert [p.section for p in outcome.plan.processes] == ["control", "estimation", "robot"]
+
+
+def test_programs_whose_source_says_what_they_spin_are_known() -> None:
+    outcome = compile_config(str(DUMMY), options(DUMMY.parent))
+    assert outcome.plan is not None
+    gated = gated_executables(outcome.plan, outcome.environment)
+    assert gated == {(node.package, node.executable) for node in outcome.plan.processes}
+
+
+def test_compiling_twice_gives_equal_plans() -> None:
+    assert compile_text(SOUND).plan == compile_text(SOUND).plan
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        SOUND.replace("topic: /arm/joints", "topic: /arm/sensor  # obk: ignore[OBK203]", 1),
+        SOUND.replace("topic: /arm/joints", "topic: /arm/sensor", 1) + "obk: {ignore: [OBK203]}\n",
+    ],
+)
+def test_a_finding_may_be_silenced_in_the_config(text: str) -> None:
+    outcome = compile_text(text)
+    assert codes(outcome) == []
+    assert outcome.plan is not None
+
+
+def test_a_family_may_be_silenced_for_a_run() -> None:
+    assert codes(compile_text(SOUND, ignore=("OBK4", "OBK2"))) == []
+    assert codes(compile_text(SOUND.replace("/est\n", "/e\n", 1), ignore=("OBK4", "OBK2"))) == []
+
+
+def test_what_no_plan_could_be_made_of_is_always_heard() -> None:
+    outcome = compile_text(SOUND.replace("    executable: controller\n", ""), ignore=("OBK",))
+    assert codes(outcome) == ["OBK102"]
+    assert outcome.plan is None
+
+
+def test_a_code_that_silences_nothing_is_told_where_it_was_asked_for() -> None:
+    outcome = compile_text(f"{SOUND}obk: {{ignore: [OBK013]}}\n", ignore=("OBK4", "OBK9", ""))
+    assert [(str(d.span), d.code, d.message) for d in outcome.diagnostics] == [
+        ("<command line>:1:10", "OBK014", "no rule has the code `OBK9`"),
+        ("<command line>:1:10", "OBK014", "no rule has the code ``"),
+        ("<text>:42:16", "OBK014", "`OBK013` cannot be silenced"),
+    ]
+    assert outcome.plan is not None
+
+
+@pytest.mark.parametrize(
+    ("written", "help"),
+    [
+        ("OBK2O1", "did you mean `OBK201`?"),
+        ("obk203", "did you mean `OBK203`?"),
+        ("everything", "`obk explain` lists the rules"),
+    ],
+)
+def test_a_code_that_is_none_is_told_with_the_one_that_was_meant(written: str, help: str) -> None:
+    assert near_codes(written) == help
+
+
+def test_of_many_codes_that_are_none_only_the_first_are_compared_with_those_that_are() -> None:
+    text = SOUND + "vars:\n" + "".join(f"  a{i}: 1 # obk: ignore[OBK9{i}]\n" for i in range(60))
+    helps = [fault.help for fault in compile_text(text).diagnostics if fault.code == "OBK014"]
+    assert (len(helps), helps.count(None)) == (60, 10)
+
+
+def test_many_keys_that_are_none_are_told_without_comparing_all() -> None:
+    faults = compile_text(SOUND + "".join(f"x{i}: 1\n" for i in range(500)) + "jostick: 1\n")
+    assert faults.diagnostics[0].code == "OBK101"
+    assert not any("did you mean" in (fault.help or "") for fault in faults.diagnostics[-20:])
+
+
+def test_overrides_come_last() -> None:
+    outcome = compile_text(SOUND, overrides=("control[0].name=mpc", "config=other"))
+    assert outcome.plan is not None
+    assert outcome.plan.name == "other"
+    assert outcome.plan.processes[0].node == "obelisk_control_mpc"
+
+
+def test_independent_faults_are_all_found_in_one_run() -> None:
+    text = SOUND.replace("timer_period_sec: 0.01", "timer_period_sec: -1", 1)
+    text = text.replace("executable: estimator", "executable: estimator\n    nmae: x")
+    text = text.replace("/arm/joints", "/arm/sensor", 1).replace("config: arm", "config: 3")
+    assert codes(compile_text(text)) == ["OBK103", "OBK104", "OBK101", "OBK203"]
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("/${NONE}/est".join(SOUND.split("/arm/est", 1)), "OBK011"),
+        ("/${NONE}/est".join(SOUND.rsplit("/arm/est", 1)), "OBK011"),
+        (SOUND + "? [a, b]\n: c\n", "OBK003"),
+        (SOUND + "? {a: b}\n: c\n", "OBK003"),
+        (SOUND + "'': c\n", "OBK003"),
+    ],
+)
+def test_one_cause_is_told_once(text: str, code: str) -> None:
+    assert codes(compile_text(text)) == [code]
+
+
+def test_a_file_that_holds_null_is_empty() -> None:
+    (fault,) = compile_text("~\n").diagnostics
+    assert fault.message == "the file is empty, not a config"
+
+
+def compile_files(files: dict[str, str]) -> list[str]:
+    """What is found in `main.yaml`, none of whose files is on a disk."""
+
+    def read(path: str) -> bytes | str:
+        return files[path].encode() if path in files else "there is no such file"
+
+    made = Options(variables={}, working_folder=Path.cwd(), ignore=("OBK2", "OBK4"), read=read)
+    return [str(fault) for fault in compile_config("main.yaml", made).diagnostics]
+
+
+def test_the_files_of_a_config_hold_only_so_many_values_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for module in (yaml_parser, loader):
+        monkeypatch.setattr(module, "MOST_VALUES", 1_500)
+    many = f"vars: [{', '.join('x' * 500)}]\n"
+    parts = {"a": many, "b": many, "c": many, "d": many}
+    assert compile_files({"main.yaml": "include: [a, b]\n", **parts}) == []
+    (fault,) = compile_files({"main.yaml": "include: [a, b, c, d]\n", **parts})
+    assert fault.startswith("c:1:")
+    assert fault.endswith(
+        "error[OBK006]: the values are more than 1,500, together with those of the files before"
+    )
+    (fault,) = compile_files({"main.yaml": "include: [a, a, a, a]\n", **parts})
+    assert fault.startswith("a:1:1: error[OBK006]")
+
+
+def test_the_files_of_a_config_are_only_so_long_together() -> None:
+    long = "#" * (LONGEST_FILE_BYTES // 2) + "\n"
+    parts = {"a": f"vars: 1 {long}", "b": f"vars: 2 {long}", "c": "vars: 3\n"}
+    assert compile_files({"main.yaml": "include: [a, a, c]\n", **parts}) == []
+    assert compile_files({"main.yaml": "include: [a, b, c]\n", **parts}) == [
+        "b:1:1: error[OBK007]: this file and those before it are longer than 10 MiB, so it is not "
+        "read"
+    ]
+
+
+@pytest.mark.parametrize(("letter", "is_too_long"), [("e", False), ("\u00e9", True)])
+def test_the_bytes_of_a_config_count_and_not_its_letters(letter: str, is_too_long: bool) -> None:
+    text = f"include: a\nvars: 1\n#{letter * (LONGEST_FILE_BYTES // 2 - 100)}\n"
+    found = compile_files({"main.yaml": text, "a": "#" * (LONGEST_FILE_BYTES // 2)})
+    assert any("OBK007" in fault for fault in found) == is_too_long
+
+
+def test_a_file_whose_name_stands_for_the_standard_input_is_a_file() -> None:
+    assert compile_files({"main.yaml": 'include: "-"\n', "./-": "vars: 1\n"}) == []
+    (fault,) = compile_files({"main.yaml": 'include: "-"\n', "-": "vars: 1\n"})
+    assert "included file `-` cannot be read: there is no such file" in fault
+
+
+def test_only_so_many_files_are_included() -> None:
+    listed = ", ".join("a" * 102)
+    assert compile_files({"main.yaml": f"include: [{listed}]\n", "a": "vars: 1\n"}) == [
+        "main.yaml:1:311: error[OBK007]: over 100 files are included; `a` and all further ones are "
+        "not"
+    ]
+
+
+def test_of_a_file_without_end_only_so_much_is_read() -> None:
+    (fault,) = compile_config("/dev/zero", options(Path.cwd())).diagnostics
+    assert fault.code == "OBK007"
