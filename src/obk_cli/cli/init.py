@@ -12,7 +12,7 @@ import typer
 
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.taken_names import owner_of_package
-from obk_cli.cli.new_run import carry_out, programs, renderer_of, short
+from obk_cli.cli.new_run import carry_out, programs, short
 from obk_cli.cli.template_folder import find_library
 from obk_cli.cli.vscode import vscode_texts
 from obk_cli.errors import CommandFailedError, MisuseError
@@ -21,7 +21,6 @@ from obk_cli.scaffold.compose import Composition
 from obk_cli.scaffold.decide import Decision
 from obk_cli.scaffold.describe import file_lines
 from obk_cli.scaffold.difference import unified_diff
-from obk_cli.scaffold.kinds import WORKSPACE_LAYERS
 from obk_cli.scaffold.names import Problem, check_name
 from obk_cli.scaffold.questions import Answers
 from obk_cli.scaffold.render import RenderedFile
@@ -68,7 +67,7 @@ def command(
         raise CommandFailedError(f"{folder} is a symbolic link to {root}, which is not there")
     packages = _check(stack, root)
     library = find_library(templates)
-    files = compose_workspace(stack, packages, library, renderer_of(library, WORKSPACE_LAYERS))
+    files = compose_workspace(stack, packages, library)
     composition = _with_vscode(files, root, f"{stack}.yaml")
     decisions = carry_out(
         root,

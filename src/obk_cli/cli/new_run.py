@@ -16,7 +16,6 @@ import typer
 
 from obelisk_spec.messages import OBELISK_MESSAGES, ROS_MESSAGES
 from obelisk_spec.near import ask_for, near_names
-from obk_cli.adapters.bounded_render import render_bounded
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.taken_names import owner_of_module, owner_of_package
 from obk_cli.cli.ask_conflicts import settle_conflicts
@@ -37,7 +36,6 @@ from obk_cli.scaffold.difference import unified_diff
 from obk_cli.scaffold.library import Library
 from obk_cli.scaffold.names import Problem
 from obk_cli.scaffold.questions import Answers, Question, check_answers
-from obk_cli.scaffold.render import Renderer, render_templates
 from obk_cli.scaffold.write import read_existing, write_decisions
 
 if TYPE_CHECKING:
@@ -48,7 +46,6 @@ __all__ = [
     "accept",
     "carry_out",
     "programs",
-    "renderer_of",
     "run_new",
     "short",
 ]
@@ -152,11 +149,6 @@ def accept(answers: Answers | tuple[Problem, ...]) -> Answers:
     raise MisuseError("\n".join([*lines, last.sentence]), help=last.help)
 
 
-def renderer_of(library: Library, layers: Iterable[str]) -> Renderer:
-    """What renders templates of these folders: a user's are kept within bounds."""
-    return render_bounded if library.has_of_user(layers) else render_templates
-
-
 def short(path: Path) -> str:
     """As the user would type it from here."""
     here, full = Path.cwd(), path.resolve()
@@ -199,17 +191,16 @@ def _tell_absent(answers: Answers, place: Place) -> None:
 
 def _compose(answers: Answers, library: Library, root: Path, place: Place) -> Composition:
     layers = layers_of(answers)
-    templates, render = library.read(layers), renderer_of(library, layers)
+    templates = library.read(layers)
     if answers.kind == "config":
-        return compose_config(answers, templates, render, root)
+        return compose_config(answers, templates, root)
     if place.package is None:
-        return compose_package(answers, templates, render=render)
+        return compose_package(answers, templates)
     composition = compose_addition(
         answers,
         templates,
         read_package_texts(root),
         python_folder=place.python_folder,
-        render=render,
     )
     if isinstance(composition, Problem):
         raise CommandFailedError(composition.sentence, help=composition.help)

@@ -16,7 +16,6 @@ from obk_cli.scaffold.questions import Answers
 from obk_cli.scaffold.render import (
     NODE_VARIABLE,
     RenderedFile,
-    Renderer,
     Template,
     render_templates,
 )
@@ -45,7 +44,6 @@ def compose_package(
     answers: Answers,
     templates: Iterable[Template],
     *,
-    render: Renderer = render_templates,
     topics: str = TOPICS_TO_FILL_IN,
 ) -> Composition:
     """A package of its own; `topics` is the name under which its topics are.
@@ -53,7 +51,7 @@ def compose_package(
     Raises:
         TemplateFaultError: a template cannot be rendered.
     """
-    return Composition(files=render(templates, template_variables(answers, topics)))
+    return Composition(files=render_templates(templates, template_variables(answers, topics)))
 
 
 def compose_addition(
@@ -62,7 +60,6 @@ def compose_addition(
     texts: PackageTexts,
     *,
     python_folder: str = ".",
-    render: Renderer = render_templates,
 ) -> Composition | Problem:
     """One node more in the package of these texts; its modules are below `python_folder`.
 
@@ -74,7 +71,7 @@ def compose_addition(
         return edits
     package_xml = add_dependencies(texts.package_xml, dependencies(answers))
     of_the_node = [template for template in templates if NODE_VARIABLE in template.name]
-    files = render(of_the_node, template_variables(answers))
+    files = render_templates(of_the_node, template_variables(answers))
     return Composition(
         files=tuple(_moved(file, answers.package, python_folder) for file in files),
         edits=(*(_edited(*edit) for edit in edits.items()), _edited("package.xml", package_xml)),

@@ -1,24 +1,27 @@
-"""Templates to files in memory.
+"""Render templates to files in memory, in jinja2's sandbox.
 
-In: templates and their variables. Out: relative paths with their bytes and modes. Never writes and
-never reads; templates are data and run sandboxed. A template that never ends is stopped by whoever
-calls: those of a user are rendered in a process of their own.
+Pure: templates and their variables in, relative paths with their bytes out. A template cannot reach
+Python objects beyond its variables; its loops over `range`, its powers and repetitions, and the
+output are bounded.
+
+Source: https://jinja.palletsprojects.com/en/stable/sandbox/
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sized
 from dataclasses import dataclass
 from pathlib import PurePosixPath
+from typing import Any, Final
 
 from jinja2 import StrictUndefined, TemplateError, TemplateSyntaxError
-from jinja2.sandbox import ImmutableSandboxedEnvironment
+from jinja2.runtime import Context
+from jinja2.sandbox import MAX_RANGE, ImmutableSandboxedEnvironment
 
 from obk_cli.errors import CommandFailedError
 
 __all__ = [
     "NODE_VARIABLE",
     "RenderedFile",
-    "Renderer",
     "Template",
     "TemplateFaultError",
     "render_templates",
@@ -27,6 +30,9 @@ __all__ = [
 NODE_VARIABLE = "{{ node }}"
 """A template whose file name holds this belongs to one node, the others to the package."""
 
+_MAX_OUTPUT_BYTES: Final = 32 * 1024 * 1024
+"""For all files of one call together."""
+_MAX_POWER_BITS: Final = 4096
 _SUFFIX = ".jinja"
 _FAULTS = (TemplateError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 """What jinja and the filters that a template calls raise."""
@@ -66,10 +72,6 @@ class RenderedFile:
         return 0o755 if self.content.startswith(b"#!") else 0o644
 
 
-Renderer = Callable[[Iterable[Template], Mapping[str, object]], tuple[RenderedFile, ...]]
-"""`render_templates`, or the same with bounds."""
-
-
 def render_templates(
     templates: Iterable[Template], variables: Mapping[str, object]
 ) -> tuple[RenderedFile, ...]:
@@ -77,28 +79,83 @@ def render_templates(
 
     Raises:
         TemplateFaultError: a template does not parse, uses an unknown variable, does what the
-            sandbox forbids, names a file outside the package, or one that another makes too.
+            sandbox forbids, exceeds its bounds, names a file outside the package, or one that
+            another makes too.
     """
-    environment = ImmutableSandboxedEnvironment(
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        autoescape=False,  # the output is code, not HTML; every value is a checked name
-    )
-    files = tuple(_render_file(environment, template, variables) for template in templates)
+    sandbox = _Sandbox()
+    files = tuple(_render_file(sandbox, template, variables) for template in templates)
     _refuse_doubles(files)
     return files
 
 
+class _Sandbox(ImmutableSandboxedEnvironment):
+    """The sandbox of one call; its bounds hold for all templates together.
+
+    What exceeds a bound raises OverflowError, as jinja2's own `range` does.
+    """
+
+    intercepted_binops = frozenset({"*", "**"})
+
+    def __init__(self) -> None:
+        super().__init__(
+            undefined=StrictUndefined,
+            keep_trailing_newline=True,
+            trim_blocks=True,
+            lstrip_blocks=True,
+            autoescape=False,  # the output is code, not HTML; every value is a checked name
+        )
+        # jinja2 bounds each `range`; nested ones would still loop for hours.
+        self.globals["range"] = self._range
+        self._steps_left = MAX_RANGE
+        self._bytes_left = _MAX_OUTPUT_BYTES
+
+    def call_binop(self, context: Context, operator: str, left: Any, right: Any) -> Any:
+        """Python's `*` and `**`, unless the result would be too large."""
+        if operator == "**":
+            self._check_power(left, right)
+        else:
+            self._check_repetition(left, right)
+            self._check_repetition(right, left)
+        return super().call_binop(context, operator, left, right)
+
+    def render(self, text: str, variables: Mapping[str, object]) -> str:
+        """The text that a template makes."""
+        parts = []
+        for part in self.from_string(text).generate(variables):
+            self._bytes_left -= len(part)
+            if self._bytes_left < 0:
+                raise OverflowError
+            parts.append(part)
+        return "".join(parts)
+
+    def _range(self, *arguments: int) -> range:
+        numbers = range(*arguments)
+        self._steps_left -= len(numbers)
+        if self._steps_left < 0:
+            raise OverflowError
+        return numbers
+
+    def _check_power(self, base: object, exponent: object) -> None:
+        if not isinstance(base, int) or not isinstance(exponent, int):
+            return
+        if base.bit_length() * exponent > _MAX_POWER_BITS:
+            raise OverflowError
+
+    def _check_repetition(self, items: object, count: object) -> None:
+        if not isinstance(items, Sized) or not isinstance(count, int):
+            return
+        if len(items) * count > _MAX_OUTPUT_BYTES:
+            raise OverflowError
+
+
 def _render_file(
-    environment: ImmutableSandboxedEnvironment, template: Template, variables: Mapping[str, object]
+    sandbox: _Sandbox, template: Template, variables: Mapping[str, object]
 ) -> RenderedFile:
     try:
-        name = environment.from_string(template.name.removesuffix(_SUFFIX)).render(variables)
+        name = sandbox.render(template.name.removesuffix(_SUFFIX), variables)
         content = template.content
         if template.name.endswith(_SUFFIX):
-            content = environment.from_string(content.decode()).render(variables).encode()
+            content = sandbox.render(content.decode(), variables).encode()
     except TemplateSyntaxError as fault:
         raise TemplateFaultError(f"{template.shown}:{fault.lineno}: {fault.message}") from fault
     except (OverflowError, MemoryError, RecursionError) as fault:

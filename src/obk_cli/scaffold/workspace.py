@@ -12,7 +12,7 @@ from obk_cli.scaffold.kinds import PACKAGE_OF_WORKSPACE_LAYERS, WORKSPACE_LAYER,
 from obk_cli.scaffold.library import Library
 from obk_cli.scaffold.names import LONGEST_NAME, Problem
 from obk_cli.scaffold.questions import Answers, Question, check_answers
-from obk_cli.scaffold.render import RenderedFile, Renderer
+from obk_cli.scaffold.render import RenderedFile, render_templates
 
 __all__ = ["LONGEST_STACK_NAME", "check_stack", "compose_workspace"]
 
@@ -43,17 +43,17 @@ def check_stack(
 
 
 def compose_workspace(
-    stack: str, packages: tuple[Answers, ...], library: Library, render: Renderer
+    stack: str, packages: tuple[Answers, ...], library: Library
 ) -> tuple[RenderedFile, ...]:
     """All files, by their paths in the workspace.
 
     Raises:
         TemplateFaultError: a template cannot be rendered.
     """
-    files = [*render(library.read([WORKSPACE_LAYER]), {"stack": stack})]
+    files = [*render_templates(library.read([WORKSPACE_LAYER]), {"stack": stack})]
     for answers in packages:
         templates = library.read(PACKAGE_OF_WORKSPACE_LAYERS[answers.kind])
-        package = compose_package(answers, templates, render=render, topics=f"/{stack}")
+        package = compose_package(answers, templates, topics=f"/{stack}")
         folder = PurePosixPath("src", answers.package)
         files += [
             RenderedFile(path=folder / file.path, content=file.content) for file in package.files
