@@ -5,7 +5,7 @@ import os
 import sys
 from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
@@ -14,7 +14,7 @@ from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.taken_names import owner_of_package
 from obk_cli.cli.new_run import carry_out, programs, short
 from obk_cli.cli.template_folder import find_library
-from obk_cli.cli.vscode import vscode_texts
+from obk_cli.cli.vscode import SCHEMA_PATH
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.resources import resource_folder
 from obk_cli.scaffold.compose import Composition
@@ -68,7 +68,7 @@ def command(
     packages = _check(stack, root)
     library = find_library(templates)
     files = compose_workspace(stack, packages, library)
-    composition = _with_vscode(files, root, f"{stack}.yaml")
+    composition = _with_schema(files, root)
     decisions = carry_out(
         root,
         composition,
@@ -105,17 +105,13 @@ def _check(stack: str, root: Path) -> tuple[Answers, ...]:
     return packages
 
 
-def _with_vscode(files: Iterable[RenderedFile], root: Path, config: str) -> Composition:
-    """The editor's settings too: merged into those that are there."""
-    schema = (resource_folder("schema") / "obelisk.schema.json").read_text(encoding="utf-8")
-    texts = vscode_texts(root, schema, [config])
-    settings = [
-        RenderedFile(path=PurePosixPath(path.relative_to(root).as_posix()), content=text.encode())
-        for path, text in texts.items()
-    ]
-    there = [file for file in settings if (root / file.path).is_file()]
-    new = [file for file in settings if file not in there]
-    return Composition(files=(*files, *new), edits=tuple(there))
+def _with_schema(files: Iterable[RenderedFile], root: Path) -> Composition:
+    """The schema that the config names, too; one of another version of obk is replaced."""
+    text = (resource_folder("schema") / "obelisk.schema.json").read_bytes()
+    schema = RenderedFile(path=SCHEMA_PATH, content=text)
+    if (root / SCHEMA_PATH).is_file():
+        return Composition(files=tuple(files), edits=(schema,))
+    return Composition(files=(*files, schema))
 
 
 def _next_commands(stack: str, root: Path) -> tuple[str, ...]:
