@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from obk_cli.adapters.packages import PackageIndex
 from obk_cli.adapters.surroundings import MachineSurroundings
-from obk_cli.fixing import Fixed, fix_config
+from obk_cli.configedit.autofix import Fixed, fix_config
 from obk_cli.pipeline import Options
 
 CORPUS = Path(__file__).resolve().parents[3] / "shared" / "corpus"

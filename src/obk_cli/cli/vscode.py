@@ -10,9 +10,9 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 
 from obk_cli.adapters.files import unwritable
+from obk_cli.configedit.shape import components_of, devices_of, sections_of
 from obk_cli.emit.write import write_text
 from obk_cli.errors import CommandFailedError
-from obk_cli.migrate.shape import components_of, devices_of, sections_of
 from obk_cli.parse import decode_source, parse_source
 from obk_cli.source import SourceFile
 from obk_cli.tree import TreeMap

@@ -4,10 +4,10 @@ import pytest
 
 from obelisk_spec.settings import parse_component_setting, parse_mapping
 from obk_cli.config import Stack
+from obk_cli.configedit.migrate import migrate_source
 from obk_cli.emit.launch_file import emit_launch_file
 from obk_cli.emit.params import emit_params
 from obk_cli.lower import lower_stack
-from obk_cli.migrate.rewrite import migrate_source
 from obk_cli.parse import parse_source
 from obk_cli.plan import Plan
 from obk_cli.read.stack import read_stack

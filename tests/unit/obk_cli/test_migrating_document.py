@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.cli.main import main
-from obk_cli.migrate.rewrite import migrate_source
+from obk_cli.configedit.migrate import migrate_source
 from obk_cli.source import SourceFile
 
 ROOT = Path(__file__).parents[3]

@@ -8,7 +8,7 @@ import pytest
 
 from obelisk_spec.components import STALE_ACTIONS
 from obk_cli.adapters.surroundings import MachineSurroundings
-from obk_cli.migrate.rewrite import migrate_source
+from obk_cli.configedit.migrate import migrate_source
 from obk_cli.pipeline import Options, Outcome, compile_source
 from obk_cli.report.text import report_text
 from obk_cli.source import SourceFile
