@@ -16,7 +16,7 @@ from obk_cli.configedit.add_node import add_node
 from obk_cli.configedit.new_node import NewNode, Rejected, read_new_node
 from obk_cli.pipeline import Options, Outcome, compile_source
 from obk_cli.scaffold.questions import Answers, MessageType
-from obk_cli.scaffold.snippet import config_snippet
+from obk_cli.scaffold.variables import config_snippet
 from obk_cli.source import SourceFile
 from obk_cli.wiring import node_ends
 

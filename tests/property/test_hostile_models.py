@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from obk_cli.adapters.bounded_model import read_model_bounded
 from obk_cli.adapters.mjcf_places import mjcf_elements, mjcf_files
-from obk_cli.scaffold.model import read_model_text
+from obk_cli.scaffold.stack import read_model_text
 from obk_cli.surroundings import ModelRead
 
 from .hostile import FEW, damaged

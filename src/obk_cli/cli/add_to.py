@@ -23,7 +23,7 @@ from obk_cli.report.diff import report_diff
 from obk_cli.scaffold.describe import Added
 from obk_cli.scaffold.kinds import SECTIONS
 from obk_cli.scaffold.questions import Answers, Question
-from obk_cli.scaffold.snippet import config_snippet
+from obk_cli.scaffold.variables import config_snippet
 from obk_cli.source import SourceFile
 
 __all__ = ["ConfigEdit", "add_to_config", "suit_to_config"]

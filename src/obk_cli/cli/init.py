@@ -17,14 +17,12 @@ from obk_cli.cli.template_folder import find_library
 from obk_cli.cli.vscode import SCHEMA_PATH
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.resources import resource_folder
-from obk_cli.scaffold.compose import Composition
-from obk_cli.scaffold.decide import Decision
-from obk_cli.scaffold.describe import file_lines
-from obk_cli.scaffold.difference import unified_diff
+from obk_cli.scaffold.compose import Composition, check_stack, compose_workspace
+from obk_cli.scaffold.describe import file_lines, unified_diff
 from obk_cli.scaffold.names import Problem, check_name
 from obk_cli.scaffold.questions import Answers
-from obk_cli.scaffold.render import RenderedFile
-from obk_cli.scaffold.workspace import check_stack, compose_workspace
+from obk_cli.scaffold.templates import RenderedFile
+from obk_cli.scaffold.write import Decision
 
 __all__ = ["EXAMPLE", "command"]
 

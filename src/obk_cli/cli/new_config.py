@@ -12,10 +12,16 @@ from obk_cli.adapters.packages import find_workspace
 from obk_cli.adapters.surroundings import MachineSurroundings
 from obk_cli.node_code import NodeCode
 from obk_cli.scaffold.compose import Composition
-from obk_cli.scaffold.model import Model, read_model_text
 from obk_cli.scaffold.questions import Answers
-from obk_cli.scaffold.render import Template, render_templates
-from obk_cli.scaffold.stack import Stack, StackNode, choose_nodes, stack_text
+from obk_cli.scaffold.stack import (
+    Model,
+    Stack,
+    StackNode,
+    choose_nodes,
+    read_model_text,
+    stack_text,
+)
+from obk_cli.scaffold.templates import Template, render_templates
 
 __all__ = ["compose_config", "find_model"]
 

@@ -30,13 +30,17 @@ from obk_cli.scaffold.compose import (
     compose_package,
     layers_of,
 )
-from obk_cli.scaffold.decide import Decision, conflicts, decide
-from obk_cli.scaffold.describe import Outcome, describe_json, describe_text, file_lines
-from obk_cli.scaffold.difference import unified_diff
-from obk_cli.scaffold.library import Library
+from obk_cli.scaffold.describe import (
+    Outcome,
+    describe_json,
+    describe_text,
+    file_lines,
+    unified_diff,
+)
 from obk_cli.scaffold.names import Problem
 from obk_cli.scaffold.questions import Answers, Question, check_answers
-from obk_cli.scaffold.write import read_existing, write_decisions
+from obk_cli.scaffold.templates import Library
+from obk_cli.scaffold.write import Decision, conflicts, decide, read_existing, write_decisions
 
 if TYPE_CHECKING:
     from obk_cli.cli.add_to import ConfigEdit

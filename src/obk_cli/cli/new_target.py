@@ -9,9 +9,8 @@ from pathlib import Path
 
 from obk_cli.adapters.packages import find_workspace, is_workspace
 from obk_cli.errors import CommandFailedError
-from obk_cli.scaffold.entry_points import PackageTexts
 from obk_cli.scaffold.kinds import Kind
-from obk_cli.scaffold.package_xml import PackageIdentity, read_identity
+from obk_cli.scaffold.package_files import PackageIdentity, PackageTexts, read_identity
 from obk_cli.scaffold.questions import Question
 
 __all__ = [

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.scaffold.render import Template, TemplateFaultError, render_templates
+from obk_cli.scaffold.templates import Template, TemplateFaultError, render_templates
 
 from .new_command import obk_new, refused
 

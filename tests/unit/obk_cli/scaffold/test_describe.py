@@ -4,9 +4,9 @@ from pathlib import PurePosixPath
 
 import pytest
 
-from obk_cli.scaffold.decide import Action, Decision
-from obk_cli.scaffold.difference import unified_diff
-from obk_cli.scaffold.render import RenderedFile
+from obk_cli.scaffold.describe import unified_diff
+from obk_cli.scaffold.templates import RenderedFile
+from obk_cli.scaffold.write import Action, Decision
 
 
 @pytest.mark.parametrize("mark", ["\f", "\v", "\x1c", "\x85", "\u2028", "\r"])

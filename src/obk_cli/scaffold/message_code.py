@@ -1,20 +1,25 @@
-"""Which fields of a message the generated node fills, as lines of Python.
+"""Code for message types: the fields that a new node fills, and sorted import lines.
 
-In: message types. Out: statements for the node and assertions for its test. Only messages whose
-fields this project defines are filled; of any other only what is sure is written.
+Pure: message types in; lines of Python out. Only messages whose fields this project defines are
+filled.
 """
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from obk_cli.scaffold.questions import MessageType
 
 __all__ = [
+    "LINE_LENGTH",
     "Filling",
     "control_filling",
     "estimate_filling",
     "has_header",
+    "import_block",
+    "import_line",
     "is_position_control",
+    "message_imports",
     "reading_filling",
 ]
 
@@ -168,3 +173,43 @@ def has_header(message: MessageType) -> bool:
     if message.package in _WITH_HEADER_PACKAGES:
         return message.full not in _WITHOUT_HEADER
     return message.package.endswith("_msgs") and message.name.endswith("Stamped")
+
+
+LINE_LENGTH = 100
+"""Longest line of generated code [characters]."""
+
+
+def message_imports(messages: Iterable[MessageType]) -> tuple[tuple[str, str], ...]:
+    """The (module, class) pairs of message types."""
+    return tuple((message.module, message.name) for message in messages)
+
+
+def import_block(names: Iterable[tuple[str, str]]) -> str:
+    """Sorted `from module import a, b` lines for (module, name) pairs; doubles are dropped."""
+    by_module: dict[str, set[str]] = {}
+    for module, name in names:
+        by_module.setdefault(module, set()).add(name)
+    return "\n".join(
+        import_line(module, by_module[module]) for module in sorted(by_module, key=_natural)
+    )
+
+
+def import_line(module: str, names: Iterable[str]) -> str:
+    """One `from module import ...`, in brackets where it would be too long for a line."""
+    ordered = sorted(names, key=_member_key)
+    line = f"from {module} import {', '.join(ordered)}"
+    if len(line) <= LINE_LENGTH:
+        return line
+    return "\n".join([f"from {module} import (", *(f"    {name}," for name in ordered), ")"])
+
+
+def _member_key(name: str) -> tuple[object, ...]:
+    """Constants, then classes, then the rest, as isort's `order-by-type` has it."""
+    rank = 0 if name.isupper() and len(name) > 1 else 1 if name[0].isupper() else 2
+    return (rank, *_natural(name))
+
+
+def _natural(name: str) -> tuple[object, ...]:
+    """A key under which `Int8` comes before `Int16`."""
+    parts = re.split(r"(\d+)", name)
+    return tuple(int(part) if part.isdigit() else part.lower() for part in parts)

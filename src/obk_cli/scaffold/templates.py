@@ -1,29 +1,32 @@
-"""Render templates to files in memory, in jinja2's sandbox.
+"""Find templates, the tool's own and the user's, and render them in jinja2's sandbox.
 
-Pure: templates and their variables in, relative paths with their bytes out. A template cannot reach
-Python objects beyond its variables; its loops over `range`, its powers and repetitions, and the
-output are bounded.
+A template cannot reach Python objects beyond its variables; its loops over `range`, its powers and
+repetitions, and the output are bounded. Symbolic links are not followed.
 
 Source: https://jinja.palletsprojects.com/en/stable/sandbox/
 """
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sized
+from collections.abc import Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 from jinja2 import StrictUndefined, TemplateError, TemplateSyntaxError
 from jinja2.runtime import Context
 from jinja2.sandbox import MAX_RANGE, ImmutableSandboxedEnvironment
 
+from obelisk_spec.near import did_you_mean
 from obk_cli.errors import CommandFailedError
+from obk_cli.scaffold.kinds import LAYER_NAMES
 
 __all__ = [
     "NODE_VARIABLE",
+    "Library",
     "RenderedFile",
     "Template",
     "TemplateFaultError",
+    "open_library",
     "render_templates",
 ]
 
@@ -182,3 +185,90 @@ def _refuse_doubles(files: Iterable[RenderedFile]) -> None:
         folder = next((parent for parent in path.parents if parent in counts), None)
         if folder is not None:
             raise TemplateFaultError(f"`{folder}` would be a file and the folder of `{path}`")
+
+
+_LONGEST_TEMPLATE_BYTES = 1024 * 1024
+_MOST_TEMPLATES = 1000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Library:
+    """The folder of the tool's own templates, and the user's, if any."""
+
+    own: Path
+    user: Path | None = None
+
+    def has_of_user(self, layers: Iterable[str]) -> bool:
+        """Whether the user's folder has a say in these template folders."""
+        return self.user is not None and any((self.user / layer).is_dir() for layer in layers)
+
+    def read(self, layers: Iterable[str]) -> tuple[Template, ...]:
+        """The templates of these folders, sorted; a later one of the same name wins.
+
+        Raises:
+            CommandFailedError: the user's folder holds what is no template.
+        """
+        found = {
+            template.name.removesuffix(".jinja"): template
+            for layer in layers
+            for template in (*_read_own(self.own / layer), *self._read_user(layer))
+        }
+        return tuple(found[name] for name in sorted(found))
+
+    def _read_user(self, layer: str) -> tuple[Template, ...]:
+        if self.user is None or not (self.user / layer).exists():
+            return ()
+        templates = tuple(_read_checked(self.user / layer, self.user / layer))
+        if len(templates) > _MOST_TEMPLATES:
+            raise CommandFailedError(
+                f"{self.user / layer} holds {len(templates)} files; "
+                f"at most {_MOST_TEMPLATES} were expected"
+            )
+        return templates
+
+
+def open_library(own: Path, user: Path | None) -> Library:
+    """The library of the two folders.
+
+    Raises:
+        CommandFailedError: the user's is no folder, or holds a folder that no kind has.
+    """
+    if user is None:
+        return Library(own=own)
+    if not user.is_dir():
+        raise CommandFailedError(f"the template folder {user} is not there")
+    for folder in sorted(user.iterdir()):
+        if folder.is_dir() and not folder.name.startswith(".") and folder.name not in LAYER_NAMES:
+            near = did_you_mean(folder.name, LAYER_NAMES)
+            raise CommandFailedError(
+                f"{folder} is the template folder of nothing that `obk new` makes",
+                help=near or "`obk new --list` shows the folders that there are",
+            )
+    return Library(own=own, user=user)
+
+
+def _read_own(folder: Path) -> Iterator[Template]:
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and "__pycache__" not in path.parts:
+            name = path.relative_to(folder).as_posix()
+            yield Template(name=name, content=path.read_bytes())
+
+
+def _read_checked(folder: Path, place: Path) -> Iterator[Template]:
+    """A user's templates: ordinary files of a sensible size, and nothing behind a link."""
+    if place.is_symlink():
+        raise CommandFailedError(f"{place} is a symbolic link; a template is an ordinary file")
+    if place.is_dir():
+        for path in sorted(place.iterdir()):
+            if path.name != "__pycache__":
+                yield from _read_checked(folder, path)
+        return
+    if not place.is_file():
+        raise CommandFailedError(f"{place} is no ordinary file, as a template is")
+    size = place.stat().st_size
+    if size > _LONGEST_TEMPLATE_BYTES:
+        raise CommandFailedError(
+            f"{place} has {size} bytes; at most {_LONGEST_TEMPLATE_BYTES} were expected"
+        )
+    name = place.relative_to(folder).as_posix()
+    yield Template(name=name, content=place.read_bytes(), folder=str(folder))

@@ -4,7 +4,7 @@ from pathlib import PurePosixPath
 import pytest
 
 from obk_cli.scaffold.questions import Answers
-from obk_cli.scaffold.render import (
+from obk_cli.scaffold.templates import (
     RenderedFile,
     Template,
     TemplateFaultError,
