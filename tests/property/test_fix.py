@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from obk_cli.compiler import Options
-from obk_cli.fixing import Fixed, fix_config
+from obk_cli.configedit.autofix import Fixed, fix_config
 from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 

@@ -5,7 +5,7 @@ from pathlib import PurePosixPath
 from hypothesis import given
 from hypothesis import strategies as st
 
-from obk_cli.scaffold.render import Template, TemplateFaultError, render_templates
+from obk_cli.scaffold.templates import Template, TemplateFaultError, render_templates
 
 from .hostile import FEW, SPOILT
 

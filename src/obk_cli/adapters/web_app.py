@@ -1,6 +1,6 @@
 """The page of a running stack over HTTP, by starlette: files, a stream of events, transitions.
 
-Every request is held against `web.guard` before anything else. The stream looks ten times a second
+`web.guard` checks every request before anything else. The stream looks ten times a second
 at what the watching thread has put down; transitions wait in threads of their own.
 """
 
@@ -19,7 +19,6 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 import obk_cli.web
-from obk_cli.adapters.connections import user_of_connection
 from obk_cli.clock import wall_s
 from obk_cli.errors import ObkError
 from obk_cli.monitor.model import StackView
@@ -28,15 +27,13 @@ from obk_cli.runs.lifecycle import TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, change_data
 from obk_cli.web.data import event, lines_data, samples_data, view_data
 from obk_cli.web.feed import Moment
-from obk_cli.web.guard import HEADERS, Ticket, WebRequest, refusal
+from obk_cli.web.guard import HEADERS, WebRequest, refusal
 from obk_cli.web.traces import Heard, Wish, number_fields
 
-__all__ = ["TICKET", "TOKEN", "Change", "Drawn", "Site", "make_app"]
+__all__ = ["TOKEN", "Change", "Drawn", "Site", "make_app"]
 
 TOKEN: Final = "token"  # noqa: S105 - the word in front of it
-"""In the page's address, with a port in the cookie's name, as a header `X-Obk-Token`."""
-TICKET: Final = "ticket"
-"""In the address that obk opens itself."""
+"""The URL's parameter; the cookie `obk_PORT` and the header `X-Obk-Token` hold the same value."""
 LOOK_S: Final = 0.1
 """Between two looks at what there is to tell [s]."""
 MOST_CURVES: Final = 12
@@ -168,14 +165,13 @@ class Site:
         return {"now_s": wall_s(), "curves": curves}
 
 
-def make_app(site: Site, *, token: str, port: int, ticket: Ticket | None = None) -> ASGIApp:
+def make_app(site: Site, *, token: str, port: int) -> ASGIApp:
     """The application.
 
     Args:
         site: what a page can ask for.
         token: that a request has to know.
         port: of the server; cookies of one host are those of all its ports.
-        ticket: that does in an address too.
     """
     cookie = f"obk_{port}"
 
@@ -193,17 +189,16 @@ def make_app(site: Site, *, token: str, port: int, ticket: Ticket | None = None)
         Route("/events", site.events),
         Route("/change", site.change, methods=["POST"]),
     ]
-    return _Guarded(Starlette(routes=routes), token, cookie, ticket)
+    return _Guarded(Starlette(routes=routes), token, cookie)
 
 
 class _Guarded:
     """Refuses requests, and adds the headers that all answers have."""
 
-    def __init__(self, app: ASGIApp, token: str, cookie: str, ticket: Ticket | None) -> None:
+    def __init__(self, app: ASGIApp, token: str, cookie: str) -> None:
         self._app = app
         self._token = token
         self._cookie = cookie
-        self._ticket = ticket
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -216,7 +211,7 @@ class _Guarded:
             await send(message)
 
         request = Request(scope)
-        why = refusal(self._asked(request), self._token, self._ticket)
+        why = refusal(self._asked(request), self._token)
         answer = self._app if why is None else PlainTextResponse(f"{why.why}\n", why.status)
         await answer(scope, receive, send_with_headers)
 
@@ -226,21 +221,12 @@ class _Guarded:
             request.headers.get("x-obk-token"),
             request.query_params.get(TOKEN),
         )
-        ticket = request.query_params.get(TICKET, "")
         return WebRequest(
             method=request.method,
             host=request.headers.get("host", ""),
             origin=request.headers.get("origin"),
             tokens=tuple(one for one in given if one is not None),
-            ticket=ticket,
-            user=_user(request) if ticket else None,
         )
-
-
-def _user(request: Request) -> int | None:
-    """Whose process has sent a request."""
-    client, server = request.client, request.scope.get("server")
-    return user_of_connection(client, server[1]) if client and server else None
 
 
 def _news(shown: Moment | None, moment: Moment) -> list[str]:

@@ -12,21 +12,19 @@ from obk_cli.cli.edit_files import EditedFile, open_for_edit, write_edited
 from obk_cli.cli.findings import print_findings
 from obk_cli.cli.join_wish import JoinWish
 from obk_cli.compiler import compile_source
+from obk_cli.configedit.add_node import add_node, find_replaced
+from obk_cli.configedit.auto_wiring import matching_types
+from obk_cli.configedit.new_node import Rejected, read_new_node
+from obk_cli.configedit.report import AddedNode, added_lines, added_values
+from obk_cli.configedit.verify import new_errors
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.errors import CommandFailedError
-from obk_cli.joining.join import Joined, join_node
-from obk_cli.joining.newcomer import read_newcomer
-from obk_cli.joining.proof import new_errors
-from obk_cli.joining.refusal import Refused
-from obk_cli.joining.suit import suit_types
-from obk_cli.joining.target import find_replaced
-from obk_cli.joining.tell import joined_lines, joined_values
 from obk_cli.report.diff import report_diff
 from obk_cli.scaffold.describe import Added
 from obk_cli.scaffold.kinds import SECTIONS
 from obk_cli.scaffold.questions import Answers, Question
-from obk_cli.scaffold.snippet import config_snippet
+from obk_cli.scaffold.variables import config_snippet
 
 __all__ = ["ConfigEdit", "add_to_config", "suit_to_config"]
 
@@ -42,7 +40,7 @@ _OPTIONS: Mapping[str, str] = {
 class ConfigEdit:
     """A config's new text, not yet written."""
 
-    joined: Joined
+    added: AddedNode
     _file: EditedFile
     _is_built_later: bool
     """Whether the node's executable is there only after a build."""
@@ -54,9 +52,9 @@ class ConfigEdit:
             CommandFailedError: it is not, or the file has changed or cannot be written.
         """
         if not self._is_built_later:
-            source = SourceFile.of(self.joined.source.path, self.joined.text)
+            source = SourceFile.of(self.added.source.path, self.added.text)
             after = compile_source(source, make_options(None, None)).diagnostics
-            errors = new_errors(self.joined.before, after)
+            errors = new_errors(self.added.before, after)
             if errors:
                 print_findings(errors)
                 raise CommandFailedError(
@@ -64,19 +62,19 @@ class ConfigEdit:
                     "now; nothing was made",
                     help="see the errors above",
                 )
-        write_edited(self._file, self.joined.text)
+        write_edited(self._file, self.added.text)
 
     def tell(self, *, is_done: bool) -> Added:
         """What was, or would be, done to the config."""
-        source, text = self.joined.source, self.joined.text
+        source, text = self.added.source, self.added.text
         later = "note: until it is built, `obk validate` says that there is no such executable"
         return Added(
             config=source.path,
             lines=(
-                *joined_lines(self.joined, is_done=is_done),
+                *added_lines(self.added, is_done=is_done),
                 *((later,) if self._is_built_later else ()),
             ),
-            values=joined_values(self.joined),
+            values=added_values(self.added),
             diff=report_diff(source, text, colour=False),
         )
 
@@ -91,16 +89,16 @@ def add_to_config(wish: JoinWish, answers: Answers) -> ConfigEdit:
     if isinstance(file, Diagnostic):
         print_findings((file,))
         raise CommandFailedError(f"`{wish.config}` cannot be read; nothing was made")
-    joined = join_node(
+    added = add_node(
         file.source,
-        read_newcomer(SECTIONS[answers.kind], config_snippet(answers)),
+        read_new_node(SECTIONS[answers.kind], config_snippet(answers)),
         make_options(None, None),
         device=wish.device,
         replaces=wish.replaces,
     )
-    if isinstance(joined, Refused):
-        raise _refusal(joined)
-    return ConfigEdit(joined=joined, _file=file, _is_built_later=answers.language == "cpp")
+    if isinstance(added, Rejected):
+        raise _failure(added)
+    return ConfigEdit(added=added, _file=file, _is_built_later=answers.language == "cpp")
 
 
 def suit_to_config(question: Question, wish: JoinWish, usual: Answers) -> Question:
@@ -114,13 +112,13 @@ def suit_to_config(question: Question, wish: JoinWish, usual: Answers) -> Questi
         stack = compile_source(file.source, make_options(None, None)).config
     if stack is None:
         return question
-    newcomer = read_newcomer(SECTIONS[usual.kind], config_snippet(usual))
-    replaced = find_replaced(stack, newcomer.section, wish.replaces) if wish.replaces else None
-    if isinstance(replaced, Refused):
+    new_node = read_new_node(SECTIONS[usual.kind], config_snippet(usual))
+    replaced = find_replaced(stack, new_node.section, wish.replaces) if wish.replaces else None
+    if isinstance(replaced, Rejected):
         return question
     types = {
         component.partition("_")[2]: full
-        for component, full in suit_types(newcomer, stack, replaced).items()
+        for component, full in matching_types(new_node, stack, replaced).items()
     }
     return replace(
         question,
@@ -130,8 +128,10 @@ def suit_to_config(question: Question, wish: JoinWish, usual: Answers) -> Questi
     )
 
 
-def _refusal(refused: Refused) -> CommandFailedError:
-    print_findings(refused.findings)
-    option = _OPTIONS.get((refused.component or "").partition("_")[2])
-    help = f"{refused.help} with `{option}`" if option else refused.help
-    return CommandFailedError(f"{refused.sentence}; nothing was made", help=help)
+def _failure(rejected: Rejected) -> CommandFailedError:
+    print_findings(rejected.findings)
+    option = _OPTIONS.get((rejected.component or "").partition("_")[2])
+    help = f"{rejected.help} with `{option}`" if option else rejected.help
+    if rejected.snippet:
+        help = f"{help}:\n{rejected.snippet}"
+    return CommandFailedError(f"{rejected.sentence}; nothing was made", help=help)

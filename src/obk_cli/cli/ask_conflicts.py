@@ -7,8 +7,8 @@ import sys
 from dataclasses import replace
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.scaffold.decide import Action, Decision
-from obk_cli.scaffold.difference import unified_diff
+from obk_cli.scaffold.describe import unified_diff
+from obk_cli.scaffold.write import Action, Decision
 
 __all__ = ["settle_conflicts"]
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from obk_cli.cli.edit_files import EditedFile, open_for_edit, print_bytes, write_edited
 from obk_cli.compiler import Options, Outcome
+from obk_cli.configedit.autofix import Fixed, fix_config
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.errors import CommandFailedError
-from obk_cli.fixing import Fixed, fix_config
 from obk_cli.report.diff import report_diff
 
 __all__ = ["FixReport", "fix_file"]

@@ -5,25 +5,22 @@ import os
 import sys
 from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from obk_cli.cli.new_run import carry_out, programs, renderer_of, short
+from obk_cli.cli.new_run import carry_out, programs, short
 from obk_cli.cli.template_folder import find_library
-from obk_cli.cli.vscode import vscode_texts
+from obk_cli.cli.vscode import SCHEMA_PATH
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.resources import resource_folder
-from obk_cli.scaffold.compose import Composition
-from obk_cli.scaffold.decide import Decision
-from obk_cli.scaffold.describe import file_lines
-from obk_cli.scaffold.difference import unified_diff
-from obk_cli.scaffold.kinds import WORKSPACE_LAYERS
+from obk_cli.scaffold.compose import Composition, check_stack, compose_workspace
+from obk_cli.scaffold.describe import file_lines, unified_diff
 from obk_cli.scaffold.names import Problem, check_name
 from obk_cli.scaffold.questions import Answers
-from obk_cli.scaffold.render import RenderedFile
-from obk_cli.scaffold.workspace import check_stack, compose_workspace
+from obk_cli.scaffold.templates import RenderedFile
+from obk_cli.scaffold.write import Decision
 from obk_cli.workspace.package_index import PackageIndex, owner_of_package
 
 __all__ = ["EXAMPLE", "command"]
@@ -67,8 +64,8 @@ def command(
         raise CommandFailedError(f"{folder} is a symbolic link to {root}, which is not there")
     packages = _check(stack, root)
     library = find_library(templates)
-    files = compose_workspace(stack, packages, library, renderer_of(library, WORKSPACE_LAYERS))
-    composition = _with_vscode(files, root, f"{stack}.yaml")
+    files = compose_workspace(stack, packages, library)
+    composition = _with_schema(files, root)
     decisions = carry_out(
         root,
         composition,
@@ -105,17 +102,13 @@ def _check(stack: str, root: Path) -> tuple[Answers, ...]:
     return packages
 
 
-def _with_vscode(files: Iterable[RenderedFile], root: Path, config: str) -> Composition:
-    """The editor's settings too: merged into those that are there."""
-    schema = (resource_folder("schema") / "obelisk.schema.json").read_text(encoding="utf-8")
-    texts = vscode_texts(root, schema, [config])
-    settings = [
-        RenderedFile(path=PurePosixPath(path.relative_to(root).as_posix()), content=text.encode())
-        for path, text in texts.items()
-    ]
-    there = [file for file in settings if (root / file.path).is_file()]
-    new = [file for file in settings if file not in there]
-    return Composition(files=(*files, *new), edits=tuple(there))
+def _with_schema(files: Iterable[RenderedFile], root: Path) -> Composition:
+    """The schema that the config names, too; one of another version of obk is replaced."""
+    text = (resource_folder("schema") / "obelisk.schema.json").read_bytes()
+    schema = RenderedFile(path=SCHEMA_PATH, content=text)
+    if (root / SCHEMA_PATH).is_file():
+        return Composition(files=tuple(files), edits=(schema,))
+    return Composition(files=(*files, schema))
 
 
 def _next_commands(stack: str, root: Path) -> tuple[str, ...]:

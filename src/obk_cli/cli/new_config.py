@@ -9,10 +9,16 @@ from pathlib import Path
 
 from obk_cli.config.node_facts import NodeFacts
 from obk_cli.scaffold.compose import Composition
-from obk_cli.scaffold.model import Model, read_model_text
 from obk_cli.scaffold.questions import Answers
-from obk_cli.scaffold.render import Renderer, Template
-from obk_cli.scaffold.stack import Stack, StackNode, choose_nodes, stack_text
+from obk_cli.scaffold.stack import (
+    Model,
+    Stack,
+    StackNode,
+    choose_nodes,
+    read_model_text,
+    stack_text,
+)
+from obk_cli.scaffold.templates import Template, render_templates
 from obk_cli.workspace.entry_points import source_console_scripts
 from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import find_workspace
@@ -28,9 +34,7 @@ _OWN_MODEL = ".xml.jinja"
 """The template of a model, for a workspace that has none."""
 
 
-def compose_config(
-    answers: Answers, templates: Iterable[Template], render: Renderer, root: Path
-) -> Composition:
+def compose_config(answers: Answers, templates: Iterable[Template], root: Path) -> Composition:
     """A config, and a small model where the workspace has neither a robot nor a model.
 
     Raises:
@@ -46,12 +50,12 @@ def compose_config(
     else:
         model = find_model(root)
         own = [] if model else [t for t in given if t.name.endswith(_OWN_MODEL)]
-    files = render(own, variables)
+    files = render_templates(own, variables)
     if model is None and files:
         model = read_model_text(files[0].content.decode(), files[0].path.as_posix())
     text = stack_text(Stack(name=answers.node, nodes=nodes, model=model))
     others = tuple(t for t in given if not t.name.endswith(_OWN_MODEL))
-    return Composition(files=(*files, *render(others, {**variables, "stack": text})))
+    return Composition(files=(*files, *render_templates(others, {**variables, "stack": text})))
 
 
 def _executables(environment: MachineEnvironment) -> Iterator[tuple[str, str]]:

@@ -6,7 +6,7 @@ from typing import Literal
 
 from obk_cli.cli.template_folder import find_library
 from obk_cli.scaffold.kinds import RECIPES, Recipe
-from obk_cli.scaffold.library import Library
+from obk_cli.scaffold.templates import Library
 
 __all__ = ["print_kinds"]
 

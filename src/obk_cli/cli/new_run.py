@@ -16,7 +16,6 @@ import typer
 
 from obelisk_spec.messages import OBELISK_MESSAGES, ROS_MESSAGES
 from obelisk_spec.suggestions import ask_for, near_names
-from obk_cli.adapters.bounded_render import render_bounded
 from obk_cli.cli.ask_conflicts import settle_conflicts
 from obk_cli.cli.join_wish import JoinWish
 from obk_cli.cli.new_config import compose_config, find_model
@@ -24,14 +23,17 @@ from obk_cli.cli.new_target import Place, find_place, find_root, read_package_te
 from obk_cli.cli.template_folder import find_library
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.scaffold.compose import Composition, compose_addition, compose_package, layers_of
-from obk_cli.scaffold.decide import Decision, conflicts, decide
-from obk_cli.scaffold.describe import Outcome, describe_json, describe_text, file_lines
-from obk_cli.scaffold.difference import unified_diff
-from obk_cli.scaffold.library import Library
+from obk_cli.scaffold.describe import (
+    Outcome,
+    describe_json,
+    describe_text,
+    file_lines,
+    unified_diff,
+)
 from obk_cli.scaffold.names import Problem
 from obk_cli.scaffold.questions import Answers, Question, check_answers
-from obk_cli.scaffold.render import Renderer, render_templates
-from obk_cli.scaffold.write import read_existing, write_decisions
+from obk_cli.scaffold.templates import Library
+from obk_cli.scaffold.write import Decision, conflicts, decide, read_existing, write_decisions
 from obk_cli.workspace.package_index import PackageIndex, owner_of_module, owner_of_package
 
 if TYPE_CHECKING:
@@ -42,7 +44,6 @@ __all__ = [
     "accept",
     "carry_out",
     "programs",
-    "renderer_of",
     "run_new",
     "short",
 ]
@@ -146,11 +147,6 @@ def accept(answers: Answers | tuple[Problem, ...]) -> Answers:
     raise MisuseError("\n".join([*lines, last.sentence]), help=last.help)
 
 
-def renderer_of(library: Library, layers: Iterable[str]) -> Renderer:
-    """What renders templates of these folders: a user's are kept within bounds."""
-    return render_bounded if library.has_of_user(layers) else render_templates
-
-
 def short(path: Path) -> str:
     """As the user would type it from here."""
     here, full = Path.cwd(), path.resolve()
@@ -193,17 +189,16 @@ def _tell_absent(answers: Answers, place: Place) -> None:
 
 def _compose(answers: Answers, library: Library, root: Path, place: Place) -> Composition:
     layers = layers_of(answers)
-    templates, render = library.read(layers), renderer_of(library, layers)
+    templates = library.read(layers)
     if answers.kind == "config":
-        return compose_config(answers, templates, render, root)
+        return compose_config(answers, templates, root)
     if place.package is None:
-        return compose_package(answers, templates, render=render)
+        return compose_package(answers, templates)
     composition = compose_addition(
         answers,
         templates,
         read_package_texts(root),
         python_folder=place.python_folder,
-        render=render,
     )
     if isinstance(composition, Problem):
         raise CommandFailedError(composition.sentence, help=composition.help)

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.scaffold.entry_points import PackageTexts
 from obk_cli.scaffold.kinds import Kind
-from obk_cli.scaffold.package_xml import PackageIdentity, read_identity
+from obk_cli.scaffold.package_files import PackageIdentity, PackageTexts, read_identity
 from obk_cli.scaffold.questions import Question
 from obk_cli.workspace.package_index import find_workspace, is_workspace
 

@@ -16,16 +16,17 @@ EXAMPLE = "Example: obk schema > obelisk.schema.json"
 def command(
     folder: Annotated[
         Path | None,
-        typer.Argument(metavar="[DIR]", help="With --install-vscode: the folder that is opened."),
+        typer.Argument(metavar="[DIR]", help="With --install-vscode: the folder to open."),
     ] = None,
     install_vscode: Annotated[
         bool,
         typer.Option(
-            "--install-vscode", help="Let VS Code check the configs of DIR (default: this folder)."
+            "--install-vscode",
+            help="Write it for VS Code to DIR (default: here), print what to add.",
         ),
     ] = False,
 ) -> None:
-    """Print the JSON schema (draft 2020-12) of configs, or set an editor up with it."""
+    """Print the JSON schema (draft 2020-12) of configs, or write it for an editor."""
     path = resource_folder("schema") / "obelisk.schema.json"
     text = path.read_text(encoding="utf-8")
     if install_vscode:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.resources import resource_folder
-from obk_cli.scaffold.library import Library, open_library
+from obk_cli.scaffold.templates import Library, open_library
 
 __all__ = ["find_library"]
 

@@ -1,8 +1,12 @@
-"""`obk web`: a running stack as a page in the browsers of this host."""
+"""`obk web`: show a running stack as a page in a browser on this host."""
 
+import html
 import os
 import threading
 import webbrowser
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Final
 
 import typer
@@ -26,43 +30,58 @@ def command(
     ] = None,
     domain: DomainOption = None,
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Of this host; 0: one that is free.")
+        int, typer.Option(min=0, max=65535, help="Port on this host; 0 for any free port.")
     ] = PORT,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
 ) -> None:
     """Show a running stack as a page: states with buttons, the graph with rates, plots, the log.
 
-    Prints the page's address and serves until Ctrl-C, for browsers of this host only; from another
-    one `ssh -L 8420:127.0.0.1:8420 HOST` leads here. Whoever has the address, with its token, can
-    move the robot. Where no stack runs, and when one has ended, the page waits for the next.
+    Prints the page's URL with its token and serves browsers on this host until Ctrl-C; to use
+    another host, run `ssh -L 8420:127.0.0.1:8420 HOST` there. Anyone who has the URL can move the
+    robot. If no stack is running, the page waits for the next one.
     """
     for module in ("starlette", "uvicorn"):
         require_extra(module, "web")
     target = Target(environment=here(domain, TIMEOUT_S).environment, domain=domain, run=run)
     is_there = target.choose(target.place()) is not None
 
-    from obk_cli.adapters.web_app import TICKET, TOKEN, Site, make_app
+    from obk_cli.adapters.web_app import TOKEN, Site, make_app
     from obk_cli.adapters.web_server import HOST, WebServer, take_port
     from obk_cli.web.feed import Feed
-    from obk_cli.web.guard import Ticket, new_token
+    from obk_cli.web.guard import new_token
     from obk_cli.web.plots import Plots
 
-    with take_port(port) as taken:
+    with take_port(port) as taken, ExitStack() as temporary:
         number, token = taken.getsockname()[1], new_token()
         server, plots = WebServer(), Plots()
         watcher = Watcher(target, with_types, PERIOD_S, beside=plots.turn)
         feed = Feed(watcher, runs_folder(os.environ), server.end)
         site = Site(lambda: feed.moment, plots, target.change, lambda: server.is_ending)
-        ticket = Ticket(word=new_token(), user=os.geteuid()) if open_ else None
-        url = f"http://{HOST}:{number}/?"
-        print(f"the stack is shown at {url}{TOKEN}={token}\nCtrl-C ends", flush=True)
+        url = f"http://{HOST}:{number}/?{TOKEN}={token}"
+        print(f"the stack is shown at {url}\nCtrl-C ends", flush=True)
         if run is not None and not is_there:
             print(f"no stack `{run}` runs on this host yet: the page waits for it", flush=True)
         feed.start()
-        if ticket is not None:
-            # Some browsers are waited for, and they wait for the page.
-            address = f"{url}{TICKET}={ticket.word}"
+        if open_:
+            folder = temporary.enter_context(TemporaryDirectory(prefix="obk_web_"))
+            address = _redirect(Path(folder), url).as_uri()
+            # Some browsers block the call until they have loaded the page.
             threading.Thread(target=webbrowser.open, args=[address], daemon=True).start()
-        server.run(make_app(site, token=token, port=number, ticket=ticket), taken)
+        server.run(make_app(site, token=token, port=number), taken)
         feed.stop()
     raise typer.Exit(EXIT_DONE)
+
+
+def _redirect(folder: Path, url: str) -> Path:
+    """A file that leads a browser to `url`, in a folder that only this user can read.
+
+    Any user of the host can read the command line of a browser, so the token must not be in it.
+    Jupyter does the same.
+    """
+    target = html.escape(url, quote=True)
+    path = folder / "open.html"
+    path.write_text(
+        f'<!doctype html><meta charset="utf-8"><title>obk web</title>'
+        f'<meta http-equiv="refresh" content="0;url={target}"><a href="{target}">obk web</a>\n'
+    )
+    return path

@@ -1,29 +1,46 @@
-"""What a whole package, or one node more in a package, consists of.
+"""Compose the files of a package, of one node more in it, or of a workspace.
 
-In: answers, templates, and for an addition the texts of the package's own files. Out: files in
-memory. Never touches the disk.
+Pure: answers and templates in; files in memory out.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
+from typing import Final
 
-from obk_cli.scaffold.entry_points import PackageTexts, add_console_script
-from obk_cli.scaffold.kinds import SERVICE_LAYER, recipe_of
-from obk_cli.scaffold.names import Problem
-from obk_cli.scaffold.package_xml import add_dependencies
-from obk_cli.scaffold.questions import Answers
-from obk_cli.scaffold.render import (
+from obk_cli.scaffold.kinds import (
+    PACKAGE_OF_WORKSPACE_LAYERS,
+    SERVICE_LAYER,
+    WORKSPACE_LAYER,
+    Kind,
+    recipe_of,
+)
+from obk_cli.scaffold.names import LONGEST_NAME, Problem
+from obk_cli.scaffold.package_files import PackageTexts, add_console_script, add_dependencies
+from obk_cli.scaffold.questions import Answers, Question, check_answers
+from obk_cli.scaffold.templates import (
     NODE_VARIABLE,
+    Library,
     RenderedFile,
-    Renderer,
     Template,
     render_templates,
 )
-from obk_cli.scaffold.snippet import TOPICS_TO_FILL_IN
-from obk_cli.scaffold.variables import dependencies, entry_point, template_variables
+from obk_cli.scaffold.variables import (
+    TOPICS_TO_FILL_IN,
+    dependencies,
+    entry_point,
+    template_variables,
+)
 
-__all__ = ["Composition", "compose_addition", "compose_package", "layers_of"]
+__all__ = [
+    "LONGEST_STACK_NAME",
+    "Composition",
+    "check_stack",
+    "compose_addition",
+    "compose_package",
+    "compose_workspace",
+    "layers_of",
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +62,6 @@ def compose_package(
     answers: Answers,
     templates: Iterable[Template],
     *,
-    render: Renderer = render_templates,
     topics: str = TOPICS_TO_FILL_IN,
 ) -> Composition:
     """A package of its own; `topics` is the name under which its topics are.
@@ -53,7 +69,7 @@ def compose_package(
     Raises:
         TemplateFaultError: a template cannot be rendered.
     """
-    return Composition(files=render(templates, template_variables(answers, topics)))
+    return Composition(files=render_templates(templates, template_variables(answers, topics)))
 
 
 def compose_addition(
@@ -62,7 +78,6 @@ def compose_addition(
     texts: PackageTexts,
     *,
     python_folder: str = ".",
-    render: Renderer = render_templates,
 ) -> Composition | Problem:
     """One node more in the package of these texts; its modules are below `python_folder`.
 
@@ -74,7 +89,7 @@ def compose_addition(
         return edits
     package_xml = add_dependencies(texts.package_xml, dependencies(answers))
     of_the_node = [template for template in templates if NODE_VARIABLE in template.name]
-    files = render(of_the_node, template_variables(answers))
+    files = render_templates(of_the_node, template_variables(answers))
     return Composition(
         files=tuple(_moved(file, answers.package, python_folder) for file in files),
         edits=(*(_edited(*edit) for edit in edits.items()), _edited("package.xml", package_xml)),
@@ -88,3 +103,48 @@ def _moved(file: RenderedFile, package: str, python_folder: str) -> RenderedFile
 
 def _edited(name: str, text: str) -> RenderedFile:
     return RenderedFile(path=PurePosixPath(name), content=text.encode())
+
+
+_KINDS: Final[tuple[Kind, ...]] = ("controller", "estimator")
+
+LONGEST_STACK_NAME: Final = LONGEST_NAME - len("_controller")
+"""So that the packages' names are none too long [characters]."""
+
+
+def check_stack(
+    stack: str, *, owner_of: Callable[[str], str | None]
+) -> tuple[Answers, ...] | Problem:
+    """The two packages of a stack of that (checked) name, or why there can be none."""
+    if len(stack) > LONGEST_STACK_NAME:
+        return Problem(
+            sentence=f"the name `{stack}` has {len(stack)} characters; "
+            f"at most {LONGEST_STACK_NAME} were expected",
+            help="packages are named after it; choose a shorter name",
+        )
+    found: list[Answers] = []
+    for kind in _KINDS:
+        question = Question(kind=kind, name=f"{stack}_{kind}", sensor_msg="ObkJointEncoders")
+        answers = check_answers(question, owner_of=owner_of)
+        if not isinstance(answers, Answers):
+            return answers[0]
+        found.append(answers)
+    return tuple(found)
+
+
+def compose_workspace(
+    stack: str, packages: tuple[Answers, ...], library: Library
+) -> tuple[RenderedFile, ...]:
+    """All files, by their paths in the workspace.
+
+    Raises:
+        TemplateFaultError: a template cannot be rendered.
+    """
+    files = [*render_templates(library.read([WORKSPACE_LAYER]), {"stack": stack})]
+    for answers in packages:
+        templates = library.read(PACKAGE_OF_WORKSPACE_LAYERS[answers.kind])
+        package = compose_package(answers, templates, topics=f"/{stack}")
+        folder = PurePosixPath("src", answers.package)
+        files += [
+            RenderedFile(path=folder / file.path, content=file.content) for file in package.files
+        ]
+    return tuple(files)

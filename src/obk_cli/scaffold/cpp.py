@@ -6,7 +6,7 @@ statements. Only messages whose fields this project defines are filled. Never to
 
 import re
 
-from obk_cli.scaffold.fields import has_header, is_position_control
+from obk_cli.scaffold.message_code import has_header, is_position_control
 from obk_cli.scaffold.questions import MessageType
 
 __all__ = ["cpp_control", "cpp_estimate", "cpp_header", "cpp_type"]

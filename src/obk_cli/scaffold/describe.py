@@ -1,20 +1,48 @@
-"""What was made, for people and for programs.
+"""Describe what was made, or would be: file lists, diffs, next steps, JSON.
 
-In: the answers, the decisions, how the folder is called from here. Out: text. Never prints.
+Pure: answers and decisions in; text out.
 """
 
+import difflib
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import PurePath
 
-from obk_cli.scaffold.decide import Decision
-from obk_cli.scaffold.difference import unified_diff
 from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
 from obk_cli.scaffold.questions import Answers
-from obk_cli.scaffold.snippet import TOPICS_TO_FILL_IN, config_snippet
+from obk_cli.scaffold.variables import TOPICS_TO_FILL_IN, config_snippet
+from obk_cli.scaffold.write import Action, Decision
 
-__all__ = ["Added", "Outcome", "describe_json", "describe_text", "file_lines"]
+__all__ = ["Added", "Outcome", "describe_json", "describe_text", "file_lines", "unified_diff"]
+
+_UNCHANGED = frozenset({Action.IDENTICAL, Action.KEEP})
+
+
+def unified_diff(decisions: Iterable[Decision]) -> str:
+    """The diff of all files that change; a new file is one against `/dev/null`."""
+    changed = (decision for decision in decisions if decision.action not in _UNCHANGED)
+    return "".join(line for decision in changed for line in _file_diff(decision))
+
+
+def _file_diff(decision: Decision) -> Iterable[str]:
+    path = decision.file.path
+    old, new = _lines(decision.before or b""), _lines(decision.file.content)
+    if old is None or new is None:
+        yield f"Binary files a/{path} and b/{path} differ\n"
+        return
+    before = "/dev/null" if decision.before is None else f"a/{path}"
+    for line in difflib.unified_diff(old, new, before, f"b/{path}"):
+        yield line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n"
+
+
+def _lines(content: bytes) -> list[str] | None:
+    try:
+        text = content.decode()
+    except UnicodeDecodeError:
+        return None
+    return list(StringIO(text, newline="\n"))  # `splitlines` cuts at form feeds too
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,22 +1,84 @@
-"""A whole config made of nodes that stand in a workspace, wired to one another.
+"""Write a whole config for the nodes of a workspace and its robot model.
 
-In: what the code of nodes registers, and the sensors of a model. Out: YAML text. Never touches the
-disk.
+Pure: what is known of nodes and of the model in; YAML text out. MuJoCo does not run.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from xml.etree import ElementTree
 
 from obelisk_spec.messages import resolve_msg_type
 from obelisk_spec.sensors import SENSOR_GROUPS
 from obk_cli.config.model import COMPONENT_LISTS, ComponentKind
 from obk_cli.config.node_facts import CodeComponent, NodeFacts
 from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
-from obk_cli.scaffold.model import Model, ModelSensor
 from obk_cli.scaffold.questions import MessageType
-from obk_cli.scaffold.snippet import sensor_topic
+from obk_cli.scaffold.variables import sensor_topic
 
-__all__ = ["Stack", "StackNode", "choose_nodes", "stack_text"]
+__all__ = [
+    "Model",
+    "ModelSensor",
+    "Stack",
+    "StackNode",
+    "choose_nodes",
+    "read_model_text",
+    "stack_text",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelSensor:
+    """A named sensor; `of` is the name of what it is attached to."""
+
+    name: str
+    type: str
+    of: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Model:
+    """A model; `path` is as the config writes it."""
+
+    path: str
+    sensors: tuple[ModelSensor, ...] = ()
+    keyframes: tuple[str, ...] = ()
+    actuators: int = 0
+
+    def sensors_of(self, types: Collection[str], *, joints: bool) -> tuple[ModelSensor, ...]:
+        """Those of these types: of all joints, else one a type of the object that has most."""
+        fitting = [sensor for sensor in self.sensors if sensor.type in types]
+        if joints:
+            return tuple(fitting)
+        by_object: dict[str, dict[str, ModelSensor]] = {}
+        for sensor in fitting:
+            by_object.setdefault(sensor.of, {}).setdefault(sensor.type, sensor)
+        return tuple(max(by_object.values(), key=len, default={}).values())
+
+
+def read_model_text(text: str, path: str) -> Model | None:
+    """The model, None where the text is none."""
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError):
+        return None
+    if root.tag != "mujoco":
+        return None
+    sensors = (
+        ModelSensor(
+            name=element.get("name", ""),
+            type=element.tag,
+            of=element.get("site") or element.get("joint") or element.get("objname") or "",
+        )
+        for element in root.iterfind("sensor/*")
+    )
+    keys = (element.get("name", "") for element in root.iterfind("keyframe/key"))
+    return Model(
+        path=path,
+        sensors=tuple(sensor for sensor in sensors if sensor.name),
+        keyframes=tuple(key for key in keys if key),
+        actuators=len(root.findall("actuator/*")),
+    )
+
 
 _MARKS = {
     "controller": "timer_ctrl_setting",

@@ -1,20 +1,102 @@
-"""Files to disk, all of them or none.
+"""Decide what happens to each file, then write all of them or none.
 
-In: a package's folder and the decisions. Out: the folder as decided. A new package appears in one
-rename; in a package that is there every change is undone if one fails. Never follows a symbolic
-link out of the folder, and never decides anything.
+A new package appears in one rename; in an existing one every change is undone if one fails. No
+symbolic link is followed out of the folder.
 """
 
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path, PurePosixPath
 
-from obk_cli.scaffold.decide import Action, Decision, Existing
-from obk_cli.scaffold.render import RenderedFile
+from obk_cli.scaffold.templates import RenderedFile
 
-__all__ = ["read_existing", "write_decisions"]
+__all__ = [
+    "Action",
+    "Decision",
+    "Existing",
+    "conflicts",
+    "decide",
+    "read_existing",
+    "write_decisions",
+]
+
+
+class Action(StrEnum):
+    """What happens to a file."""
+
+    CREATE = "create"
+    IDENTICAL = "identical"
+    EDIT = "edit"
+    REPLACE = "replace"
+    KEEP = "keep"
+    CONFLICT = "conflict"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Existing:
+    """What stands where a file is to go.
+
+    `content` is None where it is no ordinary file inside the package: a folder, or a path that
+    a symbolic link leads elsewhere. `reason` says which; such a place is never written.
+    """
+
+    content: bytes | None
+    reason: str = "it is there with other content"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """A file and what happens to it; `reason` is set for a conflict."""
+
+    file: RenderedFile
+    action: Action
+    reason: str = ""
+    before: bytes | None = None
+    """What the file holds now, where there is one."""
+
+
+def decide(
+    files: Iterable[RenderedFile],
+    existing: Mapping[PurePosixPath, Existing],
+    *,
+    edits: Iterable[RenderedFile] = (),
+    force: bool = False,
+) -> tuple[Decision, ...]:
+    """One decision a file, in the order given; `edits` are new versions of existing files."""
+    return (
+        *(_decide_new(file, existing.get(file.path), force=force) for file in files),
+        *(_decide_edit(file, existing.get(file.path)) for file in edits),
+    )
+
+
+def conflicts(decisions: Iterable[Decision]) -> tuple[Decision, ...]:
+    """The decisions that stop the whole."""
+    return tuple(decision for decision in decisions if decision.action is Action.CONFLICT)
+
+
+def _decide_new(file: RenderedFile, there: Existing | None, *, force: bool) -> Decision:
+    if there is None:
+        return Decision(file=file, action=Action.CREATE)
+    before = there.content
+    if before == file.content:
+        return Decision(file=file, action=Action.IDENTICAL, before=before)
+    if force and before is not None:
+        return Decision(file=file, action=Action.REPLACE, before=before)
+    return Decision(file=file, action=Action.CONFLICT, reason=there.reason, before=before)
+
+
+def _decide_edit(file: RenderedFile, there: Existing | None) -> Decision:
+    if there is None or there.content is None:
+        reason = there.reason if there else "it is gone"
+        return Decision(file=file, action=Action.CONFLICT, reason=reason)
+    same = there.content == file.content
+    action = Action.IDENTICAL if same else Action.EDIT
+    return Decision(file=file, action=action, before=there.content)
+
 
 _WRITTEN = frozenset({Action.CREATE, Action.REPLACE, Action.EDIT})
 

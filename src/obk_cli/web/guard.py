@@ -1,8 +1,10 @@
-"""Who may use the page: browsers of this host that were given its address, and nobody they visit.
+"""Decide whether a request may use the page: a trusted host, the page's own origin, the token.
 
-In: what a request says of itself. Out: why it is refused, or None. A foreign page in the same
-browser can send requests here, and can have its own name point here; so the name that was asked
-for, the page that asks and a token that only the terminal tells are looked at.
+Pure: a request's headers in, the reason to reject it or None out. Another page in the same browser
+can send requests here, and can have its own name resolve to this host (DNS rebinding). The checks
+are those of Jupyter Server.
+
+Source: https://jupyter-server.readthedocs.io/en/latest/operators/security.html
 """
 
 import secrets
@@ -12,9 +14,8 @@ from typing import Final
 
 from obelisk_spec.runtime_protocol import is_of_the_page, names_this_host
 
-__all__ = ["HEADERS", "Refusal", "Ticket", "WebRequest", "new_token", "refusal"]
+__all__ = ["HEADERS", "Refusal", "WebRequest", "new_token", "refusal"]
 
-ROOT: Final = 0
 HEADERS: Final = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
@@ -25,76 +26,48 @@ HEADERS: Final = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-"""Of every answer: nothing is run or fetched but what comes from here."""
+"""Of every response: the page runs and fetches only what this server sends."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WebRequest:
-    """What a request says of itself."""
+    """The parts of a request that decide whether it is accepted."""
 
     method: str
     host: str
-    """The header's text; empty without one."""
+    """The `Host` header; empty if it is missing."""
     origin: str | None
-    """The header's text: the page that asks, where the browser tells."""
+    """The `Origin` header: the page that sends the request, if the browser names it."""
     tokens: tuple[str, ...]
-    """As given by cookie, header or address."""
-    ticket: str = ""
-    """As given by the address."""
-    user: int | None = None
-    """Whose process has sent it, where there is a ticket; None: that is not told."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ticket:
-    """What stands in for the token in an address that obk opens itself.
-
-    A browser is started with it, and how programs are started all users of a host can read.
-    """
-
-    word: str
-    user: int
-    """Who may use it, beside root."""
+    """From the cookie, the `X-Obk-Token` header and the URL."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refusal:
-    """Why a request gets nothing."""
+    """Why a request is rejected."""
 
     status: int
-    """Of HTTP."""
+    """HTTP status code."""
     why: str
 
 
 def new_token() -> str:
-    """One that nobody guesses."""
+    """A random token of 192 bits."""
     return secrets.token_urlsafe(24)
 
 
-def refusal(request: WebRequest, token: str, ticket: Ticket | None = None) -> Refusal | None:
-    """Why a request is refused; None: it is not.
-
-    Args:
-        request: what it says.
-        token: that it has to know.
-        ticket: that does too; None: there is none.
-    """
+def refusal(request: WebRequest, token: str) -> Refusal | None:
+    """Why a request is rejected; None if it is accepted."""
     if not names_this_host(request.host):
         return Refusal(status=403, why="this page is for 127.0.0.1 and localhost only")
     changes = request.method not in ("GET", "HEAD")
     if (changes or request.origin) and not is_of_the_page(request.origin or "", request.host):
         return Refusal(status=403, why="only the page itself may ask this")
-    if not _is_any(request.tokens, token) and not _has_ticket(request, ticket):
+    if not _is_any(request.tokens, token):
         return Refusal(
             status=401, why="the token is missing or old: open the address that `obk web` printed"
         )
     return None
-
-
-def _has_ticket(request: WebRequest, ticket: Ticket | None) -> bool:
-    if ticket is None or request.user not in (ticket.user, ROOT):
-        return False
-    return _is_any((request.ticket,), ticket.word)
 
 
 def _is_any(given: Iterable[str], token: str) -> bool:

@@ -6,10 +6,10 @@ from obelisk_spec.settings import parse_component_setting, parse_mapping
 from obk_cli.config.model import Stack
 from obk_cli.config.reader import read_stack
 from obk_cli.config.yaml_parser import parse_source
+from obk_cli.configedit.migrate import migrate_source
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.emit.launch_file import emit_launch_file
 from obk_cli.emit.params import emit_params
-from obk_cli.migrate.rewrite import migrate_source
 from obk_cli.plan.lower import lower_stack
 from obk_cli.plan.plan import Plan
 

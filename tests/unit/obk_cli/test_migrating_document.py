@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from obk_cli.cli.main import main
+from obk_cli.configedit.migrate import migrate_source
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.migrate.rewrite import migrate_source
 
 ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "docs/how-to/migrating.md").read_text()

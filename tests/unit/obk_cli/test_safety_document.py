@@ -8,8 +8,8 @@ import pytest
 
 from obelisk_spec.components import STALE_ACTIONS
 from obk_cli.compiler import Options, Outcome, compile_source
+from obk_cli.configedit.migrate import migrate_source
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.migrate.rewrite import migrate_source
 from obk_cli.report.text import report_text
 from obk_cli.workspace.environment import MachineEnvironment
 

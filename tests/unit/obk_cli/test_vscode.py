@@ -1,17 +1,15 @@
-"""`obk schema --install-vscode`: the association is there, what was there stays."""
+"""`obk schema --install-vscode`: the schema is written, the settings stay as they are."""
 
-import json
 import os
 from pathlib import Path
 
 import pytest
 
 from obk_cli.cli.main import main
-from obk_cli.jsonc import read_jsonc
 
 ROOT = Path(__file__).parents[3]
 SCHEMA = ROOT / "schema/obelisk.schema.json"
-KEY = "./.vscode/obelisk.schema.json"
+LINE = "# yaml-language-server: $schema="
 
 
 @pytest.fixture
@@ -20,6 +18,7 @@ def folder(tmp_path: Path) -> Path:
     files = {
         "config/stack.yaml": f"config: s\ncontrol:\n  {node.replace(chr(10), chr(10) + '  ')}",
         "config/whole.yml": "config: s\ninclude: [stack.yaml]\n",
+        "config/deep/known.yaml": f"{LINE}anything\nconfig: s\ninclude: [a.yaml]\n",
         "config/rays.yaml": "site_name: a\n",
         "config/broken.yaml": "a: [",
         "build/stack.yaml": "config: s\ninclude: a\n",
@@ -27,7 +26,7 @@ def folder(tmp_path: Path) -> Path:
     }
     for name, text in files.items():
         path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
+        path.parent.mkdir(exist_ok=True, parents=True)
         path.write_text(text)
     return tmp_path
 
@@ -39,58 +38,30 @@ def install(capsys: pytest.CaptureFixture[str], folder: Path) -> tuple[object, s
     return ended.value.code, out.replace(str(folder), "DIR"), err.replace(str(folder), "DIR")
 
 
-def test_everything_that_the_editor_needs_is_written_once(
+def test_the_schema_is_written_and_the_line_for_each_config_printed(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    settings = folder / ".vscode/settings.json"
+    settings.parent.mkdir()
+    settings.write_text("{ // mine\n}\n")
     code, out, _ = install(capsys, folder)
     assert code == 0
-    assert out == (
-        "DIR/.vscode/obelisk.schema.json: written\n"
-        "DIR/.vscode/settings.json: written\n"
-        "DIR/.vscode/extensions.json: written\n"
-        "checked while you write: config/stack.yaml, config/whole.yml, *.obelisk.yaml\n"
-    )
-    home = folder / ".vscode"
-    assert (home / "obelisk.schema.json").read_bytes() == SCHEMA.read_bytes()
-    assert json.loads((home / "settings.json").read_text()) == {
-        "yaml.schemas": {KEY: ["config/stack.yaml", "config/whole.yml", "*.obelisk.yaml"]}
-    }
-    assert json.loads((home / "extensions.json").read_text()) == {
-        "recommendations": ["redhat.vscode-yaml"]
-    }
-    assert install(capsys, folder)[1].count("nothing to change") == 3
+    assert out.splitlines()[0] == "DIR/.vscode/obelisk.schema.json: written"
+    assert [line.strip() for line in out.splitlines() if LINE in line] == [
+        f"config/stack.yaml: {LINE}../.vscode/obelisk.schema.json",
+        f"config/whole.yml: {LINE}../.vscode/obelisk.schema.json",
+    ]
+    assert (folder / ".vscode/obelisk.schema.json").read_bytes() == SCHEMA.read_bytes()
+    assert settings.read_text() == "{ // mine\n}\n"
+    assert "obelisk.schema.json: nothing to change\n" in install(capsys, folder)[1]
 
 
-def test_settings_and_comments_that_are_there_stay(
-    folder: Path, capsys: pytest.CaptureFixture[str]
+def test_nothing_is_asked_for_once_every_config_has_its_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    settings = folder / ".vscode/settings.json"
-    settings.parent.mkdir()
-    settings.write_text(f'{{\n  // mine\n  "yaml.schemas": {{"{KEY}": "mine/*.yaml"}},\n}}\n')
-    assert install(capsys, folder)[0] == 0
-    text = settings.read_text()
-    assert "  // mine\n" in text
-    assert read_jsonc(text) == {
-        "yaml.schemas": {
-            KEY: ["mine/*.yaml", "config/stack.yaml", "config/whole.yml", "*.obelisk.yaml"]
-        }
-    }
-
-
-def test_settings_that_cannot_be_merged_are_left_and_the_addition_is_told(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    settings = folder / ".vscode/settings.json"
-    settings.parent.mkdir()
-    settings.write_text('{"yaml.schemas": 1}\n')
-    code, out, err = install(capsys, folder)
-    assert (code, out) == (1, "")
-    assert err == (
-        "error: `DIR/.vscode/settings.json` cannot be merged: `yaml.schemas` is no object\n"
-        '  help: add to it by hand: "yaml.schemas": {"./.vscode/obelisk.schema.json": '
-        '["config/stack.yaml", "config/whole.yml", "*.obelisk.yaml"]}\n'
-    )
-    assert [path.name for path in settings.parent.iterdir()] == ["settings.json"]
+    line = f"{LINE}.vscode/obelisk.schema.json\n"
+    (tmp_path / "a.yaml").write_text(f"{line}config: s\ninclude: [b.yaml]\n")
+    assert LINE not in install(capsys, tmp_path)[1]
 
 
 def test_a_folder_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -120,10 +91,11 @@ def test_a_pipe_and_a_file_without_an_end_are_no_configs(
     (folder / "endless.yaml").symlink_to("/dev/zero")
     code, out, _ = install(capsys, folder)
     assert code == 0
-    assert out.endswith("config/stack.yaml, config/whole.yml, *.obelisk.yaml\n")
+    assert "pipe.yaml" not in out
+    assert "endless.yaml" not in out
 
 
-@pytest.mark.parametrize("link", [".vscode", ".vscode/settings.json"])
+@pytest.mark.parametrize("link", [".vscode", ".vscode/obelisk.schema.json"])
 def test_a_link_that_leads_out_of_the_folder_is_not_followed(
     folder: Path,
     tmp_path_factory: pytest.TempPathFactory,
@@ -132,7 +104,7 @@ def test_a_link_that_leads_out_of_the_folder_is_not_followed(
 ) -> None:
     outside = tmp_path_factory.mktemp("outside")
     (folder / link).parent.mkdir(exist_ok=True)
-    (folder / link).symlink_to(outside / "settings.json" if "/" in link else outside)
+    (folder / link).symlink_to(outside / "schema.json" if "/" in link else outside)
     code, out, err = install(capsys, folder)
     assert (code, out) == (1, "")
     assert f"out of the folder, to {outside}" in err

@@ -9,9 +9,8 @@ import pytest
 from obk_cli.resources import resource_folder
 from obk_cli.scaffold.compose import compose_package, layers_of
 from obk_cli.scaffold.kinds import Kind
-from obk_cli.scaffold.library import Library
 from obk_cli.scaffold.questions import Answers, Question, check_answers
-from obk_cli.scaffold.render import RenderedFile, Template
+from obk_cli.scaffold.templates import Library, RenderedFile, Template
 
 
 def nobody(_name: str) -> str | None:

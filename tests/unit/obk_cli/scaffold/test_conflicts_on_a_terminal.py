@@ -12,8 +12,8 @@ from pathlib import Path, PurePosixPath
 import pytest
 
 from obk_cli.cli.ask_conflicts import settle_conflicts
-from obk_cli.scaffold.decide import Action, Decision
-from obk_cli.scaffold.render import RenderedFile
+from obk_cli.scaffold.templates import RenderedFile
+from obk_cli.scaffold.write import Action, Decision
 
 DEADLINE_S = 30.0
 QUESTION = b"[q]uit? "

@@ -14,7 +14,7 @@ import pytest
 
 from obk_cli.scaffold.cpp import cpp_header
 from obk_cli.scaffold.questions import MessageType
-from obk_cli.scaffold.render import RenderedFile
+from obk_cli.scaffold.templates import RenderedFile
 
 Package = Callable[..., dict[PurePosixPath, RenderedFile]]
 

@@ -5,8 +5,8 @@ import tomllib
 
 import pytest
 
-from obk_cli.scaffold.entry_points import PackageTexts, add_console_script
 from obk_cli.scaffold.names import Problem
+from obk_cli.scaffold.package_files import PackageTexts, add_console_script
 
 NEW = "new = foo.new:main"
 HEADER = "[options.entry_points]\n"

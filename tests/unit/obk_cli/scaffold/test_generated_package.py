@@ -8,10 +8,9 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
-from obk_cli.scaffold.decide import decide
 from obk_cli.scaffold.names import LONGEST_NAME
-from obk_cli.scaffold.render import RenderedFile
-from obk_cli.scaffold.write import write_decisions
+from obk_cli.scaffold.templates import RenderedFile
+from obk_cli.scaffold.write import decide, write_decisions
 
 Package = Callable[..., dict[PurePosixPath, RenderedFile]]
 

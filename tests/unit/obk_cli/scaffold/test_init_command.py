@@ -12,11 +12,8 @@ import pytest
 import typer
 
 from obk_cli.cli.init import command
-from obk_cli.cli.vscode import install_vscode
 from obk_cli.compiler import Options, compile_config
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.jsonc import read_jsonc
-from obk_cli.resources import resource_folder
 
 from .new_command import printed_by, refused_by
 
@@ -46,7 +43,7 @@ def test_a_workspace_has_all_that_a_stack_needs(here: Path, tree: Tree) -> None:
         ".github/workflows/check.yaml",
         ".gitignore",
         ".pre-commit-config.yaml",
-        ".vscode/settings.json",
+        ".vscode/obelisk.schema.json",
         "README.md",
         "model/my_robot.xml",
         "my_robot.yaml",
@@ -82,13 +79,6 @@ def test_the_config_names_the_schema_that_is_there(here: Path) -> None:
     marker, _, schema = first.partition("$schema=")
     assert marker == "# yaml-language-server: "
     assert (here / "my_robot" / schema).is_file()
-
-
-def test_the_editor_is_set_up_as_the_schema_command_would(here: Path) -> None:
-    obk_init("my_robot")
-    schema = (resource_folder("schema") / "obelisk.schema.json").read_text()
-    said = list(install_vscode(here / "my_robot", schema))
-    assert [line for line in said if line.endswith("written")] == []
 
 
 @pytest.mark.mujoco
@@ -133,16 +123,14 @@ def test_files_that_are_not_in_the_way_stay(here: Path) -> None:
     assert (here / "my_robot/.git/HEAD").read_text() == "ref"
 
 
-def test_the_editors_settings_that_are_there_are_kept(here: Path) -> None:
-    (here / "my_robot/.vscode").mkdir(parents=True)
-    settings = here / "my_robot/.vscode/settings.json"
-    settings.write_text('{\n  // mine\n  "editor.rulers": [100]\n}\n')
-    assert "  edit      .vscode/settings.json\n" in obk_init("my_robot")
-    assert "// mine" in settings.read_text()
-    value = read_jsonc(settings.read_text())
-    assert isinstance(value, dict)
-    assert value["editor.rulers"] == [100]
-    assert "my_robot.yaml" in value["yaml.schemas"]["./.vscode/obelisk.schema.json"]
+def test_the_editors_settings_stay_and_an_old_schema_is_replaced(here: Path) -> None:
+    folder = here / "my_robot/.vscode"
+    folder.mkdir(parents=True)
+    (folder / "settings.json").write_text("// mine\n{}\n")
+    (folder / "obelisk.schema.json").write_text("{}")
+    assert "  edit      .vscode/obelisk.schema.json\n" in obk_init("my_robot")
+    assert (folder / "settings.json").read_text() == "// mine\n{}\n"
+    assert "properties" in json.loads((folder / "obelisk.schema.json").read_text())
 
 
 def test_a_dry_run_shows_the_files_and_makes_none(here: Path, tree: Tree) -> None:
@@ -156,17 +144,6 @@ def test_the_result_as_json() -> None:
     result = json.loads(obk_init("my_robot", "--format", "json"))
     assert (result["stack"], result["folder"]) == ("my_robot", "my_robot")
     assert {"path": "my_robot.yaml", "action": "create"} in result["files"]
-
-
-def test_the_files_are_told_in_the_same_order_each_time() -> None:
-    told = json.loads(obk_init("my_robot", "--format", "json", "--dry-run"))
-    editor = [file["path"] for file in told["files"] if file["path"].startswith(".vscode/")]
-    assert editor == [
-        ".vscode/obelisk.schema.json",
-        ".vscode/settings.json",
-        ".vscode/extensions.json",
-    ]
-    assert told["diff"].index(editor[0]) < told["diff"].index(editor[1])
 
 
 @pytest.mark.parametrize("name", ["My-Robot", "2fast", "class", "x" * 30, "with space"])

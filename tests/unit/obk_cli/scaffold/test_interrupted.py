@@ -10,9 +10,8 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
-from obk_cli.scaffold.decide import Action, Decision, decide
-from obk_cli.scaffold.render import RenderedFile
-from obk_cli.scaffold.write import read_existing, write_decisions
+from obk_cli.scaffold.templates import RenderedFile
+from obk_cli.scaffold.write import Action, Decision, decide, read_existing, write_decisions
 
 Tree = Callable[[Path], dict[str, bytes]]
 

@@ -1,4 +1,4 @@
-from obk_cli.scaffold.package_xml import PackageIdentity, add_dependencies, read_identity
+from obk_cli.scaffold.package_files import PackageIdentity, add_dependencies, read_identity
 
 MANIFEST = """<?xml version="1.0" encoding="utf-8"?>
 <package format="3">

@@ -2,7 +2,7 @@ from collections.abc import Callable
 
 import pytest
 
-from obk_cli.scaffold.fields import has_header
+from obk_cli.scaffold.message_code import has_header
 from obk_cli.scaffold.questions import Answers, MessageType, Question, check_answers
 
 

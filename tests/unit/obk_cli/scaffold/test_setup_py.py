@@ -5,8 +5,8 @@ from pathlib import PurePosixPath
 import pytest
 
 from obk_cli.scaffold.names import Problem
-from obk_cli.scaffold.render import RenderedFile
-from obk_cli.scaffold.setup_py import add_entry_point
+from obk_cli.scaffold.package_files import add_entry_point
+from obk_cli.scaffold.templates import RenderedFile
 
 NEW = "new = foo.new:main"
 

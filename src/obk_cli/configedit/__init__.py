@@ -1,0 +1,1 @@
+"""Edits of a config's text: fix findings, migrate the spelling, add a node."""

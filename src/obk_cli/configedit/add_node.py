@@ -1,0 +1,255 @@
+"""Add a node to a config: wire it, edit the text, and verify the result by compiling again.
+
+A config's source, a new node and the compiler's options in; the new text and the wiring out, or why
+not. Writes no file. The new text says what it said before and the new node, and has no new error.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from obelisk_spec.suggestions import did_you_mean, list_names
+from obk_cli.compiler import Options, Outcome, compile_source
+from obk_cli.config.model import ONE_DEVICE, Node, Stack
+from obk_cli.config.tree import TreeMap
+from obk_cli.config.yaml_parser import parse_source
+from obk_cli.configedit.auto_wiring import Wired, wire_node
+from obk_cli.configedit.block_editor import (
+    Place,
+    index_of,
+    insert_node,
+    named_as,
+    place_of,
+    replace_node,
+    snippet_of,
+)
+from obk_cli.configedit.new_node import NewNode, Rejected
+from obk_cli.configedit.planned_environment import PlannedEnvironment
+from obk_cli.configedit.report import AddedNode, moved, notes_of
+from obk_cli.configedit.shape import devices_of
+from obk_cli.configedit.verify import content_of, expected_content, new_errors
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.edits import Edit, apply_edits
+from obk_cli.diagnostics.source import SourceFile
+from obk_cli.workspace.environment import MachineEnvironment
+
+__all__ = ["add_node", "find_replaced"]
+
+
+def add_node(
+    source: SourceFile,
+    new_node: NewNode,
+    options: Options,
+    *,
+    device: str | None = None,
+    replaces: str | None = None,
+) -> AddedNode | Rejected:
+    """Put a node into the text of a config.
+
+    `device` chooses among several; `replaces` names a node of the section that makes room. The
+    node's package need not be there yet.
+    """
+    options = _with_planned(source, new_node, options)
+    before = compile_source(source, options)
+    faults = tuple(_unreadable(before))
+    tree = parse_source(source).tree
+    if faults or before.config is None or not isinstance(tree, TreeMap):
+        return Rejected(
+            sentence=f"`{source.path}` cannot be read as a config, so no node is added",
+            help="fix the findings above, then add the node",
+            findings=faults or before.diagnostics,
+        )
+    return _Addition(source, tree, new_node, before, before.config, options).run(device, replaces)
+
+
+class _Addition:
+    def __init__(
+        self,
+        source: SourceFile,
+        tree: TreeMap,
+        new_node: NewNode,
+        before: Outcome,
+        stack: Stack,
+        options: Options,
+    ) -> None:
+        self._source = source
+        self._tree = tree
+        self._node = new_node
+        self._before = before
+        self._stack = stack
+        self._options = options
+
+    def run(self, device: str | None, replaces: str | None) -> AddedNode | Rejected:
+        section = self._node.section
+        old = find_replaced(self._stack, section, replaces) if replaces else None
+        if isinstance(old, Rejected):
+            return old
+        if (duplicate := _find_duplicate(self._stack, self._node, old)) is not None:
+            return duplicate
+        requested = device or (old.device if old else None)
+        chosen = _choose_device(self._tree, self._stack, requested)
+        if isinstance(chosen, Rejected):
+            return chosen
+        if old is not None and chosen != old.device:
+            return Rejected(
+                sentence=f"`{old.full_name}` runs on `{old.device}`, not on `{chosen}`",
+                help="the new node takes its place: leave the device out",
+            )
+        wired = wire_node(self._node, self._stack, old)
+        if isinstance(wired, Rejected):
+            return wired
+        place = place_of(self._tree, self._stack, section, chosen)
+        entry = named_as(place.style, wired.entry)
+        result = self._edit(place, entry, wired, old)
+        if isinstance(result, Rejected) and not result.findings:
+            return replace(result, snippet=snippet_of(place, entry))
+        return result
+
+    def _edit(
+        self, place: Place, entry: Mapping[str, object], wired: Wired, old: Node | None
+    ) -> AddedNode | Rejected:
+        index = index_of(place, old) if old else None
+        if isinstance(index, Rejected):
+            return index
+        edits = insert_node(place, entry) if index is None else replace_node(place, index, entry)
+        if isinstance(edits, Rejected):
+            return edits
+        return self._verify(edits, place, entry, index, wired, old)
+
+    def _verify(
+        self,
+        edits: tuple[Edit, ...],
+        place: Place,
+        entry: Mapping[str, object],
+        index: int | None,
+        wired: Wired,
+        old: Node | None,
+    ) -> AddedNode | Rejected:
+        try:
+            text = apply_edits(self._source, edits)
+        except ValueError:
+            text = ""
+        source = SourceFile.of(self._source.path, text)
+        tree = parse_source(source).tree
+        is_same = tree is not None and content_of(tree, place) == expected_content(
+            self._tree, place, entry, index
+        )
+        if not is_same:
+            return self._tied(place)
+        after = compile_source(source, self._options)
+        errors = new_errors(self._before.diagnostics, after.diagnostics)
+        if errors:
+            return Rejected(
+                sentence=f"with the new node `{self._source.path}` would have errors that it "
+                "does not have now",
+                help="see the errors above; choose other message types, or fix the config first",
+                findings=errors,
+            )
+        node = self._newest(after.config, old)
+        if node is None:
+            return self._tied(place)
+        assert after.config is not None  # it has the node
+        return AddedNode(
+            source=self._source,
+            text=text,
+            node_name=node.full_name,
+            links=tuple(moved(link, source, edits) for link in wired.links),
+            ticks=wired.ticks,
+            notes=notes_of(place, edits, self._stack, after.config, node, old),
+            before=self._before.diagnostics,
+        )
+
+    def _newest(self, after: Stack | None, old: Node | None) -> Node | None:
+        """The new node, if it is all that the stack has more than before."""
+        more = 0 if old else 1
+        if after is None or len(after.nodes) != len(self._stack.nodes) + more:
+            return None
+        new = (self._node.pkg, self._node.executable)
+        nodes = [
+            node
+            for node in after.section(self._node.section)
+            if node.pkg and node.executable and (node.pkg.value, node.executable.value) == new
+        ]
+        return nodes[0] if len(nodes) == 1 else None
+
+    def _tied(self, place: Place) -> Rejected:
+        where = place.entry.key_span if place.entry else self._tree.span
+        return Rejected(
+            sentence=f"the text of section `{place.section}` ({where}) is tied to other places by "
+            "anchors, an include or its layout",
+            help="write the section as a block list in the config itself, one key on each line, "
+            "then add the node, or paste it there yourself",
+        )
+
+
+def _with_planned(source: SourceFile, new_node: NewNode, options: Options) -> Options:
+    there = options.environment
+    if there is None:
+        folder = (options.working_folder / Path(source.path)).resolve().parent
+        there = MachineEnvironment(folder, options.working_folder, options.variables)
+    foreseen = PlannedEnvironment(there, new_node.pkg, new_node.executable)
+    return replace(options, environment=foreseen)
+
+
+def _unreadable(outcome: Outcome) -> Iterator[Diagnostic]:
+    """The faults after which it is not known what the config holds."""
+    for finding in outcome.diagnostics:
+        is_lost = finding.code.startswith("OBK0") or finding.code in ("OBK112", "OBK114")
+        if finding.severity == "error" and is_lost:
+            yield finding
+
+
+def find_replaced(stack: Stack, section: str, name: str) -> Node | Rejected:
+    """The node of a section by its name, in full or not, or by its executable."""
+    nodes = list(stack.section(section))
+    exact = [node for node in nodes if name in _names(node)] or [
+        node for node in nodes if node.executable and name == node.executable.value
+    ]
+    if len(exact) == 1:
+        return exact[0]
+    if exact:
+        return Rejected(
+            sentence=f"`{name}` is {len(exact)} nodes of `{section}`",
+            help=f"say which: {list_names(node.node_name for node in exact)}",
+        )
+    names = [node.node_name for node in nodes]
+    return Rejected(
+        sentence=f"section `{section}` has no node `{name}` to replace",
+        help=did_you_mean(name, names) or "it has no node at all: add one",
+    )
+
+
+def _choose_device(tree: TreeMap, stack: Stack, wanted: str | None) -> str | Rejected:
+    """The device that is wanted, or the only one."""
+    here = (entry.key for entry in devices_of(tree))
+    known = list(dict.fromkeys((*here, *(node.device for node in stack.nodes)))) or [ONE_DEVICE]
+    if wanted in known:
+        return wanted
+    if wanted is not None:
+        help = did_you_mean(wanted, known) or ""
+        return Rejected(sentence=f"the config has no device `{wanted}`", help=help)
+    if len(known) > 1:
+        return Rejected(
+            sentence=f"the config has {len(known)} devices, and the new node runs on one",
+            help=f"say which: {list_names(known)}",
+        )
+    return known[0]
+
+
+def _find_duplicate(stack: Stack, new_node: NewNode, old: Node | None) -> Rejected | None:
+    """The refusal of a node that is in the config already, unless it is the one that goes."""
+    for node in stack.section(new_node.section):
+        if node is old or node.pkg is None or node.executable is None:
+            continue
+        if (node.pkg.value, node.executable.value) == (new_node.pkg, new_node.executable):
+            return Rejected(
+                sentence=f"`{new_node.executable}` of package `{new_node.pkg}` is in the config "
+                f"already, as `{node.full_name}` ({node.span})",
+                help="leave it as it is, or choose another name for the new node",
+            )
+    return None
+
+
+def _names(node: Node) -> tuple[str, ...]:
+    own = (node.name.value,) if node.name else ()
+    return (node.full_name, node.node_name, *own)

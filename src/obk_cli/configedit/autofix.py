@@ -1,0 +1,179 @@
+"""Apply the safe fixes of a config's findings to its texts, and verify by compiling again.
+
+A config's path and the compiler's options in; new texts of its files out, and what was done.
+Writes no file. A fix stays only if the config has no more errors with it and, if it is one of
+style, the same plan.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from obk_cli.compiler import Options, Outcome, compile_config
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.edits import Edit, apply_edits, touched_lines
+from obk_cli.diagnostics.source import SourceFile
+from obk_cli.plan.lower import lower_stack
+from obk_cli.plan.plan import Origin, Plan
+
+__all__ = ["Fixed", "fix_config"]
+
+_OF_READING = ("OBK0", "OBK1")
+_MOST_ROUNDS = 20
+"""A cure may uncover a fault that has a cure of its own; so many times that is followed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fixed:
+    """What became of a config."""
+
+    before: Outcome
+    after: Outcome
+    done: tuple[Diagnostic, ...] = ()
+    """The findings that were cured, each with its place in the text as it was just before."""
+    refused: tuple[Diagnostic, ...] = ()
+    """Those whose cure made things worse, and was taken back."""
+    outside: tuple[Diagnostic, ...] = ()
+    """Those in files that may not be edited."""
+    files: tuple[tuple[SourceFile, str], ...] = ()
+    """Every file that changes: as it was, and its new text."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _State:
+    """The texts so far, and what the compiler says of them."""
+
+    outcome: Outcome
+    texts: dict[Path, str] = field(default_factory=dict)
+
+
+def fix_config(path: str, options: Options, may_edit: Callable[[Path], bool]) -> Fixed:
+    """Cure what can be cured for certain, in files that may be edited."""
+    fixer = _Fixer(path, options, may_edit)
+    before = compile_config(path, options)
+    state = _State(outcome=before)
+    for _ in range(_MOST_ROUNDS):
+        following = fixer.round(state)
+        if following is None:
+            break
+        state = following
+    return Fixed(
+        before=before,
+        after=state.outcome,
+        done=tuple(fixer.done),
+        refused=tuple(fixer.refused),
+        outside=tuple(fixer.outside(state.outcome)),
+        files=tuple((fixer.originals[p], text) for p, text in state.texts.items()),
+    )
+
+
+class _Fixer:
+    """Keeps what was tried, so that nothing is tried twice."""
+
+    def __init__(self, path: str, options: Options, may_edit: Callable[[Path], bool]) -> None:
+        self.done: list[Diagnostic] = []
+        self.refused: list[Diagnostic] = []
+        self.originals: dict[Path, SourceFile] = {}
+        self._path = path
+        self._options = options
+        self._may_edit = may_edit
+
+    def round(self, state: _State) -> _State | None:
+        """One step: all cures at once if that holds, else the first that does; None at the end."""
+        chosen = self._choose(state.outcome)
+        if not chosen:
+            return None
+        together = self._attempt(state, chosen)
+        if together is not None:
+            self.done += chosen
+            return together
+        for finding in chosen:
+            alone = self._attempt(state, [finding])
+            if alone is not None:
+                self.done.append(finding)
+                return alone
+            self.refused.append(finding)
+        return state
+
+    def outside(self, outcome: Outcome) -> Iterator[Diagnostic]:
+        """Findings with a cure that lies in a file that may not be edited."""
+        return (f for f in outcome.diagnostics if f.fix and not self._is_editable(f))
+
+    def _choose(self, outcome: Outcome) -> list[Diagnostic]:
+        """Cures that do not touch each other; what is only style waits for the rest."""
+        refused = {(f.code, f.message) for f in self.refused}
+        able = [
+            f
+            for f in outcome.diagnostics
+            if f.fix and (f.code, f.message) not in refused and self._is_editable(f)
+        ]
+        serious = [finding for finding in able if finding.severity != "info"]
+        if not serious and _meaning(outcome) is None:
+            return []
+        chosen: list[Diagnostic] = []
+        taken: set[tuple[Path, int]] = set()
+        for finding in serious or able:
+            lines = {(self._real(path), line) for path, line in touched_lines(finding.fix)}
+            if taken.isdisjoint(lines):
+                chosen.append(finding)
+                taken |= lines
+        return chosen
+
+    def _is_editable(self, finding: Diagnostic) -> bool:
+        paths = {edit.span.path for edit in finding.fix}
+        return all(not path.startswith("<") and self._may_edit(self._real(path)) for path in paths)
+
+    def _real(self, path: str) -> Path:
+        return (self._options.working_folder / path).resolve()
+
+    def _attempt(self, state: _State, chosen: Sequence[Diagnostic]) -> _State | None:
+        """The texts with these cures, None if they are worse than before."""
+        edits = dict.fromkeys(edit for finding in chosen for edit in finding.fix)
+        texts = dict(state.texts)
+        by_file: dict[Path, list[Edit]] = {}  # one may be included by several paths
+        for edit in edits:
+            by_file.setdefault(self._real(edit.span.path), []).append(edit)
+        for real, of_file in by_file.items():
+            source = of_file[0].span.source
+            self.originals.setdefault(real, source)
+            texts[real] = apply_edits(source, of_file)
+        outcome = compile_config(self._path, replace(self._options, read=self._reader(texts)))
+        is_style = all(finding.severity == "info" for finding in chosen)
+        is_other = is_style and _meaning(state.outcome) != _meaning(outcome)
+        if _errors(outcome) > _errors(state.outcome) or is_other:
+            return None
+        return _State(outcome=outcome, texts=texts)
+
+    def _reader(self, texts: dict[Path, str]) -> Callable[[str], bytes | str]:
+        def read(path: str) -> bytes | str:
+            text = texts.get(self._real(path))
+            return self._options.read(path) if text is None else text.encode("utf-8")
+
+        return read
+
+
+def _errors(outcome: Outcome) -> int:
+    return sum(finding.severity == "error" for finding in outcome.diagnostics)
+
+
+def _meaning(outcome: Outcome) -> Plan | None:
+    """The config's plan without its places; None if the config cannot be read as a whole."""
+    is_read = not any(
+        finding.severity == "error" and finding.code.startswith(_OF_READING)
+        for finding in outcome.diagnostics
+    )
+    if outcome.config is None or not is_read:
+        return None
+    plan = lower_stack(outcome.config)
+    nowhere = Origin(path="", line=0, column=0)
+    return replace(
+        plan,
+        processes=tuple(
+            replace(
+                process,
+                origin=nowhere,
+                promises=tuple(replace(promise, origin=nowhere) for promise in process.promises),
+            )
+            for process in plan.processes
+        ),
+    )

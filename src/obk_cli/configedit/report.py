@@ -1,0 +1,163 @@
+"""What adding a node did to a config: the result, as lines of text and as plain values.
+
+Pure: edits and the stack before and after in; sentences and values out.
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+from obk_cli.config.model import Node, Stack
+from obk_cli.config.tree import TreeMap
+from obk_cli.configedit.auto_wiring import Link, Tick
+from obk_cli.configedit.block_editor import Place
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.edits import Edit, Offsets
+from obk_cli.diagnostics.source import SourceFile, Span
+
+__all__ = ["AddedNode", "added_lines", "added_values", "moved", "notes_of"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AddedNode:
+    """A config with a node more, or with one in the place of another."""
+
+    source: SourceFile
+    """The text as it was."""
+    text: str
+    node_name: str
+    """The node's full name in the ROS graph."""
+    links: tuple[Link, ...]
+    ticks: tuple[Tick, ...]
+    notes: tuple[str, ...]
+    """What else has changed, or should be known, as sentences."""
+    before: tuple[Diagnostic, ...]
+    """The findings of the config as it was."""
+
+
+def added_lines(added: AddedNode, *, is_done: bool = True) -> tuple[str, ...]:
+    """The node, a line for each of its ends and timers, and what else there is to know."""
+    verb = "added to" if is_done else "would be added to"
+    width = max((len(name) for name in _names(added)), default=0)
+    lines = [f"`{added.node_name}` {verb} {added.source.path}:"]
+    for link in added.links:
+        arrow = "->" if link.end.direction == "publishes" else "<-"
+        end = f"{link.written} ({link.end.spelling}){_peers(link)}"
+        lines.append(f"  {link.end.component:<{width}} {arrow} {end}")
+        lines += [f"  {'':<{width}}    {note}" for note in _link_notes(link)]
+    for tick in added.ticks:
+        period = f"every {tick.period_s:g} s, {tick.origin}"
+        lines.append(f"  {tick.component:<{width}} {period}")
+    return (*lines, *(f"note: {note}" for note in added.notes))
+
+
+def added_values(added: AddedNode) -> dict[str, object]:
+    """The same for programs."""
+    return {
+        "config": added.source.path,
+        "node": added.node_name,
+        "links": [
+            {
+                "component": link.end.component,
+                "direction": link.end.direction,
+                "topic": link.topic,
+                "msg_type": link.end.msg_type,
+                "with": list(link.peers),
+                "notes": list(_link_notes(link)),
+            }
+            for link in added.links
+        ],
+        "timers": [
+            {"component": tick.component, "period_s": tick.period_s, "from": tick.origin}
+            for tick in added.ticks
+        ],
+        "notes": list(added.notes),
+    }
+
+
+def _names(added: AddedNode) -> Iterator[str]:
+    yield from (link.end.component for link in added.links)
+    yield from (tick.component for tick in added.ticks)
+
+
+def _peers(link: Link) -> str:
+    if not link.peers:
+        return ""
+    verb = "to" if link.end.direction == "publishes" else "from"
+    return f" {verb} {', '.join(f'`{peer}`' for peer in link.peers)}"
+
+
+def _link_notes(link: Link) -> Iterator[str]:
+    yield from link.notes
+    if link.switch is not None:
+        yield (
+            f"to switch over write it at {link.switch.place}, where `{link.switch.reader}` "
+            f"listens, or let the new node replace `{link.switch.writer}`"
+        )
+
+
+def notes_of(
+    place: Place,
+    edits: Iterable[Edit],
+    before: Stack,
+    after: Stack,
+    node: Node,
+    old: Node | None,
+) -> tuple[str, ...]:
+    """The sentences about `node`, which `after` has and `before` has not."""
+    return tuple(_notes(place, edits, before, after, node, old))
+
+
+def moved(link: Link, source: SourceFile, edits: Iterable[Edit]) -> Link:
+    """The link, the place to switch over as it is in the new text."""
+    if link.switch is None or link.switch.place.path != source.path:
+        return link
+    old = link.switch.place
+    shift = sum(
+        len(SourceFile.of("", edit.text).lines) - 1 - (edit.span.end_line - edit.span.line)
+        for edit in edits
+        if edit.span.end_line <= old.line
+    )
+    place = Span.at(source, old.line + shift, old.column, old.end_column - old.column)
+    return replace(link, switch=replace(link.switch, place=place))
+
+
+def _notes(
+    place: Place,
+    edits: Iterable[Edit],
+    before: Stack,
+    after: Stack,
+    node: Node,
+    old: Node | None,
+) -> Iterator[str]:
+    source = place.tree.span.source
+    if old is not None:
+        yield f"it replaces `{old.full_name}`{_comments_within(source, edits)}"
+    section = place.section
+    others = {n.span.path: n for n in before.section(section) if n.span.path != source.path}
+    for path, other in others.items():
+        yield (
+            f"`{section}` has nodes in {path} too (line {other.span.line}); the new one is "
+            f"added to {source.path}"
+        )
+    if place.entry is None and not others:
+        yield f"section `{section}` is new"
+    elif old is None and place.entry and isinstance(place.entry.value, TreeMap):
+        yield f"section `{section}` was one node and is a list now"
+    kept = [n for n in after.section(section) if n is not node]
+    for one, now in zip((n for n in before.section(section) if n is not old), kept, strict=True):
+        if one.full_name != now.full_name:
+            yield (
+                f"`{one.full_name}` on {one.device} is `{now.full_name}` now: nodes without a "
+                "`name` are counted"
+            )
+
+
+def _comments_within(source: SourceFile, edits: Iterable[Edit]) -> str:
+    """What is said of comments that go with the lines of a node."""
+    offsets = Offsets.of(source)
+    gone = (source.text[offsets.start(e.span) : offsets.end(e.span)] for e in edits)
+    count = sum(len(re.findall(r"(?:^|\s)#", text)) for text in gone)
+    if not count:
+        return ""
+    return f", whose lines had {count} comment{'s that are' if count > 1 else ' that is'} gone too"

@@ -1,0 +1,215 @@
+"""Code for message types: the fields that a new node fills, and sorted import lines.
+
+Pure: message types in; lines of Python out. Only messages whose fields this project defines are
+filled.
+"""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from obk_cli.scaffold.questions import MessageType
+
+__all__ = [
+    "LINE_LENGTH",
+    "Filling",
+    "control_filling",
+    "estimate_filling",
+    "has_header",
+    "import_block",
+    "import_line",
+    "is_position_control",
+    "message_imports",
+    "reading_filling",
+]
+
+_STAMP = "msg.header.stamp = self.get_clock().now().to_msg()"
+_STAMP_OF_SENSOR = "msg.header.stamp = self.sensor_msg.header.stamp"
+"""With it a sensor that falls silent is seen by the age of what is made of it."""
+_HEADER = re.compile(r"^\s*std_msgs/(?:msg/)?Header\s+header\b", re.MULTILINE)
+_WITHOUT_HEADER = frozenset({"obelisk_sensor_msgs/msg/ObkImage"})
+_WITH_HEADER_PACKAGES = ("obelisk_control_msgs", "obelisk_estimator_msgs", "obelisk_sensor_msgs")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Filling:
+    """Lines that fill a message called `msg`, and lines of the test that look at it.
+
+    `sample` are lines of the test that fill the sensor message called `reading`.
+    """
+
+    statements: tuple[str, ...]
+    assertions: tuple[str, ...] = ()
+    sample: tuple[str, ...] = ()
+
+    @property
+    def uses_math(self) -> bool:
+        """Whether the statements need `import math`."""
+        return any("math." in line for line in self.statements)
+
+
+_WITH_U_MUJOCO = frozenset(
+    {"obelisk_control_msgs/msg/PositionSetpoint", "obelisk_control_msgs/msg/PDFeedForward"}
+)
+_LONGEST_LIST = 6
+"""Controls that are written one by one; more are written as a product."""
+_VELOCITY = Filling(
+    statements=(
+        "msg.v_x = self.amplitude * math.sin(self.t)  # [m/s] your control law goes here",
+        "msg.v_y = 0.0  # [m/s]",
+        "msg.w_z = 0.0  # [rad/s]",
+    ),
+    assertions=("assert abs(msg.v_x) <= 1.0",),
+)
+_ESTIMATE = {
+    (
+        "obelisk_estimator_msgs/msg/EstimatedState",
+        "obelisk_sensor_msgs/msg/JointEncoders",
+    ): Filling(
+        statements=("msg.q_joints = self.sensor_msg.y",),
+        sample=("reading.y = [0.25, -0.5]",),
+        assertions=("assert list(msg.q_joints) == [0.25, -0.5]",),
+    ),
+    (
+        "obelisk_estimator_msgs/msg/EstimatedState",
+        "obelisk_sensor_msgs/msg/ObkJointEncoders",
+    ): Filling(
+        statements=(
+            "msg.joint_names = self.sensor_msg.joint_names",
+            "msg.q_joints = self.sensor_msg.joint_pos",
+            "msg.v_joints = self.sensor_msg.joint_vel",
+        ),
+        sample=("reading.joint_pos = [0.25]", "reading.joint_vel = [-0.5]"),
+        assertions=(
+            "assert list(msg.q_joints) == [0.25]",
+            "assert list(msg.v_joints) == [-0.5]",
+        ),
+    ),
+}
+
+
+def control_filling(ctrl: MessageType, controls: int = 1) -> Filling:
+    """How `compute_control` fills its message; `controls` are the model's actuators."""
+    if ctrl.full in _WITH_U_MUJOCO:
+        return _stamped(ctrl, _u_mujoco(controls))
+    is_velocity = ctrl.full == "obelisk_control_msgs/msg/VelocityCommand"
+    return _stamped(ctrl, _VELOCITY if is_velocity else None)
+
+
+def _u_mujoco(controls: int) -> Filling:
+    is_short = controls <= _LONGEST_LIST
+    values = f"[{', '.join(['u'] * controls)}]" if is_short else f"[u] * {controls}"
+    return Filling(
+        statements=(
+            "u = self.amplitude * math.sin(self.t)  # your control law goes here",
+            f"msg.u_mujoco = {values}",
+        ),
+        assertions=(
+            f"assert len(msg.u_mujoco) == {controls}",
+            "assert abs(msg.u_mujoco[0]) <= 1.0",
+        ),
+    )
+
+
+def estimate_filling(est: MessageType, sensor: MessageType) -> Filling:
+    """How `compute_state_estimate` fills its message from the newest sensor message."""
+    known = _ESTIMATE.get((est.full, sensor.full))
+    if not (has_header(est) and has_header(sensor)):
+        return _stamped(est, known)
+    filling = _stamped(est, known, _STAMP_OF_SENSOR)
+    return replace(
+        filling,
+        sample=("reading.header.stamp.sec = 3", *filling.sample),
+        assertions=("assert msg.header.stamp.sec == 3", *filling.assertions),
+    )
+
+
+def is_position_control(ctrl: MessageType) -> bool:
+    """Whether a control message has `u_mujoco`, which a robot without hardware can follow."""
+    return ctrl.full in _WITH_U_MUJOCO
+
+
+def reading_filling(sensor: MessageType, positions: str) -> Filling:
+    """How a robot or a sensor fills its message; `positions` is code for the joints' [rad or m]."""
+    fillings = {
+        "obelisk_sensor_msgs/msg/JointEncoders": Filling(statements=(f"msg.y = {positions}",)),
+        "obelisk_sensor_msgs/msg/ObkJointEncoders": Filling(
+            statements=(
+                f"msg.joint_pos = {positions}",
+                "msg.joint_vel = [0.0] * len(msg.joint_pos)",
+            ),
+            assertions=("assert len(msg.joint_pos) == len(msg.joint_vel)",),
+        ),
+        "obelisk_sensor_msgs/msg/ObkImu": Filling(
+            statements=(
+                "msg.orientation.w = 1.0",
+                "msg.linear_acceleration.z = 9.81  # [m/s^2] at rest",
+            ),
+            assertions=("assert msg.linear_acceleration.z > 0.0",),
+        ),
+        "obelisk_sensor_msgs/msg/ObkFramePose": Filling(
+            statements=('msg.frame_name = "base"', "msg.orientation.w = 1.0"),
+            assertions=("assert msg.orientation.w == 1.0",),
+        ),
+    }
+    return _stamped(sensor, fillings.get(sensor.full))
+
+
+def _stamped(message: MessageType, filling: Filling | None, stamp: str = _STAMP) -> Filling:
+    known = filling or Filling(statements=("# the other fields of msg are yours to fill",))
+    if not has_header(message):
+        return known
+    return Filling(
+        statements=(stamp, *known.statements),
+        assertions=known.assertions,
+        sample=known.sample,
+    )
+
+
+def has_header(message: MessageType) -> bool:
+    """Whether a message has a stamp: by its definition, else as far as its name tells."""
+    if message.definition is not None:
+        return _HEADER.search(message.definition) is not None
+    if message.package in _WITH_HEADER_PACKAGES:
+        return message.full not in _WITHOUT_HEADER
+    return message.package.endswith("_msgs") and message.name.endswith("Stamped")
+
+
+LINE_LENGTH = 100
+"""Longest line of generated code [characters]."""
+
+
+def message_imports(messages: Iterable[MessageType]) -> tuple[tuple[str, str], ...]:
+    """The (module, class) pairs of message types."""
+    return tuple((message.module, message.name) for message in messages)
+
+
+def import_block(names: Iterable[tuple[str, str]]) -> str:
+    """Sorted `from module import a, b` lines for (module, name) pairs; doubles are dropped."""
+    by_module: dict[str, set[str]] = {}
+    for module, name in names:
+        by_module.setdefault(module, set()).add(name)
+    return "\n".join(
+        import_line(module, by_module[module]) for module in sorted(by_module, key=_natural)
+    )
+
+
+def import_line(module: str, names: Iterable[str]) -> str:
+    """One `from module import ...`, in brackets where it would be too long for a line."""
+    ordered = sorted(names, key=_member_key)
+    line = f"from {module} import {', '.join(ordered)}"
+    if len(line) <= LINE_LENGTH:
+        return line
+    return "\n".join([f"from {module} import (", *(f"    {name}," for name in ordered), ")"])
+
+
+def _member_key(name: str) -> tuple[object, ...]:
+    """Constants, then classes, then the rest, as isort's `order-by-type` has it."""
+    rank = 0 if name.isupper() and len(name) > 1 else 1 if name[0].isupper() else 2
+    return (rank, *_natural(name))
+
+
+def _natural(name: str) -> tuple[object, ...]:
+    """A key under which `Int8` comes before `Int16`."""
+    parts = re.split(r"(\d+)", name)
+    return tuple(int(part) if part.isdigit() else part.lower() for part in parts)
