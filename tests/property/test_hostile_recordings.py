@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
+from obk_cli.cli.bag import bag_data, bag_text
 from obk_cli.errors import ObkError
+from obk_cli.introspect.message_text import json_line
 from obk_cli.record.mcap_reader import messages_of, read_bag
 from obk_cli.record.mcap_writer import BagWriter
 from obk_cli.record.plot import PlotField, parse_field
-from obk_cli.report.bag import bag_data, bag_text
-from obk_cli.report.messages import json_line
 
 from .hostile import FEW, SPOILT, assert_shows_only_text, damaged
 

@@ -15,8 +15,8 @@ from obk_cli.cli import lifecycle, logs, ps
 from obk_cli.errors import ObkError
 from obk_cli.monitor.expected_topics import planned_topics
 from obk_cli.process.identity import boot_id, this_process
-from obk_cli.record.run_metadata import run_metadata_of
-from obk_cli.runs.folder import RUN_FILE, Run, read_runs
+from obk_cli.record.recording import run_metadata_of
+from obk_cli.runs.folder import RUN_FILE, Run, read_runs, run_plan, run_topics
 from obk_cli.runs.protocol import (
     ChangeAnswer,
     Fault,
@@ -26,7 +26,6 @@ from obk_cli.runs.protocol import (
     encode_line,
 )
 from obk_cli.runs.registry import live_folders
-from obk_cli.runs.run_plan import run_plan, run_topics
 from obk_cli.runs.stacks import Stack
 from obk_cli.web.feed import live_picture
 from obk_cli.workspace.overlay import FOLDER, RECORD, overlay_prefixes, read_record

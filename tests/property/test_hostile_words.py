@@ -12,17 +12,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from obelisk_spec.runtime_protocol import Rate, parse_rate, rate_values
+from obk_cli.cli.build import report_problems
 from obk_cli.cli.commands import _complain
 from obk_cli.compiler import Options, compile_config, compile_source
 from obk_cli.diagnostics.source import SourceFile
+from obk_cli.introspect.message_text import csv_row, json_line, message_text
+from obk_cli.launch.event_lines import LaunchReport
 from obk_cli.launch.events import OutputEvent
+from obk_cli.launch.status import with_event
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.table import monitor_text
-from obk_cli.report.building import report_problems
-from obk_cli.report.github import report_github
-from obk_cli.report.launch import LaunchReport
-from obk_cli.report.launch_status import with_event
-from obk_cli.report.messages import csv_row, json_line, message_text
+from obk_cli.report.formats import report_github
 from obk_cli.report.text import report_text
 from obk_cli.runs.logs import last_lines, read_lines
 from obk_cli.runs.protocol import NodeStatus, StackStatus

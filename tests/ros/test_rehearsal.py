@@ -11,10 +11,9 @@ import psutil
 import pytest
 
 from obk_cli.cli.rehearse import OBK as OBK_MODULE
-from obk_cli.cli.rehearse import QUIETLY
+from obk_cli.cli.rehearse import QUIETLY, rehearsal_text
 from obk_cli.compiler import Options, compile_config
 from obk_cli.faultinject.expectations import FAULTS, Allowances, Fault, make_cases
-from obk_cli.faultinject.report import rehearsal_text
 from obk_cli.faultinject.runner import LaunchSettings, run_cases
 from obk_cli.faultinject.verdict import Verdict
 from obk_cli.launch.process_groups import Unit, units_of

@@ -196,7 +196,7 @@ def _is_interruption(error: BaseException | None) -> bool:
 
 
 def _complain(message: str, help: str | None) -> None:
-    from obk_cli.report.escapes import visible
+    from obk_cli.terminal import visible
 
     told = f"error: {message}\n  help: {help}" if help else f"error: {message}"
     print("\n".join(map(visible, told.split("\n"))), file=sys.stderr)

@@ -16,10 +16,10 @@ from obk_cli.cli.config_options import (
     IgnoreOption,
     SetOption,
     make_options,
+    sound_plan,
     wants_colour,
 )
-from obk_cli.cli.findings import sound_plan
-from obk_cli.cli.option_values import require_word
+from obk_cli.cli.options import require_word
 from obk_cli.cli.render_options import (
     FilmWords,
     RenderCameraOption,

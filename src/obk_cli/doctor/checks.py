@@ -7,7 +7,6 @@ from typing import Final, TypeVar
 from obk_cli.doctor.compiler import judge_compiler, probe_compiler
 from obk_cli.doctor.display import judge_display, probe_display
 from obk_cli.doctor.finding import Finding
-from obk_cli.doctor.folders import judge_folders, probe_folders
 from obk_cli.doctor.interfaces import judge_interfaces, probe_interfaces
 from obk_cli.doctor.memory import judge_shared_memory, probe_shared_memory
 from obk_cli.doctor.mujoco import judge_mujoco, probe_mujoco
@@ -17,7 +16,7 @@ from obk_cli.doctor.network import (
     probe_discovery,
     probe_multicast,
 )
-from obk_cli.doctor.paths import judge_paths, probe_paths
+from obk_cli.doctor.paths import judge_folders, judge_paths, probe_folders, probe_paths
 from obk_cli.doctor.python import judge_python, probe_python
 from obk_cli.doctor.ros import judge_rmw, judge_ros, probe_rmw, probe_ros
 from obk_cli.doctor.runner import Check

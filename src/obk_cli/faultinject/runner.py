@@ -13,8 +13,14 @@ from typing import Final
 from obk_cli.clock import wall_s
 from obk_cli.faultinject.expectations import Case
 from obk_cli.faultinject.launched_stack import LaunchedStack
-from obk_cli.faultinject.observation import Observation, TimedEvent
-from obk_cli.faultinject.verdict import Verdict, has_concluded, incompleteness, verdict_of
+from obk_cli.faultinject.verdict import (
+    Observation,
+    TimedEvent,
+    Verdict,
+    has_concluded,
+    incompleteness,
+    verdict_of,
+)
 from obk_cli.launch.events import AnswersAgain, Ended, Phase
 from obk_cli.process.signals import freeze, kill, thaw
 from obk_cli.runs.lifecycle import ACTIVE

@@ -11,8 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar, Union
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_model import RosGraph, TopicSeen
-from obk_cli.introspect.parameters import NodeParameter
 from obk_cli.introspect.protocol import (
     GraphKnown,
     GraphQuestion,
@@ -31,6 +29,8 @@ from obk_cli.introspect.protocol import (
 )
 from obk_cli.introspect.resolve import meant
 from obk_cli.introspect.target import GraphTarget
+from obk_cli.ros.graph_model import RosGraph, TopicSeen
+from obk_cli.ros.parameter_values import NodeParameter
 from obk_cli.runs.control_client import ANSWER_S, ask_graph
 from obk_cli.runs.protocol import Fault, encode
 

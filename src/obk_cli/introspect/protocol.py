@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal, TypeVar, cast
 import msgspec
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_model import RosGraph, TopicSeen
-from obk_cli.introspect.parameters import KINDS, NodeParameter
+from obk_cli.ros.graph_model import RosGraph, TopicSeen
+from obk_cli.ros.parameter_values import KINDS, NodeParameter
 from obk_cli.runs.protocol import decode
 
 __all__ = [

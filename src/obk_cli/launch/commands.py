@@ -17,7 +17,7 @@ from obk_cli.config.environment import Command, ExecutableMissing
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import STATE_MODE, write_text
-from obk_cli.launch.node_lines import CONSOLE_FORMAT
+from obk_cli.launch.console import CONSOLE_FORMAT
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import NodeCommand
 from obk_cli.plan.plan import Process

@@ -18,10 +18,9 @@ from obk_cli.launch.events import Ended, OutputEvent, OutputLine, ProcessEnded
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import NodeCommand, ProcessEvent, WardenProcesses
 from obk_cli.record.recorder_job import BEGUN, RecorderJob, job_to_json
-from obk_cli.record.recording import RECORDING
-from obk_cli.record.run_metadata import run_metadata_of
+from obk_cli.record.recording import RECORDING, run_metadata_of
 from obk_cli.record.topic_filter import RecordRequest
-from obk_cli.runs.run_plan import run_topics
+from obk_cli.runs.folder import run_topics
 
 __all__ = ["UNIT", "Recorder"]
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from queue import SimpleQueue
 from tempfile import TemporaryDirectory
 
-from obk_cli.adapters.leftovers import launch_marks
 from obk_cli.clock import monotonic_s
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.graph_service import GraphService
@@ -48,6 +47,7 @@ from obk_cli.plan.plan import Plan
 from obk_cli.process.shared_memory import remove_dead_segments
 from obk_cli.process.signals import end_signals_heard
 from obk_cli.ros.environment import RosEnvironment
+from obk_cli.runs.orphans import launch_marks
 from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = ["run_plan"]

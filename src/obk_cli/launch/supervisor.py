@@ -9,11 +9,11 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from typing import Final
 
-from obk_cli.launch.asks import ChangeAsked, StatusAsked
 from obk_cli.launch.event_loop import EventLoop, RunContext
 from obk_cli.launch.events import (
     Answered,
     AnswersAgain,
+    ChangeAsked,
     Ended,
     EventPublisher,
     Failed,
@@ -27,6 +27,7 @@ from obk_cli.launch.events import (
     Ready,
     StateAnswered,
     StateSeen,
+    StatusAsked,
     StopAsked,
     TransitionBegun,
     TransitionEnded,

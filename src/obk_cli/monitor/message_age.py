@@ -13,8 +13,8 @@ from collections.abc import Collection, Sequence
 from itertools import chain
 from typing import Final
 
-from obk_cli.introspect.latency import OTHER_CLOCK_NS
 from obk_cli.monitor.model import Passage
+from obk_cli.ros.latency import OTHER_CLOCK_NS
 
 __all__ = ["PassageMeter"]
 

@@ -10,14 +10,14 @@ from typing import Any, Final
 
 from obk_cli.clock import monotonic_s, wall_s
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_model import TopicSeen
-from obk_cli.introspect.latency import HEADER
-from obk_cli.introspect.rates import TopicRate
 from obk_cli.monitor.expected_topics import PlannedTopic
 from obk_cli.monitor.message_age import PassageMeter
 from obk_cli.monitor.model import TopicView
+from obk_cli.ros.graph_model import TopicSeen
+from obk_cli.ros.latency import HEADER
 from obk_cli.ros.participant import RosLook
 from obk_cli.ros.rate_meter import RosMeter, Watch
+from obk_cli.ros.rates import TopicRate
 from obk_cli.ros.types import fields_of, find_type, raw_type, short_type
 
 __all__ = ["RTF_TYPE", "WINDOW_S", "TopicWatch"]

@@ -6,7 +6,7 @@ Source: rcl_interfaces/srv.
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from obk_cli.introspect.parameters import KINDS, NOT_SET, NodeParameter
+from obk_cli.ros.parameter_values import KINDS, NOT_SET, NodeParameter
 from obk_cli.ros.participant import RosLook
 from obk_cli.ros.services import ServiceClient
 from obk_cli.ros.types import find_type

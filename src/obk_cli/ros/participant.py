@@ -13,11 +13,11 @@ from contextlib import contextmanager, suppress
 from typing import Any, Final, TypeVar
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_model import End, Role, RosGraph, TopicSeen
 from obk_cli.optional_deps import no_ros
 from obk_cli.process.shared_memory_check import require_shared_memory
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.ros.graph import full_name
+from obk_cli.ros.graph_model import End, Role, RosGraph, TopicSeen
 from obk_cli.ros.lazy_rosidl import leave_generator_for_later
 from obk_cli.ros.raw_subscription import RawTopic, offer_of
 

@@ -3,7 +3,7 @@
 import time
 from typing import Any, Final
 
-from obk_cli.introspect.graph_model import TopicSeen
+from obk_cli.ros.graph_model import TopicSeen
 from obk_cli.ros.participant import RosLook
 from obk_cli.ros.types import require_message
 

@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from obk_cli.introspect.rates import Meter, TopicRate
 from obk_cli.ros.participant import RosLook
+from obk_cli.ros.rates import Meter, TopicRate
 from obk_cli.ros.raw_subscription import RawTopic
 
 __all__ = ["RosMeter", "Watch"]

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_model import RosGraph, TopicSeen
 from obk_cli.introspect.graph_service import GraphService
 from obk_cli.introspect.graph_source import LauncherLook, ask_launcher
-from obk_cli.introspect.parameters import NodeParameter
 from obk_cli.launch.control_server import serve_control
+from obk_cli.ros.graph_model import RosGraph, TopicSeen
+from obk_cli.ros.parameter_values import NodeParameter
 
 WAIT_S = 20.0
 TYPES = {"/q": ("p/msg/M",)}

@@ -3,7 +3,10 @@
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_model import (
+from obk_cli.introspect.publishing import moved_by
+from obk_cli.introspect.resolve import meant, one_meant
+from obk_cli.plan.plan import Endpoint, Plan
+from obk_cli.ros.graph_model import (
     End,
     Role,
     RosGraph,
@@ -13,14 +16,11 @@ from obk_cli.introspect.graph_model import (
     special_services,
     visible,
 )
-from obk_cli.introspect.latency import stamp_of
-from obk_cli.introspect.publishing import moved_by
-from obk_cli.introspect.resolve import meant, one_meant
-from obk_cli.plan.plan import Endpoint, Plan
+from obk_cli.ros.latency import stamp_of
 from obk_cli.ros.raw_subscription import Offer
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
-from .definitions import Message, fields_of
+from ..ros.definitions import Message, fields_of  # noqa: TID252 - shared by folders of tests
 
 TOPICS = ("/a/est", "/b/est", "/a/ctrl", "/obelisk_robot_0/rtf")
 

@@ -5,8 +5,6 @@ import json
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_model import End, RosGraph, TopicSeen
-from obk_cli.introspect.parameters import NOT_SET, NodeParameter
 from obk_cli.introspect.protocol import (
     FailedReply,
     GraphKnown,
@@ -21,6 +19,8 @@ from obk_cli.introspect.protocol import (
     parameter_of,
     wire_parameter,
 )
+from obk_cli.ros.graph_model import End, RosGraph, TopicSeen
+from obk_cli.ros.parameter_values import NOT_SET, NodeParameter
 from obk_cli.ros.raw_subscription import Offer
 from obk_cli.runs.protocol import decode, encode
 
