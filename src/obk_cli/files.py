@@ -18,6 +18,7 @@ __all__ = [
     "is_planted",
     "is_within_planted",
     "read_bytes",
+    "resource_folder",
     "unwritable",
     "write_bytes",
     "write_text",
@@ -150,3 +151,18 @@ def _take_after(old: Path, new: Path) -> None:
     with suppress(PermissionError):  # only root gives files away, and has to
         os.chown(new, before.st_uid, before.st_gid)
     new.chmod(stat.S_IMODE(before.st_mode))
+
+
+def resource_folder(name: str) -> Path:
+    """The folder of that name ("schema", "templates") that belongs to this very code.
+
+    Raises:
+        FileNotFoundError: it is in neither place; the installation is broken.
+    """
+    package = Path(__file__).resolve().parent
+    places = (package / "data" / name, package.parents[1] / name)
+    found = next((place for place in places if place.is_dir()), None)
+    if found is None:
+        tried = ", ".join(str(place) for place in places)
+        raise FileNotFoundError(f"the tool's own folder `{name}` is missing; tried {tried}")
+    return found

@@ -26,7 +26,7 @@ from obk_cli.report.formats import report_github
 from obk_cli.report.text import report_text
 from obk_cli.runs.logs import last_lines, read_lines
 from obk_cli.runs.protocol import NodeStatus, StackStatus
-from obk_cli.scaffold.names import check_name, suggest_name
+from obk_cli.scaffold.kinds import check_name, suggest_name
 from obk_interfaces import PackageError, Prefixes, load_package
 from obk_interfaces.definition import check_package
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from hypothesis import given
 from hypothesis import strategies as st
 
-from obk_cli.config.merge import merge_trees
+from obk_cli.config.loader import merge_trees
 from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
 from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.source import SourceFile, Span

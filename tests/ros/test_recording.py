@@ -21,8 +21,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Int32
 
-from obk_cli.record.recorder_job import RecorderJob, job_to_json
-from obk_cli.record.topic_filter import RecordRequest
+from obk_cli.record.recorder_job import RecorderJob, RecordRequest, job_to_json
 
 from .stack import DEADLINE_S, DUMMY, EXAMPLE, OBK, eventually, launched, obk
 from .test_documents import commands

@@ -15,9 +15,8 @@ from obelisk_spec.suggestions import did_you_mean
 from obelisk_spec.wording import with_number
 from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.cli.options import FormatOption, wants_json
-from obk_cli.doctor.checks import checks_of
+from obk_cli.doctor.checks import Answer, Check, checks_of, examine
 from obk_cli.doctor.finding import SEVERITIES, Finding, Severity
-from obk_cli.doctor.runner import Answer, Check, examine
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 
 __all__ = ["doctor_json", "doctor_text"]

@@ -36,7 +36,7 @@ from obk_cli.scaffold.describe import (
     file_lines,
     unified_diff,
 )
-from obk_cli.scaffold.names import Problem
+from obk_cli.scaffold.kinds import Problem
 from obk_cli.scaffold.questions import Answers, Question, check_answers
 from obk_cli.scaffold.templates import Library
 from obk_cli.scaffold.write import (

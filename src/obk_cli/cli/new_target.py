@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from obk_cli.config.node_facts import NodeFacts
+from obk_cli.config.environment import NodeFacts
 from obk_cli.errors import CommandFailedError
 from obk_cli.scaffold.compose import Composition
 from obk_cli.scaffold.kinds import Kind

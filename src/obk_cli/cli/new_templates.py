@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.resources import resource_folder
+from obk_cli.files import resource_folder
 from obk_cli.scaffold.kinds import RECIPES, Recipe
 from obk_cli.scaffold.templates import Library, open_library
 

@@ -48,8 +48,7 @@ def list_(
     target = here(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
-    from obk_cli.introspect.graph_text import nodes_data, nodes_text
-    from obk_cli.introspect.nodes import known_nodes
+    from obk_cli.introspect.nodes import known_nodes, nodes_data, nodes_text
     from obk_cli.introspect.resolve import settle
 
     with open_graph(target) as look:
@@ -77,8 +76,7 @@ def info(
     target = here(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
-    from obk_cli.introspect.graph_text import node_data, node_text
-    from obk_cli.introspect.nodes import look_at_node
+    from obk_cli.introspect.nodes import look_at_node, node_data, node_text
     from obk_cli.introspect.resolve import find_node, settle
 
     with open_graph(target, node, asks_nodes=True) as look:

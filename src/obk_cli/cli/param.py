@@ -22,13 +22,7 @@ from obk_cli.cli.introspect_options import (
 from obk_cli.cli.options import FormatOption, wants_json
 from obk_cli.emit.params import emit_node_params, emit_value
 from obk_cli.errors import CommandFailedError
-from obk_cli.ros.parameter_values import (
-    NOT_SET,
-    NodeParameter,
-    fit_parameter,
-    parse_parameter,
-    refusal,
-)
+from obk_cli.ros.parameters import NOT_SET, NodeParameter, fit_parameter, parse_parameter, refusal
 from obk_cli.terminal import escaped, plain
 
 if TYPE_CHECKING:
@@ -65,7 +59,7 @@ def list_(
 
     from obk_cli.introspect.graph_source import open_graph, parameters_of
     from obk_cli.introspect.resolve import find_node, settle
-    from obk_cli.ros.graph_model import parameter_nodes
+    from obk_cli.ros.graph import parameter_nodes
 
     names: dict[str, tuple[str, ...]] = {}
     silent: list[str] = []

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from obk_cli.cli.options import FormatOption, wants_json
-from obk_cli.introspect.graph_text import status_text
+from obk_cli.introspect.nodes import status_text
 from obk_cli.process.identity import seconds_since
 from obk_cli.runs.folder import runs_folder
 from obk_cli.runs.orphans import Leftover, find_leftovers

@@ -29,8 +29,8 @@ from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.faultinject.expectations import FAULTS, Case, Fault, make_cases
 from obk_cli.faultinject.verdict import Verdict
 from obk_cli.launch.event_lines import short_name
+from obk_cli.launch.options import require_libraries
 from obk_cli.launch.process_groups import Unit, share_of, units_of
-from obk_cli.launch.sim_options import require_libraries
 from obk_cli.plan.plan import OnCrash, Plan
 from obk_cli.runs.stacks import nodes_meant
 
@@ -90,7 +90,7 @@ def command(
     plan = sound_plan(outcome, color)
     assert outcome.config is not None  # the plan is made of it
 
-    from obk_cli.faultinject.setup import refuse_hardware
+    from obk_cli.faultinject.runner import refuse_hardware
 
     refuse_hardware(outcome.config)
     require_libraries(plan, share_of(plan, None, None))
@@ -148,8 +148,12 @@ def _units(plan: Plan, config: str, *, is_composed: bool) -> tuple[Unit, ...]:
 def _rehearse(
     plan: Plan, cases: Sequence[Case], arguments: Sequence[str], domain: int | None
 ) -> tuple[Verdict, ...]:
-    from obk_cli.faultinject.runner import LaunchSettings, run_cases
-    from obk_cli.faultinject.setup import make_rehearsal_folder, refuse_running
+    from obk_cli.faultinject.runner import (
+        LaunchSettings,
+        make_rehearsal_folder,
+        refuse_running,
+        run_cases,
+    )
     from obk_cli.ros.environment import free_domain
     from obk_cli.runs.folder import runs_folder
 

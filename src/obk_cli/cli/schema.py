@@ -12,8 +12,7 @@ from obk_cli.config.yaml_parser import decode_source, parse_source
 from obk_cli.configedit.shape import components_of, devices_of, sections_of
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.files import unwritable, write_text
-from obk_cli.resources import resource_folder
+from obk_cli.files import resource_folder, unwritable, write_text
 
 __all__ = ["SCHEMA_PATH"]
 

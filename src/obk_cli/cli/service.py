@@ -53,9 +53,9 @@ def list_(
     target = here(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
-    from obk_cli.introspect.graph_text import services_text
+    from obk_cli.introspect.nodes import services_text
     from obk_cli.introspect.resolve import find_node, settle
-    from obk_cli.ros.graph_model import special_services
+    from obk_cli.ros.graph import special_services
 
     with open_graph(target) as look:
         of_node = None if node is None else find_node(look, target, node, timeout)

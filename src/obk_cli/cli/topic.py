@@ -49,9 +49,9 @@ def list_(
     target = here(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
-    from obk_cli.introspect.graph_text import topics_data, topics_text
+    from obk_cli.introspect.nodes import topics_data, topics_text
     from obk_cli.introspect.resolve import settle
-    from obk_cli.ros.graph_model import visible
+    from obk_cli.ros.graph import visible
 
     with open_graph(target) as look:
         settle(look, target, timeout, wait_s=wait)
@@ -77,7 +77,7 @@ def info(
     target = here(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
-    from obk_cli.introspect.graph_text import topic_data, topic_text
+    from obk_cli.introspect.nodes import topic_data, topic_text
     from obk_cli.introspect.resolve import find_topic, settle
 
     with open_graph(target) as look:

@@ -100,10 +100,9 @@ def _publish(
         topic_to_publish,
         wait_for_subscribers,
     )
-    from obk_cli.ros.allowlist import ALLOWED_PUBLISHER
     from obk_cli.ros.message_data import require_fit
     from obk_cli.ros.participant import LOOKER, open_look
-    from obk_cli.ros.publisher import RosPublisher
+    from obk_cli.ros.publisher import ALLOWED_PUBLISHER, RosPublisher
     from obk_cli.ros.types import fields_of, find_type, make_message
 
     node = ALLOWED_PUBLISHER if publication.may_move else LOOKER

@@ -21,14 +21,14 @@ from obk_cli.cli.introspect_options import (
 from obk_cli.cli.options import FormatOption, require_positive, wants_json
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.latency import Delay
-from obk_cli.ros.rates import TopicRate
+from obk_cli.ros.rate_meter import TopicRate
 
 __all__ = ["delay_text", "rate_text"]
 
 if TYPE_CHECKING:
     from obk_cli.introspect.target import GraphTarget
     from obk_cli.ros.latency import Delay
-    from obk_cli.ros.rates import TopicRate
+    from obk_cli.ros.rate_meter import TopicRate
 
 
 HZ_EXAMPLE = "Example: obk topic hz est ctrl --duration 5"

@@ -18,8 +18,8 @@ from obk_cli.launch.events import InputEvent, UnknownPublisherSeen
 from obk_cli.launch.ros_nodes import RosNodes
 from obk_cli.plan.plan import Plan
 from obk_cli.process.identity import since_boot_s
-from obk_cli.ros.allowlist import is_allowed_publisher
 from obk_cli.ros.graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S, UNNAMED, RosGraph
+from obk_cli.ros.publisher import is_allowed_publisher
 
 __all__ = [
     "control_topics",

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from typing import Final
 
-from obk_cli.launch.event_loop import EventLoop, RunContext
+from obk_cli.launch.event_loop import EventLoop, Inbox, Lifecycle, Limits, Processes, RunContext
 from obk_cli.launch.events import (
     Answered,
     AnswersAgain,
@@ -36,7 +36,6 @@ from obk_cli.launch.events import (
     WaitingFor,
 )
 from obk_cli.launch.heartbeat import AwakeClock, Heartbeat
-from obk_cli.launch.interfaces import Inbox, Lifecycle, Limits, Processes
 from obk_cli.launch.process_control import ProcessControl
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.rates import RateWatch

@@ -7,7 +7,7 @@ from typing import Final
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Plan, Process
-from obk_cli.ros.parameter_values import NodeParameter
+from obk_cli.ros.parameters import NodeParameter
 from obk_cli.runs.lifecycle import ACTIVE, INACTIVE
 from obk_cli.runs.protocol import NodeStatus
 

@@ -21,7 +21,7 @@ from obk_cli.monitor.expected_topics import (
 from obk_cli.monitor.model import NodeView, StackView
 from obk_cli.monitor.topic_watch import WINDOW_S, TopicWatch
 from obk_cli.process.load import OwnCost, ProcessLoad, ProcessLoads
-from obk_cli.ros.parameter_values import NodeParameter
+from obk_cli.ros.parameters import NodeParameter
 from obk_cli.ros.participant import RosLook
 from obk_cli.runs.control_client import ask_status
 from obk_cli.runs.folder import Run, read_run, run_plan

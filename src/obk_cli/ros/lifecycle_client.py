@@ -18,8 +18,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.optional_deps import no_ros
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.ros.graph import RosGraph
-from obk_cli.ros.lazy_rosidl import leave_generator_for_later
-from obk_cli.ros.participant import RosLook
+from obk_cli.ros.participant import RosLook, leave_generator_for_later
 from obk_cli.ros.services import ASK_AGAIN_S
 
 __all__ = [

@@ -16,8 +16,7 @@ from obelisk_spec.messages import (
     resolve_msg_type,
 )
 from obelisk_spec.suggestions import ask_for, list_names, near_names
-from obk_cli.scaffold.kinds import NODE_KINDS, Kind, Language, recipe_of
-from obk_cli.scaffold.names import Problem, check_name
+from obk_cli.scaffold.kinds import NODE_KINDS, Kind, Language, Problem, check_name, recipe_of
 
 __all__ = [
     "USUAL_CTRL",

@@ -8,7 +8,7 @@ import pytest
 
 from obelisk_py.core.spinning import wait_at_startup_barrier
 from obelisk_spec.runtime_protocol import GATE_VARIABLE
-from obk_cli.launch.preload import closed_gate, gate_path
+from obk_cli.launch.commands import closed_gate, gate_path
 
 from ...waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 

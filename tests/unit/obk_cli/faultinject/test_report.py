@@ -3,8 +3,8 @@
 import json
 
 from obk_cli.cli.doctor import doctor_json, doctor_text
+from obk_cli.doctor.checks import Answer
 from obk_cli.doctor.finding import error, note, ok, warning
-from obk_cli.doctor.runner import Answer
 
 ANSWERS = (
     Answer(check="ros", findings=(ok("jazzy"), note("humble, too")), seconds=0.1),

@@ -14,8 +14,8 @@ from obk_cli.ros import participant as ros_look
 from obk_cli.ros import rate_meter as ros_meter
 from obk_cli.ros import raw_subscription as ros_listen
 from obk_cli.ros import types as ros_types
-from obk_cli.ros.graph_model import TopicSeen
-from obk_cli.ros.rates import TopicRate
+from obk_cli.ros.graph import TopicSeen
+from obk_cli.ros.rate_meter import TopicRate
 
 PLACE: Final[Any] = SimpleNamespace(environment=None, modules=lambda _: ())
 MS: Final = 1_000_000

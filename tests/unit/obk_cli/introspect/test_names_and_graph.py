@@ -6,10 +6,10 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.publishing import moved_by
 from obk_cli.introspect.resolve import meant, one_meant
 from obk_cli.plan.plan import Endpoint, Plan
-from obk_cli.ros.graph_model import (
+from obk_cli.ros.graph import (
     End,
+    GraphSnapshot,
     Role,
-    RosGraph,
     TopicSeen,
     misfits,
     parameter_nodes,
@@ -95,7 +95,7 @@ def test_what_is_hidden_and_what_every_node_has_is_left_out() -> None:
         "/act/_action/send_goal": ("x/action/A_SendGoal",),
     }
     topics = (TopicSeen(name="/t", msg_types=()), TopicSeen(name="/act/_action/x", msg_types=()))
-    graph = RosGraph(topics=topics, services=services)
+    graph = GraphSnapshot(topics=topics, services=services)
     assert [topic.name for topic in visible(graph).topics] == ["/t"]
     assert set(visible(graph).services) == {"/n/list_parameters", "/n/reset"}
     assert set(special_services(services)) == {"/n/reset", "/act/_action/send_goal"}

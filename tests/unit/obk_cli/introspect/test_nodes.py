@@ -1,7 +1,6 @@
 """A node as lines for a person."""
 
-from obk_cli.introspect.graph_text import node_text
-from obk_cli.introspect.nodes import NodeSeen
+from obk_cli.introspect.nodes import NodeSeen, node_text
 
 OWN = {"/arm/get_state": ("lifecycle_msgs/srv/GetState",)}
 ASKED = {"/arm/list_parameters": ("rcl_interfaces/srv/ListParameters",)}

@@ -16,7 +16,7 @@ from obk_cli.introspect.publishing import (
 )
 from obk_cli.introspect.target import GraphTarget
 from obk_cli.plan.plan import Endpoint, Plan
-from obk_cli.ros.graph_model import End, TopicSeen
+from obk_cli.ros.graph import End, TopicSeen
 from obk_cli.ros.raw_subscription import Offer
 from obk_cli.runs.folder import Run
 

@@ -2,7 +2,7 @@
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.monitor.expected_topics import Speeds
-from obk_cli.ros.parameter_values import NodeParameter
+from obk_cli.ros.parameters import NodeParameter
 from obk_cli.runs.protocol import NodeStatus
 
 EVENT = b"\x00\x01\x00\x00 /arm/r realtime_factor"

@@ -3,13 +3,7 @@
 import pytest
 
 from obk_cli.errors import MisuseError
-from obk_cli.ros.parameter_values import (
-    KINDS,
-    NodeParameter,
-    fit_parameter,
-    parse_parameter,
-    refusal,
-)
+from obk_cli.ros.parameters import KINDS, NodeParameter, fit_parameter, parse_parameter, refusal
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
-from obk_cli.scaffold.names import LONGEST_NAME
+from obk_cli.scaffold.kinds import LONGEST_NAME
 from obk_cli.scaffold.templates import RenderedFile
 from obk_cli.scaffold.write import decide, write_decisions
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from obk_cli.config.node_facts import CodeFault, NodeFacts
+from obk_cli.config.environment import CodeFault, NodeFacts
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.source_analysis.entry_point import read_node_code
 from obk_cli.source_analysis.modules import FoundSource, Module, parse_module
