@@ -99,7 +99,7 @@ def case(name: str, rounds: list[dict[str, Any]]) -> dict[str, Any]:
             text.partition(", ")[2]
             for one in rounds
             for text in one["told"]
-            if text.startswith("film: ")
+            if text.startswith("video: ")
         ],
     }
 

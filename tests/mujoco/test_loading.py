@@ -4,7 +4,7 @@ import pytest
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.loading import load_model
-from obelisk_spec.settings import format_setting
+from obelisk_spec.components import format_setting
 
 pytestmark = pytest.mark.mujoco
 

@@ -10,7 +10,7 @@ from obelisk_py.core.sim.mujoco.outputs import OutputContext, outputs_of
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Stepper
 from obelisk_py.core.sim.mujoco.stepping import MonotonicClock
-from obelisk_spec.settings import format_setting
+from obelisk_spec.components import format_setting
 from obelisk_spec.yaml_core import load_yaml_core
 
 pytestmark = pytest.mark.mujoco

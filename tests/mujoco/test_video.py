@@ -214,7 +214,7 @@ def test_a_camera_whose_pictures_do_not_fit_is_told_with_a_size_that_does(simula
     with pytest.raises(ObeliskConfigError) as caught:
         video_job(simulation.model, read_video("out.mp4", "odd", "", 0))
     assert str(caught.value) == (
-        "camera `odd`: a picture of 65x49; .mp4 wants even numbers, 66x50; set `render_size`"
+        "camera `odd`: a picture of 65x49; .mp4 needs even numbers, 66x50; set `render_size`"
     )
     assert video_job(simulation.model, read_video("out.gif", "odd", "", 0)).width == 65
 

@@ -21,7 +21,7 @@ from visualization_msgs.msg import MarkerArray
 
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
 from obelisk_py.core.sim.mujoco.viewers import processes
-from obelisk_spec.settings import format_setting
+from obelisk_spec.components import format_setting
 
 from .stack import DEADLINE_S, DUMMY, eventually, parameters, request, spinning
 

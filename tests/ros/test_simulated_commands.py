@@ -15,7 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from obelisk_py.core import command_watchdog
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
-from obelisk_spec.settings import format_setting
+from obelisk_spec.components import format_setting
 
 from .stack import DEADLINE_S, eventually, parameters, request, spinning
 

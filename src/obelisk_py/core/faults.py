@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from obelisk_py.core.exceptions import ObeliskError
-from obelisk_spec.wording import with_article
+from obelisk_spec.suggestions import with_article
 
 __all__ = ["Fault", "fault_of", "guard_callback", "guard_service", "wrong_answer"]
 

@@ -11,7 +11,7 @@ from obelisk_control_msgs.msg import PositionSetpoint
 from obelisk_estimator_msgs.msg import EstimatedState
 
 from obelisk_py.core.exceptions import ObeliskMsgError
-from obelisk_spec.messages import near_msg_types, resolve_msg_type
+from obelisk_spec.names import near_msg_types, resolve_msg_type
 
 __all__ = ["add_field_aliases", "message_class", "message_name"]
 

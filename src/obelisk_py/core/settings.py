@@ -22,11 +22,12 @@ from obelisk_spec.components import (
     DEFAULT_HISTORY_DEPTH,
     DEFAULT_STALE_ACTION,
     STALE_ACTIONS,
+    parse_component_setting,
+    parse_mapping,
 )
 from obelisk_spec.names import topic_name_fault
-from obelisk_spec.settings import parse_component_setting, parse_mapping
-from obelisk_spec.values import COUNT_WANTED, is_count
-from obelisk_spec.wording import with_article
+from obelisk_spec.suggestions import with_article
+from obelisk_spec.values import COUNT_RANGE, is_count
 
 __all__ = [
     "NodeSettings",
@@ -211,7 +212,7 @@ def topic_settings(component: Component, raw: Mapping[str, Any]) -> TopicSetting
     depth = qos.get("history_depth", raw.get("history_depth", DEFAULT_HISTORY_DEPTH))
     if not is_count(depth):
         raise ObeliskConfigError(
-            f"the {component}: `history_depth` is {depth!r}, expected {COUNT_WANTED}"
+            f"the {component}: `history_depth` is {depth!r}, expected {COUNT_RANGE}"
         )
     return TopicSettings(
         topic=topic,

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import Final
 
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import with_number
 from obk_cli.doctor.finding import SEVERITIES, Finding, Severity
 from obk_cli.doctor.runner import Answer
 

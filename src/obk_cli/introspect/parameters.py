@@ -7,8 +7,8 @@ Source: rcl_interfaces/msg/ParameterType.
 from dataclasses import dataclass
 from typing import Final
 
+from obelisk_spec.suggestions import with_article
 from obelisk_spec.values import ParameterValue
-from obelisk_spec.wording import with_article
 from obk_cli.errors import MisuseError
 
 __all__ = ["KINDS", "NOT_SET", "NodeParameter", "fit_parameter", "parse_parameter", "refusal"]

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import with_number
 from obk_cli.introspect.graph_model import End, RosGraph, TopicSeen, misfits
 from obk_cli.report.escapes import plain
 

@@ -1,6 +1,6 @@
 """How one node of a running stack is, in words: its state, its process, what is out of order."""
 
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import with_number
 from obk_cli.runs.protocol import NodeStatus
 
 __all__ = ["status_text"]

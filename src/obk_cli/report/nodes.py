@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import with_number
 from obk_cli.introspect.graph_model import special_services
 from obk_cli.introspect.nodes import NodeSeen
 from obk_cli.report.escapes import plain

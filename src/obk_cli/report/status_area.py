@@ -15,7 +15,7 @@ from rich.console import Console, RenderableType
 from rich.rule import Rule
 from rich.text import Text
 
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import with_number
 from obk_cli.report.launch import STEADY, short_name
 from obk_cli.runs.lifecycle import ACTIVE, FINALIZED, INACTIVE, RESTING
 from obk_cli.runs.protocol import NodeStatus, StackStatus

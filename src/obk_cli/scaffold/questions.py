@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Protocol
 
-from obelisk_spec.messages import (
+from obelisk_spec.names import (
     OBELISK_MESSAGES,
     ROS_MESSAGES,
     near_msg_types,

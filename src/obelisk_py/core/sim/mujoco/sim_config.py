@@ -14,13 +14,13 @@ from obelisk_py.core.sim.mujoco.geoms import GEOM_KINDS
 from obelisk_py.core.sim.mujoco.noise import SensorNoise, typed_sensor_noise
 from obelisk_py.core.sim.mujoco.raycast import RayCaster, typed_ray_caster
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS
-from obelisk_spec.messages import bare_name
+from obelisk_spec.components import SettingTextError, parse_mapping
 from obelisk_spec.model import ModelFacts
-from obelisk_spec.settings import SettingTextError, parse_mapping
+from obelisk_spec.names import bare_name
 from obelisk_spec.sim_block import check_sim_shape
 from obelisk_spec.sim_checks import check_sim
-from obelisk_spec.values import PERIOD_WANTED, is_period
-from obelisk_spec.wording import with_article
+from obelisk_spec.suggestions import with_article
+from obelisk_spec.values import PERIOD_RANGE, is_period
 
 __all__ = [
     "PARAMETER",
@@ -134,7 +134,7 @@ def _beyond_this_simulator(block: Mapping[str, Any]) -> list[str]:
     ]
     period = geoms.get("dt", _DEFAULT_GEOMS_PERIOD_S)
     if not is_period(period):
-        found.append(f"viz_geoms.dt: {period!r}, expected {PERIOD_WANTED}")
+        found.append(f"viz_geoms.dt: {period!r}, expected {PERIOD_RANGE}")
     return found
 
 

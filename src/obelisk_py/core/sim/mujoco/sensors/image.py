@@ -16,7 +16,7 @@ from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.sim.mujoco.cameras import CameraView, choose_back_end
 from obelisk_py.core.sim.mujoco.sensors.kind import Sampler, SensorKind, SensorSource
 from obelisk_py.core.utils.msg import multiarray_from_numpy
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import with_number
 
 __all__ = ["OBK_IMAGE"]
 
