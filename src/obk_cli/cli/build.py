@@ -17,7 +17,7 @@ from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.report.building import report_problems, showing_progress
 from obk_cli.workspace.message_build import BuildOptions, Built, Listener, build_workspace
 from obk_cli.workspace.package_index import find_workspace
-from obk_interfaces import CommandError, DefinitionError, InterfaceError, Problem
+from obk_interfaces import CommandError, DefinitionError, DefinitionProblem, InterfaceError
 
 __all__ = ["EXAMPLE", "build_shown", "command"]
 
@@ -74,7 +74,7 @@ def command(
 class _DefinitionsWrongError(CommandFailedError):
     """What was said of the definitions, and the same as values."""
 
-    def __init__(self, message: str, problems: Sequence[Problem]) -> None:
+    def __init__(self, message: str, problems: Sequence[DefinitionProblem]) -> None:
         super().__init__(message)
         self.problems = problems
 
@@ -116,7 +116,7 @@ def _note(sentence: str) -> None:
     print(sentence, file=sys.stderr, flush=True)
 
 
-def _data(problem: Problem) -> dict[str, object]:
+def _data(problem: DefinitionProblem) -> dict[str, object]:
     return {
         "path": str(problem.path),
         "line": problem.line,

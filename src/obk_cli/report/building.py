@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from obk_cli.report.escapes import visible
-from obk_interfaces import Problem, Progress
+from obk_interfaces import DefinitionProblem, Progress
 
 __all__ = ["report_problems", "showing_progress"]
 
@@ -22,12 +22,12 @@ _DOING = {
 }
 
 
-def report_problems(problems: Iterable[Problem], *, colour: bool) -> str:
+def report_problems(problems: Iterable[DefinitionProblem], *, colour: bool) -> str:
     """Every problem with its line, the place underlined."""
     return "\n\n".join("\n".join(_problem(problem, colour=colour)) for problem in problems)
 
 
-def _problem(problem: Problem, *, colour: bool) -> Iterator[str]:
+def _problem(problem: DefinitionProblem, *, colour: bool) -> Iterator[str]:
     red, end = ("\x1b[31m", "\x1b[0m") if colour else ("", "")
     path = _short(problem.path)
     yield f"{path}:{problem.line}:{problem.column}: {red}error{end}: {visible(problem.sentence)}"
