@@ -106,7 +106,7 @@ def test_both_joint_encoder_messages_say_the_same(example):
     assert plain.y.tolist() == list(named.joint_pos)
 
 
-def test_nothing_is_sampled_for_nobody(example, monkeypatch):
+def test_nothing_is_sampled_without_a_subscriber(example, monkeypatch):
     def fail(*_):
         pytest.fail("a message was made")
 

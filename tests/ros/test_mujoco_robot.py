@@ -121,7 +121,7 @@ def test_a_publisher_of_the_true_state_without_its_timer_is_told_at_configure() 
         told: list[str] = []
         node.get_logger().warning = told.append
         assert request(node, "configure")
-        assert told == ["`pub_true_sim_state` stays silent without `timer_true_sim_state`"]
+        assert told == ["`pub_true_sim_state` publishes nothing without `timer_true_sim_state`"]
 
 
 def test_it_publishes_while_it_is_active_and_only_then() -> None:

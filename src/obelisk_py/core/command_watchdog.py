@@ -2,8 +2,8 @@
 
 `CommandAge` is arithmetic of times, with no clock and no thread. For a real robot a
 `WatchdogThread` checks it at each deadline; for a simulated one the stepping thread does so before
-each step. `SilenceLog` and `RejectionLog` decide when the log is written; what is done about old
-commands does not wait for them.
+each step. `SilenceLog` and `RejectionLog` limit how often the log is written; they do not delay
+the action on old commands.
 """
 
 import threading
@@ -28,7 +28,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StalePolicy:
-    """What the config says about old commands."""
+    """The config's settings for old commands."""
 
     max_age_s: float
     """How old the newest command may become [s], > 0."""
@@ -215,7 +215,7 @@ LASTING_PERIOD_S: Final = 10.0
 MOST_REASONS: Final = 8
 """Reasons in one report; further ones, as with a number that grows, are only counted."""
 ONLY_REJECTIONS: Final = (
-    "nothing else has come for {lasting_s:.1f} s, so the robot has no commands; "
+    "nothing else was received for {lasting_s:.1f} s, so the robot has no commands; "
     "`obk topic echo` shows what the controller sends"
 )
 """The end of a report when all control messages are rejected."""
@@ -238,7 +238,7 @@ class RejectionLog:
         """Make an empty log.
 
         Args:
-            what: how each report begins, "control refused".
+            what: the start of each report, "control rejected".
             monotonic_s: clock for the rate of reports [s].
             on_end: what a report adds if nothing was accepted for a while, with `{lasting_s}`;
                 None: nothing.

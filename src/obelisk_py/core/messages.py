@@ -1,4 +1,4 @@
-"""Message classes by name, names by class, and the field names of older layouts.
+"""Look up message classes by name and names by class, and add field names of older layouts.
 
 Takes what a config writes (`PositionSetpoint`, `sensor_msgs/Imu`) and gives the Python class;
 never guesses: a name that is not known is an error that lists near ones.

@@ -91,7 +91,7 @@ def open_timer(clock_id: int) -> int:
         clock_id: `time.CLOCK_MONOTONIC` or `time.CLOCK_REALTIME`.
 
     Raises:
-        OSError: the kernel refuses.
+        OSError: the kernel reports an error.
     """
     timer_fd = int(_LIBC.timerfd_create(clock_id, os.O_NONBLOCK | os.O_CLOEXEC))
     if timer_fd < 0:

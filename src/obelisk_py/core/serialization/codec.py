@@ -192,7 +192,7 @@ class PackedMessage:
         if codec is None:
             raise ObeliskMsgError(_why_unsupported(message_class))
         packed = codec.pack(message)
-        # Aligned in memory as in the message: behind the header a double may begin.
+        # Aligned in memory as in the message: a double may follow the header.
         self._data = np.zeros(_ALIGNMENT + len(packed), np.uint8)[_ALIGNMENT - HEADER_SIZE :][
             : len(packed)
         ]

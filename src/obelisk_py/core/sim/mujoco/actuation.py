@@ -1,4 +1,4 @@
-"""What the actuators get at each step: the newest control, or an answer to commands that are old.
+"""Write the actuators' controls at each step: the newest control, or an action on old commands.
 
 In: a `ControlInbox`, and whether its newest control is too old. Out: `data.ctrl`, written on the
 thread that steps.
@@ -17,7 +17,7 @@ __all__ = ["ControlWriter", "WhenStale"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WhenStale:
-    """What is done about commands that are too old."""
+    """The action on commands that are too old."""
 
     action: str
     """One of `obelisk_spec.components.STALE_ACTIONS`."""

@@ -1,4 +1,4 @@
-"""What a model's actuators do with a control: force laws, brakes, and torques from gains.
+"""Compute a model's actuator controls: force laws, brakes, and torques from gains.
 
 In: a compiled model, its state after mj_step1, `PDFeedForward` messages with gains. Out: controls
 of shape (nu,), or the reason why a message is rejected. Never writes to the state.
@@ -179,7 +179,7 @@ class JointTorques:
             self._gear = model.actuator_gear[:, 0].copy()
 
     def read(self, message: Any) -> TorqueLaw | str:
-        """The law of a `PDFeedForward`, or why it is refused.
+        """The law of a `PDFeedForward`, or the reason to reject it.
 
         An empty `vel_target`, `feed_forward`, `kp` or `kd` is zero; `pos_target` may be empty where
         `kp` is.

@@ -23,14 +23,14 @@ __all__ = ["CameraView", "choose_back_end", "open_context", "picture_size"]
 
 _LIBRARIES: Final = {"egl": "EGL", "osmesa": "OSMesa"}
 """Back end -> the library it needs, the better one first."""
-_CURE: Final = (
+_FIX: Final = (
     "`obk doctor` reports which back ends draw on this machine; `apt install libegl1 "
     "libgl1-mesa-dri` brings one that needs neither a screen nor a graphics card"
 )
 _DEFAULT_SIZE = (640, 480)
-"""Width and height of a camera whose model says none [pixels]."""
+"""Width and height of a camera whose model sets none [pixels]."""
 _UNSET = 1
-"""What MuJoCo has as width and height where the model says none."""
+"""MuJoCo's width and height if the model sets none."""
 
 
 def choose_back_end(
@@ -54,7 +54,7 @@ def choose_back_end(
         if find(library) is not None:
             return back_end
     raise ObeliskConfigError(
-        f"cameras need OpenGL, and there is neither libEGL nor libOSMesa; {_CURE}"
+        f"cameras need OpenGL, and there is neither libEGL nor libOSMesa; {_FIX}"
     )
 
 
@@ -76,7 +76,7 @@ def open_context(
     except Exception as error:
         raise ObeliskConfigError(
             f"cameras need OpenGL, and the back end `{back_end}` does not work: "
-            f"{type(error).__name__}: {error}; {_CURE}"
+            f"{type(error).__name__}: {error}; {_FIX}"
         ) from error
     return context
 

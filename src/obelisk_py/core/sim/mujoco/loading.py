@@ -1,4 +1,4 @@
-"""From the text of a `sim` block to a compiled model, or to every finding against it.
+"""Load a model from the text of a `sim` block, or report every finding about it.
 
 In: the text, the keyframe that the config names. Out: model, config and keyframe. Reads the files
 of the model and of ray casters, and the environment variables that those name. A file that is
@@ -79,7 +79,7 @@ def load_spec(path: Path) -> mujoco.MjSpec:
     try:
         return mujoco.MjSpec.from_file(str(path))
     except (ValueError, mujoco.FatalError) as error:
-        raise ObeliskConfigError(f"model_xml_path: MuJoCo refuses {path}: {error}") from error
+        raise ObeliskConfigError(f"model_xml_path: MuJoCo rejects {path}: {error}") from error
 
 
 def compile_model(spec: mujoco.MjSpec, time_step_s: float | None) -> mujoco.MjModel:
@@ -208,7 +208,7 @@ def check_keyframe(model: mujoco.MjModel, name: str) -> None:
 def _read_spec(
     raw: Mapping[str, Any], find: Callable[[str], Path]
 ) -> tuple[mujoco.MjSpec | None, list[str]]:
-    """The model, or why there is none; neither where the block has no path to speak of."""
+    """The model, or why it cannot be read; neither if the block has no usable path."""
     path = raw.get("model_xml_path")
     if not isinstance(path, str) or not path:
         return None, []

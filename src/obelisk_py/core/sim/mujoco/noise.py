@@ -64,7 +64,7 @@ class FieldNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorNoise:
-    """How a group's messages differ from what the simulation knows."""
+    """Noise, dropout and delay of a group's messages."""
 
     noise: Mapping[str, FieldNoise]
     """Field -> its noise."""
@@ -102,7 +102,7 @@ class RandomStream:
     """
 
     def __init__(self, *, seed: int, topic: str, purpose: str) -> None:
-        """Begin the stream."""
+        """Start the stream."""
         self._source = np.random.SeedSequence(
             [seed, crc32(topic.encode()), crc32(purpose.encode())]
         )
@@ -132,7 +132,7 @@ class Dropout:
 
 
 class DelayLine:
-    """Holds messages back; as the times of an output it says when the next one is due."""
+    """Holds messages back; as the times of an output it gives the step of the next one."""
 
     def __init__(self, *, delay_s: float, step_s: float) -> None:
         """Make an empty line.
@@ -158,7 +158,7 @@ class DelayLine:
         return self._held.popleft()[1]
 
     def pass_step(self, step: int) -> None:
-        """Nothing to look for: what is held says when it is due."""
+        """Does nothing: the delayed messages determine the next step."""
 
     def restart(self) -> None:
         """Forget all messages."""

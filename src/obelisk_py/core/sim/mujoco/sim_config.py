@@ -1,4 +1,4 @@
-"""The simulator's configuration: the `sim` block and the real-time factor, read and checked.
+"""Read and check the simulator's configuration: the `sim` block and the real-time factor.
 
 In: ROS parameters and the facts of the model. Out: every finding as a sentence, and a frozen
 `SimConfig`. Findings and their wording are those of the tool.
@@ -71,7 +71,7 @@ class SimConfig:
     geoms_period_s: float
     """Simulation time between two messages [s]."""
     steps_per_view: int
-    """How many steps lie between two states that onlookers get."""
+    """Steps between two states that viewers receive."""
 
 
 def read_block(text: str) -> Mapping[str, Any]:
@@ -91,7 +91,7 @@ def read_block(text: str) -> Mapping[str, Any]:
 
 
 def not_given(value: object) -> bool:
-    """Whether a value means that nothing was written; the language has the word `None` for it."""
+    """Whether a value means "not set"; the config language writes `None` for it."""
     return value in (None, "", "None")
 
 
@@ -101,7 +101,7 @@ def findings_of(
     facts: ModelFacts | None,
     warn: Callable[[str], None],
 ) -> list[str]:
-    """What keeps a block from being simulated, one sentence each.
+    """The reasons why a block cannot be simulated, one sentence each.
 
     Args:
         block: what `read_block` gives.
@@ -118,7 +118,7 @@ def findings_of(
 
 
 def _beyond_this_simulator(block: Mapping[str, Any]) -> list[str]:
-    """What the language knows and this simulator does not do."""
+    """Parts of the config language that this simulator does not support."""
     found = [
         f"sensor_settings[{index}].msg_type: this simulator does not publish "
         f"`{group['msg_type']}`; it publishes {', '.join(SENSOR_KINDS)}"
@@ -169,7 +169,7 @@ def realtime_factor_of(value: object) -> float:
     """Simulation time over wall time; 0: as fast as possible.
 
     Raises:
-        ObeliskConfigError: the value is none.
+        ObeliskConfigError: the value is invalid.
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ObeliskConfigError(f"the parameter `{REALTIME_FACTOR}` is {value!r}, no number")

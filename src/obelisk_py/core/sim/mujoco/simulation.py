@@ -1,4 +1,4 @@
-"""A model and its state, stepped: no thread, no ROS, no wall clock.
+"""Step a model and its state, without threads, ROS or wall clock.
 
 In: controls through a `ControlInbox`. Out: the state in `data`, whose sensors always belong to the
 state that was reached last, and MuJoCo's warnings as sentences with the simulation time and the
@@ -43,7 +43,7 @@ _TOLERABLE: Final = {
 
 
 class DivergenceError(ObeliskError):
-    """The state is no longer finite; the message says when and where."""
+    """The state is no longer finite; the message has the time and the joint."""
 
 
 class Simulation:

@@ -122,7 +122,7 @@ def _answered(requests: StepQueue, action: Callable[[], StepResult], response: A
     try:
         response.success, response.message = asked.result(_ANSWER_S)
     except AnswerTimeoutError:
-        # What has been begun cannot be taken back; what has not is not done later.
+        # A started action cannot be undone; one that has not started is cancelled.
         asked.cancel()
         response.success = False
         response.message = f"the simulation gave no answer within {_ANSWER_S:g} s"

@@ -1,4 +1,4 @@
-"""When a step is due, and which steps a sample follows: arithmetic of time, with a clock put in.
+"""Compute when a step is due, and which steps a sample follows, for a given clock.
 
 In: a clock, a period, the times at which the caller woke. Out: deadlines, and counts of what was
 missed. Never reads a clock of its own and never waits, `MonotonicClock` aside.

@@ -112,7 +112,7 @@ class StateSender:
             self.dropped += 1
         except OSError as error:
             self._is_open = False
-            # `ViewerProcess` reports that the viewer is gone.
+            # `ViewerProcess` reports that the viewer has ended.
             if error.errno == errno.EMSGSIZE:
                 self._notify("warning", self._too_large())
         else:
@@ -135,7 +135,7 @@ class States:
         self.model = model
         self.data = mujoco.MjData(model)
         self.is_over = False
-        """Whether the robot is gone and every state is taken."""
+        """Whether the robot process has ended and every state was received."""
         self._link = link
         self._state = np.empty(mujoco.mj_stateSize(model, SIGNATURE))
         mujoco.mj_forward(model, self.data)
@@ -144,7 +144,7 @@ class States:
         """Wait for the next state and bring `data` to it; none is left out.
 
         Args:
-            timeout_s: how long to wait [s]; None: until there is one or the robot is gone.
+            timeout_s: how long to wait [s]; None: until a state arrives or the robot process ends.
 
         Returns:
             Whether `data` is at a new state; if not, the time is over, or `is_over`.
@@ -194,7 +194,7 @@ class States:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VideoJob:
-    """One film."""
+    """The arguments of a video process."""
 
     path: str
     """Absolute."""

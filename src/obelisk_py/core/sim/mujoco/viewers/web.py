@@ -77,10 +77,10 @@ def _guarded(look: Look) -> Look:
 
 
 class _Server(viser.ViserServer):
-    """A server whose page cannot be tunnelled to another machine."""
+    """A server whose page cannot be shared with another machine."""
 
     def request_share_url(self, verbose: bool = True) -> None:
-        """Refuse."""
+        """Reject the request."""
 
 
 def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
@@ -93,7 +93,7 @@ def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
     # It would win over the port that was asked for.
     os.environ.pop("_VISER_PORT_OVERRIDE", None)
     if port:
-        _refuse_taken(port)
+        _check_port_is_free(port)
     with own_page_only():
         server = _Server(host=_HOST, port=port or _PORT, verbose=False)
     scene = _scene(server, states)
@@ -123,7 +123,7 @@ def _scene(server: viser.ViserServer, states: States) -> ViserMujocoScene:
     return scene
 
 
-def _refuse_taken(port: int) -> None:
+def _check_port_is_free(port: int) -> None:
     # Viser would take the next free one.
     with socket.socket() as trial:
         trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
