@@ -187,7 +187,7 @@ def test_a_robot_that_is_deactivated_soon_after_the_last_command_says_nothing(
         assert node.told == []
 
 
-def test_a_robot_that_gets_nothing_but_refused_commands_says_so_as_an_error(
+def test_a_robot_that_receives_only_rejected_commands_logs_an_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(command_watchdog, "LASTING_S", 0.0)
@@ -199,13 +199,13 @@ def test_a_robot_that_gets_nothing_but_refused_commands_says_so_as_an_error(
         assert node._age.deadline_s is None
 
 
-def test_refusals_that_were_a_warning_become_an_error_in_rclpys_own_log(
+def test_rejections_that_were_a_warning_become_an_error_in_rclpys_own_log(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     with spinning(lambda: Arm(**parameters(sub_ctrl_setting="{topic: /ctrl}"))) as node:
         for is_lasting in (False, True, False):
             node._log_rejection(command_watchdog.RejectionReport("control rejected", is_lasting))
-    told = [line.split()[0] for line in capfd.readouterr().err.splitlines() if "refused" in line]
+    told = [line.split()[0] for line in capfd.readouterr().err.splitlines() if "rejected" in line]
     assert told == ["[WARN]", "[ERROR]", "[WARN]"]
 
 

@@ -95,7 +95,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         """
 
     def apply_damping(self) -> None:
-        """Brake, because no command has come for too long; called once, until one comes again.
+        """Brake because the newest command is too old; called once until a command is received.
 
         With `stale_action: damp`, instead of `apply_control` and under the same lock.
 
@@ -233,7 +233,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         super()._hold(state)
 
     def destroy_node(self) -> None:
-        """Stop the watchdog before what it uses is destroyed; log it if it goes on."""
+        """Stop the watchdog, then destroy the node; log an error if it is still running."""
         try:
             self._stop_watchdog()
         except ObeliskError as error:
@@ -325,7 +325,7 @@ class ObeliskSimRobot(ObeliskRobot):
         )
 
     def destroy_node(self) -> None:
-        """Stop the simulator's thread before the publishers are destroyed; log it if it goes on."""
+        """Stop the simulator's thread, then destroy the node; log an error if it still runs."""
         try:
             self._stop_simulator()
         except ObeliskError as error:

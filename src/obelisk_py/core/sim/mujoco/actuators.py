@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 LARGEST: Final = 1e10
-"""MuJoCo takes a number beyond this for a fault and sets every control to zero (mjMAXVAL)."""
+"""If a number is larger than this, MuJoCo sets every control to zero (mjMAXVAL)."""
 BRAKING_TIME_S: Final = 0.1
 """In this time a braked motor loses 63 % of its speed [s], where nothing else moves it.
 
@@ -72,11 +72,11 @@ class Actuators:
         affine = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
         direct = model.actuator_dyntype == _NONE
         self.are_motors: Flags = fixed & unbiased & direct
-        """Those whose force is a multiple of the control."""
+        """Actuators whose force is a multiple of the control."""
         self.are_servos: Flags = fixed & affine & np.isin(model.actuator_dyntype, _FOLLOWING)
-        """Those that go to a position or velocity."""
+        """Actuators whose control is a position or velocity."""
         self.take_forces: Flags = fixed & (unbiased | affine) & direct
-        """Those with a control for every force."""
+        """Actuators that have a control for every force."""
         self.bias[~affine] = 0.0
         limited = model.actuator_ctrllimited.astype(bool)
         self.least = np.where(limited, model.actuator_ctrlrange[:, 0], -np.inf)
@@ -105,7 +105,7 @@ class Brake:
     """
 
     def __init__(self, actuators: Actuators, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Look at how heavy each motor's load is, and at where each servo is."""
+        """Read the inertia of each motor's load and the position of each servo."""
         b0, b1, _ = actuators.bias.T
         gain = np.where(actuators.gain == 0, 1.0, actuators.gain)
         hold = -(b0 + b1 * data.actuator_length) / gain
@@ -217,7 +217,7 @@ class JointTorques:
         return np.clip(control, -LARGEST, LARGEST)
 
     def _order_of(self, names: Sequence[str]) -> NDArray[np.intp] | str:
-        """Where each actuator's joint stands in the message."""
+        """Index of each actuator's joint in the message."""
         if not names:
             return np.arange(len(self._joints))
         if sorted(names) != sorted(self._names):

@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 _CHECK_PERIOD_NS: Final = 5_000_000
-"""Wall time for which a count is used [ns]: asking the middleware for each sample is slow."""
+"""Wall time for which a count is valid [ns]: a query of the middleware for each sample is slow."""
 Publish = Callable[[Any], None]
 Sample = Callable[[int], None]
 """Takes a sample and sends it, with a stamp [ns]."""
@@ -80,7 +80,7 @@ def group_outputs(
     """The outputs of a group.
 
     Args:
-        simulation: what is sampled.
+        simulation: the simulation to sample.
         group: the settings.
         sampler: takes the samples.
         publish: sends a message.
@@ -181,7 +181,7 @@ def no_rate_monitor(_topic: str, _period_s: float) -> Callable[[], None]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputContext:
-    """What outputs need of the node that has the simulation."""
+    """What outputs use of the simulation's node."""
 
     make_publisher: MakePublisher
     """Called once per topic."""

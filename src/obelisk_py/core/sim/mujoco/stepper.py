@@ -28,7 +28,7 @@ class Times(Protocol):
         """The next of them."""
 
     def pass_step(self, step: int) -> None:
-        """Look for the next one after `step`."""
+        """Find the next one after `step`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,15 +69,15 @@ class Stepper:
         report: Callable[[StepReport], None],
         ticks: TickCounter | None = None,
     ) -> None:
-        """Make a stepper that stands still.
+        """Make a stepper that is not running.
 
         Args:
-            simulation: what is stepped; no other thread may touch it while `run` runs.
+            simulation: the simulation to step; no other thread may use it while `run` runs.
             pace: when steps are due; None: one after another, as fast as possible.
             clock: the wall clock of `pace`.
-            outputs: what is published.
+            outputs: the outputs to publish.
             stamp: gives the stamp of the present step [ns].
-            warn: takes MuJoCo's warnings.
+            warn: called with MuJoCo's warnings.
             report: called about once per second of wall time.
             ticks: counts the steps of `pace`, by `clock`.
         """

@@ -58,11 +58,11 @@ class SensorSource:
     rays: RayCaster | None
     """The group's ray caster, if it has one."""
     deliver: Callable[[Any], None]
-    """Takes a message that a sampler could not give at once; on any thread."""
+    """Called with a message that a sampler finishes later; on any thread."""
     on_close: Callable[[Callable[[], None]], object]
-    """Takes what has to be called when the simulation is freed."""
+    """Registers a function to call when the simulation is freed."""
     is_paced: bool
-    """Whether steps are due at times; else the simulation may wait for what takes long."""
+    """Whether steps have deadlines; otherwise the simulation may wait for slow samples."""
 
     def of_type(self, sensor_type: str) -> tuple[str, ...]:
         """Names of the group's sensors of one type."""

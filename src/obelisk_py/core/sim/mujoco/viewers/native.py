@@ -20,14 +20,14 @@ from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Notify, States
 __all__ = ["run"]
 
 _PERIOD_S: Final = 1 / 60
-"""Between two states that the window gets [s]."""
+"""Time between two states in the window [s]."""
 _CLOSE_S: Final = 2.0
-"""How long the window may take to close [s]."""
+"""Timeout for the window to close [s]."""
 _FIX: Final = "`web` (a page in the browser) needs none"
 
 
 def run(states: States, notify: Notify, _arguments: Sequence[str]) -> None:
-    """Show the window until the states are over or it is closed.
+    """Show the window until the last state or until it is closed.
 
     Raises:
         ObeliskConfigError: there is no display.

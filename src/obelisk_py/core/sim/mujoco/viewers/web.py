@@ -31,11 +31,11 @@ Look = Callable[[ServerConnection, Request], Response | None]
 _HOST: Final = "127.0.0.1"
 _PORT: Final = 8080
 _PERIOD_S: Final = 1 / 30
-"""Between two states that the browser gets [s]."""
+"""Time between two states in the browser [s]."""
 _DISTANCE: Final = 1.5
 """Of the camera, in extents of the model, as in MuJoCo's own viewer."""
 _WAIT_S: Final = 0.1
-"""How long a setting changed in the page waits where nothing moves [s]."""
+"""Longest delay of a setting changed in the page if nothing moves [s]."""
 
 
 @contextmanager
@@ -84,7 +84,7 @@ class _Server(viser.ViserServer):
 
 
 def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
-    """Serve the page until the states are over.
+    """Serve the page until the last state.
 
     Raises:
         ObeliskConfigError: the port is taken, or viser cannot be kept from other pages.
