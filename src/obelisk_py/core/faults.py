@@ -1,4 +1,4 @@
-"""What went wrong in a node, as a value, and callbacks that report it instead of raising."""
+"""Represent failures of a node as values, and wrap callbacks so that they report them."""
 
 import functools
 import inspect

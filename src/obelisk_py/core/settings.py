@@ -47,10 +47,10 @@ P = TypeVar("P")
 
 SHORTEST_PERIOD_S = 1e-9
 LONGEST_PERIOD_S = 9e9
-"""What 64 bits of nanoseconds hold."""
+"""Longest time in 64 bits of nanoseconds [s]."""
 
 _SUBSTITUTION: Final = re.compile(r"\{(node|ns|namespace)\}")
-"""What ROS puts a name in the place of, in a topic."""
+"""Placeholder in a topic that ROS replaces by a name."""
 RELIABILITY = {
     "reliable": QoSReliabilityPolicy.RELIABLE,
     "best_effort": QoSReliabilityPolicy.BEST_EFFORT,

@@ -1,4 +1,4 @@
-"""What Python and rclpy do not offer: rcl's listeners and the kernel's timers.
+"""Set rcl's listeners and the kernel's timers, which Python and rclpy do not offer.
 
 The middleware calls a listener when data arrives. Here the listener is libc's `eventfd_write`
 itself: its shape `int (int, uint64_t)` fits `rcl_event_callback_t`, `void (const void *, size_t)`,

@@ -1,4 +1,4 @@
-"""The codec of a message class, and messages that stay packed while their numbers change.
+"""Pack and unpack messages, and change numbers of messages that stay packed.
 
 A codec packs, unpacks and copies. It replaces rclpy's conversion through C structs, which looks up
 classes by name and runs the constructors of all nested messages. Bytes that are not little-endian

@@ -1,4 +1,4 @@
-"""The control that the simulation applies next: the newest message that can be applied.
+"""Hold the control that the simulation applies next: the newest valid message.
 
 In: control messages, on any thread. Out: an array of the actuators' size or a torque law, and
 reports of rejected and late messages. A message is rejected if it has the wrong length, a number
@@ -35,7 +35,7 @@ DEFAULT_LATENESS_S: Final = 1.0
 CONTROL_FIELDS: Final = ("u_mujoco", "u")
 """Fields of a control message that the simulator reads, the first that the type has."""
 Control = NDArray[np.float64] | TorqueLaw
-"""What is applied: the actuators' controls, shape (nu,), or a law for the torques of each step."""
+"""The actuators' controls, shape (nu,), or a law for the torques of each step."""
 
 
 class StampOrder:

@@ -1,4 +1,4 @@
-"""The process that draws a video: states in, one file out when they are over.
+"""Draw a video in a process of its own: receive states, and write one file at the end.
 
 Simulation time is video time. A frame that could not be drawn in time is left out: the one before
 it is shown longer, so the video plays at the simulation's speed, and dropped frames are counted.
