@@ -8,7 +8,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from obelisk_spec.messages import resolve_msg_type
+from obelisk_spec.names import resolve_msg_type
 from obk_cli.compiler import Options, Outcome, compile_source
 from obk_cli.config.model import Node
 from obk_cli.config.topology import node_ends

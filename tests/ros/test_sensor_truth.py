@@ -26,7 +26,7 @@ from visualization_msgs.msg import MarkerArray
 
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
 from obelisk_py.core.sim.mujoco.raycast import lay_out, typed_ray_caster
-from obelisk_spec.settings import format_setting
+from obelisk_spec.components import format_setting
 
 from .stack import eventually, parameters, request, spinning
 

@@ -3,9 +3,8 @@
 from collections.abc import Iterator, Sequence
 from difflib import SequenceMatcher
 
-from obelisk_spec.messages import resolve_msg_type
-from obelisk_spec.suggestions import ask_for, did_you_mean, list_names, near_names
-from obelisk_spec.wording import with_article
+from obelisk_spec.names import resolve_msg_type
+from obelisk_spec.suggestions import ask_for, did_you_mean, list_names, near_names, with_article
 from obk_cli.check.context import CheckContext
 from obk_cli.config.environment import (
     CodeComponent,

@@ -4,7 +4,7 @@ import re
 from collections.abc import Collection, Iterator
 from typing import Final
 
-from obelisk_spec.messages import (
+from obelisk_spec.names import (
     OBELISK_MESSAGES,
     ROS_MESSAGES,
     near_msg_types,

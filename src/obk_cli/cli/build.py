@@ -17,7 +17,13 @@ from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.terminal import visible
 from obk_cli.workspace.message_build import BuildOptions, Built, Listener, build_workspace
 from obk_cli.workspace.package_index import find_workspace
-from obk_interfaces import CommandError, DefinitionError, InterfaceError, Problem, Progress
+from obk_interfaces import (
+    CommandError,
+    DefinitionError,
+    DefinitionProblem,
+    InterfaceError,
+    Progress,
+)
 
 __all__ = ["build_shown", "report_problems", "showing_progress"]
 
@@ -29,12 +35,12 @@ _DOING = {
 }
 
 
-def report_problems(problems: Iterable[Problem], *, colour: bool) -> str:
+def report_problems(problems: Iterable[DefinitionProblem], *, colour: bool) -> str:
     """Every problem with its line, the place underlined."""
     return "\n\n".join("\n".join(_problem(problem, colour=colour)) for problem in problems)
 
 
-def _problem(problem: Problem, *, colour: bool) -> Iterator[str]:
+def _problem(problem: DefinitionProblem, *, colour: bool) -> Iterator[str]:
     red, end = ("\x1b[31m", "\x1b[0m") if colour else ("", "")
     path = _short(problem.path)
     yield f"{path}:{problem.line}:{problem.column}: {red}error{end}: {visible(problem.sentence)}"
@@ -152,7 +158,7 @@ def command(
 class _DefinitionsWrongError(CommandFailedError):
     """What was said of the definitions, and the same as values."""
 
-    def __init__(self, message: str, problems: Sequence[Problem]) -> None:
+    def __init__(self, message: str, problems: Sequence[DefinitionProblem]) -> None:
         super().__init__(message)
         self.problems = problems
 
@@ -194,7 +200,7 @@ def _note(sentence: str) -> None:
     print(sentence, file=sys.stderr, flush=True)
 
 
-def _data(problem: Problem) -> dict[str, object]:
+def _data(problem: DefinitionProblem) -> dict[str, object]:
     return {
         "path": str(problem.path),
         "line": problem.line,

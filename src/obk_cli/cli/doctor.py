@@ -11,8 +11,7 @@ from typing import Annotated, Final
 
 import typer
 
-from obelisk_spec.suggestions import did_you_mean
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import did_you_mean, with_number
 from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.cli.options import FormatOption, wants_json
 from obk_cli.doctor.checks import Answer, Check, checks_of, examine

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
-from obelisk_spec.messages import OBELISK_MESSAGES, ROS_MESSAGES
+from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
 from obelisk_spec.suggestions import ask_for, near_names
 from obk_cli.cli.add_to import JoinWish
 from obk_cli.cli.new_target import (

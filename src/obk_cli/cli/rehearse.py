@@ -13,8 +13,7 @@ from typing import Annotated, Any, Final, cast, get_args
 
 import typer
 
-from obelisk_spec.suggestions import did_you_mean
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import did_you_mean, with_number
 from obk_cli.cli.config_options import (
     ColourOption,
     IgnoreOption,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from obelisk_spec.messages import near_msg_types, resolve_msg_type
+from obelisk_spec.names import near_msg_types, resolve_msg_type
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.cli.introspect_options import (
     TIMEOUT_S,

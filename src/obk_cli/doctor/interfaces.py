@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 import obk_cli
-from obelisk_spec.messages import OBELISK_MESSAGES
+from obelisk_spec.names import OBELISK_MESSAGES
 from obk_cli.doctor.child import json_output, python_command, try_program
 from obk_cli.doctor.finding import Finding, error, ok, warning
 from obk_cli.optional_deps import distribution_version

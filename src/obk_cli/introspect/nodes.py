@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import with_number
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.graph_source import GraphSource, parameters_of
 from obk_cli.introspect.target import GraphTarget

@@ -14,7 +14,7 @@ from rich.rule import Rule
 from rich.text import Text
 
 from obelisk_spec.runtime_protocol import Rate
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import with_number
 from obk_cli.launch.event_lines import STEADY, LaunchReport, short_name
 from obk_cli.launch.events import (
     AnswersAgain,

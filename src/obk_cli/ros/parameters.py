@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from obelisk_spec.suggestions import with_article
 from obelisk_spec.values import ParameterValue
-from obelisk_spec.wording import with_article
 from obk_cli.errors import MisuseError
 from obk_cli.ros.participant import RosLook
 from obk_cli.ros.services import ServiceClient

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
-from obelisk_spec.messages import resolve_msg_type
+from obelisk_spec.names import resolve_msg_type
 from obelisk_spec.sensors import SENSOR_GROUPS
 from obk_cli.config.environment import CodeComponent, NodeFacts
 from obk_cli.config.model import COMPONENT_LISTS, ComponentKind

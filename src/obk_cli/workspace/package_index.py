@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from obelisk_spec.messages import OBELISK_MESSAGES, ROS_MESSAGES
+from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
 from obk_cli.config.environment import UNSEARCHED, Command, ExecutableMissing
 from obk_cli.files import is_planted
 from obk_cli.workspace.entry_points import (

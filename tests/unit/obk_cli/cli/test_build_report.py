@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.cli.build import report_problems, showing_progress
-from obk_interfaces import Problem, Progress
+from obk_interfaces import DefinitionProblem, Progress
 
 
 def step(name: str, subject: str, done: int, total: int) -> Progress:
@@ -49,7 +49,7 @@ def test_a_problem_is_shown_with_its_line_underlined(
     monkeypatch.chdir(tmp_path)
     file = tmp_path / "A.msg"
     file.write_text("# a\nfloat64\tshort 1\n")
-    problem = Problem(path=file, line=2, column=9, sentence="no", help="yes")
+    problem = DefinitionProblem(path=file, line=2, column=9, sentence="no", help="yes")
     assert report_problems([problem], colour=False).splitlines() == [
         "A.msg:2:9: error: no",
         "  2 | float64\tshort 1",

@@ -12,7 +12,7 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from obelisk_py.core.finite_check import non_finite_number, zeroed
+from obelisk_py.core.robot import non_finite_number, zeroed
 
 HEADER = Header(stamp=Time(sec=3), frame_id="base")
 PD = PDFeedForward(
