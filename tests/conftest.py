@@ -5,6 +5,7 @@ import fcntl
 import gc
 import itertools
 import os
+import stat
 import tempfile
 import uuid
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ import pytest
 from obk_cli.process.shared_memory import remove_dead_segments
 
 _SOURCE = Path(__file__).resolve().parents[1] / "src"
+_SHARED = Path(__file__).resolve().parents[2] / "shared"
 # The tool looks for a domain of its own from 100 downwards.
 _DOMAIN_IDS = range(1, 81)
 # One after another, so that what is slow to go is not met by the next test.
@@ -62,11 +64,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip what needs configs that lie beside the checkout, where it stands alone."""
+    """Skip what needs configs that lie beside the checkout, unless they exist."""
     module = getattr(item, "module", None)
     for name in ("CORPUS", "SEEDS"):
         folder = getattr(module, name, None)
         if isinstance(folder, Path) and not folder.is_dir():
+            assert folder.is_relative_to(_SHARED), f"{name} is no folder of {_SHARED}"
             pytest.skip(f"there is no folder {folder}")
 
 
@@ -89,6 +92,12 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_folders(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """The search for a workspace ends before the folder that has the folders of all tests."""
+    tmp_path_factory.getbasetemp().chmod(stat.S_IRWXU | stat.S_ISVTX)
 
 
 @pytest.fixture
