@@ -35,14 +35,16 @@ _FOREIGN_ROS_VARIABLES = (
 
 
 # No example is too slow, whatever else the machine does. On CI they are the same each time: a fault
-# found by luck belongs to whoever looks for it.
-hypothesis.settings.register_profile(
-    "obelisk",
-    deadline=None,
-    suppress_health_check=(hypothesis.HealthCheck.too_slow,),
-    derandomize=bool(os.environ.get("CI")),
-)
-hypothesis.settings.load_profile("obelisk")
+# found by luck is for `make test-slow`, with `--hypothesis-profile full`.
+for _profile, _examples in (("ci", 30), ("full", 300)):
+    hypothesis.settings.register_profile(
+        _profile,
+        max_examples=_examples,
+        deadline=None,
+        suppress_health_check=(hypothesis.HealthCheck.too_slow,),
+        derandomize=bool(os.environ.get("CI")),
+    )
+hypothesis.settings.load_profile("ci")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
