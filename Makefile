@@ -51,7 +51,9 @@ help:
 demo: setup
 	$(BIN)/python examples/dummy/demo.py
 
-PYTEST := $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile --durations 20
+# ROS tests wait most of their time: one worker more than two cores.
+WORKERS ?= 3
+PYTEST := $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --durations 20
 
 test: setup
 	$(PYTEST) -m "not slow"
@@ -69,7 +71,7 @@ check: setup
 	$(BIN)/mypy
 	$(BIN)/python -m pytest --quiet tests/test_architecture.py
 
-# Rewrites the expected outputs of the tests; look at the difference before committing it.
+# Rewrites the expected outputs and transcripts of the tests; look at the difference before committing it.
 golden: setup
 	$(BIN)/python -m pytest tests/golden tests/cases --update-golden
 
