@@ -18,19 +18,52 @@ PEER := build/peer/bin/check-jsonschema
 # Where Python may not keep what it compiled, every start of obk compiles all of it anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: setup demo test test-unit check golden docs pictures site bench bench-loop bench-tool bench-launches bench-simulator bench-looking bench-summary lock audit wheel release clean fuzz soak soak-short
+.PHONY: help setup demo test test-unit test-slow check golden docs bench clean
+.PHONY: lock audit wheel release
+.PHONY: $(addprefix docs-,pages pictures site)
+.PHONY: $(addprefix bench-,all loop tool launches simulator looking summary soak soak-short fuzz)
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.interfaces
 
+define HELP
+make setup       .venv with everything; ROS=system, PYTHON=python3.12
+make demo        run the dummy stack for 20 s
+make test        all tests but the slow ones
+make test-unit   tests that start no ROS node and no simulator
+make test-slow   soak, rehearsals, builds by colcon, all generated packages, many random examples
+make check       ruff, mypy and the order of packages
+make golden      rewrite the expected outputs of the tests
+make docs        rewrite the generated pages and pictures
+                   PART=pictures  pictures of a running stack too; PART=site  pages without a network
+make bench       all benchmarks with a goal; GO_ON=1, PARTS="loop tool", QUICK=1
+                   PART=loop|tool|launches|simulator|looking|summary  one, with all its rounds
+                   PART=soak|soak-short|fuzz                          SECONDS=60
+make clean       remove the environment and everything built
+
+Maintenance: make lock | audit | wheel | release VERSION=0.2.0
+endef
+export HELP
+
+help:
+	@echo "$$HELP"
+
 demo: setup
 	$(BIN)/python examples/dummy/demo.py
 
+# ROS tests wait most of their time: one worker more than two cores.
+WORKERS ?= 3
+PYTEST := $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --durations 20
+
 test: setup
-	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile --durations 20
+	$(PYTEST) -m "not slow"
 
 test-unit: setup
-	$(BIN)/python -m pytest -m "not ros and not mujoco"
+	$(PYTEST) -m "not slow and not ros and not mujoco"
+
+test-slow: setup
+	$(PYTEST) -m slow
+	$(PYTEST) --hypothesis-profile full tests/property
 
 check: setup
 	$(BIN)/ruff check
@@ -38,24 +71,26 @@ check: setup
 	$(BIN)/mypy
 	$(BIN)/python -m pytest --quiet tests/test_architecture.py
 
-# Rewrites the expected outputs of the tests; look at the difference before committing it.
+# Rewrites the expected outputs and transcripts of the tests; look at the difference before committing it.
 golden: setup
 	$(BIN)/python -m pytest tests/golden tests/cases --update-golden
 
-# Writes the pages of rules, commands, keys, messages and classes, the examples of `obk explain`,
-# and the pictures that need no running stack.
-docs: setup
+docs: docs-$(or $(PART),pages)
+
+# The pages of rules, commands, keys, messages and classes, the examples of `obk explain`, and the
+# pictures that need no running stack.
+docs-pages: setup
 	$(BIN)/python tools/rule_pages.py
 	$(BIN)/python tools/reference_pages.py
 	$(BIN)/python tools/pictures.py
 
-# The pictures of a running stack as well; on a machine with nothing else to do.
-pictures: docs
+# On a machine with nothing else to do.
+docs-pictures: docs-pages
 	$(BIN)/python tools/pictures.py --live
 
 # The documents as pages to read without a network. A dead link ends it, and so does a page that
 # would load something from elsewhere.
-site:
+docs-site:
 	$(PYTHON) -m venv build/site-environment
 	build/site-environment/bin/python -m pip --disable-pip-version-check -qq install "$$($(PYTHON) -c \
 		'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["docs"])')"
@@ -63,61 +98,53 @@ site:
 	! grep -rnE '(src|<link[^>]* href)="?https?://' build/site --include='*.html'
 	@echo "site: build/site/index.html; with search: $(PYTHON) -m http.server --directory build/site"
 
-# What has to be measured on a quiet machine, one after another; says first how long it takes.
-#
-#   make bench GO_ON=1              what was interrupted goes on
-#   make bench PARTS="loop tool"    some of it
-#   make bench QUICK=1              whether the loop's suite runs, in a minute
+bench: bench-$(or $(PART),all)
+
+# What has to be measured on a quiet machine, one after another; prints first how long it takes.
 ifdef QUICK
-bench: setup
+bench-all: setup
 	$(BIN)/python -m benchmarks.loop --quick
 else
-bench: setup $(PEER)
+bench-all: setup $(PEER)
 	$(BIN)/python -m benchmarks $(if $(GO_ON),--go-on) $(if $(PARTS),--parts $(PARTS))
 endif
 
 # One part and its whole: more rounds than in `make bench`, an hour of the simulator's time.
-bench-loop: setup
-	$(BIN)/python -m benchmarks.loop
+bench-loop bench-launches bench-simulator: bench-%: setup
+	$(BIN)/python -m benchmarks.$*
 
 bench-tool: setup $(PEER)
 	$(BIN)/python -m benchmarks.tool $(PEER)
-
-bench-launches: setup
-	$(BIN)/python -m benchmarks.launches
-
-bench-simulator: setup
-	$(BIN)/python -m benchmarks.simulator
 
 bench-looking: setup
 	$(BIN)/python -m benchmarks.looking
 	$(BIN)/python -m benchmarks.watched
 
-# Holds the results that are there against their goals; writes benchmarks/results/goals.md.
+# Compares the results that exist with their goals; writes benchmarks/results/goals.md.
 bench-summary: setup
 	$(BIN)/python -m benchmarks.summary
 
-# What `obk validate` is held against.
+# What `obk validate` is compared with.
 $(PEER):
 	$(PYTHON) -m venv build/peer
 	build/peer/bin/python -m pip -qq install check-jsonschema==0.39.0
 
-# Hostile input for SECONDS in all, see tests/fuzz; writes benchmarks/results/fuzz.json.
-fuzz: SECONDS ?= 60
-fuzz: setup
-	$(BIN)/python -m tests.fuzz --seconds $(SECONDS)
-
-# The dummy stack in trouble for SECONDS, then 1,000 rounds of its life cycle in one process; writes
-# soak.json, soak.svg, rounds.json and rounds.svg into benchmarks/results.
-soak: SECONDS ?= 1800
-soak: setup
+# The dummy stack in trouble for SECONDS, then 1,000 rounds of its life cycle in one process.
+bench-soak: SECONDS ?= 1800
+bench-soak: setup
 	$(BIN)/python -m benchmarks.soak --seconds $(SECONDS)
 	$(BIN)/python -m benchmarks.soak.rounds
 
-# The same in 3 min, on machines that others keep busy too; the results stay in build/soak.
-soak-short: setup
-	$(BIN)/python -m benchmarks.soak --seconds 180 --hang-after 5 --least-mb 10 --results build/soak
-	$(BIN)/python -m benchmarks.soak.rounds --rounds 100 --results build/soak
+# Each trouble at least once, on machines that others keep busy too; the results stay in build/soak.
+bench-soak-short: SECONDS ?= 120
+bench-soak-short: setup
+	$(BIN)/python -m benchmarks.soak --seconds $(SECONDS) --hang-after 5 --least-mb 10 --results build/soak
+	$(BIN)/python -m benchmarks.soak.rounds --rounds 50 --results build/soak
+
+# Hostile input for SECONDS in all, see tests/fuzz; writes build/benchmarks/fuzz.json.
+bench-fuzz: SECONDS ?= 60
+bench-fuzz: setup
+	$(BIN)/python -m tests.fuzz --seconds $(SECONDS)
 
 # --- the environment, in four steps; each is done again only when what it is made from changes ---
 

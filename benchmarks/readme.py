@@ -7,7 +7,7 @@ from benchmarks.loop.cases import CONTESTANTS, LAYOUTS, Case
 
 __all__ = ["BEGIN", "END", "peers_table", "with_table"]
 
-BEGIN: Final = "<!-- written by make bench-summary -->"
+BEGIN: Final = "<!-- written by make bench PART=summary -->"
 END: Final = "<!-- end of what is written -->"
 BARE: Final = "obelisk executor"
 """Plain nodes on the library's executor: between the peers and what users have, so left out."""

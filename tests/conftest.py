@@ -5,6 +5,7 @@ import fcntl
 import gc
 import itertools
 import os
+import stat
 import tempfile
 import uuid
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ import pytest
 from obk_cli.process.shared_memory import remove_dead_segments
 
 _SOURCE = Path(__file__).resolve().parents[1] / "src"
+_SHARED = Path(__file__).resolve().parents[2] / "shared"
 # The tool looks for a domain of its own from 100 downwards.
 _DOMAIN_IDS = range(1, 81)
 # One after another, so that what is slow to go is not met by the next test.
@@ -33,14 +35,16 @@ _FOREIGN_ROS_VARIABLES = (
 
 
 # No example is too slow, whatever else the machine does. On CI they are the same each time: a fault
-# found by luck belongs to whoever looks for it.
-hypothesis.settings.register_profile(
-    "obelisk",
-    deadline=None,
-    suppress_health_check=(hypothesis.HealthCheck.too_slow,),
-    derandomize=bool(os.environ.get("CI")),
-)
-hypothesis.settings.load_profile("obelisk")
+# found by luck is for `make test-slow`, with `--hypothesis-profile full`.
+for _profile, _examples in (("ci", 30), ("full", 300)):
+    hypothesis.settings.register_profile(
+        _profile,
+        max_examples=_examples,
+        deadline=None,
+        suppress_health_check=(hypothesis.HealthCheck.too_slow,),
+        derandomize=bool(os.environ.get("CI")),
+    )
+hypothesis.settings.load_profile("ci")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -62,11 +66,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip what needs configs that lie beside the checkout, where it stands alone."""
+    """Skip what needs configs that lie beside the checkout, unless they exist."""
     module = getattr(item, "module", None)
     for name in ("CORPUS", "SEEDS"):
         folder = getattr(module, name, None)
         if isinstance(folder, Path) and not folder.is_dir():
+            assert folder.is_relative_to(_SHARED), f"{name} is no folder of {_SHARED}"
             pytest.skip(f"there is no folder {folder}")
 
 
@@ -89,6 +94,22 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_folders(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """The search for a workspace ends before the folder that has the folders of all tests."""
+    tmp_path_factory.getbasetemp().chmod(stat.S_IRWXU | stat.S_ISVTX)
+
+
+@pytest.fixture
+def unmeasured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Processes that the test starts are as they are for a user, also where coverage is measured.
+
+    Coverage imports modules, writes files at the end, and takes SIGTERM.
+    """
+    for name in [name for name in os.environ if name.startswith("COV")]:
+        monkeypatch.delenv(name)
 
 
 @pytest.fixture

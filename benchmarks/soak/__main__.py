@@ -1,14 +1,14 @@
 """Troubles the dummy stack for a long time, and looks whether anything of it grows or is left.
 
-    make soak [SECONDS=1800]
-    make soak-short               (3 min: each trouble once or more, and what grows quickly)
+    make bench PART=soak [SECONDS=1800]
+    make bench PART=soak-short    (2 min: each trouble once or more, and what grows quickly)
 
 A seeded plan takes turns at random: nodes are taken through transitions, killed and frozen; the
 config is changed and launched anew; monitors, recorders and pages come and go. Each answer is held
 against the rules. Memory, file handles, threads and sockets of the stack's processes and their
 files in shared memory are counted: their slope has to be flat, but for its noise. Between troubles
 every promised rate has to be kept, in seconds in which a bare timer beside the stack kept its own.
-Numbers and verdict go to `soak.json`, and with the extra `plot` a picture to `soak.svg`. Exit code
+The verdict goes to `soak.json`, samples and (extra `plot`) a picture to build/benchmarks. Exit code
 1: something grows, is not kept, is not answered as the rules say, or is left.
 """
 
@@ -28,7 +28,7 @@ from typing import Any, Final
 from benchmarks.soak.counts import LEAST_MB, mapped_files, of_process, shared_files, verdicts
 from benchmarks.soak.plan import Trouble, first_deck, plan
 from benchmarks.soak.rates import Rates, bare_timer_beside
-from benchmarks.soak.results import keep_result
+from benchmarks.soak.results import RESULTS, keep_result
 from benchmarks.soak.stack import Stack
 from benchmarks.soak.troubles import trouble
 from benchmarks.stolen import StolenTime
@@ -38,7 +38,6 @@ from obk_cli.ros.environment import free_domain
 __all__ = ["main"]
 
 ROOT: Final = Path(__file__).resolve().parents[2]
-RESULTS: Final = ROOT / "benchmarks" / "results"
 CONFIG: Final = ROOT / "examples" / "dummy" / "dummy.yaml"
 SAMPLE_S: Final = 2.0
 FROZEN_S: Final = 5.0

@@ -1,12 +1,17 @@
-"""Keeps a result: its numbers as JSON, and memory, handles, threads and shared files over time."""
+"""Keeps a result: the outcome, and apart from it the samples over time and their picture."""
 
 import json
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-__all__ = ["draw_picture", "keep_result"]
+__all__ = ["RESULTS", "draw_picture", "keep_result"]
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+RESULTS: Final = ROOT / "benchmarks" / "results"
+RAW: Final = ROOT / "build" / "benchmarks"
+RAW_KEYS: Final = ("samples", "judged", "troubles")
 
 KEYS = ("rss_mb", "handles", "threads", "shm_files")
 # The same figures give the same file.
@@ -14,18 +19,29 @@ STYLE: Any = {"svg.hashsalt": "obelisk", "svg.fonttype": "none"}
 
 
 def keep_result(result: Mapping[str, Any], path: Path) -> None:
-    """Write the numbers, and where matplotlib is installed the picture beside them.
+    """Write the outcome, the samples it was judged by, and the picture of those.
+
+    The samples are too long to be kept with the outcome: of a result in `benchmarks/results` they
+    and the picture go to `build/benchmarks`.
 
     Args:
-        result: with `samples` and `troubles`.
-        path: of the numbers, `*.json`; its folder is made where it is not there.
+        result: with `samples`, `judged` and `troubles`.
+        path: of the outcome, `*.json`; its folder is made where it is not there.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    raw_folder = RAW if path.parent == RESULTS else path.parent
+    outcome = {key: value for key, value in result.items() if key not in RAW_KEYS}
+    raw = {key: result[key] for key in RAW_KEYS}
+    _write(path, outcome)
+    _write(raw_folder / f"{path.stem}_samples.json", raw)
     try:
-        draw_picture(result, path.with_suffix(".svg"))
+        draw_picture(result, raw_folder / f"{path.stem}.svg")
     except ImportError:
         print("no picture: install obk with its `plot` extra", file=sys.stderr)
+
+
+def _write(path: Path, content: Mapping[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def draw_picture(result: Mapping[str, Any], path: Path) -> None:

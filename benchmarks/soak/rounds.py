@@ -3,9 +3,9 @@
     python -m benchmarks.soak.rounds [--rounds 1000]
 
 The dummy stack composed in one process is deactivated, cleaned up, configured and activated by its
-launcher, again and again; its process and the launcher's are counted. Numbers and verdict go to
-`rounds.json`, and with the extra `plot` a picture to `rounds.svg`. Exit code 1: something grows, or
-a transition fails.
+launcher, again and again; its process and the launcher's are counted. The verdict goes to
+`rounds.json`, samples and (extra `plot`) a picture to build/benchmarks. Exit code 1: something
+grows, or a transition fails.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from typing import Any, Final
 from rich.progress import track
 
 from benchmarks.soak.counts import of_process, verdicts
-from benchmarks.soak.results import keep_result
+from benchmarks.soak.results import RESULTS, keep_result
 from benchmarks.soak.stack import Stack
 from benchmarks.stolen import StolenTime
 from obk_cli.introspect.lifecycle import Asked, change_states
@@ -30,7 +30,6 @@ from obk_cli.ros.environment import free_domain, ros_environment
 __all__ = ["main"]
 
 ROOT: Final = Path(__file__).resolve().parents[2]
-RESULTS: Final = ROOT / "benchmarks" / "results"
 CONFIG: Final = ROOT / "examples" / "dummy" / "dummy.yaml"
 ROUND: Final = ("deactivate", "cleanup", "configure", "activate")
 TRANSITION_S: Final = 30.0

@@ -12,6 +12,7 @@ from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
 from obk_cli.errors import CommandFailedError
 
 __all__ = [
+    "FOR_EVERYBODY",
     "STANDARD_INPUT",
     "STATE_MODE",
     "explain_os_error",

@@ -19,7 +19,7 @@ from typing import Any, Final
 __all__ = ["main"]
 
 ROOT: Final = Path(__file__).resolve().parents[2]
-RESULT: Final = ROOT / "benchmarks" / "results" / "fuzz.json"
+RESULT: Final = ROOT / "build" / "benchmarks" / "fuzz.json"
 ENGINES: Final = ("hypothesis", "atheris")
 START_S: Final = 120.0
 """For a process to load everything and to end [s]."""
@@ -121,6 +121,7 @@ def main() -> int:
         "findings": sum(len(result["findings"]) for result in results),
         "tests": results,
     }
+    RESULT.parent.mkdir(parents=True, exist_ok=True)
     RESULT.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
     print(f"{told['executions']} executions, {told['findings']} findings: {RESULT}")
     return 1 if told["findings"] else 0

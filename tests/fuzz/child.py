@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from hypothesis import Phase, settings
+from hypothesis import HealthCheck, Phase, settings
 
 from .bounds import Bounded, bound_memory
 
@@ -30,7 +30,13 @@ CORPUS_BYTES = 2048
 def main(module: str, name: str, engine: str, seconds: float, seed: int) -> None:
     """Run a test of a module."""
     warnings.simplefilter("ignore")
-    settings.register_profile("fuzz", database=None, phases=[Phase.generate], deadline=None)
+    settings.register_profile(
+        "fuzz",
+        database=None,
+        phases=[Phase.generate],
+        deadline=None,
+        suppress_health_check=[HealthCheck.too_slow],
+    )
     settings.load_profile("fuzz")
     os.environ.pop("CI", None)
     if engine == "atheris":

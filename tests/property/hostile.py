@@ -3,17 +3,10 @@
 import string
 from collections.abc import Sequence
 
-from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
-__all__ = ["FEW", "JSON", "SPOILT", "assert_shows_only_text", "damaged", "respelt"]
+__all__ = ["JSON", "SPOILT", "assert_shows_only_text", "damaged", "respelt"]
 
-FEW = settings(
-    max_examples=40,
-    deadline=None,
-    suppress_health_check=[HealthCheck.too_slow],  # a busy machine
-)
-"""For the tests of every day; `make fuzz` runs the same tests for as long as one likes."""
 _CONTROLS = frozenset(map(chr, (*range(0x20), *range(0x7F, 0xA0)))) - {"\t"}
 _SEQUENCES = (
     *("\x1b[2J", "\x1b]0;title\x07", "\x1b]52;c;eA==\x07", "\x1bP$q\x1b\\", "\x1b[31m", "\x1bc"),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from obelisk_spec.names import resolve_msg_type
@@ -37,7 +37,6 @@ SECTIONS = {
     "robot": "robot",
     "sensor": "sensing",
 }
-ENOUGH = settings(max_examples=200, deadline=None)
 
 
 def message(name: str) -> MessageType:
@@ -166,7 +165,6 @@ def read(text: str) -> dict[str, list[object]]:
     return {key: item if isinstance(item, list) else [item] for key, item in listed.items()}
 
 
-@ENOUGH
 @given(texts(), st.sampled_from(list(SECTIONS)))
 def test_in_any_layout_the_node_is_all_that_is_new(text: str, kind: str) -> None:
     added = add_node(
@@ -196,7 +194,6 @@ def comments(text: str) -> list[str]:
     return [] if has_text else [line for line in text.split() if line.startswith("#")]
 
 
-@ENOUGH
 @given(
     st.text("ab:- \n[]{},&*'\"#?<key control robot publishers onboard _setting"),
     st.sampled_from(list(SECTIONS)),

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from obelisk_spec.yaml_core import YamlTextError, core_scalar, load_yaml_core
@@ -43,7 +43,6 @@ ODD = (
     r'. / .. ~/x //a ./ ~a {x} /dev/zero "a\0b" "a\0b/c" "\e[2J" "\n" "" "${" ${A} "a=b" "-" "*" '
     "0 -1 1e400 .nan -.inf 99999999999999999999 true ~ [] {} [[1]] {a:[~]}"
 ).split()
-ENOUGH = settings(max_examples=150, deadline=None)
 
 
 @cache
@@ -84,7 +83,6 @@ def assert_inside(span: Span, source: SourceFile) -> None:
     assert (span.line, span.column) <= (span.end_line, span.end_column)
 
 
-@ENOUGH
 @given(st.binary())
 def test_any_bytes(data: bytes) -> None:
     source = decode_source("f", data)
@@ -92,7 +90,6 @@ def test_any_bytes(data: bytes) -> None:
         parse_source(source)
 
 
-@ENOUGH
 @given(st.binary() | NEARLY_YAML.map(str.encode))
 def test_any_file_is_compiled_or_refused(data: bytes) -> None:
     with tempfile.NamedTemporaryFile(suffix=".yaml") as file:
@@ -107,19 +104,16 @@ def test_any_file_is_compiled_or_refused(data: bytes) -> None:
     report_json([outcome.path], outcome.diagnostics)
 
 
-@ENOUGH
 @given(NEARLY_YAML)
 def test_any_text_is_compiled_or_refused(text: str) -> None:
     compiled(text)
 
 
-@ENOUGH
 @given(VALUES.map(repr))
 def test_any_shape_of_known_keys_is_compiled_or_refused(text: str) -> None:
     compiled(text.replace("None", "~"))
 
 
-@ENOUGH
 @given(st.sampled_from([*SEEDS, PLANTED]), st.integers())
 def test_a_mutated_config_is_compiled_or_refused(text: str, seed: int) -> None:
     draw = random.Random(seed)
@@ -136,7 +130,6 @@ def test_a_mutated_config_is_compiled_or_refused(text: str, seed: int) -> None:
     compiled(text)
 
 
-@ENOUGH
 @given(st.sampled_from([PLANTED, SOUND]), st.sampled_from(ODD), st.integers())
 def test_no_value_is_too_odd_wherever_it_stands(text: str, odd: str, seed: int) -> None:
     draw = random.Random(seed)
@@ -146,7 +139,6 @@ def test_no_value_is_too_odd_wherever_it_stands(text: str, odd: str, seed: int) 
     compiled(text)
 
 
-@ENOUGH
 @given(NEARLY_YAML)
 def test_places_lie_inside_the_text(text: str) -> None:
     source = SourceFile.of("f", text)
@@ -158,7 +150,6 @@ def test_places_lie_inside_the_text(text: str) -> None:
             assert_inside(span, source)
 
 
-@ENOUGH
 @given(NEARLY_YAML)
 def test_an_independent_reader_reads_the_same(text: str) -> None:
     parsed = parse_source(SourceFile.of("f", text))

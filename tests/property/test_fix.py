@@ -3,7 +3,7 @@
 import random
 from pathlib import Path
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from obk_cli.compiler import Options
@@ -13,7 +13,6 @@ from obk_cli.workspace.package_index import PackageIndex
 
 CORPUS = Path(__file__).resolve().parents[3] / "shared" / "corpus"
 SEEDS = [path.read_text() for path in sorted(CORPUS.rglob("*.yaml"))]
-ENOUGH = settings(max_examples=80, deadline=None)
 
 
 def fixed(text: str, folder: Path) -> Fixed:
@@ -46,7 +45,6 @@ def with_slips(text: str, seed: int) -> str:
     return text
 
 
-@ENOUGH
 @given(st.sampled_from(SEEDS), st.integers())
 def test_slips_in_any_config_are_mended_or_left(text: str, seed: int) -> None:
     first = fixed(with_slips(text, seed), CORPUS / "nowhere")

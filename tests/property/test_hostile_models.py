@@ -5,7 +5,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from obk_cli.config.environment import ModelRead
@@ -13,7 +13,7 @@ from obk_cli.scaffold.stack import read_model_text
 from obk_cli.workspace.mjcf_locations import mjcf_elements, mjcf_files
 from obk_cli.workspace.model_reader import read_model_bounded
 
-from .hostile import FEW, damaged
+from .hostile import damaged
 
 pytestmark = pytest.mark.mujoco
 
@@ -57,13 +57,11 @@ def look_at(data: bytes) -> None:
         read_model_text(data.decode(errors="replace"), "m.xml")
 
 
-@settings(FEW, max_examples=10)
 @given(damaged([path.read_bytes() for path in MODELS]) | st.binary())
 def test_a_damaged_model_is_read_or_refused(data: bytes) -> None:
     look_at(data)
 
 
-@settings(FEW, max_examples=10)
 @given(
     st.sampled_from([path.read_text() for path in MODELS]),
     st.lists(
@@ -86,7 +84,6 @@ def test_no_value_and_no_element_of_a_model_is_too_odd(
     look_at(text.encode())
 
 
-@FEW
 @given(
     st.dictionaries(
         st.sampled_from(NAMES),

@@ -18,7 +18,7 @@ from obk_cli.record.mcap_reader import messages_of, read_bag
 from obk_cli.record.mcap_writer import BagWriter
 from obk_cli.record.plot import PlotField, parse_field
 
-from .hostile import FEW, SPOILT, assert_shows_only_text, damaged
+from .hostile import SPOILT, assert_shows_only_text, damaged
 
 TYPE = "demo_msgs/msg/Reading"
 DEFINITION = (
@@ -68,13 +68,11 @@ def look_at(data: bytes) -> None:
                 lines.add(message.received_ns * 1e-9, message.value)
 
 
-@FEW
 @given(st.binary(max_size=200).map(lambda data: b"\x89MCAP0\r\n" + data) | st.binary())
 def test_a_file_of_any_bytes_is_read_or_refused(data: bytes) -> None:
     look_at(data)
 
 
-@FEW
 @given(st.deferred(lambda: damaged(seeds())))
 def test_a_damaged_recording_is_read_or_refused(data: bytes) -> None:
     look_at(data)
@@ -93,7 +91,6 @@ def made_up(topic: str, definition: str, name: str, message: bytes) -> bytes:
     return file.getvalue()
 
 
-@FEW
 @given(
     st.just("/speed") | SPOILT,
     damaged([DEFINITION.encode()]).map(lambda data: data.decode(errors="replace")) | st.text(),

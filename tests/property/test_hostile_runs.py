@@ -30,7 +30,7 @@ from obk_cli.runs.stacks import Stack
 from obk_cli.web.feed import live_picture
 from obk_cli.workspace.overlay import FOLDER, RECORD, overlay_prefixes, read_record
 
-from .hostile import FEW, JSON, SPOILT, assert_shows_only_text, damaged, respelt
+from .hostile import JSON, SPOILT, assert_shows_only_text, damaged, respelt
 
 PID, STARTED = this_process()
 END = {"topic": "/t", "msg_type": "a/msg/B", "rate_hz": 1.0}
@@ -113,7 +113,6 @@ def shown(call: object, *arguments: object, **options: object) -> list[str]:
     return text.getvalue().splitlines()
 
 
-@FEW
 @given(FILES)
 def test_a_run_file_of_any_content_is_shown_or_left_out(content: bytes | str) -> None:
     with tempfile.TemporaryDirectory() as home:
@@ -136,7 +135,6 @@ def test_a_run_file_of_any_content_is_shown_or_left_out(content: bytes | str) ->
         run_metadata_of(folder)
 
 
-@FEW
 @given(st.binary() | damaged(ANSWERS) | JSON.map(json.dumps))
 def test_any_answer_of_a_launcher_is_understood_or_none(line: bytes | str) -> None:
     data = line.encode() if isinstance(line, str) else line
@@ -148,7 +146,6 @@ def test_any_answer_of_a_launcher_is_understood_or_none(line: bytes | str) -> No
         assert encode_line(request).endswith(b"\n")
 
 
-@FEW
 @given(respelt(STATUS), SPOILT)
 def test_a_status_of_any_shape_is_shown(told: object, spoilt: str) -> None:
     line = json.dumps(told).replace("/a", json.dumps(spoilt)[1:-1]).encode()
@@ -161,7 +158,6 @@ def test_a_status_of_any_shape_is_shown(told: object, spoilt: str) -> None:
         shown(ps.command, format="json")
 
 
-@FEW
 @given(respelt(CHANGE), SPOILT)
 def test_a_change_of_any_shape_is_shown(told: object, spoilt: str) -> None:
     line = json.dumps(told).replace("no", json.dumps(spoilt)[1:-1]).encode()
@@ -171,7 +167,6 @@ def test_a_change_of_any_shape_is_shown(told: object, spoilt: str) -> None:
         shown(lifecycle._report_change, answer, is_json=True)
 
 
-@FEW
 @given(st.binary() | st.just("[" * 100_000) | (JSON | respelt(OVERLAY)).map(json.dumps))
 def test_a_record_of_an_overlay_of_any_content_is_read_or_none(content: bytes | str) -> None:
     with tempfile.TemporaryDirectory() as workspace:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from obk_cli.scaffold.templates import Template, TemplateFaultError, render_templates
 
-from .hostile import FEW, SPOILT
+from .hostile import SPOILT
 
 VARIABLES = {"node": "arm", "package": "demo", "types": ("a", "b")}
 PIECES = st.sampled_from(
@@ -25,7 +25,6 @@ def utf8(text: str) -> bytes:
     return text.encode(errors="surrogateescape")
 
 
-@FEW
 @given(st.lists(st.tuples(NAMES, TEXTS), min_size=1, max_size=3))
 def test_a_template_of_any_name_makes_a_file_below_the_package_or_none(
     drawn: list[tuple[str, str]],

@@ -30,7 +30,7 @@ from obk_cli.scaffold.kinds import check_name, suggest_name
 from obk_interfaces import PackageError, Prefixes, load_package
 from obk_interfaces.definition import check_package
 
-from .hostile import FEW, JSON, SPOILT, assert_shows_only_text, damaged
+from .hostile import JSON, SPOILT, assert_shows_only_text, damaged
 
 _SGR = re.compile(r"\x1b\[[0-9;:]*m")
 RATE = Rate(
@@ -104,7 +104,6 @@ def without_nul(text: str) -> str:
     return text.replace("\0", "")
 
 
-@FEW
 @given(st.lists(st.sampled_from(get_args(OutputEvent)), max_size=4), st.data())
 def test_what_nodes_say_in_events_moves_no_terminal(
     kinds: list[type[OutputEvent]], data: st.DataObject
@@ -117,7 +116,6 @@ def test_what_nodes_say_in_events_moves_no_terminal(
         status = with_event(status, event)
 
 
-@FEW
 @given(SPOILT, SPOILT)
 def test_a_line_of_a_node_moves_no_terminal(said: str, cause: str) -> None:
     report = LaunchReport(("/a",), colour=False, quiet=False)
@@ -142,7 +140,6 @@ def test_a_line_of_a_node_moves_no_terminal(said: str, cause: str) -> None:
     assert_shows_only_text(monitor_text(view, 80, colour=False).split("\n"))
 
 
-@FEW
 @given(st.binary(), st.integers(0, 9))
 def test_a_log_of_any_bytes_is_shown(data: bytes, count: int) -> None:
     with tempfile.NamedTemporaryFile() as file:
@@ -152,7 +149,6 @@ def test_a_log_of_any_bytes_is_shown(data: bytes, count: int) -> None:
         "".join(read_lines(Path(file.name))).encode()
 
 
-@FEW
 @given(JSON | SPOILT)
 def test_a_message_of_any_content_moves_no_terminal(value: object) -> None:
     plain = [value] if isinstance(value, str) else value
@@ -161,7 +157,6 @@ def test_a_message_of_any_content_moves_no_terminal(value: object) -> None:
     csv_row([str(value)])
 
 
-@FEW
 @given(st.text(), st.integers(-9, 9), st.dictionaries(st.sampled_from(RATE_KEYS), st.text()))
 def test_a_status_of_any_content_is_a_rate_or_none(
     name: str, level: int, values: dict[str, str]
@@ -169,7 +164,6 @@ def test_a_status_of_any_content_is_a_rate_or_none(
     parse_rate(name, level, values)
 
 
-@FEW
 @given(SPOILT | st.text())
 def test_a_name_of_any_text_is_taken_or_refused_in_words(name: str) -> None:
     problem = check_name(name, kind="controller", owner_of=lambda _: None)
@@ -180,7 +174,6 @@ def test_a_name_of_any_text_is_taken_or_refused_in_words(name: str) -> None:
         assert_shows_only_text(shown.getvalue().split("\n"))
 
 
-@FEW
 @given(SPOILT.map(without_nul), SPOILT.map(without_nul), st.text().map(without_nul))
 def test_what_a_config_and_its_environment_say_moves_no_terminal(
     said: str, variable: str, raw: str
@@ -193,7 +186,6 @@ def test_what_a_config_and_its_environment_say_moves_no_terminal(
         report_github(found)
 
 
-@FEW
 @given(st.dictionaries(st.sampled_from("abc"), FRAGMENTS, min_size=1))
 def test_files_that_include_one_another_are_merged_or_refused(texts: dict[str, bytes]) -> None:
     with tempfile.TemporaryDirectory() as folder:
@@ -203,7 +195,6 @@ def test_files_that_include_one_another_are_merged_or_refused(texts: dict[str, b
         compile_config(str(first), Options(variables={"A": "a"}, working_folder=Path(folder)))
 
 
-@FEW
 @given(
     damaged([DEFINITION]) | st.binary(),
     damaged([MANIFEST]) | st.just(MANIFEST),

@@ -10,8 +10,6 @@ from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
 from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.source import SourceFile, Span
 
-from .hostile import FEW
-
 KEYS = st.sampled_from(("name", "key", "ros_parameter", "topic", "id", "a", "b", "pub_x_setting"))
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers(0, 3) | st.sampled_from(("x", "y", "pub_x", "")),
@@ -38,7 +36,6 @@ def spans(tree: Tree) -> Iterator[Span]:
         yield from spans(item)
 
 
-@FEW
 @given(MAPS, MAPS)
 def test_what_the_outer_text_says_is_there_and_what_it_does_not_name_stays(
     inner: dict[str, object], outer: dict[str, object]
@@ -58,7 +55,6 @@ def test_what_the_outer_text_says_is_there_and_what_it_does_not_name_stays(
     assert {*spans(merged)} <= known
 
 
-@FEW
 @given(MAPS)
 def test_a_text_over_nothing_and_nothing_over_a_text_are_the_text(value: dict[str, object]) -> None:
     nothing, tree = tree_of({}, "nothing"), tree_of(value, "text")
@@ -66,7 +62,6 @@ def test_a_text_over_nothing_and_nothing_over_a_text_are_the_text(value: dict[st
     assert plain_value(merge_trees(tree, nothing)) == plain_value(tree)
 
 
-@FEW
 @given(VALUES, VALUES)
 def test_a_single_value_gives_way_to_whatever_is_over_it(inner: object, outer: object) -> None:
     below, above = tree_of(inner, "inner"), tree_of(outer, "outer")

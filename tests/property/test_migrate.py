@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from obk_cli.compiler import Options, compile_source
@@ -19,7 +19,6 @@ ROOT = Path(__file__).resolve().parents[2]
 CORPUS = ROOT.parent / "shared" / "corpus"
 FILES = sorted([*CORPUS.rglob("*.yaml"), *(ROOT / "examples").glob("*/*.yaml")])
 CONFIGS = [path for path in FILES if path.name != "depth_config.yaml"]
-ENOUGH = settings(max_examples=150, deadline=None)
 
 
 def plan_of(path: Path, text: str) -> dict[str, object]:
@@ -152,7 +151,6 @@ def _components(key: str, value: object) -> object:
     ]
 
 
-@ENOUGH
 @given(texts())
 def test_any_layout_says_the_same_in_either_spelling(text: str) -> None:
     there = migrated(text, "key")
@@ -167,7 +165,6 @@ def test_any_layout_says_the_same_in_either_spelling(text: str) -> None:
     assert migrated(back, "seed") == back
 
 
-@ENOUGH
 @given(st.text("ab:- \n[]{},&*'\"#?<key control robot publishers ros_parameter onboard _setting"))
 def test_any_text_is_migrated_or_refused(text: str) -> None:
     migrate_source(SourceFile.of("c.yaml", text), "key")

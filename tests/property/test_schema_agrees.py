@@ -10,7 +10,7 @@ from typing import Any
 import jsonschema
 import pytest
 import yaml
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from obelisk_spec.yaml_core import load_yaml_core
@@ -164,7 +164,6 @@ def test_the_schema_accepts_a_config_that_the_checker_accepts(config: dict[str, 
     assert bool(faults) == bool(refusals), (faults, refusals)
 
 
-@settings(max_examples=200, deadline=None)
 @given(edited(VALUES, NUMBERS))
 def test_the_schema_accepts_an_edited_config_exactly_where_the_checker_does(
     config: dict[str, Any],
@@ -175,7 +174,6 @@ def test_the_schema_accepts_an_edited_config_exactly_where_the_checker_does(
     assert bool(faults) == bool(refusals), (faults, refusals)
 
 
-@settings(max_examples=300, deadline=None)
 @given(with_variables())
 def test_the_schema_refuses_no_variable_that_the_checker_accepts(
     drawn: tuple[dict[str, Any], dict[str, str]],

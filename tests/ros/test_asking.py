@@ -63,6 +63,7 @@ def test_the_launcher_tells_and_moves_its_stack_again_and_again() -> None:
     assert run.process.returncode == 0, run.text
 
 
+@pytest.mark.slow
 def test_without_the_run_registry_the_graph_alone_is_enough(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

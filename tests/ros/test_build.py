@@ -115,6 +115,7 @@ def test_two_processes_exchange_a_users_messages_and_service(workspace: Path) ->
     assert subscriber.communicate(timeout=90)[0] == "walk [1.0, 2.0]\n"
 
 
+@pytest.mark.slow
 def test_only_what_changed_or_is_named_and_what_uses_it_is_built(workspace: Path) -> None:
     assert build(workspace)["unchanged"] == ["arm_msgs", "other_msgs", "task_msgs"]
     before = said(workspace, TYPE_HASH)
@@ -167,6 +168,7 @@ def test_interrupted_the_overlay_stays_as_it_was(workspace: Path) -> None:
     assert build(workspace)["built"] == []
 
 
+@pytest.mark.slow
 def test_two_builds_at_once_wait_for_each_other(workspace: Path) -> None:
     (workspace / "src" / "other_msgs" / "msg" / "Word.msg").write_text("string words\n")
     command = [OBK, "build", "--workspace", workspace, "--format", "json"]
@@ -188,6 +190,7 @@ def test_a_launch_builds_what_is_stale_and_the_nodes_exchange_it(workspace: Path
     assert "built" not in launch.text
 
 
+@pytest.mark.slow
 def test_a_launch_uses_the_messages_of_the_workspace_that_it_is_called_in(
     workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -199,6 +202,7 @@ def test_a_launch_uses_the_messages_of_the_workspace_that_it_is_called_in(
         launch.wait_for_line("reached 3.0")
 
 
+@pytest.mark.slow
 def test_messages_of_a_running_stacks_workspace_are_shown_from_any_folder(
     workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -210,6 +214,7 @@ def test_messages_of_a_running_stacks_workspace_are_shown_from_any_folder(
     assert (shown.stdout, shown.returncode) == ("[1.0, 2.0]\n", 0), shown.stderr
 
 
+@pytest.mark.slow
 def test_a_launch_that_is_not_to_build_says_what_is_stale(workspace: Path) -> None:
     config = make_nodes(workspace)
     (workspace / "src" / "other_msgs" / "msg" / "Word.msg").write_text("string words\n")

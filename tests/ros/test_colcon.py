@@ -15,7 +15,7 @@ import pytest
 
 from .stack import launched, obk
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 ROOT = Path(__file__).resolve().parents[2]
 REQUIREMENTS = Path(__file__).with_name("colcon_requirements.txt")

@@ -154,6 +154,7 @@ def test_the_lead_brings_all_up_and_down(hosts: tuple[Host, Host], config: Path)
     assert not lead.left_over() + follower.left_over()
 
 
+@pytest.mark.slow
 def test_a_follower_whose_lead_is_gone_brings_its_nodes_down(
     hosts: tuple[Host, Host], config: Path
 ) -> None:
@@ -166,6 +167,7 @@ def test_a_follower_whose_lead_is_gone_brings_its_nodes_down(
     assert not follower.left_over()
 
 
+@pytest.mark.slow
 def test_a_lead_whose_follower_is_gone_names_a_node_that_does_not_answer(
     hosts: tuple[Host, Host], config: Path
 ) -> None:

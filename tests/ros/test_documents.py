@@ -49,10 +49,23 @@ def commands(document: Path) -> list[list[str]]:
     return [words for words in split if words and Path(words[0]).name in ("obk", "cp")]
 
 
-SHOWN = [document for document in DOCUMENTS if commands(document)]
+ROBOTS = {"arm", "quadruped"}
+AT_ONCE = ("README.md", "ci.md", "compile.md", "from-launch-files.md", "own-messages.md")
+"""What `make test` runs; the others launch what these and the tests of stacks launch as well."""
+SHOWN = [
+    pytest.param(
+        document,
+        id=str(document.relative_to(ROOT)),
+        marks=[]
+        if ROBOTS.isdisjoint(document.parts) and document.name in AT_ONCE
+        else pytest.mark.slow,
+    )
+    for document in DOCUMENTS
+    if commands(document)
+]
 
 
-@pytest.mark.parametrize("document", SHOWN, ids=lambda path: str(path.relative_to(ROOT)))
+@pytest.mark.parametrize("document", SHOWN)
 def test_the_commands_of_a_document_work_in_their_order(
     document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -74,6 +74,7 @@ def test_the_quadruped_stands_up() -> None:
     assert run.process.returncode == 0, run.text
 
 
+@pytest.mark.slow
 def test_the_arm_reaches_its_first_pose_and_sees_the_table() -> None:
     topics = {
         "/arm/encoders": ObkJointEncoders,

@@ -163,6 +163,7 @@ def _guard(node: Node) -> Callable[[], object]:
     return lambda: node.destroy_guard_condition(guard)
 
 
+@pytest.mark.slow
 def test_a_thousand_rounds_of_every_entity_leak_no_descriptor(one: World) -> None:
     node = one.node()
     makers = (_timer, _subscription, _service, _client, _guard)

@@ -98,6 +98,7 @@ def ended(process: subprocess.Popen[str]) -> tuple[int, str, str]:
     return process.returncode, output, errors
 
 
+@pytest.mark.usefixtures("unmeasured")
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize(
     ("number", "told"), [(signal.SIGINT, "interrupted\n"), (signal.SIGTERM, "over\n")]

@@ -70,7 +70,9 @@ def with_faulty_controller(folder: Path, callback: str, what: str, dummy: Path =
     return config
 
 
-@pytest.mark.parametrize("callback", ["on_configure", "on_activate"])
+@pytest.mark.parametrize(
+    "callback", ["on_configure", pytest.param("on_activate", marks=pytest.mark.slow)]
+)
 def test_a_transition_that_gets_stuck_is_shown_with_the_place_where_it_is(
     tmp_path: Path, callback: str
 ) -> None:
@@ -120,7 +122,9 @@ def test_a_launcher_started_with_sigint_ignored_ends_at_sigint_all_the_same() ->
     assert not marked()
 
 
-@pytest.mark.parametrize("is_stopped", [False, True])  # as by Ctrl-Z
+@pytest.mark.parametrize(
+    "is_stopped", [pytest.param(False, marks=pytest.mark.slow), True]
+)  # as by Ctrl-Z
 def test_a_launch_that_replaces_another_ends_it_in_order_and_takes_its_place(
     is_stopped: bool,
 ) -> None:

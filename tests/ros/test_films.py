@@ -44,6 +44,7 @@ def test_a_launch_leaves_a_film_of_its_robot(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["out.mp4"]
 
 
+@pytest.mark.slow
 def test_a_killed_launcher_leaves_a_whole_film_or_none(tmp_path: Path) -> None:
     require_opengl()
     path = tmp_path / "out.mp4"

@@ -129,6 +129,7 @@ def test_a_dead_drive_is_told_and_the_robot_comes_back_with_it(watcher: Watcher)
         assert not run.left_over()
 
 
+@pytest.mark.slow
 def test_a_dead_drive_stops_a_stack_that_is_to_stop() -> None:
     with drive() as (process, port):
         with launched(CONFIG, *at(port), "--set", "robot.on_crash=stop") as run:
@@ -138,6 +139,7 @@ def test_a_dead_drive_stops_a_stack_that_is_to_stop() -> None:
         assert not run.left_over()
 
 
+@pytest.mark.slow
 def test_without_a_drive_the_launch_fails_with_a_sentence_and_no_traceback() -> None:
     port = free_port()
     result = obk("launch", CONFIG, *at(port))
@@ -149,6 +151,7 @@ def test_without_a_drive_the_launch_fails_with_a_sentence_and_no_traceback() -> 
     assert not marked()
 
 
+@pytest.mark.slow
 def test_the_packages_own_tests_pass() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"],
@@ -161,6 +164,7 @@ def test_the_packages_own_tests_pass() -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_the_demo_runs_to_its_end(tmp_path: Path) -> None:
     shutil.copytree(HARDWARE, tmp_path / "hardware")
     take_another_port(tmp_path)

@@ -365,6 +365,7 @@ def test_a_sensor_without_a_publisher_is_told_what_it_lacks() -> None:
         assert "registers no publisher" in node.last_fault.text
 
 
+@pytest.mark.slow
 def test_a_thousand_rounds_leak_nothing() -> None:
     with spinning(Controller) as node:
         open_files = Path("/proc/self/fd")

@@ -119,6 +119,7 @@ def test_messages_are_shown_whatever_their_publishers_offer(talker: Talker) -> N
     assert yaml.safe_load(whole) == [0.25] * 30
 
 
+@pytest.mark.slow
 def test_fields_are_shown_as_text_json_and_csv(talker: Talker) -> None:
     assert done("topic", "echo", "joints", "position[0]", "-n", "2") == "0.5\n0.5\n"
     words = ("topic", "echo", "/arm/joints", "--field", "position", "name[1]", "-n", "3")
@@ -132,12 +133,14 @@ def test_fields_are_shown_as_text_json_and_csv(talker: Talker) -> None:
     assert "did you mean `position`" in wrong
 
 
+@pytest.mark.slow
 def test_bytes_that_are_no_message_of_the_type_are_told(talker: Talker) -> None:
     told = "a message came on /arm/broken that is no geometry_msgs/msg/PointStamped as it is built"
     assert told in refused("topic", "echo", "/arm/broken")
     assert told in refused("topic", "delay", "/arm/broken")
 
 
+@pytest.mark.slow
 def test_a_topic_without_messages_and_one_that_is_not_there_end_with_a_sentence(
     talker: Talker,
 ) -> None:
@@ -171,6 +174,7 @@ def test_an_empty_domain_is_told_to_be_empty() -> None:
         assert "start a stack with `obk launch`" in complaint
 
 
+@pytest.mark.slow
 def test_delays_are_told_by_stamps(talker: Talker) -> None:
     delay = told("topic", "delay", "/arm/point", "--duration", "3")
     assert not delay["is_relative"]
@@ -252,6 +256,7 @@ def test_services_are_listed_and_called(talker: Talker) -> None:
     assert "did you mean `/arm/switch`" in refused("service", "call", "swich")
 
 
+@pytest.mark.slow
 def test_a_stack_is_looked_into_from_any_domain(monkeypatch: pytest.MonkeyPatch) -> None:
     domain = os.environ["ROS_DOMAIN_ID"]
     # In its first seconds a launch takes whoever else publishes commands for a danger.

@@ -7,7 +7,7 @@ import yaml
 
 from .stack import DEADLINE_S, marked, started
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 PAIRS = 14
 
 

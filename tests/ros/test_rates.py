@@ -117,6 +117,7 @@ def is_broken(heard: list[RatesReported], name: str) -> bool:
     return rate is not None and rate.standing == "broken"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "executor_type",
     [
@@ -160,6 +161,7 @@ def is_heard_for(heard: list[RatesReported], wait_s: float) -> bool:
     return len(heard) > before
 
 
+@pytest.mark.slow
 def test_only_an_active_node_tells_of_its_rates() -> None:
     with listening(Two, EventLoopExecutor) as (node, heard):
         eventually(lambda: len(heard) >= 2, "reports")
@@ -174,6 +176,7 @@ def test_only_an_active_node_tells_of_its_rates() -> None:
         assert [rate.name for rate in heard[before].rates] == ["timer_slow", "timer_fast"]
 
 
+@pytest.mark.slow
 def test_on_simulated_time_a_rate_is_one_of_it_and_nothing_is_promised_while_it_stands() -> None:
     """Simulated time goes at a fifth of the wall's: 10 Hz of it are 2 Hz."""
 
@@ -262,7 +265,7 @@ def test_strict_rates_end_a_stack_whose_node_is_throttled_and_name_it(config: Pa
 
 
 @pytest.mark.mujoco
-@pytest.mark.parametrize("how", [(), ("--composed",)])
+@pytest.mark.parametrize("how", [(), pytest.param(("--composed",), marks=pytest.mark.slow)])
 def test_a_throttled_node_is_told_once_and_shown_by_ps(config: Path, how: tuple[str, ...]) -> None:
     with launched(config, "--quiet", *how) as run:
         run.wait_for_line("control_0: RATE: timer_ctrl runs at ")
@@ -288,6 +291,7 @@ def test_a_stack_that_keeps_its_promises_runs_on_with_strict_rates(config: Path)
     assert (events[-1]["event"], events[-1]["cause"]) == ("Ended", "")
 
 
+@pytest.mark.slow
 @pytest.mark.mujoco
 def test_a_simulator_promises_its_steps_and_its_sensors(config: Path) -> None:
     config.write_text(config.read_text().replace(MUTE, "", 2))

@@ -242,6 +242,7 @@ def test_publishers_that_offer_less_or_more_are_heard_all_the_same(tmp_path: Pat
     assert yaml.safe_load(found["/latched"].qos)[0]["durability"] == "transient_local"
 
 
+@pytest.mark.slow
 def test_the_commands_of_the_document_work_in_their_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -93,11 +93,13 @@ def test_where_the_rule_is_ignore_the_others_run_on(tmp_path: Path) -> None:
     assert not marked()
 
 
+@pytest.mark.slow
 def test_nodes_in_one_process_hang_and_come_back_together(tmp_path: Path) -> None:
     assert are_right(rehearsed(tmp_path, "restart", ["freeze", "kill"], "--composed"), 2)
     assert not marked()
 
 
+@pytest.mark.slow
 def test_a_promise_that_is_not_kept_is_told_with_its_evidence(tmp_path: Path) -> None:
     """The cases expect a restart, and the launch is one that stops."""
     verdicts = rehearsed(
@@ -110,6 +112,7 @@ def test_a_promise_that_is_not_kept_is_told_with_its_evidence(tmp_path: Path) ->
     assert "was ended by SIGKILL" in (verdict.run / "launch.log").read_text()
 
 
+@pytest.mark.slow
 def test_the_command_reports_each_row_and_keeps_out_of_other_domains(
     tmp_path: Path, ros_domain: int
 ) -> None:

@@ -246,6 +246,7 @@ def _assert_rest(newest: dict[str, Any], data: mujoco.MjData) -> None:
         _near(rotation, data.geom(geom).xmat)
 
 
+@pytest.mark.slow
 def test_after_an_hour_stamps_and_clock_are_exact(
     heard: tuple[ObeliskMujocoRobot, dict[str, list[Any]]],
 ) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from .stack import DUMMY
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
 def results(module: str, *options: str, root: Path, folder: Path) -> dict[str, Any]:
@@ -21,9 +21,9 @@ def results(module: str, *options: str, root: Path, folder: Path) -> dict[str, A
     command = (sys.executable, "-m", module, *options, "--config", DUMMY, "--results", folder)
     ended = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
     found = list(folder.glob("*.json"))
-    assert found, ended.stderr
-    told: dict[str, Any] = json.loads(found[0].read_text())
-    return told
+    assert len(found) == 2, ended.stderr
+    outcome, samples = (json.loads(path.read_text()) for path in sorted(found))
+    return {**outcome, **samples}
 
 
 def test_every_trouble_is_answered_as_the_rules_say_and_nothing_is_left(

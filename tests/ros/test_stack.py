@@ -45,7 +45,9 @@ def states(*arguments: str) -> dict[str, str]:
     return {m["node"]: m["state"] for m in members} if members else dict(told)
 
 
-@pytest.mark.parametrize("config", ["dummy.yaml", "dummy_new.yaml"])
+@pytest.mark.parametrize(
+    "config", [pytest.param("dummy.yaml", marks=pytest.mark.slow), "dummy_new.yaml"]
+)
 def test_both_spellings_come_up_and_end_in_order(config: str) -> None:
     result = obk("launch", EXAMPLE.with_name(config), "--duration", "1", "--color", "never")
     assert result.returncode == 0, result.stdout + result.stderr
@@ -96,7 +98,9 @@ def _not_under_nohup() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("_not_under_nohup")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])  # SIGINT ends the others
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)]
+)  # SIGINT ends the others
 def test_a_signal_to_the_launcher_ends_the_stack_in_order(number: int) -> None:
     with launched(DUMMY, "--quiet") as run:
         run.process.send_signal(number)
@@ -214,6 +218,7 @@ def test_a_second_launch_in_the_domain_is_refused_and_the_first_runs_on() -> Non
     assert obk("launch", DUMMY, "--duration", "0", "--quiet").returncode == 0
 
 
+@pytest.mark.slow
 def test_output_that_nobody_reads_holds_up_neither_the_stack_nor_its_end(tmp_path: Path) -> None:
     read_fd, write_fd = os.pipe()
     events = tmp_path / "home" / "runs"
@@ -269,6 +274,7 @@ def chatty(folder: Path) -> Path:
     return with_controller(folder / "ws" / "chatty.yaml", "chatty")
 
 
+@pytest.mark.slow
 def test_without_a_log_folder_and_the_rmw_that_is_asked_for_the_stack_runs_and_says_so(
     tmp_path: Path,
 ) -> None:

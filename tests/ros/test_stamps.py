@@ -90,6 +90,7 @@ def test_the_age_of_a_command_is_that_of_the_measurement_in_it(arm: Path) -> Non
             eventually(lambda: is_carried(topics()), "the same on the page")
 
 
+@pytest.mark.slow
 def test_a_simulation_at_half_speed_keeps_its_rates_and_its_stamps_are_no_wall_time(
     arm: Path,
 ) -> None:

@@ -39,6 +39,7 @@ def reddish(pixels: NDArray[np.int16]) -> int:
     return int(np.count_nonzero((red - green > 40) & (red - blue > 30)))
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_model_and_that_it_moves() -> None:
     chromium()
     pytest.importorskip("mjviser")

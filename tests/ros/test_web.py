@@ -127,6 +127,7 @@ def a_change_that_may_move_the_robot_is_asked_about(page: "Page") -> None:
     seen(lambda: state(page, "control_0") == "active", "that it is active again")
 
 
+@pytest.mark.slow
 def test_a_page_waits_for_a_stack_and_shows_the_next_one() -> None:
     chromium()
     with served() as url, opened(url, width=420, height=800) as page:
@@ -139,6 +140,7 @@ def test_a_page_waits_for_a_stack_and_shows_the_next_one() -> None:
             seen(lambda: text(page, "#state") == "ended", "its end")
 
 
+@pytest.mark.slow
 def test_fields_are_offered_and_faults_in_them_told() -> None:
     chromium()
     with launched(DUMMY), served() as url, opened(url) as page:
@@ -179,6 +181,7 @@ Path({seen!r}).write_text(sys.argv[1])
 """A program that is started as a browser and writes down the address that it is given."""
 
 
+@pytest.mark.slow
 def test_a_browser_is_opened_without_the_token_on_its_command_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,11 +7,12 @@ import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 
 from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
 from obk_cli.config.environment import UNSEARCHED, Command, ExecutableMissing
-from obk_cli.files import is_planted
+from obk_cli.files import FOR_EVERYBODY, is_planted
 from obk_cli.workspace.entry_points import (
     EntryPoint,
     installed_console_scripts,
@@ -40,11 +41,12 @@ _DEEPEST = 6
 def find_workspace(start: Path) -> Path:
     """The workspace around a folder: the nearest one up with a `src` folder or `.git`.
 
-    Else the nearest of the folder and the two above it that has a package right inside, else the
-    folder itself.
+    Otherwise the nearest of the folder and the two above it that contains a package, otherwise the
+    folder itself. The search ends at the home folder and before folders that other users can fill,
+    such as `/tmp`, and folders of another user.
     """
     folder = start.resolve()
-    chain = (folder, *folder.parents)
+    chain = tuple(_folders_up(folder))
     for ancestor in chain:
         if ancestor.parent != ancestor and is_workspace(ancestor):
             return ancestor
@@ -52,6 +54,27 @@ def find_workspace(start: Path) -> Path:
         if _has_package_inside(ancestor):
             return ancestor
     return folder
+
+
+def _folders_up(folder: Path) -> Iterator[Path]:
+    """A folder and those above it in which a workspace of its owner may begin."""
+    owners = {os.geteuid(), 0, _owner_and_mode(folder)[0]}
+    home = Path(os.path.realpath(Path("~").expanduser()))
+    yield folder
+    for child, parent in pairwise((folder, *folder.parents)):
+        owner, mode = _owner_and_mode(parent)
+        if child == home or owner not in owners or mode & FOR_EVERYBODY:
+            return
+        yield parent
+
+
+def _owner_and_mode(folder: Path) -> tuple[int, int]:
+    """The owner and the permissions of a folder; one that does not exist is this user's."""
+    try:
+        found = folder.stat()
+    except OSError:
+        return os.geteuid(), 0
+    return found.st_uid, found.st_mode
 
 
 def is_workspace(folder: Path) -> bool:

@@ -57,6 +57,7 @@ def test_the_help_is_plain_text(capsys: pytest.CaptureFixture[str], verb: str) -
     assert "\\[" not in Result(capsys, verb, "--help").out
 
 
+@pytest.mark.usefixtures("unmeasured")
 def test_plain_help_needs_neither_a_renderer_nor_what_a_config_is() -> None:
     code = (
         "import sys\n"

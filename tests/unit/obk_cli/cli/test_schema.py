@@ -65,6 +65,11 @@ def schema(repository: Path) -> dict[str, Any]:
     return loaded
 
 
+@pytest.fixture(scope="module")
+def validator(schema: dict[str, Any]) -> jsonschema.Draft202012Validator:
+    return jsonschema.Draft202012Validator(schema)
+
+
 def test_is_a_valid_schema(schema: dict[str, Any]) -> None:
     jsonschema.Draft202012Validator.check_schema(schema)
 
@@ -105,9 +110,10 @@ def test_every_name_of_the_users_own_has_a_title_and_a_description(schema: dict[
 
 
 @pytest.mark.parametrize("path", sorted(CASES.glob("accept/*/*.yaml")), ids=lambda p: p.stem)
-def test_accepts_what_the_checker_accepts(path: Path, schema: dict[str, Any]) -> None:
-    config = load_yaml_core(path.read_text(encoding="utf-8"))
-    jsonschema.validate(config, schema)
+def test_accepts_what_the_checker_accepts(
+    path: Path, validator: jsonschema.Draft202012Validator
+) -> None:
+    validator.validate(load_yaml_core(path.read_text(encoding="utf-8")))
 
 
 @pytest.mark.parametrize(
@@ -115,10 +121,10 @@ def test_accepts_what_the_checker_accepts(path: Path, schema: dict[str, Any]) ->
     [p for p in sorted(CASES.glob("reject/*/*.yaml")) if is_about_its_own_shape(p)],
     ids=lambda p: f"{p.parent.name}-{p.stem}",
 )
-def test_refuses_the_shapes_that_the_checker_refuses(path: Path, schema: dict[str, Any]) -> None:
-    config = load_yaml_core(path.read_text(encoding="utf-8"))
-    with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(config, schema)
+def test_refuses_the_shapes_that_the_checker_refuses(
+    path: Path, validator: jsonschema.Draft202012Validator
+) -> None:
+    assert not validator.is_valid(load_yaml_core(path.read_text(encoding="utf-8")))
 
 
 @pytest.mark.parametrize("pattern", [*SOUND_PATTERNS, *BROKEN_PATTERNS], ids=str)

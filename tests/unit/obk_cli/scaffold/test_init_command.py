@@ -235,6 +235,7 @@ def test_ruff_leaves_alone_what_building_makes_in_a_workspace_without_git(
     run(here / "my_robot", "ruff", "format", "--no-cache", "--check", ".")
 
 
+@pytest.mark.slow
 @pytest.mark.mujoco
 def test_the_commands_of_its_readme_work_in_their_order(here: Path) -> None:
     obk_init("my_robot")

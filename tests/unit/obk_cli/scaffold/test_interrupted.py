@@ -145,6 +145,7 @@ main(["init", "my_robot"])
     assert whole(tmp_path / "here") == {}
 
 
+@pytest.mark.usefixtures("unmeasured")
 def test_a_disk_without_room_is_told_and_nothing_is_left(tmp_path: Path) -> None:
     """The limit of the process on a file's size stands for the disk."""
     code = """

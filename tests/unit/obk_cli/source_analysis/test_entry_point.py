@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from obk_cli.config.environment import CodeFault, NodeFacts
@@ -326,7 +326,6 @@ def test_a_fault_in_a_base_is_told_at_its_place() -> None:
 SOURCES = [path.read_text(encoding="utf-8") for path in sorted(LIBRARY.rglob("core/*.py"))]
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.sampled_from(SOURCES), st.data())
 def test_any_source_is_read_or_told_to_be_none(text: str, data: st.DataObject) -> None:
     at = data.draw(st.integers(0, len(text)))

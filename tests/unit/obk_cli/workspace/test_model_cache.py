@@ -10,8 +10,8 @@ from obk_cli.workspace.model_cache import cache_folder, read_model_once
 
 pytestmark = pytest.mark.mujoco
 
-MODELS = Path(__file__).parents[2] / "cases" / "workspace" / "demo_model" / "mujoco"
-CORPUS = Path(__file__).resolve().parents[4] / "shared/corpus/field"
+MODELS = Path(__file__).parents[3] / "cases" / "workspace" / "demo_model" / "mujoco"
+CORPUS = Path(__file__).resolve().parents[5] / "shared/corpus/field"
 
 
 def never(path: Path) -> ModelRead:

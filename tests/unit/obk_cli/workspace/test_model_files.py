@@ -11,8 +11,8 @@ from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.mjcf_locations import mjcf_elements, mjcf_files
 from obk_cli.workspace.model_reader import missing_files, read_model
 
-MODELS = Path(__file__).parents[2] / "cases/workspace/demo_model/mujoco"
-CORPUS = Path(__file__).resolve().parents[4] / "shared/corpus/field"
+MODELS = Path(__file__).parents[3] / "cases/workspace/demo_model/mujoco"
+CORPUS = Path(__file__).resolve().parents[5] / "shared/corpus/field"
 
 
 def test_elements_are_found_at_their_place_through_includes(tmp_path: Path) -> None:

@@ -53,6 +53,56 @@ def test_packages_beside_the_configs_folder_make_a_workspace(tmp_path: Path) -> 
     assert find_workspace(tmp_path / "config") == tmp_path
 
 
+@pytest.mark.parametrize("mode", [0o1700, 0o757, 0o1777])
+def test_a_folder_that_others_can_fill_ends_the_search(tmp_path: Path, mode: int) -> None:
+    (tmp_path / "shared/mine/config").mkdir(parents=True)
+    make_package(tmp_path / "shared/arm", "arm")
+    (tmp_path / "shared/.git").touch()
+    assert find_workspace(tmp_path / "shared/mine/config") == tmp_path / "shared"
+    (tmp_path / "shared").chmod(mode)
+    for start in ("shared/mine/config", "shared/mine"):
+        assert find_workspace(tmp_path / start) == tmp_path / start
+    assert find_workspace(tmp_path / "shared") == tmp_path / "shared"
+
+
+def test_the_search_ends_at_the_home_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "home/config").mkdir(parents=True)
+    (tmp_path / ".git").touch()
+    assert find_workspace(tmp_path / "home/config") == tmp_path
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert find_workspace(tmp_path / "home/config") == tmp_path / "home/config"
+    (tmp_path / "home/src").mkdir()
+    assert find_workspace(tmp_path / "home/config") == tmp_path / "home"
+
+
+def test_a_folder_of_another_user_ends_the_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "theirs/mine").mkdir(parents=True)
+    (tmp_path / "theirs/.git").touch()
+    assert find_workspace(tmp_path / "theirs/mine") == tmp_path / "theirs"
+    stat = Path.stat
+
+    def stat_of(path: Path, *, follow_symlinks: bool = True) -> os.stat_result:
+        found = stat(path, follow_symlinks=follow_symlinks)
+        if path.name != "theirs":
+            return found
+        return os.stat_result((*found[:4], 54321, *found[5:]))
+
+    monkeypatch.setattr(Path, "stat", stat_of)
+    assert find_workspace(tmp_path / "theirs/mine") == tmp_path / "theirs/mine"
+
+
+def test_a_test_does_not_see_the_packages_of_others(tmp_path: Path) -> None:
+    (tmp_path / "config").mkdir()
+    others = make_package(tmp_path.parent / f"{tmp_path.name}_other", "other")
+    assert find_workspace(tmp_path / "config") == tmp_path / "config"
+    assert find_workspace(tmp_path) == tmp_path
+    assert others.is_dir()
+
+
 def test_built_ignored_and_hidden_folders_hold_no_packages(tmp_path: Path) -> None:
     make_package(tmp_path / "src" / "kept", "kept_by_name")
     make_package(tmp_path / "src" / "kept" / "inner", "inner")
