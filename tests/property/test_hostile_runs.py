@@ -26,7 +26,7 @@ from obk_cli.runs.protocol import (
     encode_line,
 )
 from obk_cli.runs.registry import live_folders
-from obk_cli.runs.stacks import Stack
+from obk_cli.runs.stacks import LiveStack
 from obk_cli.web.feed import live_picture
 from obk_cli.workspace.overlay import FOLDER, RECORD, overlay_prefixes, read_record
 
@@ -152,7 +152,7 @@ def test_a_status_of_any_shape_is_shown(told: object, spoilt: str) -> None:
     answer = decode_answer(line, StackStatus)
     status = answer if isinstance(answer, StackStatus) else None
     run = Run(name="arm", pid=PID, started=STARTED, domain=1, config=f"{spoilt}.yaml", nodes=())
-    stack = Stack(folder=Path("runs/arm"), run=run, status=status)
+    stack = LiveStack(folder=Path("runs/arm"), run=run, status=status)
     with mock.patch.object(ps, "live_stacks", return_value=(stack,)), no_leftovers():
         assert_shows_only_text(shown(ps.command))
         shown(ps.command, format="json")

@@ -18,7 +18,7 @@ from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
 from obelisk_spec.suggestions import ask_for, near_names
 from obk_cli.cli.add_to import JoinWish
 from obk_cli.cli.new_target import (
-    Place,
+    TargetFolder,
     compose_config,
     find_model,
     find_place,
@@ -30,7 +30,7 @@ from obk_cli.cli.new_templates import find_library
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.scaffold.compose import Composition, compose_addition, compose_package, layers_of
 from obk_cli.scaffold.describe import (
-    Outcome,
+    NewFiles,
     describe_json,
     describe_text,
     file_lines,
@@ -38,7 +38,7 @@ from obk_cli.scaffold.describe import (
 )
 from obk_cli.scaffold.kinds import Problem
 from obk_cli.scaffold.questions import Answers, Question, check_answers
-from obk_cli.scaffold.templates import Library
+from obk_cli.scaffold.templates import TemplateLibrary
 from obk_cli.scaffold.write import (
     Action,
     Decision,
@@ -135,7 +135,7 @@ def run_new(question: Question, wishes: Wishes) -> None:
         form=wishes.form,
         finish=edit.write if edit else lambda: None,
     )
-    outcome = Outcome(
+    outcome = NewFiles(
         answers=answers,
         folder=short(root),
         decisions=decisions,
@@ -205,13 +205,13 @@ def programs() -> str:
     return "" if found and Path(found).parent == folder else f"{short(folder)}/"
 
 
-def _for_the_robot(question: Question, place: Place) -> Question:
+def _for_the_robot(question: Question, place: TargetFolder) -> Question:
     """A controller that gives the model of the workspace as many controls as it has actuators."""
     model = find_model(place.folder.resolve()) if question.kind == "controller" else None
     return replace(question, controls=model.actuators) if model and model.actuators else question
 
 
-def _answer(question: Question, place: Place) -> Answers:
+def _answer(question: Question, place: TargetFolder) -> Answers:
     if question.kind == "config":
         return accept(check_answers(question, owner_of=lambda _: None))
     index = PackageIndex.around(place.folder, Path.cwd(), os.environ)
@@ -222,7 +222,7 @@ def _answer(question: Question, place: Place) -> Answers:
     return accept(check_answers(question, owner_of=owner_of, messages=index))
 
 
-def _tell_absent(answers: Answers, place: Place) -> None:
+def _tell_absent(answers: Answers, place: TargetFolder) -> None:
     """Tell of message packages that are not there: they may be yet to come, or misspelt."""
     index = PackageIndex.around(place.folder, Path.cwd(), os.environ)
     used = {message.package for message in answers.messages} - {*OBELISK_MESSAGES, *ROS_MESSAGES}
@@ -232,7 +232,9 @@ def _tell_absent(answers: Answers, place: Place) -> None:
         print(f"note: there is no message package `{package}` yet: {cure}", file=sys.stderr)
 
 
-def _compose(answers: Answers, library: Library, root: Path, place: Place) -> Composition:
+def _compose(
+    answers: Answers, library: TemplateLibrary, root: Path, place: TargetFolder
+) -> Composition:
     layers = layers_of(answers)
     templates = library.read(layers)
     if answers.kind == "config":

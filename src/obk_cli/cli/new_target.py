@@ -17,8 +17,8 @@ from obk_cli.scaffold.package_files import PackageIdentity, PackageTexts, read_i
 from obk_cli.scaffold.questions import Answers, Question
 from obk_cli.scaffold.stack import (
     Model,
-    Stack,
     StackNode,
+    StackSketch,
     choose_nodes,
     read_model_text,
     stack_text,
@@ -29,7 +29,7 @@ from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import find_workspace, is_workspace
 
 __all__ = [
-    "Place",
+    "TargetFolder",
     "compose_config",
     "find_model",
     "find_place",
@@ -42,7 +42,7 @@ _ELSEWHERE = "use --dest to make a package of its own somewhere else"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class TargetFolder:
     """A folder for packages, or a package that takes the node in.
 
     `boundary` is the folder that the user spoke of; nothing is made outside it.
@@ -55,7 +55,7 @@ class Place:
     """Where the package has its modules: `src` in that layout."""
 
 
-def find_place(dest: Path | None, kind: Kind, joined: Path | None = None) -> Place:
+def find_place(dest: Path | None, kind: Kind, joined: Path | None = None) -> TargetFolder:
     """`dest`; without it the package around, `src/` of the working folder, or the working folder.
 
     From outside every workspace a node goes into that of the config that it is `joined` to: no
@@ -69,22 +69,22 @@ def find_place(dest: Path | None, kind: Kind, joined: Path | None = None) -> Pla
     if folder.exists() and not folder.is_dir():
         raise CommandFailedError(f"--dest: {folder} is a file; a folder was expected")
     if kind == "config":
-        return Place(folder=folder, boundary=folder)
+        return TargetFolder(folder=folder, boundary=folder)
     if (folder / "package.xml").is_file():
         identity = _identify(folder)
         in_src = (folder / "src" / identity.name / "__init__.py").is_file()
-        return Place(
+        return TargetFolder(
             folder=folder,
             boundary=folder,
             package=identity,
             python_folder="src" if in_src else ".",
         )
     if dest is None and (folder / "src").is_dir():
-        return Place(folder=folder / "src", boundary=folder)
-    return Place(folder=folder, boundary=folder)
+        return TargetFolder(folder=folder / "src", boundary=folder)
+    return TargetFolder(folder=folder, boundary=folder)
 
 
-def find_root(place: Place, name: str) -> Path:
+def find_root(place: TargetFolder, name: str) -> Path:
     """The folder of the package that the node of that (checked) name goes into.
 
     Raises:
@@ -127,7 +127,7 @@ def _package_around(folder: Path) -> Path | None:
     return None
 
 
-def refuse_package(place: Place, question: Question) -> None:
+def refuse_package(place: TargetFolder, question: Question) -> None:
     """See that what is asked for can go into the package at this place.
 
     Raises:
@@ -223,7 +223,7 @@ def compose_config(answers: Answers, templates: Iterable[Template], root: Path) 
     files = render_templates(own, variables)
     if model is None and files:
         model = read_model_text(files[0].content.decode(), files[0].path.as_posix())
-    text = stack_text(Stack(name=answers.node, nodes=nodes, model=model))
+    text = stack_text(StackSketch(name=answers.node, nodes=nodes, model=model))
     others = tuple(t for t in given if not t.name.endswith(_OWN_MODEL))
     return Composition(files=(*files, *render_templates(others, {**variables, "stack": text})))
 

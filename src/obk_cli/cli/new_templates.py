@@ -12,12 +12,12 @@ from typing import Literal
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import resource_folder
 from obk_cli.scaffold.kinds import RECIPES, Recipe
-from obk_cli.scaffold.templates import Library, open_library
+from obk_cli.scaffold.templates import TemplateLibrary, open_library
 
 __all__ = ["find_library", "print_kinds"]
 
 
-def find_library(chosen: Path | None) -> Library:
+def find_library(chosen: Path | None) -> TemplateLibrary:
     """The tool's own templates with the user's on top.
 
     Raises:
@@ -55,7 +55,7 @@ def print_kinds(templates: Path | None, form: Literal["text", "json"]) -> None:
             print(f"{'':<17}{layer} ({', '.join(places)})")
 
 
-def _places(recipe: Recipe, library: Library) -> dict[str, list[str]]:
+def _places(recipe: Recipe, library: TemplateLibrary) -> dict[str, list[str]]:
     """The template folders, each with where its files are from."""
     places: dict[str, list[str]] = {}
     for layer in recipe.layers:
@@ -65,7 +65,7 @@ def _places(recipe: Recipe, library: Library) -> dict[str, list[str]]:
     return places
 
 
-def _as_json(recipe: Recipe, library: Library) -> dict[str, object]:
+def _as_json(recipe: Recipe, library: TemplateLibrary) -> dict[str, object]:
     return {
         "kind": recipe.kind,
         "language": recipe.language,

@@ -12,7 +12,7 @@ from obk_cli.process.identity import seconds_since
 from obk_cli.runs.folder import runs_folder
 from obk_cli.runs.orphans import Leftover, find_leftovers
 from obk_cli.runs.protocol import NodeStatus
-from obk_cli.runs.stacks import Stack, live_stacks, runs_meant
+from obk_cli.runs.stacks import LiveStack, live_stacks, runs_meant
 from obk_cli.terminal import plain
 
 __all__ = ["EXAMPLE", "command"]
@@ -42,11 +42,11 @@ def command(format: FormatOption = "text") -> None:
         print("\n".join(_left(leftovers)))
 
 
-def _uptime_s(stack: Stack) -> float:
+def _uptime_s(stack: LiveStack) -> float:
     return stack.status.seconds if stack.status else seconds_since(stack.run.started)
 
 
-def _data(stack: Stack) -> dict[str, Any]:
+def _data(stack: LiveStack) -> dict[str, Any]:
     run, status = stack.run, stack.status
     return {
         "name": run.name,
@@ -62,7 +62,7 @@ def _data(stack: Stack) -> dict[str, Any]:
     }
 
 
-def _text(stack: Stack) -> Iterator[str]:
+def _text(stack: LiveStack) -> Iterator[str]:
     run, status = stack.run, stack.status
     state = status.state if status else "no answer from the launcher"
     device = f" on {', '.join(run.devices)}" if run.devices else ""

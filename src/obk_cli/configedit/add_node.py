@@ -25,7 +25,7 @@ from obk_cli.config.tree import Tree, TreeMap, plain_value
 from obk_cli.config.yaml_parser import parse_source
 from obk_cli.configedit.auto_wiring import Wired, wire_node
 from obk_cli.configedit.block_editor import (
-    Place,
+    InsertionPoint,
     index_of,
     insert_node,
     named_as,
@@ -103,7 +103,7 @@ def new_errors(before: Iterable[Diagnostic], after: Iterable[Diagnostic]) -> tup
 
 
 def expected_content(
-    tree: TreeMap, place: Place, entry: Mapping[str, object], index: int | None
+    tree: TreeMap, place: InsertionPoint, entry: Mapping[str, object], index: int | None
 ) -> object:
     """What a text is to say: what it says in `tree`, and the node as the last or at `index`."""
     plain = plain_value(tree)
@@ -117,7 +117,7 @@ def expected_content(
     return plain
 
 
-def content_of(tree: Tree, place: Place) -> object:
+def content_of(tree: Tree, place: InsertionPoint) -> object:
     """What a text says, the section of the place as a list."""
     plain = plain_value(tree)
     holder = _holder(plain, place)
@@ -125,7 +125,7 @@ def content_of(tree: Tree, place: Place) -> object:
     return plain
 
 
-def _holder(plain: object, place: Place) -> dict[str, object]:
+def _holder(plain: object, place: InsertionPoint) -> dict[str, object]:
     assert isinstance(plain, dict)  # a config is a mapping
     key = place.device.key if place.device else place.new_device
     holder = plain.setdefault(key, {}) if key else plain
@@ -209,7 +209,7 @@ class _Addition:
         return result
 
     def _edit(
-        self, place: Place, entry: Mapping[str, object], wired: Wired, old: Node | None
+        self, place: InsertionPoint, entry: Mapping[str, object], wired: Wired, old: Node | None
     ) -> AddedNode | Rejected:
         index = index_of(place, old) if old else None
         if isinstance(index, Rejected):
@@ -222,7 +222,7 @@ class _Addition:
     def _verify(
         self,
         edits: tuple[Edit, ...],
-        place: Place,
+        place: InsertionPoint,
         entry: Mapping[str, object],
         index: int | None,
         wired: Wired,
@@ -275,7 +275,7 @@ class _Addition:
         ]
         return nodes[0] if len(nodes) == 1 else None
 
-    def _tied(self, place: Place) -> Rejected:
+    def _tied(self, place: InsertionPoint) -> Rejected:
         where = place.entry.key_span if place.entry else self._tree.span
         return Rejected(
             sentence=f"the text of section `{place.section}` ({where}) is tied to other places by "

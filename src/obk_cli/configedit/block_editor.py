@@ -24,7 +24,7 @@ from obk_cli.diagnostics.edits import Edit, Offsets
 from obk_cli.diagnostics.source import SourceFile, Span, indent_of, line_end_of
 
 __all__ = [
-    "Place",
+    "InsertionPoint",
     "index_of",
     "insert_node",
     "named_as",
@@ -129,7 +129,7 @@ def _uses_parameters(components: list[TreeMap]) -> bool:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class InsertionPoint:
     """Where a node is to stand."""
 
     tree: TreeMap
@@ -154,11 +154,11 @@ class Place:
         return None if self.new_device else self.holder.get(self.section)
 
 
-def place_of(tree: TreeMap, stack: Stack, section: str, device: str) -> Place:
+def place_of(tree: TreeMap, stack: Stack, section: str, device: str) -> InsertionPoint:
     """The place of a section on a device; its block is made where the config has blocks."""
     blocks = {entry.key: entry for entry in devices_of(tree)}
     has_levels = device not in blocks and not sections_of(tree) and _has_blocks(stack)
-    return Place(
+    return InsertionPoint(
         tree=tree,
         section=section,
         device=blocks.get(device),
@@ -167,7 +167,7 @@ def place_of(tree: TreeMap, stack: Stack, section: str, device: str) -> Place:
     )
 
 
-def index_of(place: Place, old: Node) -> int | Rejected:
+def index_of(place: InsertionPoint, old: Node) -> int | Rejected:
     """Which item of the section the node that makes room is."""
     value = place.entry.value if place.entry else None
     items = value.items if isinstance(value, TreeList) else (value,)
@@ -187,25 +187,25 @@ def _has_blocks(stack: Stack) -> bool:
     return any(isinstance(tree, TreeMap) and devices_of(tree) for tree in trees)
 
 
-def insert_node(place: Place, node: Mapping[str, object]) -> tuple[Edit, ...] | Rejected:
+def insert_node(place: InsertionPoint, node: Mapping[str, object]) -> tuple[Edit, ...] | Rejected:
     """The node as the last one of its section."""
     return _Inserter(place, node).insert()
 
 
 def replace_node(
-    place: Place, index: int, node: Mapping[str, object]
+    place: InsertionPoint, index: int, node: Mapping[str, object]
 ) -> tuple[Edit, ...] | Rejected:
     """The node where the section's node of that index stands now."""
     return _Inserter(place, node).replace(index)
 
 
-def snippet_of(place: Place, node: Mapping[str, object]) -> str:
+def snippet_of(place: InsertionPoint, node: Mapping[str, object]) -> str:
     """The node as an item of its section, for the user to paste."""
     return "\n".join(_list_lines(node, place.style, 0))
 
 
 class _Inserter:
-    def __init__(self, place: Place, node: Mapping[str, object]) -> None:
+    def __init__(self, place: InsertionPoint, node: Mapping[str, object]) -> None:
         self._place = place
         self._node = node
         self._style = place.style

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from obk_cli.config.model import Node, Stack
 from obk_cli.config.tree import TreeMap
 from obk_cli.configedit.auto_wiring import Link, Tick
-from obk_cli.configedit.block_editor import Place
+from obk_cli.configedit.block_editor import InsertionPoint
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.edits import Edit, Offsets
 from obk_cli.diagnostics.source import SourceFile, Span
@@ -97,7 +97,7 @@ def _link_notes(link: Link) -> Iterator[str]:
 
 
 def notes_of(
-    place: Place,
+    place: InsertionPoint,
     edits: Iterable[Edit],
     before: Stack,
     after: Stack,
@@ -123,7 +123,7 @@ def moved(link: Link, source: SourceFile, edits: Iterable[Edit]) -> Link:
 
 
 def _notes(
-    place: Place,
+    place: InsertionPoint,
     edits: Iterable[Edit],
     before: Stack,
     after: Stack,

@@ -11,7 +11,7 @@ from typing import Final
 
 from obelisk_spec.components import TIERS
 from obelisk_spec.suggestions import with_number
-from obk_cli.plan.plan import Endpoint, Plan, Process, SensorGroup
+from obk_cli.plan.plan import Endpoint, Plan, PlannedSensorGroup, Process
 from obk_cli.terminal import printable
 
 __all__ = ["SECTION_COLOURS", "Colour", "Graph", "GraphNode", "GraphTopic", "graph_of"]
@@ -73,7 +73,7 @@ class GraphTopic:
     rate_hz: float | None
     publishers: tuple[str, ...]
     subscribers: tuple[str, ...]
-    sensor_groups: tuple[SensorGroup, ...]
+    sensor_groups: tuple[PlannedSensorGroup, ...]
     """What the simulator publishes on it."""
 
     @property
@@ -141,7 +141,7 @@ def graph_of(plan: Plan) -> Graph:
             for endpoint in endpoints:
                 end = _End(process.full_name, is_published, endpoint)
                 ends.setdefault(endpoint.topic, []).append(end)
-    groups: dict[str, list[SensorGroup]] = {}
+    groups: dict[str, list[PlannedSensorGroup]] = {}
     for group in (group for process in processes for group in process.sensor_groups):
         groups.setdefault(group.topic, []).append(group)
     return Graph(
@@ -162,7 +162,7 @@ def _node(process: Process) -> GraphNode:
     )
 
 
-def _topic(name: str, ends: list[_End], groups: list[SensorGroup]) -> GraphTopic:
+def _topic(name: str, ends: list[_End], groups: list[PlannedSensorGroup]) -> GraphTopic:
     types = (end.endpoint.msg_type for end in ends)
     rates = (end.endpoint.rate_hz for end in ends)
     return GraphTopic(
@@ -175,7 +175,7 @@ def _topic(name: str, ends: list[_End], groups: list[SensorGroup]) -> GraphTopic
     )
 
 
-def _sensor_lines(group: SensorGroup) -> Iterator[str]:
+def _sensor_lines(group: PlannedSensorGroup) -> Iterator[str]:
     by_type: dict[str, list[str]] = {}
     for name, kind in group.sensors.items():
         by_type.setdefault(kind, []).append(name)

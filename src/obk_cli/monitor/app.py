@@ -7,8 +7,8 @@ carries them out, in a thread too: the screen waits for nobody.
 import asyncio
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import ClassVar, Final, Protocol
+from collections.abc import Callable, Iterable, Sequence
+from typing import ClassVar, Final
 
 from rich.text import Text
 from textual import on
@@ -20,8 +20,15 @@ from textual.widgets import Input, Static
 
 from obk_cli.errors import ObkError
 from obk_cli.launch.event_lines import short_name
-from obk_cli.monitor.model import StackView
-from obk_cli.monitor.table import Line, head_line, log_lines, node_lines, passage_line, topic_lines
+from obk_cli.monitor.model import StackView, Views
+from obk_cli.monitor.table import (
+    TableLine,
+    head_line,
+    log_lines,
+    node_lines,
+    passage_line,
+    topic_lines,
+)
 from obk_cli.runs.protocol import ChangeAnswer
 from obk_cli.terminal import plain
 
@@ -53,18 +60,6 @@ HELP: Final = (
     "+           the process is shared: CPU and RSS are those of all its nodes",
     "last ms     since the last message;   age ms   by stamps, half are younger",
 )
-
-
-class Views(Protocol):
-    """What a `Watcher` offers."""
-
-    def views(self) -> Iterator[StackView | None]:
-        """A view each period, None while nothing runs."""
-        ...
-
-    def stop(self) -> None:
-        """End the views soon."""
-        ...
 
 
 class Seen(Message):
@@ -310,9 +305,11 @@ class MonitorApp(App[Exception | None]):
         width, view = self.size.width, self._view
         if view is None:
             text = WAITING if self._has_looked else LOOKING
-            self._put("head", [Line(text=text, style="bold yellow")])
+            self._put("head", [TableLine(text=text, style="bold yellow")])
             for name in ("nodes_text", "topics_text", "log_text"):
-                self._put(name, [Line(text=line) for line in HELP] if name == "log_text" else [])
+                self._put(
+                    name, [TableLine(text=line) for line in HELP] if name == "log_text" else []
+                )
             return
         passage = passage_line(view, width)
         self.query_one("#topics").display = not self._shows_help
@@ -321,25 +318,25 @@ class MonitorApp(App[Exception | None]):
         self._put("topics_text", [*topic_lines(view, width), *([passage] if passage else [])])
         room = max(1, self.query_one("#log").size.height)
         log = log_lines(view, width, self._part)[-room:]
-        self._put("log_text", [Line(text=line) for line in HELP] if self._shows_help else log)
+        self._put("log_text", [TableLine(text=line) for line in HELP] if self._shows_help else log)
         self.query_one("#keys", Static).update(
             Text(f"{KEYS}   [{self._part}]" if self._part else KEYS)
         )
 
-    def _node_rows(self, view: StackView, width: int) -> list[Line]:
+    def _node_rows(self, view: StackView, width: int) -> list[TableLine]:
         """The lines of nodes, with one for the whole stack, and the cursor."""
         titles, *rows = node_lines(view, width)
         names = ["", *(node.node for node in view.nodes)]
-        lines = [Line(text="all nodes"), *rows]
+        lines = [TableLine(text="all nodes"), *rows]
         place = names.index(self._chosen)
-        lines[place] = Line(
+        lines[place] = TableLine(
             text=lines[place].text.ljust(width), style=f"{lines[place].style} reverse"
         )
         pane = self.query_one("#nodes", VerticalScroll)
         self.call_after_refresh(pane.scroll_to, y=max(0, place + 2 - pane.size.height))
         return [titles, *lines]
 
-    def _put(self, name: str, lines: Iterable[Line]) -> None:
+    def _put(self, name: str, lines: Iterable[TableLine]) -> None:
         text = Text("\n", no_wrap=True).join(Text(line.text, line.style) for line in lines)
         text.no_wrap = True
         self.query_one(f"#{name}", Static).update(text)

@@ -1,13 +1,15 @@
 """A running stack at one moment, as values: the same for a terminal, a page and a program."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 from obelisk_spec.runtime_protocol import TOLERANCE
 from obelisk_spec.runtime_protocol import Rate as Promised
 from obk_cli.process.load import ProcessLoad
 from obk_cli.ros.rate_meter import TopicRate
 
-__all__ = ["NodeView", "Passage", "StackView", "TopicView"]
+__all__ = ["NodeView", "Passage", "StackView", "TopicView", "Views"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,3 +97,15 @@ class StackView:
     """Whether its launcher is gone, elsewhere its nodes: nothing will change any more."""
     cause: str = ""
     """What went wrong first in a run that has ended; empty where nothing did."""
+
+
+class Views(Protocol):
+    """What the watcher of a stack offers to a terminal or a page."""
+
+    def views(self) -> Iterator[StackView | None]:
+        """A view each period, None while nothing runs."""
+        ...
+
+    def stop(self) -> None:
+        """End the views soon."""
+        ...

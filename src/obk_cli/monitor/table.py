@@ -20,7 +20,7 @@ from obk_cli.runs.lifecycle import ACTIVE
 from obk_cli.terminal import plain
 
 __all__ = [
-    "Line",
+    "TableLine",
     "head_line",
     "log_lines",
     "monitor_data",
@@ -47,7 +47,7 @@ _ROS_PREFIX: Final = re.compile(r"(?<=\]) \[\d+\.\d+\] \[[^\]]*\]:(?= )")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Line:
+class TableLine:
     """One line; its style is named as rich names styles."""
 
     text: str
@@ -71,7 +71,7 @@ class _Column(Generic[T]):
         return cut.ljust(self.width) if self.is_text else cut.rjust(self.width)
 
 
-def head_line(view: StackView, width: int) -> Line:
+def head_line(view: StackView, width: int) -> TableLine:
     """The stack's name, where it stands, and what is out of order."""
     off = sum(topic.is_off for topic in view.topics)
     rtf = view.realtime_factor
@@ -89,16 +89,16 @@ def head_line(view: StackView, width: int) -> Line:
     for part in filter(None, parts):
         longer = f"{text}{_GAP}{part}" if text else part
         text = longer if cell_len(longer) <= width or not text else text
-    return Line(text=_fitted(text, width), style=_WRONG if is_wrong else "bold green")
+    return TableLine(text=_fitted(text, width), style=_WRONG if is_wrong else "bold green")
 
 
-def node_lines(view: StackView, width: int) -> tuple[Line, ...]:
+def node_lines(view: StackView, width: int) -> tuple[TableLine, ...]:
     """The titles, then a line for each node."""
     rows = [(short_name(node.node), node, _node_style(node)) for node in view.nodes]
     return _table("node", rows, _NODE_COLUMNS, width)
 
 
-def topic_lines(view: StackView, width: int) -> tuple[Line, ...]:
+def topic_lines(view: StackView, width: int) -> tuple[TableLine, ...]:
     """The titles, then a line for each topic; a topic that is off has `!` before its name."""
     space = _common_space([topic.topic for topic in view.topics])
     rows = [
@@ -112,7 +112,7 @@ def topic_lines(view: StackView, width: int) -> tuple[Line, ...]:
     return _table(f"  {space or 'topic'}", rows, _TOPIC_COLUMNS, width)
 
 
-def passage_line(view: StackView, width: int) -> Line | None:
+def passage_line(view: StackView, width: int) -> TableLine | None:
     """How old the data is along its longest way; None where no node carries stamps on."""
     carried = [topic for topic in view.topics if topic.passage and topic.passage.is_carried]
     if not carried:
@@ -134,14 +134,14 @@ def passage_line(view: StackView, width: int) -> Line | None:
         for topic in way
         if topic.passage
     )
-    return Line(text=_fitted(f"  age along the way [ms]: {' > '.join(steps)}", width))
+    return TableLine(text=_fitted(f"  age along the way [ms]: {' > '.join(steps)}", width))
 
 
-def log_lines(view: StackView, width: int, part: str = "") -> tuple[Line, ...]:
+def log_lines(view: StackView, width: int, part: str = "") -> tuple[TableLine, ...]:
     """The last lines of the log that have this part in them, in whatever case."""
     shown = (_ROS_PREFIX.sub("", plain(line)).replace("\t", " ") for line in view.lines)
     return tuple(
-        Line(text=_fitted(line, width), style=_log_style(line))
+        TableLine(text=_fitted(line, width), style=_log_style(line))
         for line in shown
         if part.lower() in line.lower()
     )
@@ -156,13 +156,13 @@ def monitor_text(view: StackView, width: int, *, colour: bool) -> str:
         colour: whether the terminal shows colours.
     """
     passage = passage_line(view, width)
-    blocks: list[Sequence[Line]] = [
+    blocks: list[Sequence[TableLine]] = [
         [head_line(view, width)],
         node_lines(view, width),
         [*topic_lines(view, width), *([passage] if passage else [])],
         log_lines(view, width)[-ONCE_LINES:],
     ]
-    lines = [line for block in blocks if block for line in (*block, Line(text=""))]
+    lines = [line for block in blocks if block for line in (*block, TableLine(text=""))]
     if not colour:
         return "\n".join(line.text for line in lines).rstrip()
     return _coloured(lines).rstrip()
@@ -174,7 +174,7 @@ def monitor_data(view: StackView) -> dict[str, Any]:
     return {**asdict(view), "topics": topics}
 
 
-def _coloured(lines: Iterable[Line]) -> str:
+def _coloured(lines: Iterable[TableLine]) -> str:
     from rich.console import Console  # slow to import
     from rich.text import Text
 
@@ -305,7 +305,7 @@ _TOPIC_COLUMNS: Final[tuple[_Column[TopicView], ...]] = (
 
 def _table(
     title: str, rows: Sequence[tuple[str, T, str]], columns: Sequence[_Column[T]], width: int
-) -> tuple[Line, ...]:
+) -> tuple[TableLine, ...]:
     """The titles and a line for each row of name, value and style."""
     longest = max([len(title), *(len(name) for name, _, _ in rows)])
     kept = list(columns)
@@ -313,13 +313,13 @@ def _table(
         kept.remove(max(kept, key=lambda column: column.rank))
     names = max(_NARROWEST, min(longest, width - _needed(kept)))
     head = (_fitted(title, names).ljust(names), *(c.aligned(c.title) for c in kept))
-    lines = [Line(text=_fitted(_GAP.join(head).rstrip(), width), style=_TITLE)]
+    lines = [TableLine(text=_fitted(_GAP.join(head).rstrip(), width), style=_TITLE)]
     for name, value, style in rows:
         cells = (
             _fitted(name, names).ljust(names),
             *(column.aligned(column.cell(value)) for column in kept),
         )
-        lines.append(Line(text=_fitted(_GAP.join(cells).rstrip(), width), style=style))
+        lines.append(TableLine(text=_fitted(_GAP.join(cells).rstrip(), width), style=style))
     return tuple(lines)
 
 

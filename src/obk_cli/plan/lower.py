@@ -23,7 +23,7 @@ from obk_cli.config.model import (
 from obk_cli.config.topology import Direction, TopicEnd, absolute_topic, joystick_ends, node_ends
 from obk_cli.config.tree import plain_value
 from obk_cli.diagnostics.source import Span
-from obk_cli.plan.plan import Endpoint, OnCrash, Origin, Plan, Process, Promise, SensorGroup
+from obk_cli.plan.plan import Endpoint, OnCrash, Origin, Plan, PlannedSensorGroup, Process, Promise
 
 __all__ = ["DEFAULT_STACK_NAME", "lower_stack"]
 
@@ -84,14 +84,14 @@ def _on_crash(node: Node) -> OnCrash | None:
     return "restart" if node.respawn is not None and node.respawn.value else None
 
 
-def _sensor_groups(node: Node) -> Iterator[SensorGroup]:
+def _sensor_groups(node: Node) -> Iterator[PlannedSensorGroup]:
     for sim in node.sims:
         blocks = sim.block.get("sensor_settings")
         for group, block in zip(
             sim.sensor_groups, blocks if isinstance(blocks, list) else (), strict=True
         ):
             pattern = (block.get("scan_config") or {}).get("pattern")
-            yield SensorGroup(
+            yield PlannedSensorGroup(
                 topic=absolute_topic(group.topic.value, node),
                 kind=group.msg_type.value if group.msg_type else "",
                 sensors=block.get("sensor_names") or {},

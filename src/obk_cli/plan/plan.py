@@ -18,9 +18,9 @@ __all__ = [
     "Origin",
     "ParameterValue",
     "Plan",
+    "PlannedSensorGroup",
     "Process",
     "Promise",
-    "SensorGroup",
 ]
 
 OnCrash = Literal["stop", "restart", "ignore"]
@@ -51,7 +51,7 @@ class Endpoint:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SensorGroup:
+class PlannedSensorGroup:
     """What a simulator reads from its model and publishes on one topic."""
 
     topic: str
@@ -97,7 +97,7 @@ class Process:
     subscribes: tuple[Endpoint, ...] = ()
     model: str | None = None
     """Path of the MuJoCo model that stands in for the robot."""
-    sensor_groups: tuple[SensorGroup, ...] = ()
+    sensor_groups: tuple[PlannedSensorGroup, ...] = ()
     promises: tuple[Promise, ...] = ()
     on_crash: OnCrash | None = None
     """What the launcher does when it crashes; None: what the launch says."""

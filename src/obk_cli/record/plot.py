@@ -20,8 +20,8 @@ __all__ = [
     "FORMATS",
     "MOST_LINES",
     "FieldName",
-    "Line",
     "PlotField",
+    "PlotLine",
     "draw",
     "parse_field",
     "resolve_topic",
@@ -43,7 +43,7 @@ class FieldName:
 
 
 @dataclass(slots=True, kw_only=True)
-class Line:
+class PlotLine:
     """One number over time."""
 
     label: str
@@ -94,10 +94,10 @@ class PlotField:
     def __init__(self, name: FieldName) -> None:
         """Start without lines; the first message with numbers creates them."""
         self.name = name
-        self._lines: dict[str, Line] = {}
+        self._lines: dict[str, PlotLine] = {}
 
     @property
-    def lines(self) -> tuple[Line, ...]:
+    def lines(self) -> tuple[PlotLine, ...]:
         """In the order of the message."""
         return tuple(self._lines.values())
 
@@ -114,7 +114,7 @@ class PlotField:
                         f"`{self.name.text}` has more than {MOST_LINES} numbers",
                         help=f"name one of them: {self.name.text}{label}",
                     )
-                self._lines[label] = Line(label=label)
+                self._lines[label] = PlotLine(label=label)
             line = self._lines[label]
             line.times_s.append(time_s)
             line.values.append(number)

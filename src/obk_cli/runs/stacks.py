@@ -16,7 +16,7 @@ from obk_cli.runs.registry import live_folders
 __all__ = [
     "NO_ANSWER",
     "Choice",
-    "Stack",
+    "LiveStack",
     "choose_stack",
     "in_tier_order",
     "live_stacks",
@@ -32,7 +32,7 @@ NO_ANSWER: Final = "no answer"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stack:
+class LiveStack:
     """One launcher's stack, or its part of one."""
 
     folder: Path
@@ -50,12 +50,12 @@ class Stack:
 class Choice:
     """Nodes of one stack, and whom to ask for them."""
 
-    stack: Stack
+    stack: LiveStack
     nodes: tuple[str, ...]
     """Full names; empty: the whole stack."""
 
 
-def live_stacks(runs: Mapping[Path, Run], timeout_s: float = ANSWER_S) -> tuple[Stack, ...]:
+def live_stacks(runs: Mapping[Path, Run], timeout_s: float = ANSWER_S) -> tuple[LiveStack, ...]:
     """How the stacks of live runs are.
 
     Args:
@@ -63,7 +63,7 @@ def live_stacks(runs: Mapping[Path, Run], timeout_s: float = ANSWER_S) -> tuple[
         timeout_s: for each launcher's answer [s].
     """
     return tuple(
-        Stack(folder=folder, run=run, status=ask_status(folder, timeout_s))
+        LiveStack(folder=folder, run=run, status=ask_status(folder, timeout_s))
         for folder, run in runs.items()
     )
 
@@ -95,7 +95,9 @@ def runs_meant(
     return meant
 
 
-def node_statuses(stacks: Sequence[Stack], names: Sequence[str]) -> Mapping[str, NodeStatus] | None:
+def node_statuses(
+    stacks: Sequence[LiveStack], names: Sequence[str]
+) -> Mapping[str, NodeStatus] | None:
     """The nodes that are meant, by full name; None where the launchers here cannot tell them all.
 
     Args:
@@ -117,7 +119,7 @@ def node_statuses(stacks: Sequence[Stack], names: Sequence[str]) -> Mapping[str,
     return {name: status for name, status in known.items() if name in wanted}
 
 
-def choose_stack(stacks: Sequence[Stack], names: Sequence[str]) -> Choice | None:
+def choose_stack(stacks: Sequence[LiveStack], names: Sequence[str]) -> Choice | None:
     """Whom to ask for a transition of these nodes; None where no launcher here can be asked.
 
     Args:
@@ -140,7 +142,7 @@ def choose_stack(stacks: Sequence[Stack], names: Sequence[str]) -> Choice | None
     return best if best and best.stack.status else None
 
 
-def _choice(stack: Stack, names: Sequence[str]) -> Choice | None:
+def _choice(stack: LiveStack, names: Sequence[str]) -> Choice | None:
     if not names:
         return Choice(stack=stack, nodes=())
     known = [node.node for node in stack.life_cycle_nodes]

@@ -21,9 +21,9 @@ from obk_cli.scaffold.package_files import PackageTexts, add_console_script, add
 from obk_cli.scaffold.questions import Answers, Question, check_answers
 from obk_cli.scaffold.templates import (
     NODE_VARIABLE,
-    Library,
     RenderedFile,
     Template,
+    TemplateLibrary,
     render_templates,
 )
 from obk_cli.scaffold.variables import (
@@ -133,7 +133,7 @@ def check_stack(
 
 
 def compose_workspace(
-    stack: str, packages: tuple[Answers, ...], library: Library
+    stack: str, packages: tuple[Answers, ...], library: TemplateLibrary
 ) -> tuple[RenderedFile, ...]:
     """All files, by their paths in the workspace.
 

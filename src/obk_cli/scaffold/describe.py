@@ -15,7 +15,7 @@ from obk_cli.scaffold.questions import Answers
 from obk_cli.scaffold.variables import TOPICS_TO_FILL_IN, config_snippet
 from obk_cli.scaffold.write import Action, Decision
 
-__all__ = ["Added", "Outcome", "describe_json", "describe_text", "file_lines", "unified_diff"]
+__all__ = ["Added", "NewFiles", "describe_json", "describe_text", "file_lines", "unified_diff"]
 
 _UNCHANGED = frozenset({Action.IDENTICAL, Action.KEEP})
 
@@ -56,7 +56,7 @@ class Added:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class NewFiles:
     """A run of `obk new`; `folder` and `programs` are as the user would type them."""
 
     answers: Answers
@@ -83,7 +83,7 @@ class Outcome:
         return (f"{self.programs}python -m pytest {test}", f"{self.programs}obk launch {stack}")
 
 
-def describe_text(outcome: Outcome) -> str:
+def describe_text(outcome: NewFiles) -> str:
     """The tree with what happened to each file, the piece of config, the next commands.
 
     Of a dry run the diff too.
@@ -102,7 +102,7 @@ def describe_text(outcome: Outcome) -> str:
     )
 
 
-def describe_json(outcome: Outcome) -> str:
+def describe_json(outcome: NewFiles) -> str:
     """The same as one JSON object."""
     answers = outcome.answers
     is_node = answers.kind in NODE_KINDS
@@ -132,7 +132,7 @@ def file_lines(decisions: Iterable[Decision]) -> tuple[str, ...]:
     return tuple(f"  {d.action.value:<9} {d.file.path}" for d in _in_order(decisions))
 
 
-def _diff(outcome: Outcome) -> str:
+def _diff(outcome: NewFiles) -> str:
     """The diff of the package's files, and of the config."""
     of_files = unified_diff(_in_order(outcome.decisions))
     return f"{of_files}{outcome.added.diff}" if outcome.added else of_files

@@ -18,8 +18,8 @@ from obk_cli.scaffold.variables import sensor_topic
 __all__ = [
     "Model",
     "ModelSensor",
-    "Stack",
     "StackNode",
+    "StackSketch",
     "choose_nodes",
     "read_model_text",
     "stack_text",
@@ -113,7 +113,7 @@ class StackNode:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stack:
+class StackSketch:
     """A stack to be written down."""
 
     name: str
@@ -150,7 +150,7 @@ def choose_nodes(
 
 def _fit(nodes: tuple[StackNode, ...]) -> bool:
     """Whether each message that one of them hears is sent by another, or can be simulated."""
-    stack = Stack(name="", nodes=nodes, model=None)
+    stack = StackSketch(name="", nodes=nodes, model=None)
     sent = {topic for node in nodes for topic in _topics(stack, node, "publisher")}
     heard = {topic for node in nodes for topic in _topics(stack, node, "subscriber")}
     if any(node.kind == "robot" for node in nodes):
@@ -159,7 +159,7 @@ def _fit(nodes: tuple[StackNode, ...]) -> bool:
 
 
 def _topics(
-    stack: Stack, node: StackNode, kind: ComponentKind
+    stack: StackSketch, node: StackNode, kind: ComponentKind
 ) -> Iterator[tuple[str, MessageType | None]]:
     for component in _wanted(node):
         if component.kind == kind:
@@ -167,7 +167,7 @@ def _topics(
             yield _topic_of(stack, component, message), message
 
 
-def stack_text(stack: Stack) -> str:
+def stack_text(stack: StackSketch) -> str:
     """The config."""
     lines = [f"config: {stack.name}"]
     for kind in NODE_KINDS:
@@ -182,7 +182,7 @@ def stack_text(stack: Stack) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _node_lines(stack: Stack, node: StackNode) -> Iterator[str]:
+def _node_lines(stack: StackSketch, node: StackNode) -> Iterator[str]:
     yield f"  - pkg: {node.package}"
     yield f"    executable: {node.executable}"
     if node.kind == "robot":
@@ -200,7 +200,7 @@ def _wanted(node: StackNode) -> Iterator[CodeComponent]:
     return (c for c in node.code.components if not (c.is_optional or c.has_default) and c.name)
 
 
-def _settings(stack: Stack, node: StackNode, component: CodeComponent) -> tuple[str, ...]:
+def _settings(stack: StackSketch, node: StackNode, component: CodeComponent) -> tuple[str, ...]:
     if component.kind == "timer":
         return (f"timer_period_sec: {0.01 if node.kind == 'sensor' else 0.002}",)
     message = _message_of(component)
@@ -208,7 +208,7 @@ def _settings(stack: Stack, node: StackNode, component: CodeComponent) -> tuple[
     return (topic, f"msg_type: {message.spelling}") if message else (topic,)
 
 
-def _topic_of(stack: Stack, component: CodeComponent, message: MessageType | None) -> str:
+def _topic_of(stack: StackSketch, component: CodeComponent, message: MessageType | None) -> str:
     topics = f"/{stack.name}"
     role = _ROLES.get(component.ros_parameter or "")
     if role is not None:
@@ -230,7 +230,7 @@ def _message_of(component: CodeComponent) -> MessageType | None:
     return MessageType(package=package, name=name)
 
 
-def _simulated_lines(stack: Stack) -> Iterator[str]:
+def _simulated_lines(stack: StackSketch) -> Iterator[str]:
     assert stack.model is not None
     yield "  - pkg: obelisk_sim_py"
     yield "    executable: obelisk_mujoco_robot"
@@ -258,7 +258,7 @@ def _simulated_lines(stack: Stack) -> Iterator[str]:
         yield from (f"              {sensor.name}: {sensor.type}" for sensor in sensors)
 
 
-def _control_type(stack: Stack) -> MessageType:
+def _control_type(stack: StackSketch) -> MessageType:
     sent = (
         _message_of(component)
         for node in stack.nodes
@@ -270,7 +270,7 @@ def _control_type(stack: Stack) -> MessageType:
 
 
 def _sensor_groups(
-    stack: Stack, model: Model
+    stack: StackSketch, model: Model
 ) -> Iterator[tuple[MessageType, Sequence[ModelSensor]]]:
     """Each sensor message that a node hears, with the model's sensors for it."""
     heard = (

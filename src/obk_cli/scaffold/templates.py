@@ -22,10 +22,10 @@ from obk_cli.scaffold.kinds import LAYER_NAMES
 
 __all__ = [
     "NODE_VARIABLE",
-    "Library",
     "RenderedFile",
     "Template",
     "TemplateFaultError",
+    "TemplateLibrary",
     "open_library",
     "render_templates",
 ]
@@ -192,7 +192,7 @@ _MOST_TEMPLATES = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Library:
+class TemplateLibrary:
     """The folder of the tool's own templates, and the user's, if any."""
 
     own: Path
@@ -227,14 +227,14 @@ class Library:
         return templates
 
 
-def open_library(own: Path, user: Path | None) -> Library:
+def open_library(own: Path, user: Path | None) -> TemplateLibrary:
     """The library of the two folders.
 
     Raises:
         CommandFailedError: the user's is no folder, or holds a folder that no kind has.
     """
     if user is None:
-        return Library(own=own)
+        return TemplateLibrary(own=own)
     if not user.is_dir():
         raise CommandFailedError(f"the template folder {user} is not there")
     for folder in sorted(user.iterdir()):
@@ -244,7 +244,7 @@ def open_library(own: Path, user: Path | None) -> Library:
                 f"{folder} is the template folder of nothing that `obk new` makes",
                 help=near or "`obk new --list` shows the folders that there are",
             )
-    return Library(own=own, user=user)
+    return TemplateLibrary(own=own, user=user)
 
 
 def _read_own(folder: Path) -> Iterator[Template]:

@@ -7,7 +7,13 @@ from functools import cached_property
 
 from obelisk_spec.suggestions import near_names
 from obk_cli.config.environment import MissingMethod
-from obk_cli.source_analysis.modules import Library, Module, at_top_level, dotted_name, span_of
+from obk_cli.source_analysis.modules import (
+    Module,
+    ModuleLibrary,
+    at_top_level,
+    dotted_name,
+    span_of,
+)
 
 __all__ = ["ClassSource", "Function", "Lineage", "lineage_of"]
 
@@ -117,7 +123,7 @@ class Lineage:
         return self.classes[: self.classes.index(source)]
 
 
-def lineage_of(source: ClassSource, library: Library) -> Lineage:
+def lineage_of(source: ClassSource, library: ModuleLibrary) -> Lineage:
     """The class and everything that it inherits from."""
     found, is_whole = _collect(source, library, ())
     # A base that several classes share comes after all of them, as in Python's own order.
@@ -126,7 +132,7 @@ def lineage_of(source: ClassSource, library: Library) -> Lineage:
 
 
 def _collect(
-    source: ClassSource, library: Library, below: tuple[ClassSource, ...]
+    source: ClassSource, library: ModuleLibrary, below: tuple[ClassSource, ...]
 ) -> tuple[list[ClassSource], bool]:
     found, is_whole = [source], not source.node.decorator_list
     for base in source.node.bases:

@@ -10,9 +10,9 @@ from obk_cli.diagnostics.source import Span
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage, lineage_of
 from obk_cli.source_analysis.modules import (
     Definition,
-    Library,
     LoadModule,
     Module,
+    ModuleLibrary,
     UnreadableSourceError,
     dotted_name,
     message_type,
@@ -27,7 +27,7 @@ _FIELDS = ("u_mujoco", "u")
 _PACKAGE = "obelisk_control_msgs/"
 
 
-def control_lengths(lineage: Lineage, library: Library) -> Iterator[ControlLength]:
+def control_lengths(lineage: Lineage, library: ModuleLibrary) -> Iterator[ControlLength]:
     """Every `message.u_mujoco = [...]` with a list of known length."""
     for source in lineage.classes:
         if not source.is_of_library:
@@ -35,7 +35,9 @@ def control_lengths(lineage: Lineage, library: Library) -> Iterator[ControlLengt
                 yield from _in_method(method, source, library)
 
 
-def _in_method(method: Function, source: ClassSource, library: Library) -> Iterator[ControlLength]:
+def _in_method(
+    method: Function, source: ClassSource, library: ModuleLibrary
+) -> Iterator[ControlLength]:
     messages: set[str] = set()
     for node in ast.walk(method):
         match node:
@@ -78,7 +80,7 @@ def read_node_code(
         function: what the entry point calls; None for a module that is run as a program.
         load: gives modules by their dotted names.
     """
-    library = Library(load)
+    library = ModuleLibrary(load)
     try:
         entry = library.module(module)
         return None if entry is None else _read(entry, function, library)
@@ -88,7 +90,9 @@ def read_node_code(
         )
 
 
-def _read(entry: Module, function: str | None, library: Library) -> NodeFacts | CodeFault | None:
+def _read(
+    entry: Module, function: str | None, library: ModuleLibrary
+) -> NodeFacts | CodeFault | None:
     if function is None:
         spun = list(_spun_in(entry.tree.body, entry))
     else:
@@ -131,7 +135,7 @@ def _spun_in(body: Iterable[ast.stmt], module: Module) -> Iterator[_Spun]:
                 yield _Spun(node_type, module, has_arguments)
 
 
-def _class_of(spun: _Spun, library: Library) -> ClassSource | None:
+def _class_of(spun: _Spun, library: ModuleLibrary) -> ClassSource | None:
     dotted = dotted_name(spun.node_type, spun.module) or ""
     found: Definition | None = library.definition(dotted)
     if found is None or not isinstance(found.node, ast.ClassDef):
@@ -139,7 +143,9 @@ def _class_of(spun: _Spun, library: Library) -> ClassSource | None:
     return ClassSource(found.module, found.node)
 
 
-def _node_code(source: ClassSource, library: Library, has_arguments: bool) -> NodeFacts | None:
+def _node_code(
+    source: ClassSource, library: ModuleLibrary, has_arguments: bool
+) -> NodeFacts | None:
     lineage = lineage_of(source, library)
     if not lineage.is_node:
         return None

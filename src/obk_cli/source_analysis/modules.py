@@ -20,9 +20,9 @@ __all__ = [
     "FoundSource",
     "Imported",
     "KnownValues",
-    "Library",
     "LoadModule",
     "Module",
+    "ModuleLibrary",
     "Unknown",
     "UnreadableSourceError",
     "Value",
@@ -91,7 +91,7 @@ class UnreadableSourceError(Exception):
         self.span = span
 
 
-class Library:
+class ModuleLibrary:
     """Modules, each read once."""
 
     def __init__(self, load: LoadModule) -> None:
@@ -265,7 +265,7 @@ def message_type(value: Value) -> str | None:
 
 
 def value_of(
-    expression: ast.expr | None, module: Module, library: Library, local: KnownValues
+    expression: ast.expr | None, module: Module, library: ModuleLibrary, local: KnownValues
 ) -> Value:
     """The text, truth, None or class that an expression is; no expression counts as None."""
     match expression:
@@ -286,7 +286,7 @@ def value_of(
             return UNKNOWN
 
 
-def _named(expression: ast.expr, module: Module, library: Library) -> Value:
+def _named(expression: ast.expr, module: Module, library: ModuleLibrary) -> Value:
     dotted = dotted_name(expression, module)
     if dotted is None or "." not in dotted:
         return UNKNOWN

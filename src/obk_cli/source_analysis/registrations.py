@@ -15,8 +15,8 @@ from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Linea
 from obk_cli.source_analysis.modules import (
     UNKNOWN,
     KnownValues,
-    Library,
     Module,
+    ModuleLibrary,
     Value,
     dotted_name,
     message_type,
@@ -63,7 +63,7 @@ def scope_of(function: Function, module: Module, local: KnownValues) -> Scope:
 
 
 def register_call(
-    name: str, call: ast.Call, scope: Scope, library: Library
+    name: str, call: ast.Call, scope: Scope, library: ModuleLibrary
 ) -> CodeComponent | str | None:
     """The component that a call registers; text: why it is not known; None: no registration."""
     if name not in _REGISTRATIONS:
@@ -109,7 +109,7 @@ def bound_arguments(
     function: Function,
     module: Module,
     call: tuple[ast.Call, Scope] | None,
-    library: Library,
+    library: ModuleLibrary,
     *,
     is_open: bool,
 ) -> KnownValues:
@@ -141,7 +141,7 @@ def bound_arguments(
 
 
 def _passed(
-    positional: list[ast.arg], call: tuple[ast.Call, Scope], library: Library
+    positional: list[ast.arg], call: tuple[ast.Call, Scope], library: ModuleLibrary
 ) -> tuple[dict[str, Value], bool]:
     """The arguments by name, and whether there may be more that cannot be seen."""
     node, scope = call
@@ -176,7 +176,7 @@ _ARGUMENTS: Final = ("name", "value", "descriptor", "ignore_override")
 
 
 def declared_parameters(
-    method: str, call: ast.Call, scope: Scope, library: Library
+    method: str, call: ast.Call, scope: Scope, library: ModuleLibrary
 ) -> tuple[CodeParameter, ...] | None:
     """What `declare_parameter` or `declare_parameters` declares; None where that is computed."""
     given: dict[str | None, ast.expr] = {k.arg: k.value for k in call.keywords}
@@ -194,7 +194,7 @@ def declared_parameters(
 
 
 def _listed(
-    namespace: str, given: dict[str | None, ast.expr], scope: Scope, library: Library
+    namespace: str, given: dict[str | None, ast.expr], scope: Scope, library: ModuleLibrary
 ) -> Iterator[CodeParameter | None]:
     match given.get("parameters"):
         case ast.List(elts=items) | ast.Tuple(elts=items):
@@ -212,7 +212,7 @@ def _declared(
     given: dict[str | None, ast.expr],
     place: ast.expr,
     scope: Scope,
-    library: Library,
+    library: ModuleLibrary,
 ) -> CodeParameter | None:
     name = value_of(given.get("name"), scope.module, library, scope.local)
     if not isinstance(name, str):
@@ -237,7 +237,7 @@ def _is_static(descriptor: ast.expr | None) -> bool:
     return False
 
 
-def _kind(expression: ast.expr | None, scope: Scope, library: Library) -> str | None:
+def _kind(expression: ast.expr | None, scope: Scope, library: ModuleLibrary) -> str | None:
     """The kind of a default that is written out, or of a type in its place."""
     match expression:
         case None:
@@ -284,7 +284,9 @@ class Registrations:
     knows_parameters: bool = True
 
 
-def registrations_of(lineage: Lineage, library: Library, *, has_arguments: bool) -> Registrations:
+def registrations_of(
+    lineage: Lineage, library: ModuleLibrary, *, has_arguments: bool
+) -> Registrations:
     """The components and parameters of a class; made with its defaults unless `has_arguments`."""
     walk = _Walk(lineage, library, has_arguments=has_arguments)
     walk.constructor(0, None)
@@ -297,7 +299,7 @@ def registrations_of(lineage: Lineage, library: Library, *, has_arguments: bool)
 
 
 class _Walk:
-    def __init__(self, lineage: Lineage, library: Library, *, has_arguments: bool) -> None:
+    def __init__(self, lineage: Lineage, library: ModuleLibrary, *, has_arguments: bool) -> None:
         self._has_arguments = has_arguments
         self.found = Registrations()
         self._lineage = lineage

@@ -5,34 +5,22 @@ take it when they like; watching waits for none of them.
 """
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 from obk_cli.emit.graph import graph_of
 from obk_cli.emit.svg import emit_svg
 from obk_cli.errors import CommandFailedError
-from obk_cli.monitor.model import StackView
+from obk_cli.monitor.model import StackView, Views
 from obk_cli.plan.plan import Plan
 from obk_cli.runs.folder import run_plan
 
-__all__ = ["Feed", "Moment", "Views", "live_picture"]
+__all__ = ["Feed", "Moment", "live_picture"]
 
 STOP_S: Final = 5.0
 """In which a watcher stops [s]."""
-
-
-class Views(Protocol):
-    """What a `Watcher` offers."""
-
-    def views(self) -> Iterator[StackView | None]:
-        """A view each period, None while nothing runs."""
-        ...
-
-    def stop(self) -> None:
-        """End the views soon."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,6 +1,6 @@
 """Plans to emit, made up."""
 
-from obk_cli.plan.plan import Endpoint, Plan, Process, SensorGroup
+from obk_cli.plan.plan import Endpoint, Plan, PlannedSensorGroup, Process
 
 from .. import plans  # noqa: TID252 - shared by folders of tests
 
@@ -44,7 +44,7 @@ def loop() -> Plan:
                 env={"A": "1"},
                 log_level="debug",
                 sensor_groups=(
-                    SensorGroup(
+                    PlannedSensorGroup(
                         topic="/imu",
                         kind="ObkImu",
                         sensors={'g"1': "gyro", "g2": "gyro", "<a>": "accelerometer"},

@@ -10,7 +10,7 @@ import pytest
 
 from obk_cli.emit.json import emit_plan
 from obk_cli.files import resource_folder
-from obk_cli.plan.plan import Endpoint, Origin, Plan, Process, Promise, SensorGroup
+from obk_cli.plan.plan import Endpoint, Origin, Plan, PlannedSensorGroup, Process, Promise
 
 from .plans import loop, node
 
@@ -20,7 +20,7 @@ DEFINITIONS = {
     "endpoint": Endpoint,
     "origin": Origin,
     "promise": Promise,
-    "sensor_group": SensorGroup,
+    "sensor_group": PlannedSensorGroup,
 }
 
 

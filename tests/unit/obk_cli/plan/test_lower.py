@@ -8,7 +8,7 @@ from obk_cli.config.reader import read_stack
 from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.plan.lower import lower_stack
-from obk_cli.plan.plan import Endpoint, Plan, SensorGroup
+from obk_cli.plan.plan import Endpoint, Plan, PlannedSensorGroup
 
 from ..nowhere import Nowhere  # noqa: TID252 - shared by folders of tests
 
@@ -131,7 +131,7 @@ def test_a_simulator_tells_what_it_reads_from_its_model(tmp_path: Path) -> None:
     robot, control, joystick = lower(tmp_path).processes
     assert robot.model == str(tmp_path / "arm.xml")
     assert robot.sensor_groups == (
-        SensorGroup(topic="/q", kind="JointEncoders", sensors={"a": "jointpos"}),
+        PlannedSensorGroup(topic="/q", kind="JointEncoders", sensors={"a": "jointpos"}),
     )
     assert (control.model, control.sensor_groups) == (None, ())
     assert [p.has_lifecycle for p in (robot, control, joystick)] == [True, True, False]

@@ -7,7 +7,7 @@ from math import inf
 from pathlib import Path
 
 from obk_cli.emit.json import emit_plan
-from obk_cli.plan.plan import Endpoint, Plan, SensorGroup
+from obk_cli.plan.plan import Endpoint, Plan, PlannedSensorGroup
 from obk_cli.record.recorder_job import RecorderJob, RecordRequest, job_from_json, job_to_json
 from obk_cli.record.recording import RunMetadata, file_name, run_metadata_of
 from obk_cli.runs.folder import run_plan, run_topics
@@ -84,7 +84,7 @@ def test_the_plan_of_a_run_is_read_back(tmp_path: Path) -> None:
         parameters={"realtime_factor": 0.5, "use_sim_time": True},
         publishes=(Endpoint(topic="/q", msg_type="x/msg/Q", rate_hz=100.0),),
         model="arm.xml",
-        sensor_groups=(SensorGroup(topic="/q", kind="Q", sensors={"j": "jointpos"}),),
+        sensor_groups=(PlannedSensorGroup(topic="/q", kind="Q", sensors={"j": "jointpos"}),),
     )
     every = replace(robot, parameters={**robot.parameters, "bounds": (0.0, inf)}, env={"A": "1"})
     plan = Plan(name="arm", processes=(every,))

@@ -10,7 +10,7 @@ from obk_cli.files import resource_folder
 from obk_cli.scaffold.compose import compose_package, layers_of
 from obk_cli.scaffold.kinds import Kind
 from obk_cli.scaffold.questions import Answers, Question, check_answers
-from obk_cli.scaffold.templates import Library, RenderedFile, Template
+from obk_cli.scaffold.templates import RenderedFile, Template, TemplateLibrary
 
 
 def nobody(_name: str) -> str | None:
@@ -33,7 +33,9 @@ def answer() -> Callable[..., Answers]:
 @pytest.fixture
 def templates() -> Callable[[Answers], tuple[Template, ...]]:
     """The project's own templates for what was answered."""
-    return lambda answers: Library(own=resource_folder("templates")).read(layers_of(answers))
+    return lambda answers: TemplateLibrary(own=resource_folder("templates")).read(
+        layers_of(answers)
+    )
 
 
 @pytest.fixture
