@@ -24,7 +24,7 @@ import psutil
 
 from obelisk_py.core.sim.mujoco.control import ControlInbox
 from obelisk_py.core.sim.mujoco.simulation import Simulation
-from obelisk_py.core.sim.mujoco.stepper import Output, Stepper
+from obelisk_py.core.sim.mujoco.stepper import Stepper, TimedOutput
 from obelisk_py.core.sim.mujoco.stepping import MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.viewers.video import video_outputs
 from obelisk_spec.video import VideoSettings, read_video
@@ -57,12 +57,15 @@ def run(seconds: float, settings: VideoSettings | None) -> dict[str, Any]:
             report=lambda film: told.append(str(film)),
             on_close=closing.callback,
         )
-        film = [p for p in psutil.Process().children() if "film" in p.cmdline()]
+        film = [p for p in psutil.Process().children() if "video" in p.cmdline()]
         stepper = Stepper(
             simulation,
             pace=Pace(step_s),
             clock=MonotonicClock(),
-            outputs=(Output(times=SampleTimes(period_s=1.0, step_s=1.0), publish=note), *films),
+            outputs=(
+                TimedOutput(times=SampleTimes(period_s=1.0, step_s=1.0), publish=note),
+                *films,
+            ),
             stamp=lambda: None,
             warn=told.append,
             report=lambda _: None,
@@ -99,7 +102,7 @@ def case(name: str, rounds: list[dict[str, Any]]) -> dict[str, Any]:
             text.partition(", ")[2]
             for one in rounds
             for text in one["told"]
-            if text.startswith("film: ")
+            if text.startswith("video: ")
         ],
     }
 

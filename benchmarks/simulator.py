@@ -43,7 +43,7 @@ from obelisk_py.core.sim.mujoco.outputs import OutputContext, outputs_of
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Stepper
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace
-from obelisk_spec.settings import format_setting
+from obelisk_spec.components import format_setting
 from obelisk_spec.yaml_core import load_yaml_core
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -1,10 +1,18 @@
-"""Sections and components of a config, and which names mean the same component.
+"""Name the components of a config, and read and write their settings as a node receives them.
 
 The ROS parameter `pub_ctrl_setting` and the key `pub_ctrl` name one component; the seeds also
-write `publisher_ctrl`.
+write `publisher_ctrl`. Its settings are a string: flow text `{topic: /x, history_depth: 10}`, or
+the old flat form `topic:/x,history_depth:10`. `format_setting` always writes flow text. The values
+are those of YAML 1.2 core.
 """
 
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
 from typing import Final
+
+from obelisk_spec.yaml_core import YamlTextError, core_scalar, load_yaml_core
 
 __all__ = [
     "CALLBACK_GROUP_TYPES",
@@ -15,13 +23,17 @@ __all__ = [
     "STALE_ACTIONS",
     "STANDARD_COMPONENTS",
     "TIERS",
+    "SettingTextError",
     "component_identity",
     "component_spellings",
+    "format_setting",
+    "parse_component_setting",
+    "parse_mapping",
     "standard_component",
 ]
 
 TIERS: Final = ("robot", "sensing", "estimation", "control", "viz", "joystick")
-"""Sections that hold nodes, in bring-up order: publishers activate before their subscribers."""
+"""Sections that contain nodes, in bring-up order: publishers activate before subscribers."""
 
 SETTING_SUFFIX: Final = "_setting"
 DEFAULT_HISTORY_DEPTH: Final = 10
@@ -29,10 +41,10 @@ DEFAULT_HISTORY_DEPTH: Final = 10
 CALLBACK_GROUP_TYPES: Final = ("MutuallyExclusiveCallbackGroup", "ReentrantCallbackGroup")
 
 CONTROL_SUBSCRIPTION: Final = "sub_ctrl"
-"""The component by which a robot gets its commands; the one that `max_age_sec` belongs to."""
+"""The component that receives a robot's commands; `max_age_sec` is a setting of it."""
 
 STALE_ACTIONS: Final = ("zero", "hold", "damp")
-"""What a robot does once its newest command is too old."""
+"""What a robot can do when its latest command is too old."""
 DEFAULT_STALE_ACTION: Final = "zero"
 
 STANDARD_COMPONENTS: Final = (
@@ -51,15 +63,15 @@ _LONG_PREFIXES: Final = (("pub_", "publisher_"), ("sub_", "subscriber_"))
 
 
 def component_identity(name: str) -> str:
-    """The component that a `ros_parameter` or `key` names: `pub_ctrl_setting` -> `pub_ctrl`."""
+    """The component that a `ros_parameter` or `key` refers to: `pub_ctrl_setting` -> `pub_ctrl`."""
     return name.removesuffix(SETTING_SUFFIX)
 
 
 def component_spellings(name: str) -> tuple[str, ...]:
-    """Every name under which a component is found, the plain key first.
+    """Every spelling of a component's name, the plain key first.
 
     `pub_ctrl_setting` -> `pub_ctrl`, `pub_ctrl_setting`, `publisher_ctrl`,
-    `publisher_ctrl_setting`; a name that starts otherwise has two.
+    `publisher_ctrl_setting`; a name with another prefix has two spellings.
     """
     key = component_identity(name)
     keys = [key]
@@ -72,5 +84,82 @@ def component_spellings(name: str) -> tuple[str, ...]:
 
 
 def standard_component(name: str) -> str | None:
-    """The base class component that `name` means in any spelling, None for the user's own."""
+    """The base class component of any spelling; None for a component of the user's own."""
     return next((key for key in STANDARD_COMPONENTS if name in component_spellings(key)), None)
+
+
+_FLAT_FIELD = re.compile(r"\s*([A-Za-z_][A-Za-z0-9_]*)\s*:(.*)", re.DOTALL)
+_NEXT_FLAT_FIELD = re.compile(r",(?=\s*[A-Za-z_][A-Za-z0-9_]*\s*:)")
+_PLAIN = re.compile(r"[A-Za-z/_~][A-Za-z0-9/_.~-]*")
+_UNWRITABLE = re.compile("[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]")
+
+
+class SettingTextError(ValueError):
+    """A settings text is neither flow text nor the flat form; the message quotes it."""
+
+
+def parse_component_setting(text: str) -> dict[str, object]:
+    """The settings in a component's ROS parameter; none if the text is empty.
+
+    Raises:
+        SettingTextError: the text is in neither form.
+    """
+    if text.lstrip().startswith("{") or "\n" in text.strip():
+        return parse_mapping(text)
+    return dict(_flat_field(part, text) for part in _flat_parts(text))
+
+
+def parse_mapping(text: str) -> dict[str, object]:
+    """Parse YAML text that is one mapping with string keys (`obelisk_settings`, a `sim` block).
+
+    Raises:
+        SettingTextError: the text is not YAML or not such a mapping.
+    """
+    try:
+        value = load_yaml_core(text)
+    except YamlTextError as error:
+        raise SettingTextError(f"settings text {text!r} is not YAML: {error}") from error
+    if value is None:
+        return {}
+    if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
+        raise SettingTextError(f"settings text {text!r} is not a mapping like `{{topic: /x}}`")
+    return value
+
+
+def _flat_parts(text: str) -> list[str]:
+    return _NEXT_FLAT_FIELD.split(text.strip().removesuffix(",")) if text.strip() else []
+
+
+def _flat_field(part: str, text: str) -> tuple[str, object]:
+    field = _FLAT_FIELD.fullmatch(part)
+    if field is None:
+        raise SettingTextError(
+            f"settings text {text!r} is neither like `{{topic: /x, history_depth: 10}}` "
+            "nor like `topic:/x,history_depth:10`"
+        )
+    return field[1], core_scalar(field[2].strip())
+
+
+def format_setting(value: object) -> str:
+    """One line of flow text that `parse_mapping` parses to an equal value."""
+    if isinstance(value, Mapping):
+        fields = (f"{_format_str(str(key))}: {format_setting(item)}" for key, item in value.items())
+        return f"{{{', '.join(fields)}}}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return f"[{', '.join(map(format_setting, value))}]"
+    return _format_str(value) if isinstance(value, str) else _format_scalar(value)
+
+
+def _format_scalar(value: object) -> str:
+    if value is None or isinstance(value, bool):
+        return json.dumps(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return ".nan" if math.isnan(value) else (".inf" if value > 0 else "-.inf")
+    return repr(value)
+
+
+def _format_str(text: str) -> str:
+    if _PLAIN.fullmatch(text) and isinstance(core_scalar(text), str):
+        return text
+    quoted = json.dumps(text, ensure_ascii=False)
+    return _UNWRITABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", quoted)

@@ -1,7 +1,7 @@
-"""What the checks need to know of a MuJoCo model, without MuJoCo.
+"""Facts of a MuJoCo model that the checks use; needs no MuJoCo.
 
-`read_model_facts` takes a `mujoco.MjSpec` that the caller has loaded; nothing is compiled and no
-mesh is opened, so the facts of a model are known although its meshes are missing.
+`read_model_facts` takes a `mujoco.MjSpec` that the caller has loaded. It compiles nothing and opens
+no mesh, so a model can be checked even if its meshes are missing.
 """
 
 from collections.abc import Iterable, Mapping
@@ -11,12 +11,12 @@ from typing import Any
 __all__ = ["ModelFacts", "SensorFact", "read_model_facts"]
 
 _SENSOR_TAGS = {"geomdist": "distance", "geomnormal": "normal", "geomfromto": "fromto"}
-"""Sensor types whose MJCF tag is not the name of the enum in small letters."""
+"""Sensor types whose MJCF tag differs from the lower-case enum name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorFact:
-    """One named sensor."""
+    """A named sensor of the model."""
 
     name: str
     type: str
@@ -30,7 +30,7 @@ class SensorFact:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelFacts:
-    """One model; names as keys, in the order of the model."""
+    """A model; names are keys, in the order of the model."""
 
     sensors: Mapping[str, SensorFact] = field(default_factory=dict)
     joints: Mapping[str, str] = field(default_factory=dict)
@@ -43,7 +43,7 @@ class ModelFacts:
     keyframes: tuple[str, ...] = ()
     actuators: int = 0
     position_servos: int = 0
-    """Those of the actuators whose control is a position."""
+    """Number of actuators whose control is a position."""
     timestep: float = 0.002
     """[s]"""
 
@@ -78,7 +78,7 @@ def _read_sensor(sensor: Any, joints: Mapping[str, str]) -> SensorFact:
 
 
 def _is_position_servo(actuator: Any) -> bool:
-    """Whether the force is affine in the length: gain * ctrl + b0 + b1 * length + b2 * velocity."""
+    """Whether the force is affine: gain * ctrl + b0 + b1 * length + b2 * velocity."""
     kinds = _enum_word(actuator.gaintype), _enum_word(actuator.biastype)
     return kinds == ("fixed", "affine") and bool(actuator.biasprm[1])
 

@@ -1,6 +1,6 @@
-"""What the tool and running nodes agree on: rates on /diagnostics, the startup gate, web requests.
+"""Protocol between the tool and running nodes: rates, the startup gate, checks of web requests.
 
-Rates are the keys and texts of a `diagnostic_msgs/DiagnosticStatus`; no ROS message is imported.
+Rates are keys and texts of a `diagnostic_msgs/DiagnosticStatus`; no ROS message is imported.
 """
 
 import math
@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 GATE_VARIABLE: Final = "OBK_GATE"
-"""The environment variable that names the gate file of nodes that are started early.
+"""The environment variable that names the gate file of preloaded programs.
 
 The launcher holds an exclusive lock (flock) on the file until no other stack uses its names and its
 robot; a program creates its node once it gets a shared lock. The lock ends with the launcher.
@@ -66,46 +66,47 @@ def is_of_the_page(origin: str, host: str) -> bool:
 DIAGNOSTICS_TOPIC: Final = "/diagnostics"
 REPORT_PERIOD_S: Final = 1.0
 TOLERANCE: Final = 0.1
-"""Of the promised rate, by which the measured one may fall short."""
+"""Fraction of the expected rate by which the measured one may fall short."""
 STEPS: Final = "steps"
-"""The name of a simulator's promise to keep up with the wall clock."""
+"""Name of the rate at which a simulator has to step to keep up with the wall clock."""
 
 Standing = Literal["kept", "off", "broken"]
 STANDINGS: Final[tuple[Standing, ...]] = ("kept", "off", "broken")
 """By `DiagnosticStatus.level`: OK, WARN, ERROR."""
 
-_WANTED, _MEASURED, _TICKS, _OVERRUNS = "wanted_hz", "measured_hz", "ticks", "overruns"
+_EXPECTED, _MEASURED, _TICKS, _OVERRUNS = "wanted_hz", "measured_hz", "ticks", "overruns"
 _P50, _P99, _MAX, _PERIOD = "late_p50_us", "late_p99_us", "late_max_us", "period_sec"
 _NODE_END: Final = ": "
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rate:
-    """One promise of a node, as measured in the last second."""
+    """An expected rate of a node, and what was measured in the last second."""
 
     name: str
     """The timer's key, the absolute topic of a sensor group, or `steps`."""
     wanted_hz: float
+    """The expected rate. `wanted_hz` is its key on /diagnostics and in JSON output."""
     measured_hz: float
     ticks: int
     """Since the node was activated, as `overruns`."""
     overruns: int
-    """Ticks that were left out or came as one with the next."""
+    """Ticks that were skipped or merged with the next one."""
     late_p50_us: float
-    """Half of the ticks were at most so late [us], as `late_p99_us` and `late_max_us`."""
+    """Median lateness of the ticks [us], as `late_p99_us` and `late_max_us`."""
     late_p99_us: float
     late_max_us: float
     standing: Standing = "kept"
-    """`off`: more than `TOLERANCE` short of what is wanted; `broken`: for 2 s."""
+    """`off`: more than `TOLERANCE` below the expected rate; `broken`: so for 2 s."""
 
     def __str__(self) -> str:
         return f"{self.name} runs at {self.measured_hz:.4g} of {self.wanted_hz:.4g} Hz"
 
 
 def rate_values(rate: Rate) -> tuple[tuple[str, str], ...]:
-    """Keys and values of a status."""
+    """Keys and values of the status that reports a rate."""
     return (
-        (_WANTED, f"{rate.wanted_hz:.6g}"),
+        (_EXPECTED, f"{rate.wanted_hz:.6g}"),
         (_MEASURED, f"{rate.measured_hz:.6g}"),
         (_TICKS, str(rate.ticks)),
         (_OVERRUNS, str(rate.overruns)),
@@ -122,7 +123,7 @@ def rate_name(node: str, name: str) -> str:
 
 
 def parse_rate(name: str, level: int, values: Mapping[str, str]) -> Rate | None:
-    """The rate that a status tells; None where it is about something else.
+    """The rate in a status; None if the status is about something else.
 
     Args:
         name: of the status, as `rate_name` makes it.
@@ -133,7 +134,7 @@ def parse_rate(name: str, level: int, values: Mapping[str, str]) -> Rate | None:
     if not found or level not in range(len(STANDINGS)):
         return None
     try:
-        numbers = {key: float(values[key]) for key in (_WANTED, _MEASURED, _P50, _P99, _MAX)}
+        numbers = {key: float(values[key]) for key in (_EXPECTED, _MEASURED, _P50, _P99, _MAX)}
         rate = Rate(
             name=own_name,
             ticks=int(values[_TICKS]),

@@ -1,7 +1,7 @@
-"""Checks of a ray caster, inline as `scan_config` or from the file of `config_path`, and how many
-rays its pattern has.
+"""Check the settings of a ray caster, and count the rays of its pattern.
 
-Pure; takes the mapping as plain values, gives findings with the path into the sim block.
+Pure; takes the mapping of `scan_config`, or of the file of `config_path`, as plain values. Findings
+have the path into the sim block.
 """
 
 import math
@@ -11,9 +11,8 @@ from typing import Any, Final
 
 from obelisk_spec.sensors import RAY_PATTERNS, GroupRule
 from obelisk_spec.sim_block import SimFault, SimPath
-from obelisk_spec.suggestions import did_you_mean, list_names
-from obelisk_spec.values import COUNT_WANTED, is_count, is_mapping, is_number, is_text
-from obelisk_spec.wording import with_article
+from obelisk_spec.suggestions import did_you_mean, list_names, with_article
+from obelisk_spec.values import COUNT_RANGE, is_count, is_mapping, is_number, is_text
 
 __all__ = [
     "MOST_RAYS",
@@ -27,20 +26,20 @@ __all__ = [
 ]
 
 MOST_RAYS: Final = 1_000_000
-"""Of one pattern; a picture of more pixels takes seconds to cast."""
+"""Limit of one pattern; casting more rays takes seconds."""
 
 _GEOM_GROUPS = range(6)
 _TURN_DEG = 360.0
-_HAIR = 1e-6
-"""Of a step: 1.6 / 0.1 may come out a hair below 16."""
+_ROUNDING = 1e-6
+"""Relative rounding error of a step: 1.6 / 0.1 may be just below 16."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScanKey:
-    """What a key takes."""
+    """What values a key accepts."""
 
-    wanted: str
-    is_right: Callable[[Any], bool]
+    expected: str
+    is_valid: Callable[[Any], bool]
     required: bool = False
 
 
@@ -49,12 +48,12 @@ def _is_positive(value: object) -> bool:
 
 
 def _numbers(count: int) -> Callable[[Any], bool]:
-    def is_right(value: Any) -> bool:
+    def is_valid(value: Any) -> bool:
         return (
             isinstance(value, list | tuple) and len(value) == count and all(map(is_number, value))
         )
 
-    return is_right
+    return is_valid
 
 
 def _is_grid(value: Any) -> bool:
@@ -83,7 +82,7 @@ SCAN_KEYS: Final[Mapping[str, ScanKey]] = {
     "geom_groups": ScanKey("a list of geom groups", lambda value: isinstance(value, list | tuple)),
     "frame": ScanKey("the name of a frame", is_text),
     "max_distance": ScanKey(_LENGTH, _is_positive),
-    "viz_decimation": ScanKey(COUNT_WANTED, is_count),
+    "viz_decimation": ScanKey(COUNT_RANGE, is_count),
 }
 PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
     "height_scan": {
@@ -92,7 +91,7 @@ PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
         "ordering": ScanKey("`xy` or `yx`", lambda value: value in ("xy", "yx")),
     },
     "lidar_scan": {
-        "channels": ScanKey(COUNT_WANTED, is_count, required=True),
+        "channels": ScanKey(COUNT_RANGE, is_count, required=True),
         "vertical_fov_range": ScanKey("two angles in degrees", _numbers(2), required=True),
         "horizontal_fov_range": ScanKey("two angles in degrees", _numbers(2), required=True),
         "horizontal_res": ScanKey(
@@ -100,8 +99,8 @@ PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
         ),
     },
     "depth_camera": {
-        "width": ScanKey(COUNT_WANTED, is_count, required=True),
-        "height": ScanKey(COUNT_WANTED, is_count, required=True),
+        "width": ScanKey(COUNT_RANGE, is_count, required=True),
+        "height": ScanKey(COUNT_RANGE, is_count, required=True),
         "intrinsic_matrix": ScanKey(
             "nine numbers, row by row: fx, skew, cx, 0, fy, cy, 0, 0, 1 with fx and fy above 0",
             _is_pinhole,
@@ -118,7 +117,7 @@ OFFSET_KEYS: Final[Mapping[str, ScanKey]] = {
 def check_scan(
     scan: Mapping[str, Any], written: str, rule: GroupRule, path: SimPath
 ) -> Iterator[SimFault]:
-    """Findings about a ray caster of the group `written`; `path` leads to the ray caster."""
+    """Findings about the ray caster at `path`, in the sensor group of type `written`."""
     yield from _check_keys(scan, "a ray caster", SCAN_KEYS, path)
     if is_count(scan.get("viz_decimation")):
         yield SimFault(
@@ -162,9 +161,9 @@ def _check_pattern(
             help=f"it takes {list_names(rule.patterns)}",
         )
     keys = {"type": ScanKey("text", is_text), "offset": _OFFSET, **PATTERN_KEYS[kind]}
-    wrong = list(_check_keys(pattern, with_article(kind), keys, path))
-    yield from wrong
-    if not wrong:
+    faults = list(_check_keys(pattern, with_article(kind), keys, path))
+    yield from faults
+    if not faults:
         yield from _check_ray_count(pattern, path)
     offset = pattern.get("offset")
     if is_mapping(offset):
@@ -172,14 +171,16 @@ def _check_pattern(
 
 
 def grid_count(length_m: float, resolution_m: float) -> int:
-    """How many rays stand along a side of a height scan: one at each end where it divides."""
-    return math.floor(length_m / resolution_m + _HAIR) + 1
+    """Number of rays along a side of a height scan; the end has one if the side is a multiple."""
+    return math.floor(length_m / resolution_m + _ROUNDING) + 1
 
 
 def turn_count(span_deg: float, step_deg: float) -> int:
-    """How many rays a range of angles has: both ends, but a full turn's end is its beginning."""
-    steps = math.floor(abs(span_deg) / step_deg + _HAIR)
-    is_whole = abs(abs(span_deg) - _TURN_DEG) < _HAIR and abs(steps * step_deg - _TURN_DEG) < _HAIR
+    """Number of rays in a range of angles: both ends count, but a full turn has its end once."""
+    steps = math.floor(abs(span_deg) / step_deg + _ROUNDING)
+    is_whole = (
+        abs(abs(span_deg) - _TURN_DEG) < _ROUNDING and abs(steps * step_deg - _TURN_DEG) < _ROUNDING
+    )
     return steps if is_whole else steps + 1
 
 
@@ -239,12 +240,12 @@ def _check_keys(
             yield SimFault(
                 code="OBK102", severity="error", path=path, message=f"{what} has no `{name}`"
             )
-        elif value is not None and not key.is_right(value):
+        elif value is not None and not key.is_valid(value):
             yield SimFault(
                 code="OBK103",
                 severity="error",
                 path=(*path, name),
-                message=f"`{name}` is {_shown(value)}, expected {key.wanted}",
+                message=f"`{name}` is {_shown(value)}, expected {key.expected}",
             )
 
 

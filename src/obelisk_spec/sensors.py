@@ -1,8 +1,8 @@
-"""The sensor groups of a `sim` block: what each `msg_type` takes and publishes, and its noise.
+"""Look up what a sensor group of a `sim` block reads and publishes, and check its noise.
 
-The tables are `SENSOR_GROUPS` and `NOISY_FIELDS`; `check_disturbances` checks the noise and delay
-of a group. A group written `JointEncoders` publishes the seeds' message of that name, see
-`obelisk_spec.messages`.
+The tables are `SENSOR_GROUPS` and `NOISY_FIELDS`; `check_noise` checks the noise and delay of a
+group. A group written `JointEncoders` publishes the seeds' message of that name, see
+`obelisk_spec.names`.
 """
 
 import sys
@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
-from obelisk_spec.messages import bare_name
+from obelisk_spec.names import bare_name
 from obelisk_spec.sim_block import SimFault, SimPath
-from obelisk_spec.suggestions import did_you_mean, list_names, sure_name
+from obelisk_spec.suggestions import did_you_mean, list_names, sure_name, with_article
 from obelisk_spec.values import is_mapping, is_number
-from obelisk_spec.wording import with_article
 
 __all__ = [
     "FIELD_NOISE_KEYS",
@@ -26,12 +25,12 @@ __all__ = [
     "GroupRule",
     "ObjectRule",
     "SensorUse",
-    "check_disturbances",
+    "check_noise",
     "sensor_group",
 ]
 
 ObjectRule = Literal["scalar joint", "one site", "one object"]
-"""Where the sensors of a group must sit: on hinge or slide joints, all at one site, or all on one
+"""Where the sensors of a group must be: on hinge or slide joints, all at one site, or all on one
 object of any kind."""
 
 RAY_PATTERNS: Final = ("height_scan", "lidar_scan", "depth_camera")
@@ -44,24 +43,24 @@ class SensorUse:
     at_most: int | None = None
     """None: any number."""
     presence: Literal["optional", "expected", "required"] = "optional"
-    """Whether a group without it is fine, works with less to say, or cannot work."""
+    """Whether a group without it is complete, leaves a part of its message empty, or is invalid."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroupRule:
-    """One `msg_type` of a sensor group."""
+    """What a `msg_type` of a sensor group reads and publishes."""
 
     published: str
     """Full message type."""
     takes: Mapping[str, SensorUse]
-    """MuJoCo sensor type, or `camera` -> how it is used; empty for groups that read none."""
+    """MuJoCo sensor type, or `camera` -> how it is used; empty if the group reads no sensor."""
     objects: ObjectRule | None = None
     patterns: tuple[str, ...] = ()
-    """Ray caster patterns that it can carry; empty for groups that cast no rays."""
+    """Ray patterns that the message can carry; empty if the group casts no rays."""
 
     @property
     def reads_sensors(self) -> bool:
-        """Whether `sensor_names` decides what is published."""
+        """Whether `sensor_names` determines what is published."""
         return bool(self.takes)
 
 
@@ -125,11 +124,11 @@ SENSOR_GROUPS: Mapping[str, GroupRule] = MappingProxyType(
         "GridCells": GroupRule(published="nav_msgs/msg/GridCells", takes={}),
     }
 )
-"""`msg_type` as written, bare -> its rule. GridCells is met in field configs."""
+"""`msg_type` as written, bare -> its rule. Configs in the field have GridCells."""
 
 
 def sensor_group(msg_type: str) -> GroupRule | None:
-    """The rule of a group's `msg_type`, bare or with its package; None if there is none."""
+    """The rule of a group's `msg_type`, bare or with its package; None if no group has it."""
     bare = bare_name(msg_type)
     rule = SENSOR_GROUPS.get(bare)
     if rule is None or "/" not in msg_type or bare == "DepthImage":
@@ -139,8 +138,8 @@ def sensor_group(msg_type: str) -> GroupRule | None:
 
 
 FieldKind = Literal["vector", "rotation", "array"]
-"""Three numbers; an orientation, whose noise is a turn about its three axes [rad]; any number of
-numbers."""
+"""Three numbers; an orientation, whose noise is a rotation about its three axes [rad]; any number
+of numbers."""
 
 FIELD_NOISE_KEYS: Final = ("sigma", "bias")
 _AXES: Final = 3
@@ -169,7 +168,7 @@ NOISY_FIELDS: Mapping[str, Mapping[str, FieldKind]] = MappingProxyType(
         "DepthImage": _DATA_FIELDS,
     }
 )
-"""Bare `msg_type` of a sensor group -> its fields that noise can be added to."""
+"""Bare `msg_type` of a sensor group -> its fields that can have noise."""
 
 _MEASURED_BY: Final[Mapping[str, str]] = {
     "joint_pos": "jointpos",
@@ -181,18 +180,18 @@ _MEASURED_BY: Final[Mapping[str, str]] = {
     "linear": "velocimeter",
     "angular": "gyro",
 }
-"""Noisy field -> the sensor type that it takes its numbers from; of others any of the group's."""
+"""Noisy field -> the sensor type that fills it; other fields are filled by any of the group's."""
 
 _UNDELAYED: Final = frozenset({"ObkImage"})
-"""Groups whose messages come when they are ready, whatever the simulation time is by then."""
+"""Groups that publish a message as soon as it is ready, at any simulation time."""
 
 
-def check_disturbances(
-    group: Mapping[str, Any], path: SimPath, *, has_lost: bool
+def check_noise(
+    group: Mapping[str, Any], path: SimPath, *, is_incomplete: bool
 ) -> Iterator[SimFault]:
-    """Findings about `noise` and `delay` of a group that has the shape of one.
+    """Findings about `noise` and `delay` of a group whose keys have the right types.
 
-    `has_lost`: a sensor that seems to be missing may be one whose type is written wrong.
+    `is_incomplete`: a sensor that appears to be missing may have been given a wrong type.
     """
     written = str(group["msg_type"])
     fields = NOISY_FIELDS.get(bare_name(written), {})
@@ -200,7 +199,7 @@ def check_disturbances(
         place = (*path, "noise", name)
         if name in fields:
             yield from _check_field(name, noise, fields[name], place)
-            if not has_lost:
+            if not is_incomplete:
                 yield from _check_measured(name, group, place)
             continue
         yield SimFault(
@@ -224,7 +223,7 @@ def check_disturbances(
 
 
 def _check_measured(name: str, group: Mapping[str, Any], path: SimPath) -> Iterator[SimFault]:
-    """Noise would add up, sample by sample, in numbers that no sensor renews."""
+    """Without a sensor that overwrites the field, noise would accumulate from sample to sample."""
     sensor_type = _MEASURED_BY.get(name)
     if sensor_type is None or sensor_type in (group.get("sensor_names") or {}).values():
         return
@@ -241,7 +240,7 @@ def _check_measured(name: str, group: Mapping[str, Any], path: SimPath) -> Itera
 
 def _check_field(name: str, noise: object, kind: FieldKind, path: SimPath) -> Iterator[SimFault]:
     if not is_mapping(noise):
-        yield _wrong(f"the noise of `{name}` is {noise!r}", _wanted_keys(), path)
+        yield _invalid(f"the noise of `{name}` is {noise!r}", _expected_keys(), path)
         return
     for key in noise:
         if key not in FIELD_NOISE_KEYS:
@@ -260,7 +259,7 @@ def _check_field(name: str, noise: object, kind: FieldKind, path: SimPath) -> It
             continue
         least = 0.0 if key == "sigma" else -sys.float_info.max
         if not _is_amount(value, kind, least):
-            yield _wrong(f"`{key}` is {value!r}", _wanted(kind, key), (*path, key))
+            yield _invalid(f"`{key}` is {value!r}", _expected(kind, key), (*path, key))
 
 
 def _is_amount(value: object, kind: FieldKind, least: float) -> bool:
@@ -273,16 +272,16 @@ def _is_amount(value: object, kind: FieldKind, least: float) -> bool:
     return is_number(value, least)
 
 
-def _wanted_keys() -> str:
+def _expected_keys() -> str:
     return f"a mapping with {list_names(FIELD_NOISE_KEYS)}"
 
 
-def _wanted(kind: FieldKind, key: str) -> str:
+def _expected(kind: FieldKind, key: str) -> str:
     one = "a number of at least 0" if key == "sigma" else "a number"
     return one if kind == "array" else f"{one}, or three of them"
 
 
-def _wrong(what: str, wanted: str, path: SimPath) -> SimFault:
+def _invalid(what: str, expected: str, path: SimPath) -> SimFault:
     return SimFault(
-        code="OBK103", severity="error", path=path, message=f"{what}, expected {wanted}"
+        code="OBK103", severity="error", path=path, message=f"{what}, expected {expected}"
     )

@@ -1,7 +1,6 @@
-"""The shape of a `sim` block that came as text, and findings about such a block as values.
+"""Check that a `sim` block has the right keys with values of the right type.
 
-The tool knows the shape from its typed config; a simulator that is started by hand does not. The
-tool shows a finding at its place in the config, the simulator logs it.
+The tool shows a finding at its place in the config. A simulator that was started by hand logs it.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,10 +8,10 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 from obelisk_spec.values import (
-    COUNT_WANTED,
+    COUNT_RANGE,
     LARGEST_COUNT,
     LONGEST_PERIOD_S,
-    PERIOD_WANTED,
+    PERIOD_RANGE,
     is_count,
     is_mapping,
     is_number,
@@ -24,13 +23,12 @@ from obelisk_spec.values import (
 __all__ = ["SimFault", "SimPath", "check_sim_shape"]
 
 SimPath = tuple[str | int, ...]
-"""Keys and indexes into the sim block; one that starts with `params` goes into the node's
-parameters instead."""
+"""Keys and indexes into the sim block, or into the node's parameters if it starts with `params`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimFault:
-    """One finding; `str()` is the line that a log shows."""
+    """A finding about a `sim` block; `str()` is its log line."""
 
     code: str
     severity: Literal["error", "warning", "info"]
@@ -38,11 +36,11 @@ class SimFault:
     message: str
     help: str | None = None
     points_at: Literal["key", "value"] = "value"
-    """Whether the finding is about the last key of `path` or about what it holds."""
+    """Whether the finding is about the last key of `path` or about its value."""
     meant: str | None = None
-    """The name to write there instead; only where it is certain."""
+    """The name to write instead; None if that is ambiguous."""
     element: tuple[str, str] | None = None
-    """Kind (`sensor`, `geom`, `site`, `key`, `joint`) and name of the model element meant."""
+    """Kind (`sensor`, `geom`, `site`, `key`, `joint`) and name of the model element."""
 
     def __str__(self) -> str:
         place = "".join(
@@ -85,16 +83,16 @@ _Rule = tuple[str, bool, Callable[[object], bool], str]
 
 _BLOCK: tuple[_Rule, ...] = (
     ("model_xml_path", True, is_text, "a path"),
-    ("num_steps_per_viz", False, is_count, COUNT_WANTED),
-    ("time_step", False, is_period, PERIOD_WANTED),
+    ("num_steps_per_viz", False, is_count, COUNT_RANGE),
+    ("time_step", False, is_period, PERIOD_RANGE),
     ("sensor_settings", False, _is_list_of_mappings, "a list of sensor groups"),
     ("viz_geoms", False, _is_geoms, "a mapping of geom names to geom types"),
 )
 _GROUP: tuple[_Rule, ...] = (
     ("topic", True, is_text, "a topic"),
-    ("dt", True, is_period, PERIOD_WANTED),
+    ("dt", True, is_period, PERIOD_RANGE),
     ("msg_type", True, is_text, "a message type"),
-    ("history_depth", False, is_count, COUNT_WANTED),
+    ("history_depth", False, is_count, COUNT_RANGE),
     ("sensor_names", False, _is_names, "a mapping of sensor names to sensor types"),
     ("scan_config", False, is_mapping, "a mapping"),
     ("config_path", False, is_text, "a path"),
@@ -106,7 +104,7 @@ _GROUP: tuple[_Rule, ...] = (
 
 
 def check_sim_shape(block: Mapping[str, Any]) -> tuple[SimFault, ...]:
-    """The findings about keys that are missing or of the wrong kind; empty for a sound block."""
+    """Findings about missing keys and values of the wrong type; empty for a valid block."""
     faults = list(_check(block, _BLOCK, ()))
     groups = block.get("sensor_settings")
     if _is_list_of_mappings(groups):
@@ -118,16 +116,16 @@ def check_sim_shape(block: Mapping[str, Any]) -> tuple[SimFault, ...]:
 def _check(
     mapping: Mapping[str, object], rules: tuple[_Rule, ...], path: SimPath
 ) -> Iterator[SimFault]:
-    for key, required, is_right, wanted in rules:
+    for key, required, is_valid, expected in rules:
         value = mapping.get(key)
         if value is None and required:
             yield SimFault(
                 code="OBK102", severity="error", path=path, message=f"key `{key}` is missing"
             )
-        elif value is not None and not is_right(value):
+        elif value is not None and not is_valid(value):
             yield SimFault(
                 code="OBK103",
                 severity="error",
                 path=(*path, key),
-                message=f"`{key}` is {value!r}, expected {wanted}",
+                message=f"`{key}` is {value!r}, expected {expected}",
             )

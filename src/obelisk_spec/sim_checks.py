@@ -1,16 +1,16 @@
-"""Every check of a `sim` block; the tool runs them before a launch, the simulator at configure.
+"""Check a `sim` block: the tool does so before a launch, the simulator when it is configured.
 
-Pure: a block, the node's parameters and the facts of a model give findings.
+Pure: takes the block, the node's parameters and the facts of a model; returns findings.
 """
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
-from obelisk_spec.messages import bare_name
 from obelisk_spec.model import ModelFacts, SensorFact
+from obelisk_spec.names import bare_name
 from obelisk_spec.scans import check_scan
-from obelisk_spec.sensors import SENSOR_GROUPS, GroupRule, check_disturbances, sensor_group
+from obelisk_spec.sensors import SENSOR_GROUPS, GroupRule, check_noise, sensor_group
 from obelisk_spec.sim_block import SimFault, SimPath, check_sim_shape
 from obelisk_spec.suggestions import (
     ask_for,
@@ -19,17 +19,18 @@ from obelisk_spec.suggestions import (
     near_names,
     sure_name,
     there_is,
+    with_article,
+    with_number,
 )
-from obelisk_spec.wording import with_article, with_number
 
 __all__ = ["SimFault", "SimPath", "check_group_against_model", "check_group_rule", "check_sim"]
 
 _CAMERA = "camera"
-"""What stands for a sensor type where a camera of the model is named."""
+"""The sensor type of an entry that names a camera of the model."""
 _MOST_COMPARED = 100
-"""Findings of a group that suggest a similar name; further ones do not."""
+"""So many findings of a group suggest a similar name; further ones do not."""
 _ONE_PLACE = 2
-"""From this many sensors on they can disagree about where they sit."""
+"""The least number of sensors that can be in different places."""
 
 
 def check_group_rule(
@@ -37,7 +38,7 @@ def check_group_rule(
 ) -> Iterator[SimFault]:
     """Findings that need no model: the message, the sensor types, the ray pattern.
 
-    The model only helps to say which type was meant.
+    The model only improves the suggestion of a type.
     """
     written = str(group["msg_type"])
     rule = sensor_group(written)
@@ -51,15 +52,15 @@ def check_group_rule(
             meant=sure_name(written, SENSOR_GROUPS),
         )
         return
-    refused: list[str] = []
+    rejected: list[str] = []
     if rule.reads_sensors:
         names = group.get("sensor_names") or {}
-        refused = [name for name, sensor_type in names.items() if sensor_type not in rule.takes]
-        for name in refused:
+        rejected = [name for name, sensor_type in names.items() if sensor_type not in rule.takes]
+        for name in rejected:
             yield _not_carried(name, names[name], written, rule, path, facts)
-        yield from _check_counts(names, written, rule, path, has_lost=bool(refused))
+        yield from _check_counts(names, written, rule, path, is_incomplete=bool(rejected))
     yield from _check_scan_given(group, written, rule, path)
-    yield from check_disturbances(group, path, has_lost=bool(refused))
+    yield from check_noise(group, path, is_incomplete=bool(rejected))
 
 
 def _not_carried(
@@ -89,11 +90,11 @@ def _not_carried(
 
 
 def _check_counts(
-    names: Mapping[str, str], written: str, rule: GroupRule, path: SimPath, *, has_lost: bool
+    names: Mapping[str, str], written: str, rule: GroupRule, path: SimPath, *, is_incomplete: bool
 ) -> Iterator[SimFault]:
-    """How many there are of each type; `has_lost`: one that is missing may be written wrong."""
+    """Number of sensors of each type; `is_incomplete`: a missing one may have a wrong type."""
     counts = Counter(names.values())
-    if not has_lost and not any(sensor_type in counts for sensor_type in rule.takes):
+    if not is_incomplete and not any(sensor_type in counts for sensor_type in rule.takes):
         yield SimFault(
             code="OBK306",
             severity="error",
@@ -115,7 +116,7 @@ def _check_counts(
                 f"{counts[sensor_type]} are given",
                 help="put the others into a sensor group of their own",
             )
-        if counts[sensor_type] or has_lost or use.presence == "optional":
+        if counts[sensor_type] or is_incomplete or use.presence == "optional":
             continue
         yield SimFault(
             code="OBK306" if use.presence == "required" else "OBK307",
@@ -236,7 +237,7 @@ def _check_camera(name: str, path: SimPath, facts: ModelFacts) -> Iterator[SimFa
 
 
 def _near_sensors(name: str, same_type: Collection[str], facts: ModelFacts) -> str | None:
-    """Near names among the sensors of the type that was written, else among all."""
+    """Similar names among the sensors of the written type, otherwise among all sensors."""
     near = near_names(name, same_type) or near_names(name, facts.sensors)
     return ask_for(near) or there_is(same_type or facts.sensors)
 
@@ -297,10 +298,10 @@ _COARSE_TIME_STEP_S = 0.02
 def check_sim(
     block: Mapping[str, Any], parameters: Mapping[str, Any], facts: ModelFacts | None
 ) -> tuple[SimFault, ...]:
-    """All findings about a block; without a model (`facts` None) those that need none.
+    """All findings about a block; without a model (`facts` is None) those that need none.
 
-    `block` has the keys of the language page with `sensor_type` already read as `msg_type` and
-    the file of a `config_path` already put in place as `scan_config`.
+    `block` has the keys of the language page; `sensor_type` has been renamed to `msg_type`, and the
+    content of a `config_path` file is the value of `scan_config`.
     """
     shape = check_sim_shape(block)
     if shape:
@@ -320,7 +321,7 @@ def check_sim(
 
 
 def _time_step(block: Mapping[str, Any], facts: ModelFacts) -> float:
-    """The step that the simulation takes [s]: the config's, else the model's."""
+    """The step of the simulation [s]: the config's if set, otherwise the model's."""
     written = block.get("time_step")
     return facts.timestep if written is None else float(written)
 

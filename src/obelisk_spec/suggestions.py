@@ -1,4 +1,4 @@
-"""Suggest existing names for one that does not exist: "did you mean"."""
+"""Suggest existing names for one that does not exist ("did you mean"); quote names in messages."""
 
 import re
 from collections.abc import Iterable
@@ -12,6 +12,8 @@ __all__ = [
     "near_names",
     "sure_name",
     "there_is",
+    "with_article",
+    "with_number",
 ]
 
 _PART = re.compile(r"[_/.\s-]+")
@@ -30,21 +32,21 @@ def near_names(name: str, known: Iterable[str], *, most: int = 3) -> tuple[str, 
 
 
 def comparable(name: str, known: Iterable[str]) -> tuple[str, ...]:
-    """The known names worth the time to compare `name` with; none where that would be too many.
+    """The known names that are worth comparing with `name`; none if there are too many.
 
-    Among many, those of about the same length that begin and end alike.
+    Among many names, only those of similar length with the same first and last letter.
     """
     every = tuple(known)
     if len(name) > _LONGEST or len(every) > _MOST_SIFTED:
         return ()
     if len(every) > _MOST_COMPARED:
-        begin, end = name[:1].casefold(), name[-1:].casefold()
+        first, last = name[:1].casefold(), name[-1:].casefold()
         every = tuple(
             other
             for other in every
             if abs(len(other) - len(name)) <= 2
-            and other[:1].casefold() == begin
-            and other[-1:].casefold() == end
+            and other[:1].casefold() == first
+            and other[-1:].casefold() == last
         )
     if len(every) > _MOST_COMPARED:
         return ()
@@ -58,14 +60,27 @@ def list_names(names: Iterable[str], *, most: int = 8) -> str:
     return shown if len(every) <= most else f"{shown} and {len(every) - most} more"
 
 
+def with_article(name: str) -> str:
+    """The quoted name with its article: "a `hinge`", "an `ObkImu`".
+
+    A leading u (`user`, `uint8`, `UInt16`) is pronounced as a consonant.
+    """
+    return f"{'an' if name[:1].lower() in ('a', 'e', 'i', 'o') else 'a'} `{name}`"
+
+
+def with_number(count: int, noun: str) -> str:
+    """The number with its noun, in the plural unless it is 1: "1 node", "2 nodes"."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str | None:
-    """A help line: the near names, or what exists at all; None where nothing exists."""
+    """A help line with the similar names, otherwise with all that exist; None if none exists."""
     every = list(known)
     return ask_for(near_names(name, every)) or there_is(every)
 
 
 def there_is(known: Iterable[str]) -> str | None:
-    """A help line that names what exists; None where nothing does."""
+    """A help line that lists the existing names; None if none exists."""
     every = list(known)
     return f"there is: {list_names(every)}" if every else None
 
@@ -77,7 +92,7 @@ def ask_for(meant: Iterable[str]) -> str | None:
 
 
 def sure_name(name: str, known: Iterable[str]) -> str | None:
-    """The one known name that `name` is a slip of the pen from, None where there is any doubt.
+    """The one known name that `name` is a typo of; None if that is ambiguous.
 
     One or two letters may be wrong, never a number or a whole part: `l_knee` is not `r_knee`.
     """
@@ -99,21 +114,21 @@ def _is_slip(name: str, candidate: str) -> bool:
 
 
 def _allowed(length: int) -> int:
-    """How many letters of a part may be wrong: none of `l` or `fr`, which stand for themselves."""
+    """How many letters of a part may be wrong: none of `l` or `fr`, which have a meaning."""
     return 0 if length < 3 else 1 if length < 6 else 2
 
 
 def _distance(one: str, other: str) -> int:
-    """Letters to put in, take out, replace or swap with their neighbour; 3 stands for more."""
+    """Edit distance with transpositions, at most 3."""
     if abs(len(one) - len(other)) > 2:
         return 3
     before: list[int] = []
     row = list(range(len(other) + 1))
     for i, letter in enumerate(one, 1):
         last, before, row = before, row, [i]
-        for j, wanted in enumerate(other, 1):
-            cost = min(before[j] + 1, row[-1] + 1, before[j - 1] + (letter != wanted))
-            if i > 1 and j > 1 and letter == other[j - 2] and one[i - 2] == wanted:
+        for j, expected in enumerate(other, 1):
+            cost = min(before[j] + 1, row[-1] + 1, before[j - 1] + (letter != expected))
+            if i > 1 and j > 1 and letter == other[j - 2] and one[i - 2] == expected:
                 cost = min(cost, last[j - 2] + 1)
             row.append(cost)
         if min(*row, *before) > 2:

@@ -1,14 +1,14 @@
-"""Values of configs: what a ROS parameter holds, limits of numbers, checks of their kind. Pure."""
+"""Check values of a config against their type and limits. Pure."""
 
 import sys
 from collections.abc import Mapping
 from typing import Final, TypeGuard
 
 __all__ = [
-    "COUNT_WANTED",
+    "COUNT_RANGE",
     "LARGEST_COUNT",
     "LONGEST_PERIOD_S",
-    "PERIOD_WANTED",
+    "PERIOD_RANGE",
     "SHORTEST_PERIOD_S",
     "ParameterValue",
     "is_count",
@@ -42,40 +42,40 @@ ParameterValue = (
 )
 
 
-COUNT_WANTED: Final = f"a whole number from 1 to {LARGEST_COUNT}"
-"""What `is_count` asks for, as a message says it."""
-PERIOD_WANTED: Final = f"a number of seconds greater than 0 and at most {LONGEST_PERIOD_S:g}"
-"""What `is_period` asks for, likewise."""
+COUNT_RANGE: Final = f"a whole number from 1 to {LARGEST_COUNT}"
+"""What `is_count` accepts, for messages."""
+PERIOD_RANGE: Final = f"a number of seconds greater than 0 and at most {LONGEST_PERIOD_S:g}"
+"""What `is_period` accepts, for messages."""
 _LARGEST: Final = sys.float_info.max
 
 
 def is_number(
     value: object, least: float = -_LARGEST, most: float = _LARGEST
 ) -> TypeGuard[int | float]:
-    """Whether it is a number within bounds, whole or not; true and false are none."""
+    """Whether it is an int or a float within the limits; booleans are not numbers."""
     return isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
 
 
 def is_whole(value: object, least: int, most: int) -> TypeGuard[int]:
-    """Whether it is a whole number within bounds; true and false are none."""
+    """Whether it is an int within the limits; booleans are not numbers."""
     return isinstance(value, int) and is_number(value, least, most)
 
 
 def is_count(value: object) -> TypeGuard[int]:
-    """Whether it is how many there are of something: from 1 to what 32 bits hold."""
+    """Whether it is an int from 1 to `LARGEST_COUNT`."""
     return is_whole(value, 1, LARGEST_COUNT)
 
 
 def is_period(value: object) -> TypeGuard[int | float]:
-    """Whether it is a time [s] that passes between two events."""
+    """Whether it is a period [s] greater than 0 and at most `LONGEST_PERIOD_S`."""
     return is_number(value, most=LONGEST_PERIOD_S) and value > 0
 
 
 def is_text(value: object) -> TypeGuard[str]:
-    """Whether it is a text that is not empty."""
+    """Whether it is a non-empty string."""
     return isinstance(value, str) and bool(value)
 
 
 def is_mapping(value: object) -> TypeGuard[Mapping[str, object]]:
-    """Whether it is a mapping whose keys are texts; YAML knows others."""
+    """Whether it is a mapping with string keys only; YAML allows others."""
     return isinstance(value, Mapping) and all(isinstance(key, str) for key in value)

@@ -1,7 +1,7 @@
-"""Films of a simulated robot: the settings that a user wrote, and the status that a robot reports.
+"""Check the settings of a video of a simulated robot, and exchange its status.
 
-In: words and numbers. Out: `VideoSettings`, or a `VideoError` whose sentence says what is expected;
-`VideoStatus` to and from the keys and values of a `diagnostic_msgs/DiagnosticStatus`. Opens none.
+`read_video` returns `VideoSettings`, or raises a `VideoError` with what is expected. `VideoStatus`
+is converted to and from keys and values of a `diagnostic_msgs/DiagnosticStatus`. No file is opened.
 """
 
 import re
@@ -27,19 +27,19 @@ __all__ = [
 VIDEO_RATES: Final[Mapping[str, int]] = MappingProxyType({".mp4": 30, ".gif": 15, ".png": 30})
 """File suffix -> default frames per second of simulation time."""
 _HIGHEST_RATES: Final = MappingProxyType({".mp4": 240, ".gif": 50, ".png": 240})
-"""A GIF counts hundredths of a second, and browsers slow down frames of a single one."""
+"""A GIF counts hundredths of a second, and browsers slow down frames of 1/100 s."""
 _SIZE: Final = re.compile(r"([0-9]{1,5})x([0-9]{1,5})")
 _SMALLEST, _LARGEST = 16, 4096
 """Width and height [pixels]."""
 VIDEO_STATUS: Final = "film"
-"""Name of the status behind that of the node: `robot: film`."""
+"""Name of the status on /diagnostics, after that of the node: `robot: film`."""
 _STATE, _PATH, _DETAIL = "state", "path", "detail"
 
 VideoState = Literal["recording", "finished", "failed"]
 
 
 class VideoError(ValueError):
-    """A video that cannot be made; the message says what can."""
+    """A video cannot be recorded; the message has what is expected."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,16 +56,16 @@ class VideoSettings:
 
 
 def read_video(path: str, camera: str, size: str, rate_hz: int) -> VideoSettings:
-    """The video that a user requests.
+    """Check the settings of a requested video.
 
     Args:
         path: the file.
         camera: its name; empty for a view of the whole model.
         size: `640x480`; empty for the camera's own.
-        rate_hz: 0 for that of the kind of file.
+        rate_hz: 0 for the default of the file type.
 
     Raises:
-        VideoError: a value is not possible.
+        VideoError: a value is invalid.
     """
     ending = Path(path).suffix
     if ending not in VIDEO_RATES:
@@ -91,7 +91,7 @@ def read_video(path: str, camera: str, size: str, rate_hz: int) -> VideoSettings
 
 
 def check_video_size(ending: str, size: tuple[int, int]) -> None:
-    """Check that a kind of file supports a size [pixels].
+    """Check that a file type supports a size [pixels].
 
     Raises:
         VideoError: it does not support the size.
@@ -104,41 +104,41 @@ def check_video_size(ending: str, size: tuple[int, int]) -> None:
     if ending == ".mp4" and (width % 2 or height % 2):
         # H.264 keeps one colour for two by two pixels.
         raise VideoError(
-            f"a picture of {width}x{height}; .mp4 wants even numbers, "
+            f"a picture of {width}x{height}; .mp4 needs even numbers, "
             f"{width + width % 2}x{height + height % 2}"
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VideoStatus:
-    """How far the film of a robot is, and where."""
+    """State and place of a robot's video."""
 
     state: VideoState
     path: str
-    """Absolute. While recording the requested one; a finished film may be beside it."""
+    """Absolute. While recording the requested path; a finished video may have another name."""
     detail: str = ""
-    """Frames, length and dropped frames of a finished film; the reason of a failed one."""
+    """Frames, length and dropped frames of a finished video; the reason of a failed one."""
 
     def __str__(self) -> str:
         match self.state:
             case "recording":
-                return f"a film goes to {self.path}"
+                return f"recording a video to {self.path}"
             case "finished":
-                return f"film: {self.path}, {self.detail}"
+                return f"video: {self.path}, {self.detail}"
             case "failed":
                 return self.detail
 
 
 def video_values(status: VideoStatus) -> tuple[tuple[str, str], ...]:
-    """Keys and values of a status."""
+    """Keys and values of the status that reports a video."""
     return ((_STATE, status.state), (_PATH, status.path), (_DETAIL, status.detail))
 
 
 def parse_video(name: str, values: Mapping[str, str]) -> VideoStatus | None:
-    """The film that a status is about; None if it is about something else.
+    """The video in a status; None if the status is about something else.
 
     Args:
-        name: of the status, as `rates.rate_name` makes it.
+        name: of the status, as `runtime_protocol.rate_name` formats it.
         values: of the status, by key.
     """
     state, path = values.get(_STATE, ""), values.get(_PATH, "")

@@ -1,6 +1,6 @@
-"""YAML 1.2 core scalars, independent of PyYAML's defaults: `on` is a string, `1e-3` a float.
+"""Read YAML with the scalars of YAML 1.2 core: `on` is a string, `1e-3` a float.
 
-Text becomes plain Python values; only the safe subset is read, so no tag can build an object.
+The result is plain Python values; only the safe subset is read, so no tag can build an object.
 `expand_variables` replaces `${NAME}` and `${NAME:-text}` by values of an environment.
 
 Source: YAML 1.2.2, 10.3 Core Schema.
@@ -37,10 +37,10 @@ _BASED: Final = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
 _FLOAT: Final = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _MAY_BE_NUMBER: Final = frozenset("+-.0123456789")
 _MOST_VALUES: Final = 150_000
-"""What a text may come to; an alias counts as all that it stands for."""
+"""Limit of values in a text; an alias counts as all values of its anchor."""
 _LONGEST_INT: Final = 4000
 _LONGEST_BASED: Final = 3000
-"""Digits; Python refuses to convert longer ones, and no robot needs them."""
+"""Digits; Python does not convert longer ones, and no robot needs them."""
 
 
 def core_scalar(text: str) -> Scalar:
@@ -57,14 +57,14 @@ def core_scalar(text: str) -> Scalar:
 
 
 class YamlTextError(ValueError):
-    """Text that is not YAML of the safe subset; the message says where and why."""
+    """Text is not YAML of the safe subset; the message has the place and the reason."""
 
 
 class _CoreLoader(yaml.SafeLoader):
-    """SafeLoader whose plain scalars are those of YAML 1.2 core."""
+    """SafeLoader with the plain scalars of YAML 1.2 core."""
 
     expand: Callable[[str], str]
-    """What becomes of each scalar's text before it is read."""
+    """Applied to the text of each scalar before it is parsed."""
 
     def __init__(self, text: str) -> None:
         super().__init__(text)
@@ -86,12 +86,12 @@ class _CoreLoader(yaml.SafeLoader):
         elif id(node) in self._weights:
             self._values += self._weights[id(node)]
         else:
-            self._refuse(f"alias `*{event.anchor}` stands inside its own value", event)
+            self._reject(f"alias `*{event.anchor}` stands inside its own value", event)
         if self._values > _MOST_VALUES:
-            self._refuse(f"the values are more than {_MOST_VALUES:,}", event)
+            self._reject(f"the values are more than {_MOST_VALUES:,}", event)
         return node
 
-    def _refuse(self, problem: str, event: Any) -> NoReturn:
+    def _reject(self, problem: str, event: Any) -> NoReturn:
         raise yaml.composer.ComposerError(None, None, problem, event.start_mark)
 
 
@@ -113,7 +113,7 @@ def load_yaml_core(text: str, expand: Callable[[str], str] = str) -> object:
 
     Args:
         text: the document.
-        expand: what becomes of each scalar's text before it is read; may raise a ValueError.
+        expand: applied to the text of each scalar before it is parsed; may raise a ValueError.
 
     Raises:
         YamlTextError: the text is not YAML, or uses a tag that builds objects; or `expand` raised.
@@ -134,14 +134,14 @@ def load_yaml_core(text: str, expand: Callable[[str], str] = str) -> object:
 
 
 REFERENCE: Final = re.compile(
-    # A default is bounded, lest every `${A:-` of a text be compared with all that follows it.
+    # A default has a limit, so that a text of many `${A:-` is not scanned to its end for each.
     r"\$\$\{|\$\{([A-Za-z_][A-Za-z0-9_]*)(?::-([^}]{0,1000}+))?\}|\$\{"
 )
-"""A reference with its name and its default, `$${`, or a `${` that begins neither."""
+"""A reference with its name and its default, `$${`, or a `${` that starts neither."""
 
 
 def value_of_reference(reference: re.Match[str], environment: Mapping[str, str]) -> str | None:
-    """What stands for a match of `REFERENCE`; None: nothing does."""
+    """The value of a match of `REFERENCE`; None if it has none."""
     name, default = reference.groups()
     if reference[0] == "$${":
         return "${"
@@ -152,7 +152,7 @@ def expand_variables(text: str, environment: Mapping[str, str]) -> str:
     """The text with every reference replaced.
 
     Raises:
-        ValueError: nothing stands for one of them.
+        ValueError: a reference has no value.
     """
 
     def value_of(reference: re.Match[str]) -> str:

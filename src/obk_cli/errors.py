@@ -3,6 +3,11 @@
 They are raised, and the command line turns each into one message and an exit code.
 """
 
+import errno
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Final
 
 __all__ = [
@@ -13,6 +18,8 @@ __all__ = [
     "CommandFailedError",
     "MisuseError",
     "ObkError",
+    "lack_of",
+    "shadow_of",
 ]
 
 EXIT_DONE: Final = 0
@@ -40,3 +47,78 @@ class MisuseError(ObkError):
 
 class CommandFailedError(ObkError):
     """A command ran and failed for a reason outside the config."""
+
+
+_MEMORY: Final = "there is not enough memory (see `ulimit -v`)"
+_THREADS: Final = "no more threads or processes can be started (see `ulimit -u`, `ulimit -v`)"
+_LACKS: Final = {
+    errno.ENOSPC: "the disk is full",
+    errno.EDQUOT: "this user may use no more of the disk",
+    errno.EFBIG: "files may not become so long (see `ulimit -f`)",
+    errno.EROFS: "the disk can only be read",
+    errno.EMFILE: "this process may open no more files (see `ulimit -n`)",
+    errno.ENFILE: "the system can open no more files",
+    errno.ENOMEM: _MEMORY,
+    errno.EAGAIN: _THREADS,
+}
+_SOURCE: Final = Path(__file__).absolute().parents[1]
+_NO_THREAD: Final = "can't start new thread"
+"""Python's own words."""
+
+
+def lack_of(error: BaseException) -> str | None:
+    """What of the machine an error is the lack of; None: it is another error."""
+    match error:
+        case MemoryError():
+            return _MEMORY
+        case RuntimeError() if str(error) == _NO_THREAD:
+            return _THREADS
+        case FileNotFoundError() if not _has_working_folder():
+            return "the folder that this was started in is not there any more"
+        case BlockingIOError() if hasattr(error, "characters_written"):
+            return None  # an output that does not wait
+        case OSError(errno=int() as number) if number in _LACKS:
+            return f"{_place(error)}{_LACKS[number]}"
+    return None
+
+
+def shadow_of(error: BaseException) -> str | None:
+    """Which file of PYTHONPATH an error comes from, in the place of a library; None: of none.
+
+    Other environments put theirs there, and what they hold seldom fits this Python.
+    """
+    listed = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    folders = [Path(folder).absolute() for folder in listed if folder]
+    for name in _files_of(error):
+        file = Path(name).absolute()
+        if any(file.is_relative_to(folder) for folder in folders) and _SOURCE not in file.parents:
+            return f"`{file}` is used in the place of a library, as PYTHONPATH has its folder"
+    return None
+
+
+def _files_of(error: BaseException) -> Iterator[str]:
+    """The files that may be at fault: that of a wrong module, that of the line which failed."""
+    top = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
+    modules = (getattr(error, "obj", None), sys.modules.get(top))
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    files = (
+        *(getattr(module, "__file__", None) for module in modules),
+        *(getattr(error, name, None) for name in ("path", "filename")),
+        trace.tb_frame.f_code.co_filename if trace else None,
+    )
+    yield from (file for file in files if isinstance(file, str))
+
+
+def _place(error: OSError) -> str:
+    name = error.filename
+    return f"`{os.fsdecode(name)}`: " if isinstance(name, str | bytes) else ""
+
+
+def _has_working_folder() -> bool:
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return False
+    return True

@@ -1,15 +1,14 @@
 """Read user files, write files whole or not at all, and recognize files that other users own."""
 
+from contextlib import suppress
 import os
 import stat
 import sys
-from contextlib import suppress
+from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
+from obk_cli.errors import CommandFailedError
 from pathlib import Path
 from secrets import token_hex
 from typing import Final
-
-from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
-from obk_cli.errors import CommandFailedError
 
 __all__ = [
     "FOR_EVERYBODY",
@@ -19,6 +18,7 @@ __all__ = [
     "is_planted",
     "is_within_planted",
     "read_bytes",
+    "resource_folder",
     "unwritable",
     "write_bytes",
     "write_text",
@@ -151,3 +151,18 @@ def _take_after(old: Path, new: Path) -> None:
     with suppress(PermissionError):  # only root gives files away, and has to
         os.chown(new, before.st_uid, before.st_gid)
     new.chmod(stat.S_IMODE(before.st_mode))
+
+
+def resource_folder(name: str) -> Path:
+    """The folder of that name ("schema", "templates") that belongs to this very code.
+
+    Raises:
+        FileNotFoundError: it is in neither place; the installation is broken.
+    """
+    package = Path(__file__).resolve().parent
+    places = (package / "data" / name, package.parents[1] / name)
+    found = next((place for place in places if place.is_dir()), None)
+    if found is None:
+        tried = ", ".join(str(place) for place in places)
+        raise FileNotFoundError(f"the tool's own folder `{name}` is missing; tried {tried}")
+    return found

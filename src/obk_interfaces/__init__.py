@@ -1,9 +1,8 @@
-"""Builds ROS 2 message packages for the running Python, without CMake and without ament.
+"""Build ROS 2 message packages for the running Python, without CMake and ament.
 
-In go folders with a `package.xml` and `msg/`, `srv/` or `action/`; out comes a prefix with
-`lib/`, `include/` and `share/` that rclpy can use. Works against the ROS 2 wheels of the
-environment and against a sourced ROS 2. Never prints and never leaves a half-built package
-in the prefix.
+`build` takes folders with a `package.xml` and `msg/`, `srv/` or `action/`, and installs `lib/`,
+`include/` and `share/` into a prefix that rclpy can use. It works with the ROS 2 wheels of the
+environment and with a sourced ROS 2. It prints nothing and installs no package in part.
 """
 
 from obk_interfaces.build import BuildReport, Progress, ProgressCallback, build, digest_of
@@ -11,10 +10,10 @@ from obk_interfaces.errors import (
     BuildToolError,
     CommandError,
     DefinitionError,
+    DefinitionProblem,
     DependencyError,
     InterfaceError,
     PackageError,
-    Problem,
 )
 from obk_interfaces.package import (
     KINDS,
@@ -33,13 +32,13 @@ __all__ = [
     "BuildToolError",
     "CommandError",
     "DefinitionError",
+    "DefinitionProblem",
     "DependencyError",
     "Interface",
     "InterfaceError",
     "InterfacePackage",
     "PackageError",
     "Prefixes",
-    "Problem",
     "Progress",
     "ProgressCallback",
     "build",

@@ -1,7 +1,7 @@
 """Build packages: check, generate, compile, link, install, in this order.
 
-Generation runs in the calling thread while the compiler works on what is generated already. Nothing
-is installed unless everything was built. A package whose fingerprint is unchanged is not built.
+The calling thread generates sources while compilers work on those that are finished. Nothing is
+installed unless everything was built. A package whose fingerprint is unchanged is not built.
 """
 
 import hashlib
@@ -18,7 +18,7 @@ from typing import Literal, TypeAlias
 from obk_interfaces.definition import check_package
 from obk_interfaces.errors import CommandError, DefinitionError, DependencyError
 from obk_interfaces.generate import generate
-from obk_interfaces.libraries import Library, libraries_of, object_of, write_units
+from obk_interfaces.libraries import SharedLibrary, libraries_of, object_of, write_units
 from obk_interfaces.package import InterfacePackage, PackageTree, order_by_dependency
 from obk_interfaces.prefix import Prefixes, assemble, find_ros_prefix, install_into, is_installed
 from obk_interfaces.toolchain import (
@@ -57,7 +57,7 @@ ProgressCallback: TypeAlias = Callable[[Progress], None]
 
 
 def fingerprint_of(package: InterfacePackage, prefixes: Prefixes, toolchain: Toolchain) -> str:
-    """Digest what `digest_of` does, and the compiler."""
+    """Digest the same as `digest_of`, and the compiler."""
     words = (digest_of(package, prefixes), *toolchain.cc, *toolchain.cxx)
     return hashlib.sha256(b"\0".join(word.encode() for word in words)).hexdigest()
 
@@ -65,9 +65,9 @@ def fingerprint_of(package: InterfacePackage, prefixes: Prefixes, toolchain: Too
 def digest_of(
     package: InterfacePackage, prefixes: Prefixes, *, built_with: Iterable[str] = ()
 ) -> str:
-    """Digest the package, what it refers to, this engine, the Python and the ROS.
+    """Digest the package, its dependencies, this engine, the Python and the ROS installation.
 
-    `built_with` are digests of packages that it refers to and that no prefix has.
+    `built_with` are digests of dependencies that no prefix has.
     """
     digest = hashlib.sha256()
     for word in (sys.version, str(prefixes.ros), *built_with):
@@ -99,12 +99,12 @@ class BuildReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Job:
-    """A package in the making: where, against what, and what its objects will be linked to."""
+    """A package being built: its folders, its dependencies and its libraries with their objects."""
 
     tree: PackageTree
     prefixes: Prefixes
     fingerprint: str
-    libraries: tuple[tuple[Library, tuple[Path, ...]], ...]
+    libraries: tuple[tuple[SharedLibrary, tuple[Path, ...]], ...]
     compiles: tuple[tuple[str, ...], ...]
 
 
@@ -120,16 +120,16 @@ def build(
     """Build packages and install them into a prefix.
 
     Args:
-        packages: what to build, in any order.
-        build_dir: scratch; kept between builds it lets unchanged packages be skipped.
-        prefix: receives `lib/`, `include/` and `share/`; packages that are there already are seen.
+        packages: the packages to build, in any order.
+        build_dir: scratch folder; if it is kept, later builds skip unchanged packages.
+        prefix: receives `lib/`, `include/` and `share/`; installed packages can be dependencies.
         underlays: further prefixes whose packages may be used, nearest first.
-        jobs: how many compilers run at once; None: as many as there are processors.
-        on_progress: called from this thread when a step has advanced.
+        jobs: number of compilers at once; None: the number of processors.
+        on_progress: called in this thread when a step has advanced.
 
     Raises:
-        DefinitionError: message definitions that cannot be built.
-        DependencyError: a needed package is nowhere, or there is a circle.
+        DefinitionError: message definitions are invalid.
+        DependencyError: a dependency is not found, or packages depend on each other in a cycle.
         BuildToolError: compiler, headers or generators are missing.
         CommandError: a compiler or a generator failed.
     """
@@ -140,7 +140,7 @@ def build(
     _check(ordered, prefixes)
     toolchain = find_toolchain()
     trees = [PackageTree(package=p, root=build_dir / p.name) for p in ordered]
-    finished = _make(trees, prefixes, toolchain, jobs or os.cpu_count() or 1, on_progress)
+    finished = _update(trees, prefixes, toolchain, jobs or os.cpu_count() or 1, on_progress)
     for done, tree in enumerate(trees, start=1):
         if not is_installed(tree, prefix):
             install_into(tree, prefix)
@@ -154,30 +154,30 @@ def build(
 
 
 def _check(packages: Sequence[InterfacePackage], prefixes: Prefixes) -> None:
-    """Report everything that would fail in the middle of the build, all at once."""
+    """Report all errors that would fail in the middle of the build at once."""
     by_name = {package.name: package for package in packages}
     for package in packages:
         interfaces = (d for d in package.depends if d.endswith(("_msgs", "_interfaces")))
         missing = [d for d in interfaces if d not in by_name and prefixes.share_of(d) is None]
         if missing:
-            looked = ", ".join(str(p) for p in prefixes.all)
+            searched = ", ".join(str(p) for p in prefixes.all)
             raise DependencyError(
                 f"{package.root / 'package.xml'}: {package.name} depends on {', '.join(missing)}, "
-                f"found neither among the packages to build nor in {looked}"
+                f"found neither among the packages to build nor in {searched}"
             )
     problems = [x for package in packages for x in check_package(package, by_name, prefixes)]
     if problems:
         raise DefinitionError(problems)
 
 
-def _make(
+def _update(
     trees: Sequence[PackageTree],
     prefixes: Prefixes,
     toolchain: Toolchain,
     workers: int,
     on_progress: ProgressCallback,
 ) -> tuple[str, ...]:
-    """Bring every package's own prefix up to date; return the names of those that were built."""
+    """Update the own prefix of every package; return the names of the packages that were built."""
     jobs: list[_Job] = []
     compiles: list[Future[None]] = []
     pool = ThreadPoolExecutor(workers)
@@ -237,7 +237,7 @@ def _prepare(tree: PackageTree, prefixes: Prefixes, toolchain: Toolchain, finger
 
 
 def _link(job: _Job, toolchain: Toolchain) -> None:
-    """Link the libraries of a package; the fingerprint says that it is whole."""
+    """Link the libraries of a package, then write its fingerprint: it is complete."""
     for library, objects in job.libraries:
         library_path(library, job.tree.install).parent.mkdir(parents=True, exist_ok=True)
         command = link_command(

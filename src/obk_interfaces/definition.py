@@ -1,7 +1,7 @@
-"""Check message definitions before anything is generated.
+"""Check message definitions before the generators run.
 
-Every problem of a `.msg`, `.srv` or `.action` file is reported with its place. Default values and
-constants are left to the generators, which report them well. The text never raises an error.
+Every problem of a `.msg`, `.srv` or `.action` file is reported with its place; no text raises an
+error. The generators check default values and constants.
 """
 
 import difflib
@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from obk_interfaces.errors import Problem
+from obk_interfaces.errors import DefinitionProblem
 from obk_interfaces.package import Interface, InterfacePackage
 from obk_interfaces.prefix import Prefixes
 
@@ -62,26 +62,28 @@ class _Line:
     number: int
     text: str
 
-    def problem(self, start: int, sentence: str, help: str = "") -> Problem:
+    def problem(self, start: int, sentence: str, help: str = "") -> DefinitionProblem:
         column = start + 1
-        return Problem(
+        return DefinitionProblem(
             path=self.path, line=self.number, column=column, sentence=sentence, help=help
         )
 
 
 def check_package(
     package: InterfacePackage, others: Mapping[str, InterfacePackage], prefixes: Prefixes
-) -> tuple[Problem, ...]:
+) -> tuple[DefinitionProblem, ...]:
     """Check every definition of a package; `others` are the packages built together with it."""
     messages = known_messages(package, others, prefixes)
-    problems: list[Problem] = []
+    problems: list[DefinitionProblem] = []
     for interface in package.interfaces:
         path = package.root / interface.file
         try:
             text = path.read_text(encoding="utf-8")
         except UnicodeDecodeError as error:
             line = path.read_bytes()[: error.start].count(b"\n") + 1
-            problems.append(Problem(path=path, line=line, column=1, sentence="not UTF-8 text"))
+            problems.append(
+                DefinitionProblem(path=path, line=line, column=1, sentence="not UTF-8 text")
+            )
             continue
         problems += check_definition(path, interface, text, package=package, messages=messages)
     return tuple(problems)
@@ -90,7 +92,7 @@ def check_package(
 def known_messages(
     package: InterfacePackage, others: Mapping[str, InterfacePackage], prefixes: Prefixes
 ) -> frozenset[str]:
-    """Return every `package/Message` that this package may name."""
+    """Return every `package/Message` that this package may refer to."""
     known = {f"{package.name}/{i.name}" for i in package.interfaces if i.kind == "msg"}
     for name in package.depends:
         if other := others.get(name):
@@ -107,27 +109,29 @@ def check_definition(
     *,
     package: InterfacePackage,
     messages: frozenset[str],
-) -> tuple[Problem, ...]:
-    """Return every problem of one definition, in the order of its lines."""
-    problems: list[Problem] = []
+) -> tuple[DefinitionProblem, ...]:
+    """Return the problems of a definition, in the order of its lines."""
+    problems: list[DefinitionProblem] = []
     if not _MESSAGE_NAME.fullmatch(interface.name):
         sentence = f"`{interface.name}` cannot be the name of a message"
-        help = "a message's file is named in capitals and small letters, such as JointState.msg"
-        problems.append(Problem(path=path, line=1, column=1, sentence=sentence, help=help))
+        help = "a message's file is named in CamelCase, such as JointState.msg"
+        problems.append(
+            DefinitionProblem(path=path, line=1, column=1, sentence=sentence, help=help)
+        )
     sections = _sections(path, text)
     expected = _SECTIONS[interface.kind]
     if len(sections) != expected:
         sentence = (
             f"{len(sections) - 1} lines `---`, where a .{interface.kind} file has {expected - 1}"
         )
-        problems.append(Problem(path=path, line=1, column=1, sentence=sentence))
+        problems.append(DefinitionProblem(path=path, line=1, column=1, sentence=sentence))
     for lines in sections:
         problems += _check_section(lines, package, messages)
     return tuple(problems)
 
 
 def _sections(path: Path, text: str) -> list[list[_Line]]:
-    """Split at the lines `---` and drop comments and empty lines."""
+    """Split at `---` lines; drop comments and empty lines."""
     sections: list[list[_Line]] = [[]]
     for number, raw in enumerate(text.splitlines(), start=1):
         line = raw.partition("#")[0].rstrip()
@@ -140,7 +144,7 @@ def _sections(path: Path, text: str) -> list[list[_Line]]:
 
 def _check_section(
     lines: Sequence[_Line], package: InterfacePackage, messages: frozenset[str]
-) -> Iterator[Problem]:
+) -> Iterator[DefinitionProblem]:
     first_line_of: dict[str, int] = {}
     for line in lines:
         match = _LINE.match(line.text)
@@ -158,7 +162,7 @@ def _check_section(
         first_line_of.setdefault(name, line.number)
 
 
-def _check_field(line: _Line, name: str, start: int) -> Iterator[Problem]:
+def _check_field(line: _Line, name: str, start: int) -> Iterator[DefinitionProblem]:
     if languages := _languages_reserving(name):
         yield line.problem(
             start,
@@ -174,7 +178,7 @@ def _check_field(line: _Line, name: str, start: int) -> Iterator[Problem]:
         )
 
 
-def _check_constant(line: _Line, name: str, start: int) -> Iterator[Problem]:
+def _check_constant(line: _Line, name: str, start: int) -> Iterator[DefinitionProblem]:
     if not _CONSTANT_NAME.fullmatch(name):
         yield line.problem(
             start,
@@ -185,7 +189,7 @@ def _check_constant(line: _Line, name: str, start: int) -> Iterator[Problem]:
 
 def _check_type(
     line: _Line, field: re.Match[str], package: InterfacePackage, messages: frozenset[str]
-) -> Iterator[Problem]:
+) -> Iterator[DefinitionProblem]:
     text, start = field["type"], field.start("type")
     match = _TYPE.fullmatch(text)
     if match is None or (match["bound"] and match["base"] not in _BOUNDED):
@@ -198,10 +202,10 @@ def _check_type(
     full = base.replace("/msg/", "/") if "/" in base else f"{package.name}/{base}"
     if full not in messages:
         sentence = f"the type `{base}` is not known"
-        yield line.problem(start, sentence, _known_instead(base, package, messages))
+        yield line.problem(start, sentence, _help_for_type(base, package, messages))
 
 
-def _known_instead(base: str, package: InterfacePackage, messages: frozenset[str]) -> str:
+def _help_for_type(base: str, package: InterfacePackage, messages: frozenset[str]) -> str:
     owner, slash, _ = base.partition("/")
     if slash and owner != package.name and owner not in package.depends:
         return f"package.xml does not depend on `{owner}`: add `<depend>{owner}</depend>`"

@@ -1,7 +1,6 @@
-"""The closed family of faults a message build can end in.
+"""Errors of a message build; catch `InterfaceError` for all of them.
 
-Every error's text is a sentence for the user: what, where, and what would be right. Nothing
-here ever prints or ends the process.
+The text of each error is for the user: what is wrong, where, and what is expected.
 """
 
 from collections.abc import Sequence
@@ -12,16 +11,16 @@ __all__ = [
     "BuildToolError",
     "CommandError",
     "DefinitionError",
+    "DefinitionProblem",
     "DependencyError",
     "InterfaceError",
     "PackageError",
-    "Problem",
 ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Problem:
-    """One fault in the text of a message definition; line and column count from 1."""
+class DefinitionProblem:
+    """A mistake in the text of a message definition; line and column count from 1."""
 
     path: Path
     line: int
@@ -30,27 +29,27 @@ class Problem:
     help: str = ""
 
     def __str__(self) -> str:
-        """Return `path:line:col: sentence`, with the help on a line of its own."""
+        """Return `path:line:col: sentence`, and the help on a second line."""
         text = f"{self.path}:{self.line}:{self.column}: {self.sentence}"
         return f"{text}\n  help: {self.help}" if self.help else text
 
 
 class InterfaceError(Exception):
-    """Root of the family: catch this one."""
+    """Base class of the errors of a message build."""
 
 
 class PackageError(InterfaceError):
-    """A folder is not the package it should be: missing, unreadable or incomplete."""
+    """A package folder is missing, unreadable or incomplete."""
 
 
 class DependencyError(InterfaceError):
-    """A package that another one needs is nowhere, or packages need one another in a circle."""
+    """A dependency is not found, or packages depend on each other in a cycle."""
 
 
 class DefinitionError(InterfaceError):
-    """Message definitions that cannot be built; `problems` lists all of them."""
+    """Message definitions are invalid; `problems` lists all mistakes."""
 
-    def __init__(self, problems: Sequence[Problem]) -> None:
+    def __init__(self, problems: Sequence[DefinitionProblem]) -> None:
         super().__init__("\n".join(map(str, problems)))
         self.problems = tuple(problems)
 
@@ -60,7 +59,7 @@ class BuildToolError(InterfaceError):
 
 
 class CommandError(InterfaceError):
-    """A compiler or a generator failed; `output` is what it said, `command` how it was called."""
+    """A compiler or a generator failed; `output` is what it printed, `command` its command line."""
 
     def __init__(self, sentence: str, *, output: str, command: Sequence[str] = ()) -> None:
         words = (sentence, output.rstrip(), f"the command was: {' '.join(command)}")

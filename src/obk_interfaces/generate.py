@@ -1,9 +1,9 @@
 """Run the rosidl generators on one package, in this process.
 
-The translated definitions and the C, C++ and Python sources go into the package's build tree;
-nothing is compiled. When the generators reject a definition, the line at fault is found by parsing
-each line alone: they name the file at best. Each IDL file is parsed once instead of six times,
-which saves a third of the time: a memo is put into the generators' modules and removed at the end.
+Writes the translated definitions and the C, C++ and Python sources into the package's build tree;
+compiles nothing. The generators name at most the file of an invalid definition, so the invalid line
+is found by parsing each line on its own. Each IDL file is parsed once instead of six times, which
+saves a third of the time: the generators' modules get a cache that is removed at the end.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from obk_interfaces.errors import BuildToolError, CommandError, DefinitionError, Problem
+from obk_interfaces.errors import BuildToolError, CommandError, DefinitionError, DefinitionProblem
 from obk_interfaces.package import C_GENERATORS, TYPE_SUPPORTS, Interface, PackageTree
 from obk_interfaces.prefix import Prefixes
 
@@ -34,15 +34,15 @@ _PARSING_MODULES = (
 
 @contextmanager
 def _parsing_each_idl_once() -> Iterator[None]:
-    """Within the block, the generators cache the IDL files that they have parsed."""
+    """Let the generators cache parsed IDL files within the block."""
     parse = getattr(importlib.import_module("rosidl_parser.parser"), _PARSE_FUNCTION)
-    seen: dict[str, Any] = {}
+    parsed: dict[str, Any] = {}
 
     def parse_once(locator: Any) -> Any:
         key = str(locator.get_absolute_path())
-        if key not in seen:
-            seen[key] = parse(locator)
-        return seen[key]
+        if key not in parsed:
+            parsed[key] = parse(locator)
+        return parsed[key]
 
     users = [importlib.import_module(name) for name in _PARSING_MODULES]
     for module in users:
@@ -57,8 +57,8 @@ def _parsing_each_idl_once() -> Iterator[None]:
 _BEFORE_VALUE = re.compile(r"\s*\S+\s+[^\s=]+\s*=?\s*")
 
 
-def _first_rejected_line(path: Path, package: str) -> Problem | None:
-    """The first line that is rejected on its own; None if it takes several to be wrong."""
+def _first_rejected_line(path: Path, package: str) -> DefinitionProblem | None:
+    """The first line that is invalid on its own; None if each line is valid."""
     parse = importlib.import_module("rosidl_adapter.parser").parse_message_string
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         if line.strip() == "---":
@@ -66,10 +66,10 @@ def _first_rejected_line(path: Path, package: str) -> Problem | None:
         try:
             with contextlib.redirect_stderr(io.StringIO()):
                 parse(package, "Message", line.strip())
-        except Exception as error:  # of whatever kind
+        except Exception as error:  # the parser raises many types
             before = _BEFORE_VALUE.match(line)
             column = before.end() + 1 if before and before.end() < len(line) else 1
-            return Problem(path=path, line=number, column=column, sentence=str(error))
+            return DefinitionProblem(path=path, line=number, column=column, sentence=str(error))
     return None
 
 
@@ -82,11 +82,11 @@ def generate(tree: PackageTree, prefixes: Prefixes) -> None:
 
     Raises:
         BuildToolError: a generator is not installed.
-        DefinitionError: a generator refused a line of a definition.
+        DefinitionError: a generator rejected a line of a definition.
         CommandError: a generator failed otherwise.
     """
     _make_folders(tree)
-    with warnings.catch_warnings(action="ignore"):  # of the generators: not for our users
+    with warnings.catch_warnings(action="ignore"):  # from the generators: users cannot fix them
         for interface in tree.package.interfaces:
             _translate(tree, interface)
         with _parsing_each_idl_once():
@@ -200,13 +200,13 @@ def _function(module: str, name: str) -> Callable[..., object]:
 
 
 def _quietly(failure: str, run: Callable[[], object]) -> None:
-    """Run a generator without its chatter; turn what it raises into one error with the chatter.
+    """Run a generator and capture its output; convert any exception into one error with the output.
 
-    Generators print, raise exceptions of every kind, and some end the interpreter.
+    Generators print, raise exceptions of many types, and some exit the interpreter.
     """
-    said = io.StringIO()
+    captured = io.StringIO()
     try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(captured), contextlib.redirect_stderr(captured):
             run()
     except (Exception, SystemExit) as error:
-        raise CommandError(f"{failure}: {error}", output=said.getvalue()[-4000:]) from error
+        raise CommandError(f"{failure}: {error}", output=captured.getvalue()[-4000:]) from error

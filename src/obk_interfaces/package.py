@@ -1,8 +1,8 @@
-"""Interface packages: manifests and definitions, build order, and the folders of a build.
+"""Read interface packages, order them by dependency, and locate the folders of a build.
 
-Below the build root of a package, `generated/` holds what the rosidl generators write, a folder for
-each (two of them write files of the same name), `objects/` what the compiler writes, `install/` the
-finished prefix. The text of message definitions is not read here.
+In the build root of a package, `generated/` has a folder for each rosidl generator (two of them
+write files of the same name), `objects/` has the compiler's output, and `install/` is the finished
+prefix. The text of message definitions is not read here.
 """
 
 import re
@@ -37,7 +37,7 @@ _IGNORE_MARKERS = ("COLCON_IGNORE", "AMENT_IGNORE")
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
 class Interface:
-    """One definition file: `kind` is msg, srv or action, `name` its name without suffix."""
+    """A definition file: `kind` is msg, srv or action, `name` its name without suffix."""
 
     kind: str
     name: str
@@ -76,12 +76,12 @@ class InterfacePackage:
 
 
 def discover(paths: Iterable[Path]) -> tuple[InterfacePackage, ...]:
-    """Find every interface package below the paths, dependencies first.
+    """Find all interface packages below the paths, dependencies first.
 
     Raises:
-        PackageError: a path or a manifest is not there or cannot be read, one name is used by
-            two packages, or there is no interface package at all.
-        DependencyError: the packages need one another in a circle.
+        PackageError: a path or a manifest does not exist or cannot be read, two packages have the
+            same name, or no interface package is found.
+        DependencyError: the packages depend on each other in a cycle.
     """
     paths = tuple(paths)
     found: dict[str, InterfacePackage] = {}
@@ -107,7 +107,7 @@ def load_package(root: Path) -> InterfacePackage:
     """Read one package folder.
 
     Raises:
-        PackageError: the manifest cannot be read, or there are no definitions.
+        PackageError: the manifest cannot be read, or the package has no definitions.
     """
     manifest = root / "package.xml"
     document = _read_manifest(manifest)
@@ -120,7 +120,7 @@ def load_package(root: Path) -> InterfacePackage:
     )
     for interface in interfaces:
         if not (root / interface.file).is_file():
-            raise PackageError(f"{root / interface.file}: is no file, as a definition is")
+            raise PackageError(f"{root / interface.file}: is a definition, but not a regular file")
     if not interfaces:
         raise PackageError(f"{root}: has msg/, srv/ or action/, but no definition in it")
     return InterfacePackage(
@@ -133,7 +133,7 @@ def load_package(root: Path) -> InterfacePackage:
 
 
 def definition_files(root: Path, kind: str) -> Iterator[Path]:
-    """Find the definitions of a kind in a package; hidden files, as editors leave, are none."""
+    """Find the definitions of a kind in a package; ignore hidden files, which editors write."""
     files = (root / kind).glob(f"*.{kind}")
     return (file for file in files if not file.name.startswith("."))
 
@@ -201,33 +201,33 @@ _P = TypeVar("_P", bound=_Dependent)
 
 
 def order_by_dependency(packages: Iterable[_P]) -> tuple[_P, ...]:
-    """Order by dependency, and by name where dependencies leave it open.
+    """Order by dependency, then by name.
 
-    Dependencies on packages outside the given ones are passed over.
+    Dependencies on other packages than the given ones are ignored.
 
     Raises:
-        DependencyError: there is a circle; the text names its members.
+        DependencyError: packages depend on each other in a cycle; the text names them.
     """
     waiting = {p.name: p for p in sorted(packages, key=lambda p: p.name)}
     ordered: list[_P] = []
     while waiting:
         ready = next((p for p in waiting.values() if waiting.keys().isdisjoint(p.depends)), None)
         if ready is None:
-            raise DependencyError("packages depend on one another: " + _circle(waiting))
+            raise DependencyError("packages depend on one another: " + _cycle(waiting))
         ordered.append(waiting.pop(ready.name))
     return tuple(ordered)
 
 
-def _circle(waiting: dict[str, _P]) -> str:
-    """Walk from the first package until a name comes twice; every waiting one leads on."""
+def _cycle(waiting: dict[str, _P]) -> str:
+    """Follow dependencies from the first package until a name repeats; each has one that waits."""
     trail = [next(iter(waiting))]
     while trail[-1] not in trail[:-1]:
         trail.append(next(name for name in waiting[trail[-1]].depends if name in waiting))
     return " -> ".join(trail[trail.index(trail[-1]) :])
 
 
-# What rclpy needs at run time with rmw_fastrtps_cpp. The introspection type support looks
-# dispensable but is not: the middleware makes the type objects of discovery from it.
+# rclpy needs these at run time with rmw_fastrtps_cpp. The introspection type support cannot be left
+# out: the middleware creates the type objects of discovery from it.
 TYPE_SUPPORTS = ("rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c")
 C_GENERATORS = ("rosidl_generator_c", "rosidl_typesupport_c", *TYPE_SUPPORTS)
 
@@ -241,7 +241,7 @@ class PackageTree:
 
     @property
     def generated(self) -> Path:
-        """Everything that the generators write, and their arguments."""
+        """The output of the generators, and their arguments."""
         return self.root / "generated"
 
     @property
@@ -266,7 +266,7 @@ class PackageTree:
 
     @property
     def fingerprint(self) -> Path:
-        """Written last: what the finished build was made from."""
+        """Digest of the inputs of a finished build; written last."""
         return self.root / "fingerprint"
 
     def code_of(self, generator: str) -> Path:

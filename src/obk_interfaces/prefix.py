@@ -1,4 +1,4 @@
-"""Installed packages: find them in prefixes, assemble a package's prefix, install and remove it.
+"""Find installed packages in prefixes, assemble a package's prefix, install and remove it.
 
 Files are replaced, never written in place: a running process keeps the library it has loaded.
 """
@@ -34,7 +34,7 @@ _IMPLICIT = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prefixes:
-    """Installed trees, nearest first; `ros` holds the generators and always comes last."""
+    """Installed trees, nearest first; `ros` has the generators and is always the last."""
 
     layers: tuple[Path, ...]
     ros: Path
@@ -74,13 +74,13 @@ class Prefixes:
 
 
 def find_ros_prefix() -> Path:
-    """Return the prefix that the importable ROS 2 generators belong to.
+    """Return the prefix of the importable ROS 2 generators.
 
-    It is found from the generators themselves: in a build environment `sys.prefix` is another
-    place, and with a sourced ROS 2 it is the virtual environment.
+    It cannot be `sys.prefix`, which differs in a build environment and is the virtual environment
+    with a sourced ROS 2.
 
     Raises:
-        BuildToolError: the generators cannot be imported, or lack their templates.
+        BuildToolError: the generators cannot be imported, or have no templates.
     """
     spec = importlib.util.find_spec("rosidl_generator_c")
     if spec is None or spec.origin is None:
@@ -147,7 +147,7 @@ def _write_index(tree: PackageTree) -> None:
 
 
 def is_installed(tree: PackageTree, prefix: Path) -> bool:
-    """Say whether every file of the package's prefix is in another prefix, with equal bytes."""
+    """Whether every file of the package's prefix is in another prefix with the same content."""
     return all(
         (copy := prefix / file.relative_to(tree.install)).is_file()
         and filecmp.cmp(file, copy, shallow=False)
@@ -157,13 +157,13 @@ def is_installed(tree: PackageTree, prefix: Path) -> bool:
 
 
 def install_into(tree: PackageTree, prefix: Path) -> None:
-    """Replace what a prefix has of this package by the finished build."""
+    """Replace the package's files in a prefix by those of the finished build."""
     remove_package(tree.package.name, prefix)
     shutil.copytree(tree.install, prefix, dirs_exist_ok=True)
 
 
 def remove_package(name: str, prefix: Path) -> None:
-    """Remove what a prefix has of a package."""
+    """Remove a package's files from a prefix."""
     owned = (prefix / "share" / name, prefix / "include" / name, site_packages_in(prefix) / name)
     for folder in owned:
         shutil.rmtree(folder, ignore_errors=True)

@@ -1,7 +1,7 @@
-"""Find compilers and headers; the command lines of the compiler and the linker.
+"""Find compilers and headers, and write the command lines of the compiler and the linker.
 
-The environment (`CC`, `CXX`) is read here only; no compiler is run. No path of the build machine
-gets into the libraries: run paths are relative, file names in messages start at the build root.
+Only this module reads `CC` and `CXX`; it runs no compiler. The libraries contain no path of the
+build machine: run paths are relative, and file names in messages start at the build root.
 """
 
 import importlib
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from obk_interfaces.errors import BuildToolError
-from obk_interfaces.libraries import Library
+from obk_interfaces.libraries import SharedLibrary
 from obk_interfaces.package import C_GENERATORS, PackageTree
 from obk_interfaces.prefix import Prefixes, include_folders, site_packages_in
 
@@ -41,10 +41,10 @@ class Toolchain:
 
 
 def find_toolchain() -> Toolchain:
-    """Find what is needed to compile an extension module for this Python.
+    """Find the compilers and headers for an extension module of this Python.
 
     Raises:
-        BuildToolError: something is missing; the text says what to install.
+        BuildToolError: something is missing; the text names what to install.
     """
     cc, cxx = find_compilers()
     return Toolchain(cc=cc, cxx=cxx, includes=(*find_python_headers(), _numpy_include()))
@@ -106,7 +106,7 @@ _FLAGS = ("-O1", "-fPIC", "-DNDEBUG", "-w")
 
 
 def include_flags(tree: PackageTree, prefixes: Prefixes, toolchain: Toolchain) -> tuple[str, ...]:
-    """Return the header folders of a package's sources, its own first."""
+    """Return the include flags of a package's sources, its own headers first."""
     own = (tree.generated / generator for generator in C_GENERATORS)
     folders = (*own, *include_folders(prefixes.all), *toolchain.includes)
     return tuple(f"-I{folder}" for folder in folders)
@@ -127,15 +127,15 @@ def compile_command(
     )
 
 
-def library_path(library: Library, prefix: Path) -> Path:
-    """Return where a library is installed in a prefix."""
+def library_path(library: SharedLibrary, prefix: Path) -> Path:
+    """Return the path of a library in a prefix."""
     if library.package:
         return site_packages_in(prefix) / library.package / library.file
     return prefix / "lib" / library.file
 
 
 def link_command(
-    library: Library,
+    library: SharedLibrary,
     objects: Sequence[Path],
     *,
     tree: PackageTree,

@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from obk_cli.compiler import Options, compile_config
-from obk_cli.emit.forms import FORMS as PRINTED_FORMS
-from obk_cli.emit.forms import Form
+from obk_cli.emit.formats import FORMS as PRINTED_FORMS
+from obk_cli.emit.formats import Form
 from obk_cli.emit.graph import graph_of
 from obk_cli.emit.terminal import emit_terminal
 from obk_cli.plan.plan import Plan
@@ -26,7 +26,7 @@ ROBOTS = ("arm/arm.yaml", "quadruped/quadruped.yaml")
 PRINT_ALL_FORMS = """
 import sys
 from pathlib import Path
-from obk_cli.emit.forms import FORMS
+from obk_cli.emit.graph import FORMS
 from obk_cli.compiler import Options, compile_config
 options = Options(variables={}, working_folder=Path.cwd(), ignore=("OBK4",))
 for name in sys.argv[1:]:

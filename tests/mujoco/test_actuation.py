@@ -25,7 +25,7 @@ class Run:
     def __init__(self, model, action):
         self.now_s = 100.0
         self.age = CommandAge(StalePolicy(max_age_s=0.5, action=action))
-        self.told = []
+        self.reported = []
         self.inbox = ControlInbox(field="u", size=model.nu, monotonic_s=lambda: 0.0)
         self.simulation = Simulation(
             model, self.inbox, WhenStale(action=action, is_stale=self._is_stale)
@@ -39,7 +39,7 @@ class Run:
 
     def _is_stale(self):
         age_s = self.age.look(self.now_s)
-        self.told += [] if age_s is None else [age_s]
+        self.reported += [] if age_s is None else [age_s]
         return self.age.is_stale
 
 
@@ -52,7 +52,7 @@ def test_the_first_step_after_the_deadline_has_zeros():
     run.now_s += 0.001
     run.simulation.advance()
     assert run.data.ctrl.tolist() == [0.0, 0.0]
-    assert run.told == [pytest.approx(0.501)]
+    assert run.reported == [pytest.approx(0.501)]
 
 
 @pytest.mark.parametrize("action", ["zero", "damp"])
@@ -66,7 +66,7 @@ def test_the_next_command_is_applied_at_once(action):
     assert run.data.ctrl.tolist() == [1.0, 2.0]
     run.now_s += 0.6
     run.simulation.advance()
-    assert len(run.told) == 2
+    assert len(run.reported) == 2
 
 
 @pytest.mark.parametrize("action", ["zero", "hold", "damp"])
@@ -76,7 +76,7 @@ def test_before_the_first_command_the_robot_stays_as_it_starts(action):
     run.now_s += 1e6
     run.simulation.advance()
     assert run.data.ctrl.tolist() == [3.0, 4.0]
-    assert run.told == []
+    assert run.reported == []
 
 
 def test_to_hold_is_only_to_tell():
@@ -86,7 +86,7 @@ def test_to_hold_is_only_to_tell():
         run.now_s += 0.2
         run.simulation.advance()
     assert run.data.ctrl.tolist() == [1.0, 2.0]
-    assert len(run.told) == 1
+    assert len(run.reported) == 1
 
 
 def test_a_reset_ends_it():

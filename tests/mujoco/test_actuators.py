@@ -19,7 +19,7 @@ SERVOS = '<position joint="knee" kp="30" kv="2" gear="2"/><velocity joint="hip" 
 OFFSET = (
     '<general joint="knee" gainprm="30" biastype="affine" biasprm="3 -30 -2"/><motor joint="hip"/>'
 )
-"""A servo whose force is not zero at the position that it is told."""
+"""A servo whose force is not zero at the position that it is reported."""
 GAINS = {
     "pos_target": [0.4, -0.2],
     "vel_target": [0.1, 0.3],
@@ -40,7 +40,7 @@ def simulation(model):
 
 @pytest.mark.parametrize("actuators", [MOTORS, SERVOS, OFFSET], ids=["motors", "servos", "offset"])
 @pytest.mark.parametrize("names", [["hip", "knee"], ["knee", "hip"]])
-def test_each_joint_has_the_torque_of_the_law_whatever_drives_it(actuators, names):
+def test_each_joint_has_the_torque_of_the_law_with_any_actuator(actuators, names):
     model = arm(actuators)
     data = mujoco.MjData(model)
     data.qpos[:] = [0.3, -0.5]
@@ -111,7 +111,7 @@ def test_after_gains_a_message_without_them_counts_again():
 
 
 @pytest.mark.parametrize(
-    ("change", "refusal"),
+    ("change", "rejection"),
     [
         ({"kp": [1.0]}, "`kp` has the length 1, the model has 2 joints"),
         ({"kd": [1.0] * 3}, "`kd` has the length 3, the model has 2 joints"),
@@ -137,9 +137,9 @@ def test_after_gains_a_message_without_them_counts_again():
         ),
     ],
 )
-def test_what_is_not_one_finite_number_for_each_joint_is_refused(change, refusal):
+def test_what_is_not_one_finite_number_for_each_joint_is_rejected(change, rejection):
     message = PDFeedForward(**{**GAINS, **change})
-    assert JointTorques(arm(MOTORS)).read(message) == refusal
+    assert JointTorques(arm(MOTORS)).read(message) == rejection
 
 
 @pytest.mark.parametrize("field", ["vel_target", "feed_forward", "kp", "kd"])
@@ -152,7 +152,7 @@ def test_what_is_left_empty_is_zero(field):
 
 
 @pytest.mark.parametrize(
-    ("actuators", "refusal"),
+    ("actuators", "rejection"),
     [
         (
             '<motor joint="hip"/><motor name="second" joint="hip"/>',
@@ -168,11 +168,11 @@ def test_what_is_left_empty_is_zero(field):
         ),
     ],
 )
-def test_a_model_that_cannot_follow_says_why(actuators, refusal):
+def test_a_model_that_cannot_follow_says_why(actuators, rejection):
     model = mujoco.MjModel.from_xml_string(
         ARM.format(actuators=actuators).replace("<body><joint", '<body name="torso"><joint')
     )
-    assert JointTorques(model).read(PDFeedForward(**GAINS)) == refusal
+    assert JointTorques(model).read(PDFeedForward(**GAINS)) == rejection
 
 
 def test_a_law_beyond_all_bounds_is_held_within_them():

@@ -59,11 +59,13 @@ def test_what_was_added_is_tested_and_found_good(extended: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout
-    for told in (
+    for reported in (
         "test_a_fault_is_reported_word_for_word[OBK299/hardware]",
         "test_the_right_twin_is_not_reported[OBK299/hardware]",
         "test_a_kind_publishes_the_type_that_the_language_says[MagneticField]",
         "test_the_field_is_given_in_the_frame_of_its_site",
         "test_an_example_compiles_to_what_is_written_down[csv-dummy/dummy.yaml]",
     ):
-        assert re.search(rf"^PASSED .*{re.escape(told)}$", done.stdout, re.MULTILINE), done.stdout
+        assert re.search(rf"^PASSED .*{re.escape(reported)}$", done.stdout, re.MULTILINE), (
+            done.stdout
+        )

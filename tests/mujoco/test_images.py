@@ -203,7 +203,7 @@ def test_a_camera_that_is_closed_gives_back_what_it_holds(feed):
     assert threading.active_count() == before - 1
 
 
-def test_a_view_that_does_not_open_is_told_with_the_camera(feed, monkeypatch):
+def test_a_view_that_does_not_open_is_reported_with_the_camera(feed, monkeypatch):
     def refuse(model, camera, back_end):
         raise ObeliskConfigError("no OpenGL")
 
@@ -217,7 +217,7 @@ def test_a_view_that_does_not_open_is_told_with_the_camera(feed, monkeypatch):
 
 
 @pytest.mark.usefixtures("painted")
-def test_a_picture_that_is_never_drawn_is_told_with_the_camera(feed, monkeypatch):
+def test_a_picture_that_is_never_drawn_is_reported_with_the_camera(feed, monkeypatch):
     monkeypatch.setattr(image, "_DRAW_S", 0.01)
     camera = feed()
     _PaintedView.newest.may_draw.clear()
@@ -260,13 +260,13 @@ def test_the_back_end_is_the_users_choice_or_what_there_is(environment, librarie
         ({"MUJOCO_GL": "glfw"}, "`glfw`"),
     ],
 )
-def test_no_back_end_is_told_with_what_would_help(environment, part):
+def test_no_back_end_is_reported_with_what_would_help(environment, part):
     with pytest.raises(ObeliskConfigError) as caught:
         choose_back_end(environment, lambda _: None)
     assert part in str(caught.value)
 
 
-def test_a_back_end_that_does_not_work_is_told_with_its_own_words():
+def test_a_back_end_that_does_not_work_is_reported_with_its_own_words():
     def load(name):
         assert name == "mujoco.osmesa"
         raise AttributeError("'NoneType' object has no attribute 'glGetError'")

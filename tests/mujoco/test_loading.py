@@ -4,7 +4,7 @@ import pytest
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.loading import load_model
-from obelisk_spec.settings import format_setting
+from obelisk_spec.components import format_setting
 
 pytestmark = pytest.mark.mujoco
 
@@ -51,8 +51,8 @@ def test_the_block_of_the_example_is_loaded(load):
     assert load.warnings == []
 
 
-def test_all_findings_are_told_at_once(load):
-    refusal = _refusal(
+def test_all_findings_are_reported_at_once(load):
+    rejection = _refusal(
         load,
         keyframe="stand",
         sensor_settings=[
@@ -75,8 +75,8 @@ def test_all_findings_are_told_at_once(load):
         "geom `dummy_sphere` is written as `box`, in the model it is a `sphere`",
         "keyframe `stand` is not in the model",
     ):
-        assert part in refusal, refusal
-    assert refusal.startswith("the sim block cannot be simulated:\n")
+        assert part in rejection, rejection
+    assert rejection.startswith("the sim block cannot be simulated:\n")
 
 
 def test_a_ray_caster_is_read_from_its_file(load, tmp_path):
@@ -120,14 +120,14 @@ def test_variables_in_the_file_of_a_ray_caster_are_replaced(load, tmp_path, monk
         ("site_name: tpi", "site `tpi` is not in the model"),
     ],
 )
-def test_what_is_wrong_with_the_file_of_a_ray_caster_is_told(load, tmp_path, text, part):
+def test_what_is_wrong_with_the_file_of_a_ray_caster_is_reported(load, tmp_path, text, part):
     (tmp_path / "rays.yaml").write_text(text)
     group = _group(msg_type="ObkScan", config_path="rays.yaml")
     assert part in _refusal(load, sensor_settings=[group])
 
 
-def test_a_model_that_is_not_there_is_told_with_the_other_findings(load, tmp_path):
-    refusal = _refusal(
+def test_a_model_that_is_not_there_is_reported_with_the_other_findings(load, tmp_path):
+    rejection = _refusal(
         load,
         model_xml_path="robot.xml",
         robot_pkg="my_robot",
@@ -135,9 +135,9 @@ def test_a_model_that_is_not_there_is_told_with_the_other_findings(load, tmp_pat
     )
     assert (
         f"model_xml_path: `robot.xml` is not there; looked for {tmp_path / 'robot.xml'}, "
-        "and there is no package `my_robot`" in refusal
+        "and there is no package `my_robot`" in rejection
     )
-    assert "`ObkJointEncoders` cannot carry the `gyro` sensor `a`" in refusal
+    assert "`ObkJointEncoders` cannot carry the `gyro` sensor `a`" in rejection
 
 
 def test_a_relative_model_is_found_in_the_package(load, tmp_path, everything_xml):
@@ -151,19 +151,19 @@ def test_a_relative_model_is_found_in_the_package(load, tmp_path, everything_xml
     assert loaded.keyframe is None
 
 
-def test_a_model_that_mujoco_refuses_is_told_in_its_words(load, tmp_path):
+def test_a_model_that_mujoco_rejects_is_reported_with_its_message(load, tmp_path):
     (tmp_path / "bad.xml").write_text("<mujoco><worldbdy/></mujoco>")
-    refusal = _refusal(load, model_xml_path="bad.xml")
-    assert f"MuJoCo refuses {tmp_path / 'bad.xml'}" in refusal
-    assert "worldbdy" in refusal
+    rejection = _refusal(load, model_xml_path="bad.xml")
+    assert f"MuJoCo rejects {tmp_path / 'bad.xml'}" in rejection
+    assert "worldbdy" in rejection
 
 
-def test_a_model_that_does_not_compile_is_told_in_its_words(load, tmp_path):
+def test_a_model_that_does_not_compile_is_reported_in_its_words(load, tmp_path):
     (tmp_path / "bad.xml").write_text(
         "<mujoco><worldbody><body><joint/></body></worldbody></mujoco>"
     )
-    refusal = _refusal(load, model_xml_path="bad.xml")
-    assert refusal.startswith("model_xml_path: MuJoCo cannot compile it: ")
+    rejection = _refusal(load, model_xml_path="bad.xml")
+    assert rejection.startswith("model_xml_path: MuJoCo cannot compile it: ")
 
 
 @pytest.mark.parametrize(
@@ -183,13 +183,13 @@ def test_a_text_that_is_no_block_is_named(tmp_path, text, part):
 
 @pytest.mark.parametrize("period", [0, -1.0, "often", True, float("inf")])
 def test_a_period_of_the_geoms_that_is_none_is_named(load, period):
-    refusal = _refusal(load, viz_geoms={"dt": period, "dummy_box": "box"})
-    assert f"viz_geoms.dt: {period!r}, expected a number of seconds greater than 0" in refusal
+    rejection = _refusal(load, viz_geoms={"dt": period, "dummy_box": "box"})
+    assert f"viz_geoms.dt: {period!r}, expected a number of seconds greater than 0" in rejection
 
 
 def test_a_geom_that_no_marker_can_show_is_named(load):
-    refusal = _refusal(load, viz_geoms={"dt": 1.0, "floor": "plane"})
-    assert "viz_geoms.floor: a `plane` cannot be shown as a marker; there are: box, " in refusal
+    rejection = _refusal(load, viz_geoms={"dt": 1.0, "floor": "plane"})
+    assert "viz_geoms.floor: a `plane` cannot be shown as a marker; there are: box, " in rejection
 
 
 def test_the_time_step_of_the_config_wins_with_a_warning(load):

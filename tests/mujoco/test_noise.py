@@ -67,10 +67,10 @@ def run(everything):
         simulation = Simulation(
             everything, ControlInbox(field="u", size=everything.nu, monotonic_s=lambda: 0.0)
         )
-        heard = {}
+        received = {}
 
         def make_publisher(message_type, topic, _depth):
-            sent = heard.setdefault(topic, SimpleNamespace(messages=[], steps=[], counted=[]))
+            sent = received.setdefault(topic, SimpleNamespace(messages=[], steps=[], counted=[]))
 
             def publish(message):
                 sent.messages.append(deserialize_message(message, message_type))
@@ -79,7 +79,7 @@ def run(everything):
             return SimpleNamespace(publish=publish, get_subscription_count=lambda: listeners)
 
         def promise(topic, period_s):
-            return lambda: heard[topic].counted.append(period_s)
+            return lambda: received[topic].counted.append(period_s)
 
         surroundings = OutputContext(
             make_publisher=make_publisher,
@@ -104,7 +104,7 @@ def run(everything):
                 for _ in range(3):
                     stepper.step()
             stepper.run(lambda: simulation.steps >= steps)
-        return heard
+        return received
 
     return run
 
@@ -236,11 +236,11 @@ def test_noise_and_dropout_are_the_same_in_every_run_of_a_seed(run):
 
 def test_random_numbers_do_not_depend_on_who_listens(run):
     group = {**IMU, "noise": {"angular_velocity": {"sigma": 1.0}}, "dropout": 0.5}
-    heard, unheard = (run([group], 50, listeners=count)["/imu"].steps for count in (1, 0))
-    assert heard == unheard
+    received, unheard = (run([group], 50, listeners=count)["/imu"].steps for count in (1, 0))
+    assert received == unheard
 
 
-def test_samples_that_nobody_hears_count_towards_the_rate(run):
+def test_samples_without_a_subscriber_count_towards_the_rate(run):
     sent = run([IMU], 50, listeners=0)["/imu"]
     assert sent.messages == []
     assert len(sent.counted) == 50

@@ -10,7 +10,7 @@ from obelisk_py.core.sim.mujoco.outputs import OutputContext, outputs_of
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import Stepper
 from obelisk_py.core.sim.mujoco.stepping import MonotonicClock
-from obelisk_spec.settings import format_setting
+from obelisk_spec.components import format_setting
 from obelisk_spec.yaml_core import load_yaml_core
 
 pytestmark = pytest.mark.mujoco
@@ -106,7 +106,7 @@ def test_both_joint_encoder_messages_say_the_same(example):
     assert plain.y.tolist() == list(named.joint_pos)
 
 
-def test_nothing_is_sampled_for_nobody(example, monkeypatch):
+def test_nothing_is_sampled_without_a_subscriber(example, monkeypatch):
     def fail(*_):
         pytest.fail("a message was made")
 

@@ -1,4 +1,4 @@
-"""Requests to a simulation: carried out in order, on the thread that steps, told or failed."""
+"""Requests to a simulation: carried out in order, on the thread that steps, reported or failed."""
 
 from concurrent.futures import Future
 
@@ -33,7 +33,7 @@ def test_what_was_given_up_is_not_carried_out():
     assert wanted.result(0).is_done
 
 
-def test_a_fault_is_told_to_both_sides():
+def test_a_fault_is_reported_to_both_sides():
     def fail():
         raise RuntimeError("the simulation diverged")
 

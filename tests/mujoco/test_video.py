@@ -1,4 +1,4 @@
-"""Films of a simulation: what is seen when, which camera, and what is told of it."""
+"""Videos of a simulation: what is seen when, which camera, and what is reported of it."""
 
 from contextlib import ExitStack
 from itertools import count
@@ -49,29 +49,29 @@ def simulation():
     return simulation
 
 
-def made(simulation, path, show, *, camera="above", rate_hz=10, told=None):
-    """Make a film; what was told of it, or None where this machine has no OpenGL.
+def made(simulation, path, show, *, camera="above", rate_hz=10, reported=None):
+    """Record a video; return what was reported, or None if this machine has no OpenGL.
 
     Args:
-        show: takes the film; calls `seen` for each state.
-        told: takes what is told, while it is.
+        show: called with the video; calls `seen` for each state.
+        reported: receives each report at once.
     """
-    told = [] if told is None else told
+    reported = [] if reported is None else reported
     settings = read_video(str(path), camera, "", rate_hz)
     with ExitStack() as closing:
         try:
             (output,) = video_outputs(
                 simulation,
                 settings,
-                report=told.append,
+                report=reported.append,
                 on_close=closing.callback,
             )
         except ObeliskConfigError as error:
-            refused = str(error)
-            told.append(refused)
-            return None if NO_OPENGL in refused else told
+            rejection = str(error)
+            reported.append(rejection)
+            return None if NO_OPENGL in rejection else reported
         show(SimpleNamespace(begin=output.restart, seen=lambda: output.publish(None)))
-    return told
+    return reported
 
 
 def lift(simulation, *, time_s, height):
@@ -87,21 +87,21 @@ def colours(path):
     return [int(np.argmax(one)) for one in middles], [frame.time for frame in frames]
 
 
-def test_a_film_shows_the_states_at_their_times_and_is_told(simulation, tmp_path):
+def test_a_video_shows_the_states_at_their_times_and_is_reported(simulation, tmp_path):
     path = tmp_path / "out.mp4"
 
-    def show(film):
+    def show(video):
         lift(simulation, time_s=0.3, height=6.0)
-        film.seen()
-        # The film is closed with this one.
+        video.seen()
+        # The video is closed with this one.
         lift(simulation, time_s=0.5, height=6.0)
 
-    told = made(simulation, path, show)
-    if told is None:
+    reported = made(simulation, path, show)
+    if reported is None:
         assert not path.exists()
         return
-    begun, ended = told
-    assert begun == VideoStatus(state="recording", path=str(path))
+    started, ended = reported
+    assert started == VideoStatus(state="recording", path=str(path))
     assert (ended.state, ended.path) == ("finished", str(path))
     end = ended.detail
     assert ", 0.6 s, " in end
@@ -115,51 +115,53 @@ def test_a_film_shows_the_states_at_their_times_and_is_told(simulation, tmp_path
 def test_a_picture_is_the_last_state(simulation, tmp_path):
     path = tmp_path / "out.png"
 
-    def show(film):
+    def show(video):
         lift(simulation, time_s=0.25, height=6.0)
 
-    told = made(simulation, path, show)
-    if told is None:
+    reported = made(simulation, path, show)
+    if reported is None:
         return
-    assert told[-1] == VideoStatus(state="finished", path=str(path), detail="the state at 0.250 s")
+    assert reported[-1] == VideoStatus(
+        state="finished", path=str(path), detail="the state at 0.250 s"
+    )
     with Image.open(path) as picture:
         assert picture.size == (64, 48)
         assert np.argmax(np.asarray(picture)[24, 32]) == BLUE
 
 
 def test_a_robot_that_never_took_a_step_is_seen_where_it_stands(simulation, tmp_path):
-    told = made(simulation, tmp_path / "out.gif", lambda film: None)
-    if told is not None:
-        assert told[-1] == VideoStatus(
+    reported = made(simulation, tmp_path / "out.gif", lambda video: None)
+    if reported is not None:
+        assert reported[-1] == VideoStatus(
             state="finished", path=str(tmp_path / "out.gif"), detail="1 frame, 0.1 s, 0 dropped"
         )
 
 
-def test_after_a_reset_the_film_goes_on(simulation, tmp_path):
+def test_after_a_reset_the_video_goes_on(simulation, tmp_path):
     path = tmp_path / "out.mp4"
 
     simulation.data.time = 7.0
 
-    def show(film):
+    def show(video):
         lift(simulation, time_s=0.0, height=6.0)
-        film.begin()
+        video.begin()
 
     if made(simulation, path, show) is not None:
         assert colours(path) == ([RED, BLUE], [0.0, pytest.approx(0.1)])
 
 
-def test_a_film_that_is_there_is_not_replaced(simulation, tmp_path):
+def test_an_existing_video_is_not_replaced(simulation, tmp_path):
     path = tmp_path / "out.png"
     path.write_text("mine")
-    told = made(simulation, path, lambda film: None)
-    if told is not None:
-        assert told[-1].path == str(tmp_path / "out-2.png")
+    reported = made(simulation, path, lambda video: None)
+    if reported is not None:
+        assert reported[-1].path == str(tmp_path / "out-2.png")
         assert (tmp_path / "out-2.png").exists()
     assert path.read_text() == "mine"
 
 
-def test_a_file_that_takes_no_more_is_told_at_once(simulation, tmp_path):
-    def show(film):
+def test_a_file_that_takes_no_more_is_reported_at_once(simulation, tmp_path):
+    def show(video):
         (drawing,) = (child for child in psutil.Process().children() if "video" in child.cmdline())
         drawing.rlimit(psutil.RLIMIT_FSIZE, (1, 1))
         frames = count()
@@ -167,21 +169,21 @@ def test_a_file_that_takes_no_more_is_told_at_once(simulation, tmp_path):
         def is_told():
             number = next(frames)
             lift(simulation, time_s=number / 10, height=5.5 * (number % 2))
-            film.seen()
-            return told[-1].state == "failed"
+            video.seen()
+            return reported[-1].state == "failed"
 
         eventually(is_told, "that the file takes no more")
 
-    told = []
-    if made(simulation, tmp_path / "full.gif", show, told=told) is None:
+    reported = []
+    if made(simulation, tmp_path / "full.gif", show, reported=reported) is None:
         return
-    (failed,) = told[1:]
+    (failed,) = reported[1:]
     assert failed.path == str(tmp_path / "full.gif")
     assert "File too large" in failed.detail
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_is_not_there_is_told_before_anything_is_simulated(simulation, tmp_path):
+def test_a_folder_that_is_not_there_is_reported_before_anything_is_simulated(simulation, tmp_path):
     path = tmp_path / "none" / "out.mp4"
     with pytest.raises(ObeliskConfigError) as caught:
         video_outputs(
@@ -191,11 +193,11 @@ def test_a_folder_that_is_not_there_is_told_before_anything_is_simulated(simulat
             on_close=lambda _: None,
         )
     assert NO_OPENGL in str(caught.value) or str(caught.value) == (
-        f"{path}: No such file or directory; there is no film"
+        f"{path}: No such file or directory; no video is saved"
     )
 
 
-def test_a_camera_that_is_not_there_is_told_with_those_that_are(simulation):
+def test_a_camera_that_is_not_there_is_reported_with_those_that_are(simulation):
     with pytest.raises(ObeliskConfigError) as caught:
         video_job(simulation.model, read_video("out.mp4", "abvoe", "", 0))
     assert str(caught.value) == ("the camera `abvoe` is not in the model; did you mean `above`?")
@@ -210,11 +212,11 @@ def test_size_and_rate_are_those_that_are_asked_for_or_the_cameras(simulation):
     assert (order.width, order.height, order.rate_hz) == (320, 200, 100)
 
 
-def test_a_camera_whose_pictures_do_not_fit_is_told_with_a_size_that_does(simulation):
+def test_a_camera_whose_pictures_do_not_fit_is_reported_with_a_size_that_does(simulation):
     with pytest.raises(ObeliskConfigError) as caught:
         video_job(simulation.model, read_video("out.mp4", "odd", "", 0))
     assert str(caught.value) == (
-        "camera `odd`: a picture of 65x49; .mp4 wants even numbers, 66x50; set `render_size`"
+        "camera `odd`: a picture of 65x49; .mp4 needs even numbers, 66x50; set `render_size`"
     )
     assert video_job(simulation.model, read_video("out.gif", "odd", "", 0)).width == 65
 
@@ -234,12 +236,12 @@ def test_without_a_camera_the_whole_model_is_seen(simulation):
     assert not edge.any(), "all of the model is within the picture"
 
 
-def test_parameters_without_a_file_ask_for_no_film():
+def test_parameters_without_a_file_request_no_video():
     given = {"render": "", "render_camera": "above", "render_size": "", "render_fps": 0}
     assert requested_video(given.__getitem__) is None
 
 
-def test_a_film_that_cannot_be_is_an_error_of_the_parameters():
+def test_an_impossible_video_is_an_error_of_the_parameters():
     given = {"render": "out.avi", "render_camera": "", "render_size": "", "render_fps": 0}
     with pytest.raises(ObeliskConfigError) as caught:
         requested_video(given.__getitem__)

@@ -112,13 +112,13 @@ def test_after_the_last_state_it_is_over(model: mujoco.MjModel) -> None:
 
 
 def test_sending_to_an_onlooker_that_is_gone_does_nothing(model: mujoco.MjModel) -> None:
-    heard: list[tuple[str, str]] = []
+    received: list[tuple[str, str]] = []
     with link() as (ours, theirs):
-        sender = StateSender(model, mujoco.MjData(model), ours, lambda *said: heard.append(said))
+        sender = StateSender(model, mujoco.MjData(model), ours, lambda *said: received.append(said))
         theirs.close()
         sender.send()
         sender.send()
-    assert (sender.sent, sender.dropped, heard) == (0, 0, [])
+    assert (sender.sent, sender.dropped, received) == (0, 0, [])
 
 
 def with_user_data(count: int) -> mujoco.MjModel:
@@ -136,16 +136,16 @@ def test_a_state_of_100_kilobytes_arrives() -> None:
     assert states.data.userdata[-1] == 3.0
 
 
-def test_a_state_that_no_packet_holds_is_told_once() -> None:
+def test_a_state_that_no_packet_holds_is_reported_once() -> None:
     large = with_user_data(2_000_000)
-    heard: list[tuple[str, str]] = []
+    received: list[tuple[str, str]] = []
     with link() as (ours, _):
         room = ours.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
         size = mujoco.mj_stateSize(large, SIGNATURE) * 8
-        sender = StateSender(large, mujoco.MjData(large), ours, lambda *said: heard.append(said))
+        sender = StateSender(large, mujoco.MjData(large), ours, lambda *said: received.append(said))
         sender.send()
         sender.send()
-    ((severity, text),) = heard
+    ((severity, text),) = received
     assert severity == "warning"
     assert text.startswith(f"a state of this model has {size} bytes, more than the {room} ")
     assert "sysctl -w net.core.wmem_max=" in text
@@ -161,7 +161,7 @@ def test_words_cross_the_same_link_until_it_ends() -> None:
         assert receive_message(ours) is None
 
 
-def test_the_last_words_of_one_that_ends_with_states_unread_are_heard() -> None:
+def test_the_last_message_is_received_if_states_are_unread() -> None:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours:
         with theirs:

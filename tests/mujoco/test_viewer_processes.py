@@ -135,12 +135,12 @@ def test_two_at_once_have_a_port_each(looking: Callable[..., Looked]) -> None:
     assert one.port != other.port
 
 
-def test_a_port_that_is_taken_is_told(looking: Callable[..., Looked]) -> None:
+def test_a_port_that_is_taken_is_reported(looking: Callable[..., Looked]) -> None:
     pytest.importorskip("mjviser")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         looked = looking("web", str(port))
-        eventually(lambda: looked.said, "the refusal")
+        eventually(lambda: looked.said, "the rejection")
     assert looked.said == [
         (
             "warning",
@@ -150,27 +150,27 @@ def test_a_port_that_is_taken_is_told(looking: Callable[..., Looked]) -> None:
     ]
 
 
-def test_a_library_that_is_not_installed_is_told_with_the_extra_that_brings_it(
+def test_a_library_that_is_not_installed_is_reported_with_the_extra_that_brings_it(
     looking: Callable[..., Looked], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     missing = 'raise ModuleNotFoundError("No module named \'viser\'", name="viser")\n'
     (tmp_path / "viser.py").write_text(missing)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
     looked = looking("web", "0")
-    eventually(lambda: looked.said, "the refusal")
+    eventually(lambda: looked.said, "the rejection")
     ((severity, text),) = looked.said
     assert severity == "warning"
     assert "`viser`" in text
     assert "obelisk-cli[viewer]" in text
 
 
-def test_a_window_without_a_display_is_told_and_sending_goes_on(
+def test_a_window_without_a_display_is_reported_and_sending_goes_on(
     looking: Callable[..., Looked], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     looked = looking("native")
-    eventually(lambda: looked.said, "the refusal")
+    eventually(lambda: looked.said, "the rejection")
     ((severity, text),) = looked.said
     assert severity == "warning"
     assert text.startswith("the native viewer needs a display")
@@ -178,13 +178,13 @@ def test_a_window_without_a_display_is_told_and_sending_goes_on(
     looked.onlooker.states.send()
 
 
-def test_a_display_that_cannot_be_opened_is_told(
+def test_a_display_that_cannot_be_opened_is_reported(
     looking: Callable[..., Looked], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setenv("DISPLAY", ":9999")
     looked = looking("native")
-    eventually(lambda: looked.said, "the refusal")
+    eventually(lambda: looked.said, "the rejection")
     assert looked.said == [
         (
             "warning",
@@ -194,7 +194,7 @@ def test_a_display_that_cannot_be_opened_is_told(
     ]
 
 
-def test_one_that_dies_is_told_once(looking: Callable[..., Looked]) -> None:
+def test_one_that_dies_is_reported_once(looking: Callable[..., Looked]) -> None:
     pytest.importorskip("mjviser")
     looked = looking("web", "0")
     assert looked.port
@@ -230,7 +230,7 @@ def test_an_onlooker_loads_no_ros(kind: str) -> None:
     assert loaded.stdout == "False\n"
 
 
-def test_nobody_can_have_the_page_tunnelled_to_another_host() -> None:
+def test_the_page_cannot_be_tunnelled_to_another_host() -> None:
     pytest.importorskip("mjviser")
     import viser._viser
 

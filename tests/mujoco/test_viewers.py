@@ -26,7 +26,7 @@ def parameters(**values: str | int) -> Callable[[str], Any]:
     return lambda name: {**PARAMETERS, **values}[name]
 
 
-def test_nobody_looks_unless_asked() -> None:
+def test_there_is_no_viewer_by_default() -> None:
     assert requested_viewers(parameters()) == ()
 
 
@@ -50,7 +50,7 @@ def test_a_web_viewer_has_a_port_and_a_native_one_has_none() -> None:
         ),
     ],
 )
-def test_a_value_that_means_nothing_is_refused(values: dict[str, Any], sentence: str) -> None:
+def test_a_value_that_means_nothing_is_rejected(values: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ObeliskConfigError) as raised:
         requested_viewers(parameters(**values))
     assert str(raised.value) == sentence

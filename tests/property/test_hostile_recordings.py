@@ -1,24 +1,27 @@
 """Recordings that were cut, changed or made up are read, read in part, or refused in a sentence."""
 
-import struct
-import tempfile
+from .hostile import SPOILT
+from .hostile import assert_shows_only_text
+from .hostile import damaged
 from contextlib import suppress
 from functools import cache
-from io import BytesIO
-from pathlib import Path
-
 from hypothesis import given
 from hypothesis import strategies as st
-from mcap.writer import CompressionType, Writer
-
+import struct
+import tempfile
+from io import BytesIO
+from mcap.writer import CompressionType
+from mcap.writer import Writer
+from obk_cli.cli.bag import bag_data
+from obk_cli.cli.bag import bag_text
 from obk_cli.errors import ObkError
-from obk_cli.record.mcap_reader import messages_of, read_bag
+from obk_cli.introspect.message_text import json_line
+from obk_cli.record.mcap_reader import messages_of
+from obk_cli.record.mcap_reader import read_bag
 from obk_cli.record.mcap_writer import BagWriter
-from obk_cli.record.plot import PlotField, parse_field
-from obk_cli.report.bag import bag_data, bag_text
-from obk_cli.report.messages import json_line
-
-from .hostile import SPOILT, assert_shows_only_text, damaged
+from obk_cli.record.plot import PlotField
+from obk_cli.record.plot import parse_field
+from pathlib import Path
 
 TYPE = "demo_msgs/msg/Reading"
 DEFINITION = (

@@ -12,7 +12,7 @@ from obelisk_sensor_msgs.msg import JointEncoders
 from rcl_interfaces.srv import ListParameters
 from std_srvs.srv import Trigger
 
-from obk_cli.launch.node_lines import NodeLines
+from obk_cli.launch.console import NodeLines
 
 from .composed import NODES, Composed, Entry, client_context, entry, started_module
 from .stack import DUMMY, eventually, obk

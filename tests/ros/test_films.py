@@ -1,13 +1,14 @@
 """Films of running stacks, read again; a film that cannot be made."""
 
-from pathlib import Path
-
+from .opengl import require_opengl
+from .stack import DUMMY
+from .stack import eventually
+from .stack import launched
+from .stack import obk
 import av
 import numpy as np
 import pytest
-
-from .opengl import require_opengl
-from .stack import DUMMY, eventually, launched, obk
+from pathlib import Path
 
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 
@@ -29,8 +30,8 @@ def test_a_launch_leaves_a_film_of_its_robot(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
     lines = result.stdout.splitlines()
     assert lines[-1] == "ended in order"
-    (told,) = (line for line in lines if line.startswith("film: "))
-    assert told.startswith(f"film: {path}, ")
+    (reported,) = (line for line in lines if line.startswith("video: "))
+    assert reported.startswith(f"video: {path}, ")
     with av.open(path) as film:
         stream = film.streams.video[0]
         assert (stream.width, stream.height) == (160, 120)
@@ -38,8 +39,8 @@ def test_a_launch_leaves_a_film_of_its_robot(tmp_path: Path) -> None:
         assert stream.time_base is not None
         seconds = float(stream.duration * stream.time_base)
         frames = [frame.to_ndarray(format="rgb24") for frame in film.decode(stream)]
-    assert f", {len(frames)} frame" in told
-    assert float(told.split(", ")[2].removesuffix(" s")) == pytest.approx(seconds, abs=0.06)
+    assert f", {len(frames)} frame" in reported
+    assert float(reported.split(", ")[2].removesuffix(" s")) == pytest.approx(seconds, abs=0.06)
     assert all(orange(frame).sum() > 20 for frame in frames)
     assert [path.name for path in tmp_path.iterdir()] == ["out.mp4"]
 
@@ -62,5 +63,5 @@ def test_a_film_that_cannot_be_made_keeps_the_stack_from_coming_up(tmp_path: Pat
     films = f'onboard.robot[0].params.render="{tmp_path}/none/out.mp4"'
     result = obk("launch", DUMMY, "--set", films, "--duration", "1", "--color", "never")
     assert result.returncode == 1
-    assert "; there is no film" in result.stdout
+    assert "; no video is saved" in result.stdout
     assert "active" not in result.stdout.replace("inactive", "")

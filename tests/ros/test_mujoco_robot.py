@@ -21,7 +21,7 @@ from visualization_msgs.msg import MarkerArray
 
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
 from obelisk_py.core.sim.mujoco.viewers import processes
-from obelisk_spec.settings import format_setting
+from obelisk_spec.components import format_setting
 
 from .stack import DEADLINE_S, DUMMY, eventually, parameters, request, spinning
 
@@ -121,7 +121,7 @@ def test_a_publisher_of_the_true_state_without_its_timer_is_told_at_configure() 
         told: list[str] = []
         node.get_logger().warning = told.append
         assert request(node, "configure")
-        assert told == ["`pub_true_sim_state` stays silent without `timer_true_sim_state`"]
+        assert told == ["`pub_true_sim_state` publishes nothing without `timer_true_sim_state`"]
 
 
 def test_it_publishes_while_it_is_active_and_only_then() -> None:

@@ -99,7 +99,7 @@ def test_zeros_are_applied_once_and_the_next_command_goes_through() -> None:
             "s, more than `max_age_sec` of 0.5 s: every number of the control is set to zero "
             "(`stale_action: zero`)"
         )
-        assert again.startswith("commands come again, after ")
+        assert again.startswith("commands resumed after ")
 
 
 def test_no_command_at_all_is_not_an_old_one_and_neither_is_that_of_the_last_run() -> None:
@@ -149,7 +149,7 @@ def test_a_call_that_does_not_return_holds_the_action_up_and_is_told() -> None:
         (PDFeedForward(kp=[1.0]), []),
         (
             PDFeedForward(kp=[1.0, float("nan")]),
-            ["control refused: `kp[1]` is nan (1x); 1 since the start"],
+            ["control rejected: `kp[1]` is nan (1x); 1 since the start"],
         ),
     ],
 )
@@ -187,7 +187,7 @@ def test_a_robot_that_is_deactivated_soon_after_the_last_command_says_nothing(
         assert node.told == []
 
 
-def test_a_robot_that_gets_nothing_but_refused_commands_says_so_as_an_error(
+def test_a_robot_that_receives_only_rejected_commands_logs_an_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(command_watchdog, "LASTING_S", 0.0)
@@ -195,17 +195,17 @@ def test_a_robot_that_gets_nothing_but_refused_commands_says_so_as_an_error(
         active(node)
         node._take_control(PDFeedForward(kp=[1.0, float("nan")]))
         (error,) = node.errors
-        assert "control refused: `kp[1]` is nan (1x); 1 since the start; nothing else" in error
+        assert "control rejected: `kp[1]` is nan (1x); 1 since the start; nothing else" in error
         assert node._age.deadline_s is None
 
 
-def test_refusals_that_were_a_warning_become_an_error_in_rclpys_own_log(
+def test_rejections_that_were_a_warning_become_an_error_in_rclpys_own_log(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     with spinning(lambda: Arm(**parameters(sub_ctrl_setting="{topic: /ctrl}"))) as node:
         for is_lasting in (False, True, False):
-            node._log_rejection(command_watchdog.RejectionReport("control refused", is_lasting))
-    told = [line.split()[0] for line in capfd.readouterr().err.splitlines() if "refused" in line]
+            node._log_rejection(command_watchdog.RejectionReport("control rejected", is_lasting))
+    told = [line.split()[0] for line in capfd.readouterr().err.splitlines() if "rejected" in line]
     assert told == ["[WARN]", "[ERROR]", "[WARN]"]
 
 

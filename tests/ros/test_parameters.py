@@ -165,7 +165,7 @@ def test_a_simulator_takes_only_what_it_could_be_configured_with() -> None:
         ("viewer", "hologram"): "there are: none, native, web",
         ("viewer_port", 99999): "expected a port from 1 to 65535, or 0 for a free one",
         ("viewer_port", "web"): "expected 'Type.INTEGER' got 'Type.STRING'",
-        ("render", "film.doc"): "the film that `render` asks for: ",
+        ("render", "film.doc"): "the video that `render` requests: ",
         ("mujoco_setting", "{a: ["): "the parameter `mujoco_setting`",
         ("mujoco_setting", ""): "the parameter `mujoco_setting` is not set",
     }

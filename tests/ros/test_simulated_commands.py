@@ -15,7 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from obelisk_py.core import command_watchdog
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
-from obelisk_spec.settings import format_setting
+from obelisk_spec.components import format_setting
 
 from .stack import DEADLINE_S, eventually, parameters, request, spinning
 
@@ -141,7 +141,7 @@ def test_a_wrong_command_is_kept_out_and_told(
         publisher.publish(make(0.5, -0.25))
         publisher.publish(make(*values))
         eventually(lambda: said(node, refusal), "the refusal")
-        assert said(node, "control refused: `")
+        assert said(node, "control rejected: `")
         eventually(lambda: controls(node) == [0.5, -0.25], "the control before it")
         publisher.publish(make(0.1, 0.2))
         eventually(lambda: controls(node) == [0.1, 0.2], "the control behind it")
@@ -158,7 +158,7 @@ def test_a_late_command_is_applied_and_told(tmp_path: Path, make: Any) -> None:
         publisher.publish(late)
         eventually(lambda: controls(node) == [0.5, -0.25], "the control")
         eventually(
-            lambda: said(node, "control applied though late: its stamp is more than 1 s old (1x)"),
+            lambda: said(node, "late control applied: its stamp is more than 1 s old (1x)"),
             "that it is late",
         )
 
@@ -214,7 +214,7 @@ def test_old_commands_become_zeros_although_the_executor_is_busy(tmp_path: Path,
         set_to_zero = "s: every number of the control is set to zero (`stale_action: zero`)"
         eventually(lambda: said(node, set_to_zero), "what is told of the silence")
         publisher.publish(make(0.1, 0.2))
-        eventually(lambda: said(node, "commands come again, after "), "the next command")
+        eventually(lambda: said(node, "commands resumed after "), "the next command")
 
 
 def test_the_simulator_brakes_a_robot_whose_commands_stop(tmp_path: Path) -> None:
@@ -253,7 +253,7 @@ def test_a_simulator_that_gets_nothing_but_refused_commands_says_so(
     with simulator(tmp_path, PositionSetpoint) as node:
         active(node, PositionSetpoint)
         node._take_control(setpoint(NAN, 0.0))
-        assert said(node, "nothing else has come for 0.0 s, so the robot has no commands")
+        assert said(node, "nothing else was received for 0.0 s, so the robot has no commands")
 
 
 def test_no_command_grows_old_while_the_simulation_is_paused(tmp_path: Path) -> None:

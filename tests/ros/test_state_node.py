@@ -13,9 +13,9 @@ import pytest
 from lifecycle_msgs.msg import TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTransitions, GetState
 
-from obk_cli.launch.asks import ChangeAsked
 from obk_cli.launch.events import (
     Answered,
+    ChangeAsked,
     InputEvent,
     Ready,
     StateAnswered,
@@ -205,7 +205,7 @@ def test_a_restarted_node_is_ready_when_its_new_process_answers(
     environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ready = Ready(node="/n")
-    monkeypatch.setattr("obk_cli.adapters.lifecycle_client.PING_S", 0.0)
+    monkeypatch.setattr("obk_cli.ros.lifecycle_client.PING_S", 0.0)
     with open_ros_nodes("watch", environment) as ros:
         ears = Ears(ros)
         ros.watch(["/n"])

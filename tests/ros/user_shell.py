@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from obk_cli.report.escapes import plain
+from obk_cli.terminal import plain
 
 from .stack import patient
 

@@ -1,1 +1,1 @@
-"""What every Obelisk node is made of: life cycle, components, and the five base classes."""
+"""Life cycle, components and the five base classes of Obelisk nodes."""

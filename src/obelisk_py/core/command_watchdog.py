@@ -2,8 +2,8 @@
 
 `CommandAge` is arithmetic of times, with no clock and no thread. For a real robot a
 `WatchdogThread` checks it at each deadline; for a simulated one the stepping thread does so before
-each step. `SilenceLog` and `RejectionLog` decide when the log is written; what is done about old
-commands does not wait for them.
+each step. `SilenceLog` and `RejectionLog` limit how often the log is written; they do not delay
+the action on old commands.
 """
 
 import threading
@@ -28,7 +28,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StalePolicy:
-    """What the config says about old commands."""
+    """The config's settings for old commands."""
 
     max_age_s: float
     """How old the newest command may become [s], > 0."""
@@ -60,7 +60,7 @@ class CommandAge:
         """Note a command.
 
         Returns:
-            How long commands had stopped [s], if the last one was found too old.
+            Time without commands [s], if the last one was too old.
         """
         with self._lock:
             before_s, self._newest_s = self._newest_s, now_s
@@ -85,7 +85,7 @@ class CommandAge:
             return now_s - deadline_s + self.policy.max_age_s
 
     def silence_s(self, now_s: float) -> float | None:
-        """How long no command has come [s], if the newest was found too old."""
+        """Time since the newest command [s], if it was found too old."""
         with self._lock:
             return now_s - self._newest_s if self.is_stale and self._newest_s is not None else None
 
@@ -176,18 +176,18 @@ class SilenceLog:
                 self.due_s = max(now_s + SILENCE_GRACE_S, self._last_report_s + SILENCE_PERIOD_S)
 
     def end(self, silent_s: float) -> bool:
-        """Note that commands come again; returns whether the log had reported that they stopped."""
+        """Note that commands resumed; returns whether the log had reported that they stopped."""
         with self._lock:
             self._longest_s = max(self._longest_s, silent_s)
             was_reported, self._is_reported = self._is_reported, False
             return was_reported
 
     def report(self, now_s: float, silent_s: float | None) -> str:
-        """A clause on all that is not reported yet, at `due_s` or later.
+        """A clause about everything not yet reported, at `due_s` or later.
 
         Args:
             now_s: the present time.
-            silent_s: how long no command has come [s]; None if they come again.
+            silent_s: time since the newest command [s]; None if commands resumed.
         """
         with self._lock:
             self.due_s, self._last_report_s = None, now_s
@@ -201,7 +201,7 @@ class SilenceLog:
         return f"no command for {silent_s:.3f} s"
 
     def forget(self) -> None:
-        """Drop what is not reported yet."""
+        """Drop everything not yet reported."""
         with self._lock:
             self.due_s, self._is_reported = None, False
             self._count, self._longest_s = 0, 0.0
@@ -215,7 +215,7 @@ LASTING_PERIOD_S: Final = 10.0
 MOST_REASONS: Final = 8
 """Reasons in one report; further ones, as with a number that grows, are only counted."""
 ONLY_REJECTIONS: Final = (
-    "nothing else has come for {lasting_s:.1f} s, so the robot has no commands; "
+    "nothing else was received for {lasting_s:.1f} s, so the robot has no commands; "
     "`obk topic echo` shows what the controller sends"
 )
 """The end of a report when all control messages are rejected."""
@@ -238,7 +238,7 @@ class RejectionLog:
         """Make an empty log.
 
         Args:
-            what: how each report begins, "control refused".
+            what: the start of each report, "control rejected".
             monotonic_s: clock for the rate of reports [s].
             on_end: what a report adds if nothing was accepted for a while, with `{lasting_s}`;
                 None: nothing.
@@ -269,7 +269,7 @@ class RejectionLog:
         self._since_s = None
 
     def report(self) -> RejectionReport | None:
-        """A sentence on all that is not reported yet, at most once a second."""
+        """A sentence about everything not yet reported, at most once a second."""
         now_s = self._monotonic_s()
         with self._lock:
             if not self._unreported or now_s < self._next_report_s:

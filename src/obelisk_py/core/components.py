@@ -1,6 +1,6 @@
-"""Components of a node (publisher, subscription, timer): what the code registers of them.
+"""Register the components of a node (publisher, subscription, timer), and look them up by name.
 
-Takes what a node's constructor says; holds no ROS handle before configure has made it.
+The node's constructor registers them; configure creates their ROS handles.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeVar
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_spec.components import component_spellings
 
-__all__ = ["Component", "ComponentKind", "ComponentTable", "spellings"]
+__all__ = ["ComponentKind", "ComponentTable", "RegisteredComponent", "spellings"]
 
 T = TypeVar("T")
 
@@ -25,7 +25,7 @@ class ComponentKind(Enum):
 
     @property
     def noun(self) -> str:
-        """The kind in a sentence."""
+        """The kind as a word of a message."""
         return self.name.lower()
 
 
@@ -35,8 +35,8 @@ def spellings(*names: str | None) -> frozenset[str]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Component:
-    """What the code registers, before any setting is known."""
+class RegisteredComponent:
+    """A component as the code registers it, before any setting is known."""
 
     kind: ComponentKind
     ros_parameter: str | None

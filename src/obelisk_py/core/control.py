@@ -26,10 +26,10 @@ class ObeliskController(ABC, ObeliskNode):
         """Make the node and register its three components.
 
         Args:
-            node_name: name in the ROS graph, where no remapping gives another.
+            node_name: name in the ROS graph, unless it is remapped.
             ctrl_msg_type: class of the control message; without it the config names the type.
             est_msg_type: class of the estimate's message; without it the config names the type.
-            kwargs: handed to `rclpy.node.Node`.
+            kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, **kwargs)
         self.register_obk_timer("timer_ctrl_setting", self.compute_control, key="timer_ctrl")

@@ -22,9 +22,9 @@ class ObeliskEstimator(ABC, ObeliskNode):
         """Make the node and register its two components.
 
         Args:
-            node_name: name in the ROS graph, where no remapping gives another.
+            node_name: name in the ROS graph, unless it is remapped.
             est_msg_type: class of the estimate's message; without it the config names the type.
-            kwargs: handed to `rclpy.node.Node`.
+            kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, **kwargs)
         self.register_obk_timer("timer_est_setting", self.compute_state_estimate, key="timer_est")

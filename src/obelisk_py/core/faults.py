@@ -1,4 +1,4 @@
-"""What went wrong in a node, as a value, and callbacks that report it instead of raising."""
+"""Represent failures of a node as values, and wrap callbacks so that they report them."""
 
 import functools
 import inspect
@@ -8,36 +8,36 @@ from dataclasses import dataclass
 from typing import Any
 
 from obelisk_py.core.exceptions import ObeliskError
-from obelisk_spec.wording import with_article
+from obelisk_spec.suggestions import with_article
 
-__all__ = ["Fault", "fault_of", "guard_callback", "guard_service", "wrong_answer"]
+__all__ = ["NodeFault", "fault_of", "guard_callback", "guard_service", "wrong_answer"]
 
 Callback = Callable[..., Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fault:
-    """What a node died of, or nearly."""
+class NodeFault:
+    """A failure of a node."""
 
     where: str
     """The callback that failed, by its name in the code."""
     text: str
     """One sentence, or one for each finding."""
     traceback: str
-    """The Python traceback, empty where the code has nothing to do with it."""
+    """The Python traceback, empty if the code is not the cause."""
 
     def __str__(self) -> str:
         return f"{self.where}: {self.text}" + (f"\n{self.traceback}" if self.traceback else "")
 
 
-def fault_of(cause: BaseException | str, where: str) -> Fault:
-    """The fault that an exception or a sentence is."""
+def fault_of(cause: BaseException | str, where: str) -> NodeFault:
+    """Convert an exception or a sentence to a fault."""
     if isinstance(cause, str):
-        return Fault(where=where, text=cause, traceback="")
+        return NodeFault(where=where, text=cause, traceback="")
     if isinstance(cause, ObeliskError):
-        # What is wrong stands in the sentence, not in the code that found it.
-        return Fault(where=where, text=str(cause), traceback="")
-    return Fault(
+        # The message names the mistake; the code that detected it does not help.
+        return NodeFault(where=where, text=str(cause), traceback="")
+    return NodeFault(
         where=where,
         text=f"{type(cause).__name__}: {cause}",
         traceback="".join(traceback.format_exception(cause)).rstrip(),
@@ -45,7 +45,7 @@ def fault_of(cause: BaseException | str, where: str) -> Fault:
 
 
 def wrong_answer(method: str, answer: object, expected: str) -> str:
-    """The sentence about what a callback returned instead of what is expected of it."""
+    """The message about an unexpected return value of a callback."""
     hint = " (did the callback forget its return statement?)" if answer is None else ""
     return f"`{method}` returned {answer!r}, expected {with_article(expected)}{hint}"
 
@@ -53,7 +53,7 @@ def wrong_answer(method: str, answer: object, expected: str) -> str:
 def guard_callback(
     callback: Callback, is_failing: Callable[[], bool], fail: Callable[[Exception, str], None]
 ) -> Callback:
-    """The same callback; what it raises goes to `fail`, and it is not called while failing."""
+    """Wrap a callback: exceptions go to `fail`, and it is not called while the node is failing."""
     where = getattr(callback, "__qualname__", repr(callback))
 
     @functools.wraps(callback)
@@ -78,13 +78,13 @@ def guard_callback(
 
 
 def guard_service(callback: Callback, fail: Callable[[Exception | str, str], None]) -> Callback:
-    """The same service callback; what it raises, and an answer that is none, goes to `fail`.
+    """Wrap a service callback: exceptions and invalid responses go to `fail`.
 
-    The client gets the response as it is by then.
+    The client receives the response in its present state.
     """
     where = getattr(callback, "__qualname__", repr(callback))
 
-    def sound(answer: Any, response: Any) -> Any:
+    def checked(answer: Any, response: Any) -> Any:
         if isinstance(answer, type(response)):
             return answer
         fail(wrong_answer(where, answer, type(response).__name__), where)
@@ -93,7 +93,7 @@ def guard_service(callback: Callback, fail: Callable[[Exception | str, str], Non
     @functools.wraps(callback)
     async def wait(request: Any, response: Any) -> Any:
         try:
-            return sound(await callback(request, response), response)
+            return checked(await callback(request, response), response)
         except Exception as error:
             fail(error, where)
             return response
@@ -101,7 +101,7 @@ def guard_service(callback: Callback, fail: Callable[[Exception | str, str], Non
     @functools.wraps(callback)
     def call(request: Any, response: Any) -> Any:
         try:
-            return sound(callback(request, response), response)
+            return checked(callback(request, response), response)
         except Exception as error:
             fail(error, where)
             return response

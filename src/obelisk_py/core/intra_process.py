@@ -1,4 +1,4 @@
-"""Delivery within one process, past DDS: from publisher to subscription with one copy.
+"""Deliver messages within one process with one copy, bypassing DDS.
 
 Each subscription that the library's executor runs has a buffer, registered by context and topic. A
 publisher puts its messages into the buffers of those subscriptions that DDS would match, as long as
@@ -191,7 +191,7 @@ class IntraProcessTopic:
             self.buffers = (*self.buffers, buffer)
 
     def close(self, buffer: MessageBuffer) -> None:
-        """Stop publishers from using it; those that have begun a `publish` still may."""
+        """Stop publishers from using it; a `publish` in progress still may."""
         with self._changing:
             self.buffers = tuple(other for other in self.buffers if other is not buffer)
 
@@ -212,7 +212,7 @@ def intra_process_topic(context: Context, name: str) -> IntraProcessTopic:
 def buffer_of(subscription: Subscription) -> MessageBuffer | None:
     """The one buffer of a subscription; None if it takes everything from DDS.
 
-    It does if it wants bytes or message infos, or a quality of service that only DDS has.
+    It does if it requests bytes, message infos, or a quality of service that only DDS has.
     """
     message_class: Any = subscription.msg_type
     codec = codec_for(message_class)

@@ -1,4 +1,4 @@
-"""A life-cycle node that reports what went wrong and survives it.
+"""A life-cycle node that reports its failures and recovers from them.
 
 rclpy's own swallows what a transition callback raises, dies of a transition that is not allowed,
 and is left half-way by a callback that returns nothing. Here each of these is logged, kept (the
@@ -25,7 +25,7 @@ from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
 from obelisk_py.core.faults import (
-    Fault,
+    NodeFault,
     fault_of,
     guard_callback,
     guard_service,
@@ -34,7 +34,7 @@ from obelisk_py.core.faults import (
 from obelisk_py.core.intra_process import IntraProcessPublisher
 from obelisk_py.core.parameters import GuardedCheck, ParameterRules, guard_setting_service
 
-__all__ = ["Fault", "GuardedLifecycleNode", "node_arguments"]
+__all__ = ["GuardedLifecycleNode", "NodeFault", "node_arguments"]
 
 TransitionCallback = Callable[[LifecycleState], TransitionCallbackReturn]
 
@@ -47,9 +47,9 @@ _own_arguments: ContextVar[tuple[str, ...] | None] = ContextVar("own_arguments",
 
 @contextmanager
 def node_arguments(arguments: Sequence[str]) -> Iterator[None]:
-    """While entered, a node that is made takes these ROS arguments instead of the process's.
+    """While entered, new nodes use these ROS arguments instead of the process's.
 
-    Many a node class takes no keyword arguments that could hand them to rclpy.
+    Many node classes have no keyword arguments that would pass them to rclpy.
     """
     token = _own_arguments.set(tuple(arguments))
     try:
@@ -65,12 +65,12 @@ class GuardedLifecycleNode(LifecycleNode):
         """Make the node and its services.
 
         Args:
-            node_name: name in the ROS graph, where no remapping gives another.
-            kwargs: handed to `rclpy.node.Node`.
+            node_name: name in the ROS graph, unless it is remapped.
+            kwargs: passed to `rclpy.node.Node`.
         """
-        self.last_fault: Fault | None = None
+        self.last_fault: NodeFault | None = None
         self.ended: Future = Future()
-        """Done when nothing further can be done with this node; the result is what it died of."""
+        """Done when nothing further can be done with this node; the result is its fault, if any."""
         # One transition at a time, whatever the executor; a fault waits for its end.
         self._transition_lock = threading.RLock()
         self._is_failing = False
@@ -116,11 +116,11 @@ class GuardedLifecycleNode(LifecycleNode):
             self.executor.create_task(self._enter_error_processing)
 
     def guarded(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """The same callback, but what it raises takes the node to error processing."""
+        """Wrap a callback: an exception takes the node to error processing."""
         return guard_callback(callback, self.is_failing, self.fail)
 
     def create_lifecycle_publisher(self, *args: Any, **kwargs: Any) -> LifecyclePublisher:
-        """As rclpy's, but past DDS if only this process subscribes."""
+        """As rclpy's, but bypasses DDS if only this process subscribes."""
         # Not through rclpy's method, which does not let its caller choose the class.
         make: Any = functools.partial(IntraProcessPublisher, self.context)
         publisher: Any = super().create_publisher(*args, **kwargs, publisher_class=make)
@@ -130,7 +130,7 @@ class GuardedLifecycleNode(LifecycleNode):
     def create_timer(
         self, timer_period_sec: float, callback: Any, *args: Any, **kwargs: Any
     ) -> Timer:
-        """As rclpy's, but what the callback raises takes the node to error processing."""
+        """As rclpy's, but an exception of the callback takes the node to error processing."""
         # rclpy's rates are timers without a callback.
         guarded = self.guarded(callback) if callable(callback) else callback
         return super().create_timer(timer_period_sec, guarded, *args, **kwargs)
@@ -138,13 +138,13 @@ class GuardedLifecycleNode(LifecycleNode):
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any, **kwargs: Any
     ) -> Subscription:
-        """As rclpy's, but what the callback raises takes the node to error processing."""
+        """As rclpy's, but an exception of the callback takes the node to error processing."""
         return super().create_subscription(msg_type, topic, self.guarded(callback), *args, **kwargs)
 
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], *args: Any, **kwargs: Any
     ) -> Service:
-        """As rclpy's, but what the callback raises takes the node to error processing.
+        """As rclpy's, but an exception of the callback takes the node to error processing.
 
         So does an answer that is no response of this type.
         """
@@ -155,7 +155,7 @@ class GuardedLifecycleNode(LifecycleNode):
         )
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
-        """As rclpy's, but what the callback raises is a refusal."""
+        """As rclpy's, but an exception of the callback rejects the parameters."""
         super().add_on_set_parameters_callback(GuardedCheck(callback))
 
     def remove_on_set_parameters_callback(self, callback: Any) -> None:
@@ -183,7 +183,7 @@ class GuardedLifecycleNode(LifecycleNode):
         return self._settled(super().trigger_deactivate)
 
     def _settle(self, state: str) -> None:
-        """Make what runs agree with the state that a transition ended in; for inheriting classes.
+        """Start or stop what belongs to the state after a transition; for inheriting classes.
 
         Called after every transition, also after one whose override left the library's part out.
 
@@ -211,7 +211,7 @@ class GuardedLifecycleNode(LifecycleNode):
 
     def _enter_error_processing(self) -> None:
         # The state machine has no edge from a resting state to error processing, so a transition
-        # is begun whose callback answers ERROR at once (see _guarded_transition).
+        # is started whose callback returns ERROR at once (see _guarded_transition).
         triggers = {"active": self.trigger_deactivate, "inactive": self.trigger_cleanup}
         with self._transition_lock:
             if not self._is_failing:
@@ -287,7 +287,7 @@ class GuardedLifecycleNode(LifecycleNode):
                 response.success = self._triggers[number]() == SUCCESS
                 return response
         self.get_logger().warning(
-            f"refused the transition `{requested.label or requested.id}` in the state "
+            f"rejected the transition `{requested.label or requested.id}` in the state "
             f"`{self.state_label}`; possible here: {', '.join(by_label) or 'none'}"
         )
         response.success = False

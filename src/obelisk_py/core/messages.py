@@ -1,4 +1,4 @@
-"""Message classes by name, names by class, and the field names of older layouts.
+"""Look up message classes by name and names by class, and add field names of older layouts.
 
 Takes what a config writes (`PositionSetpoint`, `sensor_msgs/Imu`) and gives the Python class;
 never guesses: a name that is not known is an error that lists near ones.
@@ -11,7 +11,7 @@ from obelisk_control_msgs.msg import PositionSetpoint
 from obelisk_estimator_msgs.msg import EstimatedState
 
 from obelisk_py.core.exceptions import ObeliskMsgError
-from obelisk_spec.messages import near_msg_types, resolve_msg_type
+from obelisk_spec.names import near_msg_types, resolve_msg_type
 
 __all__ = ["add_field_aliases", "message_class", "message_name"]
 

@@ -20,7 +20,7 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from obelisk_py.core.components import Component, ComponentKind, ComponentTable, spellings
+from obelisk_py.core.components import ComponentKind, ComponentTable, RegisteredComponent, spellings
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.parameters import Getter
 from obelisk_py.core.rate_monitor.diagnostics import RateMonitoredNode
@@ -59,8 +59,8 @@ class ObeliskNode(RateMonitoredNode):
         """Make the node; register components in the constructor of the inheriting class.
 
         Args:
-            node_name: name in the ROS graph, where no remapping gives another.
-            kwargs: handed to `rclpy.node.Node`.
+            node_name: name in the ROS graph, unless it is remapped.
+            kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, **kwargs)
         self.declare_parameter("params_path", "")
@@ -77,7 +77,7 @@ class ObeliskNode(RateMonitoredNode):
         self.obk_timers: ComponentTable[Timer] = ComponentTable(ComponentKind.TIMER)
         self.obk_callback_groups: dict[str, CallbackGroup] = {}
         self.opened = ExitStack()
-        self._components: list[Component] = []
+        self._components: list[RegisteredComponent] = []
         self._registration_open = True
         self._is_built = False
 
@@ -88,7 +88,7 @@ class ObeliskNode(RateMonitoredNode):
 
     @property
     def params_path(self) -> str:
-        """The ROS parameter `params_path` as the config wrote it; empty where it wrote none."""
+        """The ROS parameter `params_path` as in the config; empty if the config has none."""
         return str(self.get_parameter("params_path").value)
 
     def register_obk_publisher(
@@ -100,20 +100,20 @@ class ObeliskNode(RateMonitoredNode):
         *,
         required: bool = True,
     ) -> None:
-        """Register a publisher, to be made at configure.
+        """Register a publisher, which configure creates.
 
         Args:
             ros_parameter: the ROS parameter that carries its settings; declared here.
             key: its name in `obk_publishers`.
             msg_type: its message class; without it the settings name the type.
-            default: its settings where neither parameter nor `obelisk_settings` has any.
+            default: its settings if neither the parameter nor `obelisk_settings` has any.
             required: without settings, fail configure instead of leaving it out.
 
         Raises:
             ObeliskConfigError: no name, a name twice, or the node was configured already.
         """
         self._register(
-            Component(
+            RegisteredComponent(
                 kind=ComponentKind.PUBLISHER,
                 ros_parameter=ros_parameter,
                 key=key,
@@ -133,21 +133,21 @@ class ObeliskNode(RateMonitoredNode):
         *,
         required: bool = True,
     ) -> None:
-        """Register a subscription, to be made at configure.
+        """Register a subscription, which configure creates.
 
         Args:
             ros_parameter: the ROS parameter that carries its settings; declared here.
             callback: called with each message.
             key: its name in `obk_subscriptions`.
             msg_type: its message class; without it the settings name the type.
-            default: its settings where neither parameter nor `obelisk_settings` has any.
+            default: its settings if neither the parameter nor `obelisk_settings` has any.
             required: without settings, fail configure instead of leaving it out.
 
         Raises:
             ObeliskConfigError: no name, no callback, a name twice, or configured already.
         """
         self._register(
-            Component(
+            RegisteredComponent(
                 kind=ComponentKind.SUBSCRIPTION,
                 ros_parameter=ros_parameter,
                 key=key,
@@ -167,20 +167,20 @@ class ObeliskNode(RateMonitoredNode):
         *,
         required: bool = True,
     ) -> None:
-        """Register a timer, to be made at configure and started at activate.
+        """Register a timer, which configure creates and activate starts.
 
         Args:
             ros_parameter: the ROS parameter that carries its settings; declared here.
             callback: called at each period.
             key: its name in `obk_timers`.
-            default: its settings where neither parameter nor `obelisk_settings` has any.
+            default: its settings if neither the parameter nor `obelisk_settings` has any.
             required: without settings, fail configure instead of leaving it out.
 
         Raises:
             ObeliskConfigError: no name, no callback, a name twice, or configured already.
         """
         self._register(
-            Component(
+            RegisteredComponent(
                 kind=ComponentKind.TIMER,
                 ros_parameter=ros_parameter,
                 key=key,
@@ -232,7 +232,7 @@ class ObeliskNode(RateMonitoredNode):
         return super().on_cleanup(state)
 
     def destroy_node(self) -> None:
-        """Close what is open, as cleanup does, and destroy the node."""
+        """Close `opened`, as cleanup does, and destroy the node."""
         self.opened.close()
         super().destroy_node()
 
@@ -271,7 +271,7 @@ class ObeliskNode(RateMonitoredNode):
         for entity in self._managed_entities:
             entity.on_deactivate(state)
 
-    def _register(self, component: Component) -> None:
+    def _register(self, component: RegisteredComponent) -> None:
         if not self._registration_open:
             raise ObeliskConfigError(
                 f"the {component} was registered after configure; "
@@ -285,13 +285,13 @@ class ObeliskNode(RateMonitoredNode):
             self._hold_to_rules(component, component.ros_parameter)
         self._components.append(component)
 
-    def _hold_to_rules(self, component: Component, parameter: str) -> None:
+    def _hold_to_rules(self, component: RegisteredComponent, parameter: str) -> None:
         def check(value: Getter) -> None:
             check_component(component, value(parameter), value(SETTINGS))
 
         self._parameter_rules.add((parameter,), check)
 
-    def _build(self, component: Component, node: NodeSettings) -> None:
+    def _build(self, component: RegisteredComponent, node: NodeSettings) -> None:
         parameter = component.ros_parameter
         text = str(self.get_parameter(parameter).value) if parameter else ""
         raw = find_settings(component, text, node)
@@ -308,7 +308,7 @@ class ObeliskNode(RateMonitoredNode):
         else:
             self.obk_subscriptions.add(name, names, self._subscription(component, raw))
 
-    def _without_settings(self, component: Component) -> None:
+    def _without_settings(self, component: RegisteredComponent) -> None:
         where = (
             f"the parameter `{component.ros_parameter}`"
             if component.ros_parameter
@@ -319,7 +319,9 @@ class ObeliskNode(RateMonitoredNode):
         # `obk validate` reports it; at each launch it would be noise.
         self.get_logger().debug(f"the optional {component} is left out: {where} is not set")
 
-    def _publisher(self, component: Component, raw: Mapping[str, Any]) -> LifecyclePublisher:
+    def _publisher(
+        self, component: RegisteredComponent, raw: Mapping[str, Any]
+    ) -> LifecyclePublisher:
         settings = topic_settings(component, raw)
         publisher: LifecyclePublisher = self.create_lifecycle_publisher(
             message_class_of(component, settings.msg_type),
@@ -329,7 +331,7 @@ class ObeliskNode(RateMonitoredNode):
         )
         return publisher
 
-    def _subscription(self, component: Component, raw: Mapping[str, Any]) -> Subscription:
+    def _subscription(self, component: RegisteredComponent, raw: Mapping[str, Any]) -> Subscription:
         settings = topic_settings(component, raw)
         assert component.callback is not None
         return self.create_subscription(
@@ -340,7 +342,7 @@ class ObeliskNode(RateMonitoredNode):
             callback_group=self._group(component, settings.callback_group),
         )
 
-    def _timer(self, name: str, component: Component, raw: Mapping[str, Any]) -> Timer:
+    def _timer(self, name: str, component: RegisteredComponent, raw: Mapping[str, Any]) -> Timer:
         settings = timer_settings(component, raw)
         assert component.callback is not None
         return self.create_monitored_timer(
@@ -358,7 +360,7 @@ class ObeliskNode(RateMonitoredNode):
             return self.get_clock()
         return Clock(clock_type=ClockType.STEADY_TIME)
 
-    def _group(self, component: Component, name: str | None) -> CallbackGroup | None:
+    def _group(self, component: RegisteredComponent, name: str | None) -> CallbackGroup | None:
         if name is None:
             return None
         if name not in self.obk_callback_groups:

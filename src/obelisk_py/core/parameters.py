@@ -1,8 +1,7 @@
-"""Which values a node's parameters may be set to, and in which states.
+"""Check new values of a node's parameters, by rules and by the node's state.
 
-Any node may call the services `~/set_parameters`. The parameters are set, or the answer says what
-would be right. No request stops the node, and of parameters that are set together either all are
-accepted or none.
+Any node may call the services `~/set_parameters`. The parameters are set, or the response has the
+reason. No request stops the node. Of parameters that are set together, all are accepted or none.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,12 +23,12 @@ Getter = Callable[[str], Any]
 """Gives the value that a parameter has, or would have."""
 READ_AT_CONFIGURE: Final = "is read at configure: clean up, set it, configure again"
 _FREE_STATES: Final = ("unconfigured", "configuring", "finalized")
-"""In which nothing is built of what configure reads."""
+"""States in which nothing depends on parameters that configure reads."""
 
 
 @dataclass(frozen=True, slots=True)
 class GuardedCheck:
-    """A callback that decides on parameters; what it raises, and an answer that is none, refuses.
+    """A callback that checks parameters; an exception or an invalid return value rejects them.
 
     Equal to another one of the same callback, so that rclpy finds it again to remove it.
     """
@@ -42,17 +41,17 @@ class GuardedCheck:
         try:
             result = self.callback(parameters)
         except Exception as error:
-            return _refused(f"the node's check of {names} raised {type(error).__name__}: {error}")
+            return _rejection(f"the node's check of {names} raised {type(error).__name__}: {error}")
         if isinstance(result, SetParametersResult):
             return result
         method = getattr(self.callback, "__qualname__", repr(self.callback))
         reason = wrong_answer(method, result, SetParametersResult.__name__)
-        return _refused(f"the node's check of {names}: {reason}")
+        return _rejection(f"the node's check of {names}: {reason}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Rule:
-    """What parameters may be."""
+    """A check of parameters that belong together."""
 
     names: tuple[str, ...]
     check: Callable[[Getter], object] | None
@@ -63,7 +62,7 @@ class ParameterRules:
     """The parameters of one node that its library reads."""
 
     def __init__(self, node: Node, state: Callable[[], str]) -> None:
-        """Hold to rules from now on.
+        """Check every request to set parameters from now on.
 
         Args:
             node: whose parameters.
@@ -85,9 +84,9 @@ class ParameterRules:
 
         Args:
             names: the parameters that it is about.
-            check: takes a getter of their values; raises `ObeliskError` where they mean nothing;
-                without it every value means something.
-            is_read_at_configure: another value than the present waits until nothing is built.
+            check: takes a getter of their values; raises `ObeliskError` if they are invalid;
+                None: every value is valid.
+            is_read_at_configure: reject another value while the node is configured.
         """
         rule = _Rule(names=tuple(names), check=check, is_read_at_configure=is_read_at_configure)
         self._rules.append(rule)
@@ -107,10 +106,10 @@ class ParameterRules:
                 if rule.check is not None:
                     rule.check(value)
             except ObeliskError as error:
-                return _refused(str(error))
+                return _rejection(str(error))
             for name in mine:
                 if rule.is_read_at_configure and self._would_be_half_applied(name, new[name]):
-                    return _refused(f"`{name}` {READ_AT_CONFIGURE}")
+                    return _rejection(f"`{name}` {READ_AT_CONFIGURE}")
         return SetParametersResult(successful=True)
 
     def _would_be_half_applied(self, name: str, value: object) -> bool:
@@ -120,35 +119,35 @@ class ParameterRules:
 def guard_setting_service(
     node: Node, srv_type: type[Any], callback: Callable[[Any, Any], Any]
 ) -> Callable[[Any, Any], Any]:
-    """The callback of a service; requests to set what cannot be set do not get to rclpy's.
+    """Wrap a service callback; requests for parameters that cannot be set do not reach rclpy's.
 
-    It raises at a type that no parameter has, and takes a parameter without a name.
+    rclpy's raises at an unknown parameter type, and accepts a parameter without a name.
     """
     if srv_type not in (SetParameters, SetParametersAtomically):
         return callback
 
     def set_each(request: Any, response: Any) -> Any:
         for message in request.parameters:
-            refusal = _refusal_of(node, message)
-            if refusal is None:
+            reason = _rejection_reason(node, message)
+            if reason is None:
                 one = SetParameters.Request(parameters=[message])
                 callback(one, response)
             else:
-                response.results.append(_refused(refusal))
+                response.results.append(_rejection(reason))
         return response
 
     def set_together(request: Any, response: Any) -> Any:
-        refusals = [_refusal_of(node, message) for message in request.parameters]
-        reasons = [refusal for refusal in refusals if refusal is not None]
-        if not reasons:
+        reasons = [_rejection_reason(node, message) for message in request.parameters]
+        rejected = [reason for reason in reasons if reason is not None]
+        if not rejected:
             return callback(request, response)
-        response.result = _refused("; ".join(reasons))
+        response.result = _rejection("; ".join(rejected))
         return response
 
     return set_each if srv_type is SetParameters else set_together
 
 
-def _refusal_of(node: Node, message: Any) -> str | None:
+def _rejection_reason(node: Node, message: Any) -> str | None:
     """Why a parameter cannot be set, whatever its value is."""
     known = {kind.value: kind.name.lower() for kind in Parameter.Type}
     if message.value.type not in known:
@@ -162,5 +161,5 @@ def _refusal_of(node: Node, message: Any) -> str | None:
     return None
 
 
-def _refused(reason: str) -> SetParametersResult:
+def _rejection(reason: str) -> SetParametersResult:
     return SetParametersResult(successful=False, reason=reason)

@@ -1,14 +1,23 @@
-"""`ObeliskRobot` and `ObeliskSimRobot`: the system that is controlled, real or simulated."""
+"""`ObeliskRobot` and `ObeliskSimRobot`: base classes of real and simulated robots.
 
+`non_finite_number` and `zeroed` check and replace the numbers of a message of any type. They know
+only the header by its type: it describes the message and is left as it is.
+"""
+
+import copy
+import math
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from array import array
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+import numpy as np
 from obelisk_sensor_msgs.msg import TrueSimState
 from rclpy.lifecycle import LifecycleState
 from rclpy.subscription import Subscription
+from std_msgs.msg import Header
 
 from obelisk_py.core.command_watchdog import (
     ONLY_REJECTIONS,
@@ -20,9 +29,8 @@ from obelisk_py.core.command_watchdog import (
     StalePolicy,
     WatchdogThread,
 )
-from obelisk_py.core.components import Component
+from obelisk_py.core.components import RegisteredComponent
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
-from obelisk_py.core.finite_check import non_finite_number, zeroed
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.settings import stale_policy
@@ -46,8 +54,8 @@ class ObeliskRobot(ABC, ObeliskNode):
     Registers the subscription `sub_ctrl` -> `apply_control` with the ROS parameter
     `sub_ctrl_setting`. The inheriting class registers its sensors' publishers.
 
-    With `max_age_sec` in the settings of that subscription, what `stale_action` says is done when
-    no command was accepted for so long, by the steady clock, whatever the executor is busy with.
+    With `max_age_sec` in the settings of that subscription, the robot performs `stale_action` when
+    no command was accepted for so long by the steady clock, even if the executor is busy.
     """
 
     def __init__(
@@ -56,16 +64,16 @@ class ObeliskRobot(ABC, ObeliskNode):
         """Make the node and register the control subscription.
 
         Args:
-            node_name: name in the ROS graph, where no remapping gives another.
+            node_name: name in the ROS graph, unless it is remapped.
             ctrl_msg_type: class of the control message; without it the config names the type.
-            kwargs: handed to `rclpy.node.Node`.
+            kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, **kwargs)
         self._age: CommandAge | None = None
         self._silence_log = SilenceLog()
         self._watchdog: WatchdogThread | None = None
         self._newest_control: Any = None
-        self._rejections = RejectionLog("control refused", time.monotonic, ONLY_REJECTIONS)
+        self._rejections = RejectionLog("control rejected", time.monotonic, ONLY_REJECTIONS)
         # apply_control has one caller at a time: the executor's thread or the watchdog.
         self._applying = threading.Lock()
         # The key is written out: `obk validate` reads constructors, it does not run them.
@@ -83,11 +91,11 @@ class ObeliskRobot(ABC, ObeliskNode):
             control_msg: the newest control.
 
         Returns:
-            False if it was refused, so that it does not count as a command; else nothing.
+            False if the robot rejects it, so that it does not count as a command; otherwise None.
         """
 
     def apply_damping(self) -> None:
-        """Brake, because no command has come for too long; called once, until one comes again.
+        """Brake because the newest command is too old; called once until a command is received.
 
         With `stale_action: damp`, instead of `apply_control` and under the same lock.
 
@@ -123,10 +131,10 @@ class ObeliskRobot(ABC, ObeliskNode):
         if was_idle and self._watchdog is not None:
             self._watchdog.wake()
         if silent_s is not None and self._silence_log.end(silent_s):
-            self.get_logger().warning(f"commands come again, after {silent_s:.3f} s without")
+            self.get_logger().warning(f"commands resumed after {silent_s:.3f} s")
 
     def _rejection_of(self, control_msg: ObeliskControlMsg) -> str | None:
-        """Why a command does not reach `apply_control` and does not count; None if it does."""
+        """The reason to reject a command before `apply_control`; None to accept it."""
         return non_finite_number(control_msg)
 
     def _can_damp(self) -> bool:
@@ -190,7 +198,7 @@ class ObeliskRobot(ABC, ObeliskNode):
             self._applying.release()
 
     def _has_to_act(self) -> bool:
-        """False if a command has come meanwhile, or the node is no longer active."""
+        """Whether the newest command is still too old and the node is still active."""
         assert self._age is not None
         return self._age.is_stale and self.state_label == "active"
 
@@ -204,7 +212,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         elif self._age.policy.action == "damp":
             self.apply_damping()
 
-    def _subscription(self, component: Component, raw: Mapping[str, Any]) -> Subscription:
+    def _subscription(self, component: RegisteredComponent, raw: Mapping[str, Any]) -> Subscription:
         if component.key == CONTROL_SUBSCRIPTION:
             self._age = self._age_of(stale_policy(component, raw))
         return super()._subscription(component, raw)
@@ -225,7 +233,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         super()._hold(state)
 
     def destroy_node(self) -> None:
-        """Stop the watchdog before what it uses is destroyed; log it if it goes on."""
+        """Stop the watchdog, then destroy the node; log an error if it is still running."""
         try:
             self._stop_watchdog()
         except ObeliskError as error:
@@ -275,9 +283,9 @@ class ObeliskSimRobot(ObeliskRobot):
         """Make the node and register its components.
 
         Args:
-            node_name: name in the ROS graph, where no remapping gives another.
+            node_name: name in the ROS graph, unless it is remapped.
             ctrl_msg_type: class of the control message; without it the config names the type.
-            kwargs: handed to `rclpy.node.Node`.
+            kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, ctrl_msg_type, **kwargs)
         self.simulator_stop = threading.Event()
@@ -302,7 +310,7 @@ class ObeliskSimRobot(ObeliskRobot):
     def run_simulator(self) -> None:
         """Step the simulation until `simulator_stop` is set; what it raises fails the node.
 
-        Each run has an event of its own: take `self.simulator_stop` once, at the beginning.
+        Each run has an event of its own: take `self.simulator_stop` once, when it starts.
         """
 
     def publish_true_sim_state(self) -> TrueSimState:
@@ -317,7 +325,7 @@ class ObeliskSimRobot(ObeliskRobot):
         )
 
     def destroy_node(self) -> None:
-        """Stop the simulator's thread before the publishers are destroyed; log it if it goes on."""
+        """Stop the simulator's thread, then destroy the node; log an error if it still runs."""
         try:
             self._stop_simulator()
         except ObeliskError as error:
@@ -356,3 +364,50 @@ class ObeliskSimRobot(ObeliskRobot):
                 f"run_simulator went on for {LONGEST_STOP_S:g} s after simulator_stop was set"
             )
         self._simulator = None
+
+
+def non_finite_number(message: Any) -> str | None:
+    """The first number that is NaN or infinite, as "`u_mujoco[0]` is nan"; None: all are finite."""
+    return next(_non_finite(message, ""), None)
+
+
+def zeroed(message: Any) -> Any:
+    """A copy in which every number is zero; lengths, texts, truth values and headers stay."""
+    zeros = type(message)()
+    for field, value in _fields(message):
+        setattr(zeros, field, _zeroed_value(value))
+    return zeros
+
+
+def _fields(message: Any) -> Iterator[tuple[str, Any]]:
+    for field in message.get_fields_and_field_types():
+        yield field, getattr(message, field)
+
+
+def _zeroed_value(value: Any) -> Any:
+    if isinstance(value, bool | str | bytes | Header):
+        return copy.deepcopy(value)
+    if isinstance(value, int | float):
+        return type(value)(0)
+    if isinstance(value, array):
+        return array(value.typecode, bytes(len(value) * value.itemsize))
+    if isinstance(value, np.ndarray):
+        return np.zeros_like(value)
+    if isinstance(value, list):
+        return [_zeroed_value(item) for item in value]
+    return zeroed(value)
+
+
+def _non_finite(value: Any, name: str) -> Iterator[str]:
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            yield f"`{name}` is {value:g}"
+    elif isinstance(value, array | np.ndarray):
+        for place in np.flatnonzero(~np.isfinite(value)):
+            yield f"`{name}[{place}]` is {value[place]:g}"
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            yield from _non_finite(item, f"{name}[{index}]")
+    elif hasattr(value, "get_fields_and_field_types"):
+        for field, inner in _fields(value):
+            yield from _non_finite(inner, f"{name}.{field}" if name else field)

@@ -1,4 +1,4 @@
-"""Settings of components, from ROS parameter text to typed values.
+"""Parse settings of components from ROS parameter text into typed values.
 
 Takes the text of a component's own parameter, the entries of `obelisk_settings`, or a default, and
 gives frozen values with a QoS profile in them; raises `ObeliskConfigError` with a sentence that
@@ -13,7 +13,7 @@ from typing import Any, Final, TypeVar
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 
 from obelisk_py.core.command_watchdog import StalePolicy
-from obelisk_py.core.components import Component, ComponentKind, spellings
+from obelisk_py.core.components import ComponentKind, RegisteredComponent, spellings
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskMsgError
 from obelisk_py.core.messages import message_class, message_name
 from obelisk_spec.components import (
@@ -22,11 +22,12 @@ from obelisk_spec.components import (
     DEFAULT_HISTORY_DEPTH,
     DEFAULT_STALE_ACTION,
     STALE_ACTIONS,
+    parse_component_setting,
+    parse_mapping,
 )
 from obelisk_spec.names import topic_name_fault
-from obelisk_spec.settings import parse_component_setting, parse_mapping
-from obelisk_spec.values import COUNT_WANTED, is_count
-from obelisk_spec.wording import with_article
+from obelisk_spec.suggestions import with_article
+from obelisk_spec.values import COUNT_RANGE, is_count
 
 __all__ = [
     "NodeSettings",
@@ -46,10 +47,10 @@ P = TypeVar("P")
 
 SHORTEST_PERIOD_S = 1e-9
 LONGEST_PERIOD_S = 9e9
-"""What 64 bits of nanoseconds hold."""
+"""Longest time in 64 bits of nanoseconds [s]."""
 
 _SUBSTITUTION: Final = re.compile(r"\{(node|ns|namespace)\}")
-"""What ROS puts a name in the place of, in a topic."""
+"""Placeholder in a topic that ROS replaces by a name."""
 RELIABILITY = {
     "reliable": QoSReliabilityPolicy.RELIABLE,
     "best_effort": QoSReliabilityPolicy.BEST_EFFORT,
@@ -62,7 +63,7 @@ DURABILITY = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicSettings:
-    """How a publisher or subscription is wired."""
+    """Settings of a publisher or subscription."""
 
     topic: str
     msg_type: str | None
@@ -72,7 +73,7 @@ class TopicSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimerSettings:
-    """How a timer runs."""
+    """Settings of a timer."""
 
     period_s: float
     callback_group: str | None
@@ -87,7 +88,7 @@ class NodeSettings:
 
 
 def parse_node_settings(text: str) -> NodeSettings:
-    """Read the ROS parameter `obelisk_settings`; empty text is no settings.
+    """Read the ROS parameter `obelisk_settings`; empty text has no settings.
 
     Raises:
         ObeliskConfigError: it is no mapping of lists of mappings, or names an unknown group type.
@@ -109,7 +110,7 @@ def parse_node_settings(text: str) -> NodeSettings:
 
 
 def find_settings(
-    component: Component, parameter_text: str, node: NodeSettings
+    component: RegisteredComponent, parameter_text: str, node: NodeSettings
 ) -> Mapping[str, Any] | None:
     """A component's settings, from the first place that has them, or None.
 
@@ -117,7 +118,7 @@ def find_settings(
     The entry is also where a key comes from that only the config knows.
 
     Raises:
-        ObeliskConfigError: a text cannot be read, or a name in it is no text.
+        ObeliskConfigError: a text cannot be read, or a name in it is not a string.
     """
     entry = next(
         (e for e in node.components[component.kind] if component.names & entry_names(e)), None
@@ -136,11 +137,11 @@ def find_settings(
     return component.default
 
 
-def check_component(component: Component, parameter_text: str, node_text: str) -> None:
-    """Find what configure would find in a component's settings, and build nothing.
+def check_component(component: RegisteredComponent, parameter_text: str, node_text: str) -> None:
+    """Check a component's settings as configure does, without building anything.
 
     Args:
-        component: whose settings.
+        component: the component.
         parameter_text: its own ROS parameter.
         node_text: the ROS parameter `obelisk_settings`.
 
@@ -158,11 +159,11 @@ def check_component(component: Component, parameter_text: str, node_text: str) -
         stale_policy(component, raw)
 
 
-def message_class_of(component: Component, configured: str | None) -> type[Any]:
+def message_class_of(component: RegisteredComponent, configured: str | None) -> type[Any]:
     """The message class of a publisher or subscription.
 
     Raises:
-        ObeliskMsgError: neither code nor config names one, they differ, or it is not there.
+        ObeliskMsgError: neither code nor config names one, they differ, or it does not exist.
     """
     if component.msg_type is None and configured is None:
         raise ObeliskMsgError(
@@ -183,7 +184,7 @@ def entry_names(entry: Mapping[str, Any]) -> frozenset[str]:
     """Every name under which a settings entry is known.
 
     Raises:
-        ObeliskConfigError: one of them is no text.
+        ObeliskConfigError: one of them is not a string.
     """
     for key in ("ros_parameter", "key"):
         if not isinstance(entry.get(key, ""), str | None):
@@ -193,11 +194,11 @@ def entry_names(entry: Mapping[str, Any]) -> frozenset[str]:
     return spellings(entry.get("ros_parameter"), entry.get("key"))
 
 
-def topic_settings(component: Component, raw: Mapping[str, Any]) -> TopicSettings:
+def topic_settings(component: RegisteredComponent, raw: Mapping[str, Any]) -> TopicSettings:
     """Typed settings of a publisher or subscription.
 
     Raises:
-        ObeliskConfigError: no topic, a name that is none, or a value out of its range.
+        ObeliskConfigError: no topic, an invalid name, or a value out of its range.
     """
     topic = raw.get("topic")
     if not isinstance(topic, str) or not topic:
@@ -211,7 +212,7 @@ def topic_settings(component: Component, raw: Mapping[str, Any]) -> TopicSetting
     depth = qos.get("history_depth", raw.get("history_depth", DEFAULT_HISTORY_DEPTH))
     if not is_count(depth):
         raise ObeliskConfigError(
-            f"the {component}: `history_depth` is {depth!r}, expected {COUNT_WANTED}"
+            f"the {component}: `history_depth` is {depth!r}, expected {COUNT_RANGE}"
         )
     return TopicSettings(
         topic=topic,
@@ -225,7 +226,7 @@ def topic_settings(component: Component, raw: Mapping[str, Any]) -> TopicSetting
     )
 
 
-def timer_settings(component: Component, raw: Mapping[str, Any]) -> TimerSettings:
+def timer_settings(component: RegisteredComponent, raw: Mapping[str, Any]) -> TimerSettings:
     """Typed settings of a timer.
 
     Raises:
@@ -235,8 +236,8 @@ def timer_settings(component: Component, raw: Mapping[str, Any]) -> TimerSetting
     return TimerSettings(period_s=period_s, callback_group=_named(raw.get("callback_group")))
 
 
-def stale_policy(component: Component, raw: Mapping[str, Any]) -> StalePolicy | None:
-    """What is to become of old commands, None where the settings say nothing of it.
+def stale_policy(component: RegisteredComponent, raw: Mapping[str, Any]) -> StalePolicy | None:
+    """The policy for old commands; None if the settings have none.
 
     Raises:
         ObeliskConfigError: no age, one that no clock can hold, or an unknown action.
@@ -253,7 +254,7 @@ def stale_policy(component: Component, raw: Mapping[str, Any]) -> StalePolicy | 
     )
 
 
-def _seconds(component: Component, key: str, value: Any) -> float:
+def _seconds(component: RegisteredComponent, key: str, value: Any) -> float:
     if (
         isinstance(value, bool)
         or not isinstance(value, int | float)
@@ -267,7 +268,11 @@ def _seconds(component: Component, key: str, value: Any) -> float:
 
 
 def _policy(
-    component: Component, qos: Mapping[str, Any], key: str, default: str, table: Mapping[str, P]
+    component: RegisteredComponent,
+    qos: Mapping[str, Any],
+    key: str,
+    default: str,
+    table: Mapping[str, P],
 ) -> P:
     value = str(qos.get(key, default)).lower()
     if value not in table:

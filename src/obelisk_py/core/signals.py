@@ -18,7 +18,7 @@ SHUTDOWN_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class ShutdownSignals:
-    """While entered, the first signal calls back from a thread, the second ends the process."""
+    """While entered, call back from a thread at the first signal; the second ends the process."""
 
     def __init__(self) -> None:
         self._on_signal: Callable[[], object] | None = None
@@ -62,4 +62,4 @@ class ShutdownSignals:
 
 
 def _ignore(_number: int, _frame: FrameType | None) -> None:
-    """The thread learns of the signal by the wake-up descriptor."""
+    """Do nothing: the thread is notified by the wake-up descriptor."""

@@ -20,7 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from obelisk_py.core.executor import EventLoopExecutor
-from obelisk_py.core.faults import Fault
+from obelisk_py.core.faults import NodeFault
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.signals import ShutdownSignals
 from obelisk_spec.runtime_protocol import GATE_VARIABLE
@@ -52,10 +52,10 @@ class SpinRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeDied:
-    """A node that cannot go on, and why."""
+    """A node that cannot continue, and its fault."""
 
     node: GuardedLifecycleNode
-    fault: Fault
+    fault: NodeFault
 
 
 def serve_spin_request(request: SpinRequest) -> int:
@@ -65,7 +65,7 @@ def serve_spin_request(request: SpinRequest) -> int:
 
 @contextmanager
 def spin_requests_served_by(spinner: Callable[[SpinRequest], int]) -> Iterator[None]:
-    """While entered, `spin_obelisk` gives its requests to this host."""
+    """Let this host serve the requests of `spin_obelisk` while entered."""
     token = _spinner.set(spinner)
     try:
         yield
@@ -93,13 +93,13 @@ def ros_process(args: Sequence[str]) -> Iterator[ShutdownSignals]:
 def spin_nodes(
     executor: Executor, nodes: Sequence[GuardedLifecycleNode], signals: ShutdownSignals
 ) -> NodeDied | None:
-    """Spin until a signal, or until a node cannot go on; then shut all down, the last one first.
+    """Spin until a signal, or until a node cannot continue; then shut all down, the last one first.
 
     Raises:
         BaseException: a callback that belongs to no node raised it; the nodes are shut down.
 
     Returns:
-        The first node that cannot go on, if any.
+        The first node that cannot continue, if any.
     """
     died: list[NodeDied] = []
     over = Future()
@@ -132,13 +132,13 @@ def spin_nodes(
 
 
 def wait_at_startup_barrier() -> None:
-    """Wait until the launcher lets nodes be made, if it started this process before that."""
+    """Wait until the launcher permits to create nodes, if it preloaded this process."""
     path = os.environ.get(GATE_VARIABLE)
     if path is None:
         return
     try:
         barrier = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    except FileNotFoundError:  # the run's folder was cleared since: this is a late restart
+    except FileNotFoundError:  # a late restart: the run folder was cleared since
         return
     try:
         fcntl.flock(barrier, fcntl.LOCK_SH)

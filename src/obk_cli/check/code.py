@@ -3,19 +3,18 @@
 from collections.abc import Iterator, Sequence
 from difflib import SequenceMatcher
 
-from obelisk_spec.messages import resolve_msg_type
-from obelisk_spec.suggestions import ask_for, did_you_mean, list_names, near_names
-from obelisk_spec.wording import with_article
+from obelisk_spec.names import resolve_msg_type
+from obelisk_spec.suggestions import ask_for, did_you_mean, list_names, near_names, with_article
 from obk_cli.check.context import CheckContext
-from obk_cli.config.fixes import append_to
-from obk_cli.config.model import Component, Node, Parameter, Spanned
-from obk_cli.config.node_facts import (
+from obk_cli.config.environment import (
     CodeComponent,
     CodeFault,
     CodeParameter,
     NodeFacts,
     kind_of_value,
 )
+from obk_cli.config.fixes import append_to
+from obk_cli.config.model import Component, Node, Parameter, Spanned
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.edits import Edit
 

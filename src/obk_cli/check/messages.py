@@ -4,7 +4,7 @@ import re
 from collections.abc import Collection, Iterator
 from typing import Final
 
-from obelisk_spec.messages import (
+from obelisk_spec.names import (
     OBELISK_MESSAGES,
     ROS_MESSAGES,
     near_msg_types,
@@ -13,10 +13,9 @@ from obelisk_spec.messages import (
 )
 from obelisk_spec.suggestions import ask_for, did_you_mean, list_names, near_names, sure_name
 from obk_cli.check.context import CheckContext
-from obk_cli.config.environment import Environment
+from obk_cli.config.environment import CodeComponent, Environment, NodeFacts
 from obk_cli.config.fixes import respell
 from obk_cli.config.model import Spanned
-from obk_cli.config.node_facts import CodeComponent, NodeFacts
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
 __all__ = ["check_message_types"]

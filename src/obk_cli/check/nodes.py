@@ -6,10 +6,9 @@ from dataclasses import replace
 from obelisk_spec.components import component_identity, standard_component
 from obelisk_spec.suggestions import did_you_mean, near_names, sure_name
 from obk_cli.check.context import CheckContext
-from obk_cli.config.environment import Environment
+from obk_cli.config.environment import Environment, NodeFacts
 from obk_cli.config.fixes import respell
 from obk_cli.config.model import Component, Node, Spanned, Stack
-from obk_cli.config.node_facts import NodeFacts
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import Span
 

@@ -2,16 +2,14 @@
 
 from collections.abc import Iterator
 
-from obelisk_spec.messages import resolve_msg_type
+from obelisk_spec.names import resolve_msg_type
 from obelisk_spec.sim_checks import SimFault, check_sim
-from obelisk_spec.suggestions import list_names
-from obelisk_spec.wording import with_article, with_number
+from obelisk_spec.suggestions import list_names, with_article, with_number
 from obk_cli.check.context import CheckContext
 from obk_cli.check.packages import no_such_package, where_it_is_not
-from obk_cli.config.environment import Environment, ModelFault, ModelRead
+from obk_cli.config.environment import ControlLength, Environment, ModelFault, ModelRead, NodeFacts
 from obk_cli.config.fixes import respell
 from obk_cli.config.model import SIM_PARAMETER, Component, FileSearch, Node, Sim, Stack
-from obk_cli.config.node_facts import ControlLength, NodeFacts
 from obk_cli.config.topology import absolute_topic
 from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found

@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 
-from obelisk_spec.messages import bare_name, resolve_msg_type
-from obelisk_spec.names import topic_name_fault
+from obelisk_spec.names import bare_name, resolve_msg_type, topic_name_fault
 from obelisk_spec.suggestions import comparable, sure_name
 from obk_cli.check.context import CheckContext
 from obk_cli.config.fixes import respell

@@ -5,9 +5,8 @@ from collections.abc import Iterator, Mapping
 
 from obelisk_spec.components import CONTROL_SUBSCRIPTION
 from obk_cli.check.context import CheckContext
-from obk_cli.config.environment import Environment, ModelRead
+from obk_cli.config.environment import Environment, ModelRead, NodeFacts
 from obk_cli.config.model import Component, Node, Spanned, Stack
-from obk_cli.config.node_facts import NodeFacts
 from obk_cli.config.topology import absolute_topic, sending_period_s, timers_of
 from obk_cli.config.tree import plain_value
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found

@@ -7,26 +7,49 @@ package; a config that cannot take the node stops everything before anything is 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from obk_cli.cli.config_options import make_options
-from obk_cli.cli.edit_files import EditedFile, open_for_edit, write_edited
-from obk_cli.cli.findings import print_findings
-from obk_cli.cli.join_wish import JoinWish
+from obk_cli.cli.config_options import make_options, print_findings
+from obk_cli.cli.edited_files import EditedFile, open_for_edit, report_diff, write_edited
 from obk_cli.compiler import compile_source
-from obk_cli.configedit.add_node import add_node, find_replaced
+from obk_cli.configedit.add_node import add_node, find_replaced, new_errors
 from obk_cli.configedit.auto_wiring import matching_types
 from obk_cli.configedit.new_node import Rejected, read_new_node
 from obk_cli.configedit.report import AddedNode, added_lines, added_values
-from obk_cli.configedit.verify import new_errors
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.errors import CommandFailedError
-from obk_cli.report.diff import report_diff
+from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.files import STANDARD_INPUT
 from obk_cli.scaffold.describe import Added
 from obk_cli.scaffold.kinds import SECTIONS
 from obk_cli.scaffold.questions import Answers, Question
 from obk_cli.scaffold.variables import config_snippet
 
-__all__ = ["ConfigEdit", "add_to_config", "suit_to_config"]
+__all__ = ["ConfigEdit", "JoinWish", "add_to_config", "join_wish", "suit_to_config"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JoinWish:
+    """The options about the config."""
+
+    config: str
+    device: str | None = None
+    replaces: str | None = None
+
+
+def join_wish(config: str | None, device: str | None, replaces: str | None) -> JoinWish | None:
+    """What the options come to, None where no config is to change.
+
+    Raises:
+        MisuseError: they do not go together, or the config is the standard input.
+    """
+    if config == STANDARD_INPUT:
+        raise MisuseError("`--add-to -`: a file is changed, so it needs one")
+    if config is not None:
+        return JoinWish(config=config, device=device, replaces=replaces)
+    for option, value in (("--device", device), ("--replace", replaces)):
+        if value is not None:
+            raise MisuseError(f"`{option}` says where in a config: give `--add-to CONFIG` too")
+    return None
+
 
 _OPTIONS: Mapping[str, str] = {
     "ctrl": "--ctrl-msg",

@@ -2,16 +2,66 @@
 
 import json
 import os
-from typing import Annotated
+from collections.abc import Iterator
+from dataclasses import asdict
+from datetime import datetime
+from typing import Annotated, Any
 
 import typer
 
-from obk_cli.cli.text_or_json import FormatOption, wants_json
-from obk_cli.record.recording import find_recording
-from obk_cli.report.bag import bag_data, bag_text
+from obk_cli.cli.options import FormatOption, wants_json
+from obk_cli.record.recording import Bag, BagTopic, find_recording
 from obk_cli.runs.folder import runs_folder
+from obk_cli.terminal import plain
 
-__all__ = ["app"]
+__all__ = ["bag_data", "bag_text"]
+
+
+def bag_data(bag: Bag) -> dict[str, Any]:
+    """The recording as JSON has it; rates in hertz."""
+    topics = [{**asdict(topic), "rate_hz": _rate_hz(bag, topic)} for topic in bag.topics]
+    return {**asdict(bag), "duration_s": bag.duration_s, "count": bag.count, "topics": topics}
+
+
+def bag_text(bag: Bag) -> Iterator[str]:
+    """The lines for a person."""
+    yield f"{plain(bag.path)}: MCAP, profile {plain(bag.profile) or '-'}, {_size(bag.size_bytes)}"
+    if not bag.is_complete:
+        yield "its recorder did not end it: no index, what it wrote before its end is here"
+    if bag.start_ns is not None:
+        begin = datetime.fromtimestamp(bag.start_ns * 1e-9)
+        yield f"{bag.count} messages in {bag.duration_s:.3f} s from {begin:%Y-%m-%d %H:%M:%S.%f}"
+    else:
+        yield "no messages"
+    width = max((len(topic.topic) for topic in bag.topics), default=0)
+    kinds = max((len(topic.msg_type) for topic in bag.topics), default=0)
+    for topic in bag.topics:
+        yield plain(
+            f"  {topic.topic:<{width}}  {topic.msg_type:<{kinds}}  {topic.count:>8}  "
+            f"{_rate_hz(bag, topic):8.1f} Hz{_lost(topic)}"
+        )
+    for name, values in bag.metadata.items():
+        yield f"{plain(name)}:"
+        yield from (f"  {plain(key)}: {plain(value)}" for key, value in values.items())
+    if bag.attachments:
+        yield "attachments:"
+        yield from (f"  {plain(name)}  {_size(size)}" for name, size in bag.attachments.items())
+
+
+def _rate_hz(bag: Bag, topic: BagTopic) -> float:
+    """The mean rate over the whole recording [Hz]."""
+    return topic.count / bag.duration_s if bag.duration_s > 0 else 0.0
+
+
+def _lost(topic: BagTopic) -> str:
+    return f"  {topic.dropped} LOST" if topic.dropped else ""
+
+
+def _size(count: int) -> str:
+    if count < 10_000:
+        return f"{count} bytes"
+    return f"{count / 1e3:.0f} kB" if count < 10_000_000 else f"{count / 1e6:.1f} MB"
+
 
 app = typer.Typer(
     add_completion=False,

@@ -196,7 +196,7 @@ def _is_interruption(error: BaseException | None) -> bool:
 
 
 def _complain(message: str, help: str | None) -> None:
-    from obk_cli.report.escapes import visible
+    from obk_cli.terminal import visible
 
     told = f"error: {message}\n  help: {help}" if help else f"error: {message}"
     print("\n".join(map(visible, told.split("\n"))), file=sys.stderr)
@@ -204,7 +204,7 @@ def _complain(message: str, help: str | None) -> None:
 
 def _explained(error: Exception, given: Collection[str]) -> tuple[str, str | None]:
     """What an error that nobody expected comes from, and what to do."""
-    from obk_cli.resource_errors import lack_of, shadow_of
+    from obk_cli.errors import lack_of, shadow_of
 
     if (shadow := shadow_of(error)) is not None:
         return f"{type(error).__name__}: {error}: {shadow}", "unset PYTHONPATH"

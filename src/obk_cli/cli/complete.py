@@ -54,7 +54,7 @@ def complete_rules(incomplete: str) -> list[str]:
 
 def complete_topics(incomplete: str) -> list[str]:
     """The topics that a user may be about to name, in full or by their last part."""
-    from obk_cli.runs.run_plan import run_topics
+    from obk_cli.runs.folder import run_topics
 
     return _fitting(incomplete, (topic for folder, _ in _runs() for topic in run_topics(folder)))
 

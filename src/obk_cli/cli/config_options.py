@@ -1,16 +1,20 @@
-"""Options that every command with a config takes, and what they come to."""
+"""Options of the commands that read a config, and the plan that they work with."""
 
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from obk_cli.compiler import Options
+from obk_cli.compiler import Options, Outcome
 from obk_cli.config.suppressions import near_codes
+from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.rules import RULES
-from obk_cli.errors import MisuseError
+from obk_cli.errors import EXIT_FAILED, MisuseError
+from obk_cli.plan.plan import Plan
+from obk_cli.report.text import report_text, summary
 
 __all__ = [
     "ColourOption",
@@ -18,6 +22,8 @@ __all__ = [
     "IgnoreOption",
     "SetOption",
     "make_options",
+    "print_findings",
+    "sound_plan",
     "wants_colour",
 ]
 
@@ -70,3 +76,31 @@ def wants_colour(choice: str, *, to_stderr: bool = False) -> bool:
     stream = sys.stderr if to_stderr else sys.stdout
     is_dumb = os.environ.get("TERM") == "dumb"
     return stream.isatty() and not is_dumb and not os.environ.get("NO_COLOR")
+
+
+def print_findings(findings: Sequence[Diagnostic], color: str = "auto") -> None:
+    """Print findings in full; `color` is the word of the option."""
+    if findings:
+        colour = wants_colour(color, to_stderr=True)
+        print(report_text(findings, colour=colour, verbose=True), end="\n\n", file=sys.stderr)
+
+
+def sound_plan(outcome: Outcome, color: str, *, with_infos: bool = False) -> Plan:
+    """The plan of a config without errors; its findings are printed with their sum.
+
+    Args:
+        outcome: what became of the config.
+        color: the word of the option.
+        with_infos: whether infos are printed too.
+
+    Raises:
+        typer.Exit: the config has errors.
+    """
+    shown = tuple(d for d in outcome.diagnostics if with_infos or d.severity != "info")
+    if shown:
+        colour = wants_colour(color, to_stderr=True)
+        print(report_text(shown, colour=colour), end="\n\n", file=sys.stderr)
+        print(summary((outcome.path,), shown, colour=colour), file=sys.stderr)
+    if outcome.plan is None:
+        raise typer.Exit(EXIT_FAILED)
+    return outcome.plan

@@ -13,11 +13,11 @@ from obk_cli.cli.config_options import (
     IgnoreOption,
     SetOption,
     make_options,
+    sound_plan,
 )
-from obk_cli.cli.findings import sound_plan
-from obk_cli.cli.option_values import require_word
+from obk_cli.cli.options import require_word
 from obk_cli.compiler import compile_config
-from obk_cli.emit.forms import FORMS, Form
+from obk_cli.emit.formats import FORMS, Form
 from obk_cli.emit.graph import graph_of
 from obk_cli.emit.terminal import emit_terminal
 

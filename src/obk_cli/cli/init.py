@@ -11,13 +11,13 @@ from typing import Annotated, Literal
 import typer
 
 from obk_cli.cli.new_run import carry_out, programs, short
-from obk_cli.cli.template_folder import find_library
-from obk_cli.cli.vscode import SCHEMA_PATH
+from obk_cli.cli.new_templates import find_library
+from obk_cli.cli.schema import SCHEMA_PATH
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.resources import resource_folder
+from obk_cli.files import resource_folder
 from obk_cli.scaffold.compose import Composition, check_stack, compose_workspace
 from obk_cli.scaffold.describe import file_lines, unified_diff
-from obk_cli.scaffold.names import Problem, check_name
+from obk_cli.scaffold.kinds import Problem, check_name
 from obk_cli.scaffold.questions import Answers
 from obk_cli.scaffold.templates import RenderedFile
 from obk_cli.scaffold.write import Decision

@@ -16,10 +16,10 @@ from obk_cli.cli.config_options import (
     IgnoreOption,
     SetOption,
     make_options,
+    sound_plan,
     wants_colour,
 )
-from obk_cli.cli.findings import sound_plan
-from obk_cli.cli.option_values import require_word
+from obk_cli.cli.options import require_word
 from obk_cli.cli.render_options import (
     FilmWords,
     RenderCameraOption,
@@ -29,17 +29,16 @@ from obk_cli.cli.render_options import (
     with_film,
 )
 from obk_cli.compiler import compile_config
-from obk_cli.config.environment import Environment
-from obk_cli.config.node_facts import NodeFacts
+from obk_cli.config.environment import Environment, NodeFacts
 from obk_cli.config.node_reader import LOG_LEVELS
 from obk_cli.errors import MisuseError
-from obk_cli.launch.interfaces import Limits
+from obk_cli.launch.event_loop import Limits
+from obk_cli.launch.options import require_libraries, with_simulator_parameters
 from obk_cli.launch.process_groups import Share
-from obk_cli.launch.sim_options import require_libraries, with_simulator_parameters
 from obk_cli.launch.transitions import UNTIL, Until
 from obk_cli.optional_deps import require_extra
 from obk_cli.plan.plan import OnCrash, Plan
-from obk_cli.record.topic_filter import RecordRequest
+from obk_cli.record.recorder_job import RecordRequest
 
 __all__ = ["EXAMPLE", "command"]
 

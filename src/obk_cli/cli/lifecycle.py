@@ -8,17 +8,16 @@ from typing import Annotated
 import typer
 
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.cli.option_values import require_positive
-from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.cli.options import FormatOption, require_positive, wants_json
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.introspect.lifecycle import Asked, change_states, node_states, possible_transitions
 from obk_cli.launch.stack_state import GONE
 from obk_cli.launch.transitions import UNKNOWN
-from obk_cli.report.escapes import plain
 from obk_cli.ros.environment import ros_environment
 from obk_cli.runs.lifecycle import RESTING, TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, Member, change_data
 from obk_cli.runs.stacks import NO_ANSWER
+from obk_cli.terminal import plain
 
 __all__ = ["EXAMPLE", "WORDS", "command"]
 

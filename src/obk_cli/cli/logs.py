@@ -13,9 +13,9 @@ from obk_cli.cli.complete import complete_kept_runs
 from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import explain_os_error
-from obk_cli.report.escapes import only_colour, plain
 from obk_cli.runs.folder import runs_folder
 from obk_cli.runs.logs import follow_lines, log_meant, read_lines
+from obk_cli.terminal import only_colour, plain
 
 __all__ = ["EXAMPLE", "command"]
 

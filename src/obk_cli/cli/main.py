@@ -20,7 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
         sys.exit(EXIT_INTERRUPTED)
     except Exception as error:  # `run` lets none out: a library does not fit
-        from obk_cli.resource_errors import shadow_of
+        from obk_cli.errors import shadow_of
 
         shadow = shadow_of(error)
         if shadow is None:

@@ -5,15 +5,19 @@ from typing import Annotated
 
 import typer
 
-from obk_cli.cli.config_options import ColourOption, ConfigArgument, wants_colour
-from obk_cli.cli.edit_files import EditedFile, open_for_edit, print_bytes, write_edited
-from obk_cli.cli.findings import print_findings
+from obk_cli.cli.config_options import ColourOption, ConfigArgument, print_findings, wants_colour
+from obk_cli.cli.edited_files import (
+    EditedFile,
+    open_for_edit,
+    print_bytes,
+    report_diff,
+    write_edited,
+)
 from obk_cli.configedit.migrate import Migrated, migrate_source
 from obk_cli.configedit.shape import Spelling
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.files import STANDARD_INPUT
-from obk_cli.report.diff import report_diff
 
 __all__ = ["EXAMPLE", "command"]
 

@@ -7,15 +7,14 @@ from typing import Annotated, Final
 
 import typer
 
-from obk_cli.cli.looking_options import TIMEOUT_S, DomainOption, here, with_types
-from obk_cli.cli.option_values import require_positive
-from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.cli.introspect_options import TIMEOUT_S, DomainOption, here, with_types
+from obk_cli.cli.options import FormatOption, require_positive, wants_json
 from obk_cli.errors import EXIT_DONE, MisuseError
+from obk_cli.introspect.message_text import json_line
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.stack_follower import Target, Watcher
 from obk_cli.monitor.table import monitor_data, monitor_text
 from obk_cli.optional_deps import require_extra
-from obk_cli.report.messages import json_line
 
 __all__ = ["EXAMPLE", "command"]
 

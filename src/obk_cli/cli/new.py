@@ -7,9 +7,9 @@ import typer
 from typer.core import TyperGroup
 
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.cli.join_wish import join_wish
-from obk_cli.cli.new_list import print_kinds
+from obk_cli.cli.add_to import join_wish
 from obk_cli.cli.new_run import Wishes, run_new
+from obk_cli.cli.new_templates import print_kinds
 from obk_cli.errors import MisuseError
 from obk_cli.scaffold.kinds import Language
 from obk_cli.scaffold.questions import (

@@ -14,13 +14,19 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
-from obelisk_spec.messages import OBELISK_MESSAGES, ROS_MESSAGES
+from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
 from obelisk_spec.suggestions import ask_for, near_names
-from obk_cli.cli.ask_conflicts import settle_conflicts
-from obk_cli.cli.join_wish import JoinWish
-from obk_cli.cli.new_config import compose_config, find_model
-from obk_cli.cli.new_target import Place, find_place, find_root, read_package_texts, refuse_package
-from obk_cli.cli.template_folder import find_library
+from obk_cli.cli.add_to import JoinWish
+from obk_cli.cli.new_target import (
+    Place,
+    compose_config,
+    find_model,
+    find_place,
+    find_root,
+    read_package_texts,
+    refuse_package,
+)
+from obk_cli.cli.new_templates import find_library
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.scaffold.compose import Composition, compose_addition, compose_package, layers_of
 from obk_cli.scaffold.describe import (
@@ -30,23 +36,62 @@ from obk_cli.scaffold.describe import (
     file_lines,
     unified_diff,
 )
-from obk_cli.scaffold.names import Problem
+from obk_cli.scaffold.kinds import Problem
 from obk_cli.scaffold.questions import Answers, Question, check_answers
 from obk_cli.scaffold.templates import Library
-from obk_cli.scaffold.write import Decision, conflicts, decide, read_existing, write_decisions
+from obk_cli.scaffold.write import (
+    Action,
+    Decision,
+    conflicts,
+    decide,
+    read_existing,
+    write_decisions,
+)
 from obk_cli.workspace.package_index import PackageIndex, owner_of_module, owner_of_package
+
+__all__ = ["Wishes", "carry_out", "programs", "run_new", "settle_conflicts", "short"]
+
+_CHOICES = "[k]eep it, [r]eplace it, show the [d]ifference, [q]uit"
+
+
+def settle_conflicts(decisions: tuple[Decision, ...]) -> tuple[Decision, ...]:
+    """Ask about each file in the way that could be replaced; the others stay in the way.
+
+    Raises:
+        CommandFailedError: the user wants nothing of it.
+    """
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return decisions
+    return tuple(_settle(d) if _can_be_replaced(d) else d for d in decisions)
+
+
+def _can_be_replaced(decision: Decision) -> bool:
+    return decision.action is Action.CONFLICT and decision.before is not None
+
+
+def _settle(decision: Decision) -> Decision:
+    while True:
+        match _ask(f"{decision.file.path} {decision.reason}: {_CHOICES}? "):
+            case "k" | "keep":
+                return replace(decision, action=Action.KEEP)
+            case "r" | "replace":
+                return replace(decision, action=Action.REPLACE)
+            case "d" | "diff" | "difference":
+                print(unified_diff([decision]), file=sys.stderr, end="")
+            case "q" | "quit":
+                raise CommandFailedError("nothing was made")
+            case _:
+                print("k, r, d or q was expected", file=sys.stderr)
+
+
+def _ask(question: str) -> str:
+    print(question, file=sys.stderr, end="", flush=True)
+    answer = sys.stdin.readline()
+    return answer.strip().lower() if answer else "quit"
+
 
 if TYPE_CHECKING:
     from obk_cli.cli.add_to import ConfigEdit
-
-__all__ = [
-    "Wishes",
-    "accept",
-    "carry_out",
-    "programs",
-    "run_new",
-    "short",
-]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -206,13 +251,13 @@ def _compose(answers: Answers, library: Library, root: Path, place: Place) -> Co
 
 
 def _suited(question: Question, wish: JoinWish, usual: Answers) -> Question:
-    from obk_cli.cli.add_to import suit_to_config  # loads the compiler, which nothing else needs
+    from obk_cli.cli.add_to import suit_to_config
 
     return suit_to_config(question, wish, usual)
 
 
 def _plan_edit(wish: JoinWish, answers: Answers) -> "ConfigEdit":
-    from obk_cli.cli.add_to import add_to_config  # loads the compiler, which nothing else needs
+    from obk_cli.cli.add_to import add_to_config
 
     return add_to_config(wish, answers)
 

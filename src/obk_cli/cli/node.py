@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from obk_cli.cli.looking_options import (
+from obk_cli.cli.introspect_options import (
     TIMEOUT_S,
     DomainOption,
     NodeArgument,
@@ -12,8 +12,7 @@ from obk_cli.cli.looking_options import (
     here,
     print_json,
 )
-from obk_cli.cli.option_values import require_positive
-from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.cli.options import FormatOption, require_positive, wants_json
 
 __all__ = ["app"]
 
@@ -49,9 +48,8 @@ def list_(
     target = here(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
-    from obk_cli.introspect.nodes import known_nodes
+    from obk_cli.introspect.nodes import known_nodes, nodes_data, nodes_text
     from obk_cli.introspect.resolve import settle
-    from obk_cli.report.nodes import nodes_data, nodes_text
 
     with open_graph(target) as look:
         settle(look, target, timeout, wait_s=wait)
@@ -78,9 +76,8 @@ def info(
     target = here(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
-    from obk_cli.introspect.nodes import look_at_node
+    from obk_cli.introspect.nodes import look_at_node, node_data, node_text
     from obk_cli.introspect.resolve import find_node, settle
-    from obk_cli.report.nodes import node_data, node_text
 
     with open_graph(target, node, asks_nodes=True) as look:
         name = find_node(look, target, node, timeout)

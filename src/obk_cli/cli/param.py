@@ -11,7 +11,7 @@ import typer
 
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.cli.complete import complete_nodes
-from obk_cli.cli.looking_options import (
+from obk_cli.cli.introspect_options import (
     TIMEOUT_S,
     DomainOption,
     NodeArgument,
@@ -19,17 +19,11 @@ from obk_cli.cli.looking_options import (
     here,
     print_json,
 )
-from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.cli.options import FormatOption, wants_json
 from obk_cli.emit.params import emit_node_params, emit_value
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.parameters import (
-    NOT_SET,
-    NodeParameter,
-    fit_parameter,
-    parse_parameter,
-    refusal,
-)
-from obk_cli.report.escapes import escaped, plain
+from obk_cli.ros.parameters import NOT_SET, NodeParameter, fit_parameter, parse_parameter, refusal
+from obk_cli.terminal import escaped, plain
 
 if TYPE_CHECKING:
     from obk_cli.introspect.graph_source import Parameters
@@ -63,9 +57,9 @@ def list_(
     is_json = wants_json(format)
     target = here(domain, timeout)
 
-    from obk_cli.introspect.graph_model import parameter_nodes
     from obk_cli.introspect.graph_source import open_graph, parameters_of
     from obk_cli.introspect.resolve import find_node, settle
+    from obk_cli.ros.graph import parameter_nodes
 
     names: dict[str, tuple[str, ...]] = {}
     silent: list[str] = []

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
-from obk_cli.adapters.leftovers import Leftover, find_leftovers
-from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.cli.options import FormatOption, wants_json
+from obk_cli.introspect.nodes import status_text
 from obk_cli.process.identity import seconds_since
-from obk_cli.report.escapes import plain
-from obk_cli.report.node_status import status_text
 from obk_cli.runs.folder import runs_folder
+from obk_cli.runs.orphans import Leftover, find_leftovers
 from obk_cli.runs.protocol import NodeStatus
 from obk_cli.runs.stacks import Stack, live_stacks, runs_meant
+from obk_cli.terminal import plain
 
 __all__ = ["EXAMPLE", "command"]
 

@@ -6,11 +6,11 @@ from typing import Annotated
 
 import typer
 
-from obk_cli.adapters.leftovers import end_leftovers, find_leftovers
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED
 from obk_cli.process.shared_memory import remove_dead_segments
-from obk_cli.report.escapes import plain
 from obk_cli.runs.folder import runs_folder
+from obk_cli.runs.orphans import end_leftovers, find_leftovers
+from obk_cli.terminal import plain
 
 __all__ = ["EXAMPLE", "command"]
 

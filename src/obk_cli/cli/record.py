@@ -8,16 +8,14 @@ from typing import Annotated
 
 import typer
 
-from obk_cli.cli.option_values import require_positive
-from obk_cli.cli.type_paths import with_run_types
+from obk_cli.cli.options import require_positive
 from obk_cli.clock import local_time
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.record.recorder_job import RecorderJob
-from obk_cli.record.run_metadata import RunMetadata, file_name, run_metadata_of
-from obk_cli.record.topic_filter import RecordRequest
+from obk_cli.introspect.target import with_run_types
+from obk_cli.record.recorder_job import RecorderJob, RecordRequest
+from obk_cli.record.recording import RunMetadata, file_name, run_metadata_of
 from obk_cli.ros.environment import ros_environment
-from obk_cli.runs.folder import runs_folder
-from obk_cli.runs.run_plan import run_topics
+from obk_cli.runs.folder import run_topics, runs_folder
 from obk_cli.runs.stacks import runs_meant
 
 __all__ = ["EXAMPLE", "command"]

@@ -1,38 +1,39 @@
 """`obk rehearse CONFIG`: delay, freeze and kill each node, and check how the stack reacts."""
 
+import json
 import os
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
+from io import StringIO
 from itertools import count
 from pathlib import Path
-from typing import Annotated, cast, get_args
+from typing import Annotated, Any, Final, cast, get_args
 
 import typer
 
-from obelisk_spec.suggestions import did_you_mean
+from obelisk_spec.suggestions import did_you_mean, with_number
 from obk_cli.cli.config_options import (
     ColourOption,
     IgnoreOption,
     SetOption,
     make_options,
+    sound_plan,
     wants_colour,
 )
-from obk_cli.cli.findings import sound_plan
-from obk_cli.cli.option_values import require_word
-from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.cli.options import FormatOption, require_word, wants_json
 from obk_cli.compiler import compile_config
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.faultinject.expectations import FAULTS, Case, Fault, make_cases
 from obk_cli.faultinject.verdict import Verdict
+from obk_cli.launch.event_lines import short_name
+from obk_cli.launch.options import require_libraries
 from obk_cli.launch.process_groups import Unit, share_of, units_of
-from obk_cli.launch.sim_options import require_libraries
 from obk_cli.plan.plan import OnCrash, Plan
-from obk_cli.report.launch import short_name
 from obk_cli.runs.stacks import nodes_meant
 
-__all__ = ["EXAMPLE", "command"]
+__all__ = ["HEAD", "rehearsal_json", "rehearsal_table", "rehearsal_text"]
 
 EXAMPLE = """\b
 Example: obk rehearse examples/dummy/dummy.yaml
@@ -88,7 +89,7 @@ def command(
     plan = sound_plan(outcome, color)
     assert outcome.config is not None  # the plan is made of it
 
-    from obk_cli.faultinject.setup import refuse_hardware
+    from obk_cli.faultinject.runner import refuse_hardware
 
     refuse_hardware(outcome.config)
     require_libraries(plan, share_of(plan, None, None))
@@ -146,8 +147,12 @@ def _units(plan: Plan, config: str, *, is_composed: bool) -> tuple[Unit, ...]:
 def _rehearse(
     plan: Plan, cases: Sequence[Case], arguments: Sequence[str], domain: int | None
 ) -> tuple[Verdict, ...]:
-    from obk_cli.faultinject.runner import LaunchSettings, run_cases
-    from obk_cli.faultinject.setup import make_rehearsal_folder, refuse_running
+    from obk_cli.faultinject.runner import (
+        LaunchSettings,
+        make_rehearsal_folder,
+        refuse_running,
+        run_cases,
+    )
     from obk_cli.ros.environment import free_domain
     from obk_cli.runs.folder import runs_folder
 
@@ -180,10 +185,101 @@ def _progress(text: str) -> None:
 
 
 def _report(verdicts: Sequence[Verdict], *, is_json: bool, colour: bool) -> str:
-    from obk_cli.faultinject.report import rehearsal_json, rehearsal_table, rehearsal_text
 
     if is_json:
         return rehearsal_json(verdicts)
     if colour and sys.stdout.isatty():
         return rehearsal_table(verdicts, shutil.get_terminal_size().columns)
     return rehearsal_text(verdicts)
+
+
+HEAD: Final = ("node", "fault", "expected", "seen", "noticed [s]", "settled [s]", "")
+"""Titles of the columns; the last one holds the verdict."""
+_NUMBERS: Final = (4, 5)
+_RIGHT: Final = "ok"
+_WRONG: Final = "FAILED"
+
+
+def rehearsal_text(verdicts: Sequence[Verdict]) -> str:
+    """A table in plain columns, what is not as expected below it, and a summary."""
+    cells = [HEAD, *map(_cells, verdicts)]
+    widths = [max(len(verdict[column]) for verdict in cells) for column in range(len(HEAD))]
+    lines = ["  ".join(_aligned(verdict, widths)).rstrip() for verdict in cells]
+    return "\n".join((*lines, *_below(verdicts)))
+
+
+def rehearsal_table(verdicts: Sequence[Verdict], width: int) -> str:
+    """The same, drawn and coloured for a terminal of this width."""
+    from rich import box  # rich is slow to import
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for column, title in enumerate(HEAD):
+        table.add_column(Text(title), justify="right" if column in _NUMBERS else "left")
+    for verdict in verdicts:
+        *cells, mark = _cells(verdict)
+        style = "green" if verdict.is_right else "bold red"
+        table.add_row(*map(Text, cells), Text(mark, style))
+    console = Console(file=StringIO(), width=width, force_terminal=True, color_system="standard")
+    with console.capture() as capture:
+        console.print(table)
+    drawn = (line for line in capture.get().splitlines() if line.strip())
+    return "\n".join((*drawn, *_below(verdicts)))
+
+
+def rehearsal_json(verdicts: Sequence[Verdict]) -> str:
+    """The verdicts as a document for programs."""
+    is_right = all(verdict.is_right for verdict in verdicts)
+    return json.dumps({"ok": is_right, "rows": [_data(verdict) for verdict in verdicts]}, indent=1)
+
+
+def _cells(verdict: Verdict) -> tuple[str, ...]:
+    return (
+        short_name(verdict.case.unit.name),
+        verdict.case.fault,
+        verdict.case.expectation.summary,
+        verdict.seen,
+        _seconds(verdict.noticed_s, 3),
+        _seconds(verdict.settled_s, 1),
+        _RIGHT if verdict.is_right else _WRONG,
+    )
+
+
+def _seconds(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _aligned(cells: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
+    for column, (cell, width) in enumerate(zip(cells, widths, strict=True)):
+        yield cell.rjust(width) if column in _NUMBERS else cell.ljust(width)
+
+
+def _below(verdicts: Sequence[Verdict]) -> Iterator[str]:
+    wrong = [verdict for verdict in verdicts if not verdict.is_right]
+    for verdict in wrong:
+        yield ""
+        yield f"{verdict.case.fault} {short_name(verdict.case.unit.name)}:"
+        yield from (f"  {fault}" for fault in verdict.faults)
+        if verdict.run is not None:
+            yield f"  see {verdict.run / 'launch.log'}"
+    yield ""
+    expectations = with_number(len(verdicts), "expectation")
+    yield f"{len(verdicts) - len(wrong)} of {expectations} met" if wrong else f"{expectations} met"
+
+
+def _data(verdict: Verdict) -> dict[str, Any]:
+    unit, expectation = verdict.case.unit, verdict.case.expectation
+    return {
+        "process": unit.name,
+        "nodes": list(unit.node_names),
+        "fault": verdict.case.fault,
+        "promised": expectation.summary,
+        "seen": verdict.seen,
+        "noticed_s": verdict.noticed_s,
+        "settled_s": verdict.settled_s,
+        "ok": verdict.is_right,
+        "faults": list(verdict.faults),
+        "run": None if verdict.run is None else str(verdict.run),
+    }

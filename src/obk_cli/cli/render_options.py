@@ -12,8 +12,8 @@ from obelisk_spec.values import ParameterValue
 from obelisk_spec.video import VideoError, VideoSettings, read_video
 from obk_cli.config.environment import ModelRead
 from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.launch.options import simulated_robots, with_simulator_parameters
 from obk_cli.launch.process_groups import Share
-from obk_cli.launch.sim_options import simulated_robots, with_simulator_parameters
 from obk_cli.optional_deps import require_extra
 from obk_cli.plan.plan import Plan
 

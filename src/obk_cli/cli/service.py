@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from obk_cli.cli.looking_options import (
+from obk_cli.cli.introspect_options import (
     TIMEOUT_S,
     DomainOption,
     TimeoutOption,
@@ -14,12 +14,12 @@ from obk_cli.cli.looking_options import (
     print_json,
     with_types,
 )
-from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.cli.options import FormatOption, wants_json
 from obk_cli.errors import EXIT_FAILED, MisuseError
 
 if TYPE_CHECKING:
-    from obk_cli.introspect.message_dict import Plain
     from obk_cli.introspect.target import GraphTarget
+    from obk_cli.ros.message_data import Plain
 
 __all__ = ["app"]
 
@@ -52,10 +52,10 @@ def list_(
     is_json = wants_json(format)
     target = here(domain, timeout)
 
-    from obk_cli.introspect.graph_model import special_services
     from obk_cli.introspect.graph_source import open_graph
+    from obk_cli.introspect.nodes import services_text
     from obk_cli.introspect.resolve import find_node, settle
-    from obk_cli.report.graph import services_text
+    from obk_cli.ros.graph import special_services
 
     with open_graph(target) as look:
         of_node = None if node is None else find_node(look, target, node, timeout)
@@ -92,8 +92,8 @@ def call(
         raise MisuseError(f"`--type {service_type}`: expected such as `std_srvs/srv/Trigger`")
     target = here(domain, timeout)
 
-    from obk_cli.cli.message_argument import load_message
-    from obk_cli.report.messages import json_line, message_text
+    from obk_cli.cli.introspect_options import load_message
+    from obk_cli.introspect.message_text import json_line, message_text
 
     asked = load_message(request)
     response = _call(with_types(target), service, service_type, asked, timeout)
@@ -109,9 +109,8 @@ def _call(
     target: "GraphTarget", service: str, service_type: str | None, request: object, timeout_s: float
 ) -> "Plain":
     """Call a service and return its response."""
-    from obk_cli.introspect.message_dict import plain_data
-    from obk_cli.introspect.message_input import require_fit
     from obk_cli.introspect.resolve import find_service, the_type
+    from obk_cli.ros.message_data import plain_data, require_fit
     from obk_cli.ros.participant import open_look
     from obk_cli.ros.services import ServiceClient
     from obk_cli.ros.types import fields_of, find_type, make_message

@@ -8,12 +8,12 @@ from typing import Annotated
 
 import typer
 
-from obk_cli.cli.option_values import require_positive
+from obk_cli.cli.options import require_positive
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseError
-from obk_cli.report.escapes import plain
 from obk_cli.runs.folder import Run, read_run, runs_folder
 from obk_cli.runs.registry import end_launcher
 from obk_cli.runs.stacks import runs_meant
+from obk_cli.terminal import plain
 
 __all__ = ["EXAMPLE", "command"]
 

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from obk_cli.cli import topic_echo, topic_pub, topic_rates
-from obk_cli.cli.looking_options import (
+from obk_cli.cli.introspect_options import (
     TIMEOUT_S,
     DomainOption,
     TimeoutOption,
@@ -13,8 +13,7 @@ from obk_cli.cli.looking_options import (
     here,
     print_json,
 )
-from obk_cli.cli.option_values import require_positive
-from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.cli.options import FormatOption, require_positive, wants_json
 
 __all__ = ["app"]
 
@@ -49,10 +48,10 @@ def list_(
     require_positive("--wait", wait, "seconds")
     target = here(domain, timeout)
 
-    from obk_cli.introspect.graph_model import visible
     from obk_cli.introspect.graph_source import open_graph
+    from obk_cli.introspect.nodes import topics_data, topics_text
     from obk_cli.introspect.resolve import settle
-    from obk_cli.report.graph import topics_data, topics_text
+    from obk_cli.ros.graph import visible
 
     with open_graph(target) as look:
         settle(look, target, timeout, wait_s=wait)
@@ -78,8 +77,8 @@ def info(
     target = here(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
+    from obk_cli.introspect.nodes import topic_data, topic_text
     from obk_cli.introspect.resolve import find_topic, settle
-    from obk_cli.report.graph import topic_data, topic_text
 
     with open_graph(target) as look:
         found = find_topic(look, target, topic, timeout, is_heard=False)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from obk_cli.cli.looking_options import (
+from obk_cli.cli.introspect_options import (
     TIMEOUT_S,
     DomainOption,
     TimeoutOption,
@@ -18,9 +18,9 @@ from obk_cli.cli.looking_options import (
 from obk_cli.errors import MisuseError
 
 if TYPE_CHECKING:
-    from obk_cli.introspect.field_path import Selection
+    from obk_cli.introspect.message_text import Shower
     from obk_cli.introspect.target import GraphTarget
-    from obk_cli.report.show import Shower
+    from obk_cli.ros.field_path import Selection
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -63,8 +63,8 @@ def command(
         raise MisuseError("`--csv` and `--format json` ask for different things")
     most = 1 if once else count
 
-    from obk_cli.introspect.field_path import parse_selection
-    from obk_cli.report.show import Shower
+    from obk_cli.introspect.message_text import Shower
+    from obk_cli.ros.field_path import parse_selection
 
     selections = [parse_selection(text) for text in (*(fields or ()), *(field or ()))]
     shower = Shower(selections, "csv" if csv else format, is_whole=full, warn=_warn)
@@ -80,8 +80,8 @@ def _listen(
     timeout_s: float,
 ) -> None:
     """Show the messages that a subscription receives."""
-    from obk_cli.introspect.field_path import check_selection
     from obk_cli.introspect.resolve import find_topic, the_type
+    from obk_cli.ros.field_path import check_selection
     from obk_cli.ros.participant import open_look
     from obk_cli.ros.raw_subscription import DropCounter, messages
     from obk_cli.ros.types import fields_of, find_type, short_type

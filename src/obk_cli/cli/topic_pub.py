@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from obelisk_spec.messages import near_msg_types, resolve_msg_type
+from obelisk_spec.names import near_msg_types, resolve_msg_type
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.cli.looking_options import (
+from obk_cli.cli.introspect_options import (
     TIMEOUT_S,
     DomainOption,
     TimeoutOption,
@@ -16,7 +16,7 @@ from obk_cli.cli.looking_options import (
     here,
     with_types,
 )
-from obk_cli.cli.option_values import require_positive
+from obk_cli.cli.options import require_positive
 from obk_cli.errors import MisuseError
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def command(
     target = here(domain, timeout)
     most = 1 if once else count
 
-    from obk_cli.cli.message_argument import load_message
+    from obk_cli.cli.introspect_options import load_message
     from obk_cli.introspect.publishing import Publication
 
     publication = Publication(
@@ -94,16 +94,15 @@ def _publish(
         most: messages; None: without end.
         rate_hz: messages per second.
     """
-    from obk_cli.adapters.allowed_publisher import ALLOWED_PUBLISHER
-    from obk_cli.introspect.message_input import require_fit
     from obk_cli.introspect.publishing import (
         Published,
         refuse_moving,
         topic_to_publish,
         wait_for_subscribers,
     )
+    from obk_cli.ros.message_data import require_fit
     from obk_cli.ros.participant import LOOKER, open_look
-    from obk_cli.ros.publisher import RosPublisher
+    from obk_cli.ros.publisher import ALLOWED_PUBLISHER, RosPublisher
     from obk_cli.ros.types import fields_of, find_type, make_message
 
     node = ALLOWED_PUBLISHER if publication.may_move else LOOKER

@@ -4,12 +4,13 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated, Final
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from obk_cli.cli.complete import complete_topics
-from obk_cli.cli.looking_options import (
+from obk_cli.cli.introspect_options import (
     TIMEOUT_S,
     DomainOption,
     TimeoutOption,
@@ -17,16 +18,18 @@ from obk_cli.cli.looking_options import (
     here,
     with_types,
 )
-from obk_cli.cli.option_values import require_positive
-from obk_cli.cli.text_or_json import FormatOption, wants_json
+from obk_cli.cli.options import FormatOption, require_positive, wants_json
 from obk_cli.errors import CommandFailedError
+from obk_cli.ros.latency import Delay
+from obk_cli.ros.rate_meter import TopicRate
+
+__all__ = ["delay_text", "rate_text"]
 
 if TYPE_CHECKING:
-    from obk_cli.introspect.latency import Delay
-    from obk_cli.introspect.rates import TopicRate
     from obk_cli.introspect.target import GraphTarget
+    from obk_cli.ros.latency import Delay
+    from obk_cli.ros.rate_meter import TopicRate
 
-__all__ = ["DELAY_EXAMPLE", "HZ_EXAMPLE", "delay", "hz"]
 
 HZ_EXAMPLE = "Example: obk topic hz est ctrl --duration 5"
 DELAY_EXAMPLE = "Example: obk topic delay est --duration 5"
@@ -132,8 +135,8 @@ def _heard(
     is_json: bool,
 ) -> "tuple[str, Delay | None, int]":
     """Measure delays; without a duration, report them each second until Ctrl-C."""
-    from obk_cli.introspect.latency import DelayMeter, stamp_of
     from obk_cli.introspect.resolve import find_topic, the_type
+    from obk_cli.ros.latency import DelayMeter, stamp_of
     from obk_cli.ros.participant import open_look
     from obk_cli.ros.raw_subscription import arrived
     from obk_cli.ros.types import fields_of, find_type, short_type
@@ -174,8 +177,7 @@ def _told_when_interrupted(tell: Callable[[], None]) -> Iterator[None]:
 
 
 def _tell_rates(rates: "Mapping[str, TopicRate]", *, is_json: bool) -> None:
-    from obk_cli.report.messages import json_line
-    from obk_cli.report.rates import rate_data, rate_text
+    from obk_cli.introspect.message_text import json_line
 
     width = max(map(len, rates))
     for name, rate in rates.items():
@@ -198,8 +200,7 @@ def _tell_delay(
     *,
     is_json: bool,
 ) -> None:
-    from obk_cli.report.messages import json_line
-    from obk_cli.report.rates import delay_data, delay_text
+    from obk_cli.introspect.message_text import json_line
 
     if found is not None:
         print(json_line(delay_data(topic, found)) if is_json else delay_text(found), flush=True)
@@ -209,3 +210,60 @@ def _tell_delay(
         raise CommandFailedError(f"no message came on {topic} within {limit_s:g} s")
     else:
         print(f"no message on {topic} yet", file=sys.stderr)
+
+
+SILENT_S: Final = 1.0
+"""Without a message, and for twice as long as ever in the window, a topic counts as silent [s]."""
+
+
+def rate_text(rate: TopicRate) -> str:
+    """What was measured of a topic, for a person."""
+    age_s = rate.age_s or 0.0
+    if rate.rate_hz is None:
+        few = ("no message yet", "one message")
+        return few[rate.count] if rate.count < len(few) else f"no message for {age_s:.1f} s"
+    parts = [f"{rate.rate_hz:8.2f} Hz"]
+    for name, value in (
+        ("min", rate.min_s),
+        ("max", rate.max_s),
+        ("std dev", rate.std_dev_s),
+        ("jitter", rate.jitter_s),
+    ):
+        parts.append(f"{name} {_ms(value or 0.0)}")
+    parts.append("lost unknown" if rate.lost is None else f"lost {rate.lost}")
+    parts.append(f"{_amount(rate.bytes_per_s or 0.0)}/s")
+    parts.append(f"{rate.seen} messages in {rate.window_s:.2f} s")
+    if age_s > max(SILENT_S, 2 * (rate.max_s or 0.0)):
+        parts.append(f"none for {age_s:.1f} s")
+    return "  ".join(parts)
+
+
+def rate_data(topic: str, rate: TopicRate) -> dict[str, Any]:
+    """What was measured of a topic, for a program."""
+    return {"topic": topic, **asdict(rate)}
+
+
+def delay_text(delay: Delay) -> str:
+    """The delays of a topic, for a person."""
+    clock = f"the stamps are of another clock, {delay.pace:.3g} times as fast"
+    zero = f"  (above the quickest: {clock})" if delay.is_relative else ""
+    return (
+        f"mean {_ms(delay.mean_s)}  min {_ms(delay.min_s)}  max {_ms(delay.max_s)}  "
+        f"std dev {_ms(delay.std_dev_s)}  {delay.seen} messages{zero}"
+    )
+
+
+def delay_data(topic: str, delay: Delay) -> dict[str, Any]:
+    """The delays of a topic, for a program."""
+    return {"topic": topic, **asdict(delay)}
+
+
+def _ms(seconds: float) -> str:
+    return f"{seconds * 1e3:.3f} ms"
+
+
+def _amount(count: float) -> str:
+    for unit, size in (("MB", 1e6), ("kB", 1e3)):
+        if count >= size:
+            return f"{count / size:.1f} {unit}"
+    return f"{count:.0f} B"

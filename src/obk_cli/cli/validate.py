@@ -1,6 +1,8 @@
 """`obk validate CONFIG...`: every check, nothing started."""
 
+import os
 import sys
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
@@ -14,17 +16,22 @@ from obk_cli.cli.config_options import (
     make_options,
     wants_colour,
 )
-from obk_cli.cli.option_values import require_word
+from obk_cli.cli.edited_files import (
+    EditedFile,
+    open_for_edit,
+    print_bytes,
+    report_diff,
+    write_edited,
+)
+from obk_cli.cli.options import require_word
 from obk_cli.compiler import Options, Outcome, compile_config
+from obk_cli.configedit.autofix import Fixed, fix_config
 from obk_cli.diagnostics.diagnostic import Diagnostic, in_order
-from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
+from obk_cli.diagnostics.source import SourceFile
+from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseError
 from obk_cli.files import STANDARD_INPUT
-from obk_cli.report.github import report_github
-from obk_cli.report.json import report_json
-from obk_cli.report.sarif import report_sarif
+from obk_cli.report.formats import report_github, report_json, report_sarif
 from obk_cli.report.text import report_text, summary
-
-__all__ = ["EXAMPLE", "command"]
 
 _FORMATS = ("text", "json", "sarif", "github")
 
@@ -95,8 +102,6 @@ def _fix(
     configs: list[str], form: str, options: Options, *, diff: bool, colour: bool
 ) -> list[Outcome]:
     """Mend the configs one after another; what is left of their findings."""
-    from obk_cli.cli.fix import fix_file
-
     reports = [fix_file(config, options, show_only=diff, colour=colour) for config in configs]
     for report in reports:
         for line in report.lines:
@@ -150,3 +155,54 @@ def _print_report(
             if findings:
                 print(report_text(findings, colour=colour, verbose=verbose), end="\n\n")
             print(summary(paths, findings, colour=colour))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixReport:
+    """What is left of a config's findings, and a line for each that was cured or left."""
+
+    outcome: Outcome
+    lines: tuple[str, ...] = ()
+
+
+def fix_file(config: str, options: Options, *, show_only: bool, colour: bool) -> FixReport:
+    """Cure a config's files in its folder and below; with `show_only` print diffs instead.
+
+    Raises:
+        CommandFailedError: a file cannot be written; what could not be is as it was.
+    """
+    folder = (options.working_folder / config).resolve().parent
+    fixed = fix_config(config, options, lambda path: path.is_relative_to(folder))
+    lines = tuple(_lines(fixed, show_only=show_only))
+    if show_only:
+        for source, text in fixed.files:
+            print_bytes(os.fsencode(report_diff(source, text, colour=colour)))
+        return FixReport(outcome=fixed.before, lines=lines)
+    opened = [(_opened(source), text) for source, text in fixed.files]
+    for file, text in opened:
+        write_edited(file, text)
+    return FixReport(outcome=fixed.after, lines=lines)
+
+
+def _opened(source: SourceFile) -> EditedFile:
+    file = open_for_edit(source.path)
+    if isinstance(file, Diagnostic) or file.source.text != source.text:
+        raise CommandFailedError(f"`{source.path}` has changed meanwhile, nothing is written")
+    return file
+
+
+def _lines(fixed: Fixed, *, show_only: bool) -> list[str]:
+    told = (
+        ("would fix" if show_only else "fixed", fixed.done),
+        ("not fixed, it would not be the same config any more:", fixed.refused),
+        ("not fixed, the file is not in the config's folder:", fixed.outside),
+    )
+    return [f"{what} {_short(finding)}" for what, findings in told for finding in findings]
+
+
+def _short(finding: Diagnostic) -> str:
+    """The finding's first line, and what its first edit comes to."""
+    first, *more = finding.fix
+    now = f"now {first.text}" if first.text else "removed"
+    others = f" ({len(more) + 1} times)" if more else ""
+    return f"{finding}: {now}{others}"

@@ -11,7 +11,7 @@ from typing import Annotated, Final
 
 import typer
 
-from obk_cli.cli.looking_options import TIMEOUT_S, DomainOption, here, with_types
+from obk_cli.cli.introspect_options import TIMEOUT_S, DomainOption, here, with_types
 from obk_cli.errors import EXIT_DONE
 from obk_cli.monitor.stack_follower import Target, Watcher
 from obk_cli.optional_deps import require_extra
@@ -45,10 +45,9 @@ def command(
     target = Target(environment=here(domain, TIMEOUT_S).environment, domain=domain, run=run)
     is_there = target.choose(target.place()) is not None
 
-    from obk_cli.adapters.web_app import TOKEN, Site, make_app
-    from obk_cli.adapters.web_server import HOST, WebServer, take_port
+    from obk_cli.web.app import HOST, TOKEN, Site, WebServer, make_app, take_port
+    from obk_cli.web.auth import new_token
     from obk_cli.web.feed import Feed
-    from obk_cli.web.guard import new_token
     from obk_cli.web.plots import Plots
 
     with take_port(port) as taken, ExitStack() as temporary:

@@ -4,9 +4,9 @@ Null is the same as not written, except where a key is required. Names that ROS 
 findings too.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from math import inf
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from obelisk_spec.names import (
     namespace_fault,
@@ -18,7 +18,6 @@ from obelisk_spec.suggestions import ask_for, list_names, near_names, sure_name
 from obelisk_spec.values import LARGEST_COUNT, LONGEST_PERIOD_S, SHORTEST_PERIOD_S
 from obelisk_spec.yaml_core import core_scalar
 from obk_cli.config.fixes import remove_entry, respell
-from obk_cli.config.keys import NO_EFFECT_KEYS
 from obk_cli.config.model import Spanned
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of, shown
 from obk_cli.diagnostics.diagnostic import Diagnostic, found
@@ -26,6 +25,21 @@ from obk_cli.diagnostics.edits import Edit
 from obk_cli.diagnostics.source import Span
 
 __all__ = [
+    "COMPONENT_KEYS",
+    "JOYSTICK_KEYS",
+    "NODE_KEYS",
+    "OBK_KEYS",
+    "OLDER_KEYS",
+    "QOS_KEYS",
+    "RAY_CASTER_KEYS",
+    "RESERVED_KEYS",
+    "ROBOT_KEYS",
+    "SECTION_KEYS",
+    "SENSOR_GROUP_KEYS",
+    "SIM_KEYS",
+    "TIMER_KEYS",
+    "VIZ_KEYS",
+    "VIZ_NODE_KEYS",
     "Faults",
     "Fields",
     "check_namespace",
@@ -35,6 +49,98 @@ __all__ = [
     "read_items",
     "read_text",
 ]
+
+SECTION_KEYS: Final = ("control", "estimation", "robot", "sensing", "viz", "joystick")
+RESERVED_KEYS: Final = ("config", "include", *SECTION_KEYS, "vars", "version", "obk")
+
+NODE_KEYS: Final = (
+    "pkg",
+    "executable",
+    "name",
+    "namespace",
+    "params_path",
+    "params",
+    "callback_groups",
+    "publishers",
+    "subscribers",
+    "timers",
+    "remappings",
+    "log_level",
+    "env",
+    "respawn",
+    "on_crash",
+    "device",
+    "impl",
+)
+ROBOT_KEYS: Final = (*NODE_KEYS, "is_simulated", "sim")
+VIZ_NODE_KEYS: Final = (*NODE_KEYS, "robot_pkg", "urdf", "robot_topic", "tf_prefix")
+
+COMPONENT_KEYS: Final = (
+    "ros_parameter",
+    "key",
+    "topic",
+    "msg_type",
+    "history_depth",
+    "qos",
+    "callback_group",
+    "max_age_sec",
+    "stale_action",
+    "callback_key",
+    "non_obelisk",
+)
+TIMER_KEYS: Final = (
+    "ros_parameter",
+    "key",
+    "timer_period_sec",
+    "callback_group",
+    "callback_key",
+    "non_obelisk",
+)
+QOS_KEYS: Final = ("reliability", "durability", "history_depth")
+
+SIM_KEYS: Final = (
+    "ros_parameter",
+    "model_xml_path",
+    "robot_pkg",
+    "num_steps_per_viz",
+    "n_u",
+    "time_step",
+    "sensor_settings",
+    "viz_geoms",
+)
+SENSOR_GROUP_KEYS: Final = (
+    "topic",
+    "dt",
+    "msg_type",
+    "history_depth",
+    "sensor_names",
+    "scan_config",
+    "config_path",
+    "noise",
+    "dropout",
+    "delay",
+    "seed",
+)
+VIZ_KEYS: Final = ("on", "rviz_pkg", "rviz_config", "viz_nodes")
+JOYSTICK_KEYS: Final = (
+    "on",
+    "pub_topic",
+    "sub_topic",
+    "device_id",
+    "device_name",
+    "deadzone",
+    "autorepeat_rate",
+    "sticky_buttons",
+    "coalesce_interval_ms",
+)
+OBK_KEYS: Final = ("ignore",)
+RAY_CASTER_KEYS: Final = ("site_name", "geom_groups", "pattern", "scan_config", "max_distance")
+
+OLDER_KEYS: Final[Mapping[str, str]] = {"sensor_type": "msg_type"}
+"""Older name of a sensor group's key -> the newer one."""
+NO_EFFECT_KEYS: Final = ("non_obelisk", "callback_key", "impl")
+"""Keys of older configs that are read and do nothing."""
+
 
 T = TypeVar("T")
 

@@ -3,19 +3,258 @@
 Reads each file once, replaces variables, merges includes, and applies `--set`.
 """
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
-from obk_cli.config.merge import apply_overrides, merge_trees
+from obelisk_spec.components import component_identity
+from obelisk_spec.suggestions import ask_for, did_you_mean, near_names
+from obelisk_spec.yaml_core import REFERENCE, core_scalar, value_of_reference
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
-from obk_cli.config.variables import resolve_variables
 from obk_cli.config.yaml_parser import MOST_VALUES, decode_source, parse_source, too_many_values
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
-from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, SourceFile, Span
+from obk_cli.diagnostics.source import COMMAND_LINE, LONGEST_FILE_BYTES, SourceFile, Span
 from obk_cli.files import STANDARD_INPUT
 
-__all__ = ["ConfigFiles", "LoadedFile", "load_config"]
+__all__ = ["ConfigFiles", "apply_overrides", "load_config", "merge_trees", "resolve_variables"]
+
+Identity = tuple[str, str]
+
+_IDENTITY_KEYS = ("name", "id", "key", "ros_parameter", "topic")
+_COMPONENT_KEYS = ("key", "ros_parameter")
+
+
+_STEP = re.compile(r"(?:^|\.)([A-Za-z_][\w-]*)|\[([0-9]{1,9})\]")
+_MOST_STEPS = 100
+
+
+def merge_trees(inner: Tree, outer: Tree) -> Tree:
+    """`outer` over `inner`: mappings key by key, lists of mappings by identity, else outer wins."""
+    match inner, outer:
+        case TreeMap(), TreeMap():
+            return _merge_maps(inner, outer)
+        case ((TreeList() | TreeMap()), (TreeList() | TreeMap())):
+            inner_items, outer_items = _as_maps(inner), _as_maps(outer)
+            if inner_items is not None and outer_items is not None:
+                return TreeList(_merge_items(inner_items, outer_items), outer.span)
+    return outer
+
+
+def _merge_maps(inner: TreeMap, outer: TreeMap) -> TreeMap:
+    over = {entry.key: entry for entry in outer}
+    merged = [_merge_entry(entry, over.pop(entry.key, None)) for entry in inner]
+    kept = [entry for entry in merged if entry is not None]
+    return TreeMap((*kept, *over.values()), outer.span)
+
+
+def _merge_entry(inner: Entry, outer: Entry | None) -> Entry | None:
+    """The merged entry; None where the outer file sets the key to null and so removes it."""
+    if outer is None:
+        return inner
+    if isinstance(outer.value, TreeScalar) and outer.value.value is None:
+        return None
+    return Entry(outer.key, outer.key_span, merge_trees(inner.value, outer.value))
+
+
+def _as_maps(tree: TreeList | TreeMap) -> tuple[TreeMap, ...] | None:
+    """The mappings of a list; one mapping stands for a list of one; None for other lists."""
+    items = (tree,) if isinstance(tree, TreeMap) else tree.items
+    maps = tuple(item for item in items if isinstance(item, TreeMap))
+    return maps if len(maps) == len(items) else None
+
+
+def _merge_items(inner: tuple[TreeMap, ...], outer: tuple[TreeMap, ...]) -> tuple[TreeMap, ...]:
+    merged = list(inner)
+    places = {_identity(item): index for index, item in enumerate(inner)}
+    for item in outer:
+        identity = _identity(item)
+        index = None if identity is None else places.get(identity)
+        if index is None:
+            merged.append(item)
+        else:
+            merged[index] = _merge_maps(merged[index], item)
+    return tuple(merged)
+
+
+def _identity(item: TreeMap) -> Identity | None:
+    """What makes an item the same as another: its first naming key and that key's value."""
+    for key in _IDENTITY_KEYS:
+        entry = item.get(key)
+        if entry is None or not isinstance(entry.value, TreeScalar) or entry.value.value is None:
+            continue
+        text = str(entry.value.value)
+        return ("component", component_identity(text)) if key in _COMPONENT_KEYS else (key, text)
+    return None
+
+
+class _UnfitError(Exception):
+    """A path that leads nowhere; its help says what is there."""
+
+    def __init__(self, message: str, help: str | None = None) -> None:
+        super().__init__(message)
+        self.help = help
+
+
+def apply_overrides(
+    tree: TreeMap, options: Iterable[str]
+) -> tuple[TreeMap, tuple[Diagnostic, ...]]:
+    """The tree with each option set in turn; the place of a value set is `<command line>`."""
+    faults: list[Diagnostic] = []
+    for option in options:
+        span = Span.at(SourceFile.of(COMMAND_LINE, option), 1, 1, max(len(option), 1))
+        try:
+            path, text = _split(option)
+            parsed = parse_source(SourceFile.of(COMMAND_LINE, text))
+            faults += parsed.diagnostics
+            if parsed.tree is not None and not parsed.diagnostics:
+                new = _set(tree, path, parsed.tree, span)
+                tree = new if isinstance(new, TreeMap) else tree
+        except _UnfitError as error:
+            faults.append(found("OBK012", f"`--set {option}`: {error}", span, help=error.help))
+    return tree, tuple(faults)
+
+
+def _split(option: str) -> tuple[list[str | int], str]:
+    path, equals, text = option.partition("=")
+    if not equals:
+        raise _UnfitError("there is no `=`", "write it as `path=value`")
+    steps: list[str | int] = []
+    at = 0
+    while at < len(path):
+        step = _STEP.match(path, at)
+        if step is None or (at == 0 and path.startswith((".", "["))):
+            raise _UnfitError(f"`{path}` is not a path", "write it as `robot[0].sim[0].time_step`")
+        steps.append(step[1] if step[1] is not None else int(step[2]))
+        at = step.end()
+    if not steps:
+        raise _UnfitError("the path is empty", "write it as `robot[0].sim[0].time_step`")
+    if len(steps) > _MOST_STEPS:
+        raise _UnfitError(f"the path has {len(steps)} steps, expected at most {_MOST_STEPS}")
+    return steps, text or "~"
+
+
+def _set(tree: Tree | None, path: list[str | int], value: Tree, span: Span) -> Tree:
+    if not path:
+        return value
+    step, rest = path[0], path[1:]
+    if isinstance(step, str):
+        return _set_key(tree, step, rest, value, span)
+    if isinstance(tree, TreeMap) and step == 0:
+        return _set(tree, rest, value, span)
+    if not isinstance(tree, TreeList):
+        what = "nothing" if tree is None else kind_of(tree)
+        raise _UnfitError(f"`[{step}]` needs a list, there is {what}")
+    if step >= len(tree.items):
+        count = len(tree.items)
+        raise _UnfitError(f"`[{step}]` is past the end, the list has {count} (from [0])")
+    items = list(tree.items)
+    items[step] = _set(items[step], rest, value, span)
+    return TreeList(tuple(items), tree.span)
+
+
+def _set_key(
+    tree: Tree | None, key: str, rest: list[str | int], value: Tree, span: Span
+) -> TreeMap:
+    if tree is None:
+        tree = TreeMap((), span)
+    if not isinstance(tree, TreeMap):
+        raise _UnfitError(f"`{key}` needs a mapping, there is {kind_of(tree)}")
+    old = tree.get(key)
+    if old is None and rest and isinstance(rest[0], int):
+        known = [entry.key for entry in tree]
+        raise _UnfitError(f"there is no `{key}`", did_you_mean(key, known))
+    new = Entry(key, span, _set(old.value if old else None, rest, value, span))
+    if old is None:
+        return TreeMap((*tree.entries, new), tree.span)
+    return TreeMap(tuple(new if entry.key == key else entry for entry in tree), tree.span)
+
+
+_MOST_SUGGESTIONS = 50
+"""Findings with a near name; whoever has more is told the names only."""
+
+
+def resolve_variables(
+    tree: Tree, environment: Mapping[str, str]
+) -> tuple[Tree, tuple[Diagnostic, ...]]:
+    """The tree with every reference replaced; findings for those that nothing stands for.
+
+    An unquoted value is read anew afterwards, so `${STEP:-0.001}` is a number.
+    """
+    replacer = _Replacer(environment)
+    return replacer.tree(tree), tuple(replacer.faults)
+
+
+class _Replacer:
+    """Replaces references, and takes note of faults and of how long all texts have become."""
+
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        self.faults: list[Diagnostic] = []
+        self._environment = environment
+        self._room = LONGEST_FILE_BYTES
+
+    def tree(self, tree: Tree) -> Tree:
+        """The tree with every reference replaced, as long as there is room."""
+        match tree:
+            case TreeMap():
+                entries = (replace(entry, value=self.tree(entry.value)) for entry in tree)
+                return TreeMap(tuple(entries), tree.span)
+            case TreeList():
+                return TreeList(tuple(map(self.tree, tree.items)), tree.span)
+            case TreeScalar(value=str() as text) if "${" in text and self._room >= 0:
+                return self._text(text, tree.span)
+        return tree
+
+    def _text(self, text: str, span: Span) -> TreeScalar:
+        told: set[str] = set()
+        places: dict[str, Span] = {}
+        # An alias stands for a text as often as it is written, a variable for one of any length.
+        self._room -= len(text)
+
+        def value_of(reference: re.Match[str]) -> str:
+            value = value_of_reference(reference, self._environment)
+            if value is not None:
+                self._room -= len(value)
+                return value if self._room >= 0 else ""
+            if reference[0] not in told:
+                told.add(reference[0])
+                known = self._environment if len(self.faults) < _MOST_SUGGESTIONS else {}
+                places.update({} if places else _first_places(span))
+                place = places.get(reference[0], span)
+                self.faults.append(_undefined(reference[1], place, known))
+            return reference[0]
+
+        new = REFERENCE.sub(value_of, text)
+        if self._room < 0:
+            message = "the texts that variables make are longer than 10 MiB together"
+            self.faults.append(found("OBK007", message, span))
+            return TreeScalar(text, span)
+        is_plain = span.text[:1] not in ("'", '"', "|", ">")
+        return TreeScalar(core_scalar(new) if is_plain else new, span, new)
+
+
+def _first_places(span: Span) -> dict[str, Span]:
+    """Reference -> where it stands first on the first line of a value."""
+    places: dict[str, Span] = {}
+    for match in REFERENCE.finditer(span.text):
+        column = span.column + match.start()
+        places.setdefault(match[0], Span.at(span.source, span.line, column, len(match[0])))
+    return places
+
+
+def _undefined(name: str | None, place: Span, environment: Mapping[str, str]) -> Diagnostic:
+    if name is None:
+        message = "`${` does not begin a `${NAME}`"
+        return found("OBK011", message, place, help="write `$${` for a literal `${`")
+    hint = ask_for(near_names(name, environment))
+    default = f"write `${{{name}:-text}}` to give a default"
+    return found(
+        "OBK011",
+        f"environment variable `{name}` is not set",
+        place,
+        help=f"{hint} or {default}" if hint else default,
+    )
+
 
 _MOST_INCLUDED = 100
 

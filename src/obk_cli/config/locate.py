@@ -9,10 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from obelisk_spec.suggestions import near_names
-from obk_cli.config.environment import Environment
+from obk_cli.config.environment import Environment, NodeFacts
 from obk_cli.config.loader import ConfigFiles
 from obk_cli.config.model import Component, FileSearch, Node, Sim, Spanned, Stack
-from obk_cli.config.node_facts import NodeFacts
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import Span

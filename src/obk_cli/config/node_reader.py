@@ -7,6 +7,15 @@ from obelisk_spec.components import CALLBACK_GROUP_TYPES, STALE_ACTIONS
 from obelisk_spec.values import LONGEST_PERIOD_S, ParameterValue
 from obelisk_spec.yaml_core import Scalar
 from obk_cli.config.fields import (
+    COMPONENT_KEYS,
+    NODE_KEYS,
+    OLDER_KEYS,
+    QOS_KEYS,
+    ROBOT_KEYS,
+    SENSOR_GROUP_KEYS,
+    SIM_KEYS,
+    TIMER_KEYS,
+    VIZ_NODE_KEYS,
     Faults,
     Fields,
     check_namespace,
@@ -17,17 +26,6 @@ from obk_cli.config.fields import (
     read_text,
 )
 from obk_cli.config.fixes import respell
-from obk_cli.config.keys import (
-    COMPONENT_KEYS,
-    NODE_KEYS,
-    OLDER_KEYS,
-    QOS_KEYS,
-    ROBOT_KEYS,
-    SENSOR_GROUP_KEYS,
-    SIM_KEYS,
-    TIMER_KEYS,
-    VIZ_NODE_KEYS,
-)
 from obk_cli.config.model import (
     COMPONENT_LISTS,
     CallbackGroup,

@@ -5,16 +5,21 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from obelisk_spec.suggestions import did_you_mean, list_names, near_names, sure_name
-from obk_cli.config.fields import Faults, Fields, check_package, check_topic, read_items, read_text
-from obk_cli.config.fixes import respell
-from obk_cli.config.keys import (
+from obk_cli.config.fields import (
     JOYSTICK_KEYS,
     OBK_KEYS,
     RAY_CASTER_KEYS,
     RESERVED_KEYS,
     SECTION_KEYS,
     VIZ_KEYS,
+    Faults,
+    Fields,
+    check_package,
+    check_topic,
+    read_items,
+    read_text,
 )
+from obk_cli.config.fixes import respell
 from obk_cli.config.model import (
     NODE_SECTIONS,
     ONE_DEVICE,

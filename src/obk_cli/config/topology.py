@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from obelisk_spec.messages import resolve_msg_type
+from obelisk_spec.names import resolve_msg_type
 from obelisk_spec.sensors import sensor_group
 from obk_cli.config.model import (
     FEEDBACK_TOPIC,

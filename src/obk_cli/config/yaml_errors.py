@@ -11,7 +11,7 @@ from typing import Final
 
 import yaml
 
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import with_number
 from obk_cli.config.yaml_error_context import LONGEST_LINE, ErrorContext, indent_of, without_comment
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import SourceFile, Span

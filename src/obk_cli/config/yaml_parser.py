@@ -13,7 +13,7 @@ import yaml
 
 from obelisk_spec.yaml_core import core_scalar
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, plain_value
-from obk_cli.config.yaml_text import YAML_LOADER, YamlText, forbidden_character
+from obk_cli.config.yaml_error_context import YAML_LOADER, YamlText, forbidden_character
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import LONGEST_FILE_BYTES, SourceFile, Span
 

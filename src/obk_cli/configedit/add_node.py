@@ -4,14 +4,24 @@ A config's source, a new node and the compiler's options in; the new text and th
 not. Writes no file. The new text says what it said before and the new node, and has no new error.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from obelisk_spec.suggestions import did_you_mean, list_names
 from obk_cli.compiler import Options, Outcome, compile_source
+from obk_cli.config.environment import (
+    CodeFault,
+    Command,
+    Environment,
+    ExecutableMissing,
+    ModelFault,
+    ModelRead,
+    NodeFacts,
+)
 from obk_cli.config.model import ONE_DEVICE, Node, Stack
-from obk_cli.config.tree import TreeMap
+from obk_cli.config.tree import Tree, TreeMap, plain_value
 from obk_cli.config.yaml_parser import parse_source
 from obk_cli.configedit.auto_wiring import Wired, wire_node
 from obk_cli.configedit.block_editor import (
@@ -24,16 +34,109 @@ from obk_cli.configedit.block_editor import (
     snippet_of,
 )
 from obk_cli.configedit.new_node import NewNode, Rejected
-from obk_cli.configedit.planned_environment import PlannedEnvironment
 from obk_cli.configedit.report import AddedNode, moved, notes_of
 from obk_cli.configedit.shape import devices_of
-from obk_cli.configedit.verify import content_of, expected_content, new_errors
 from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.edits import Edit, apply_edits
-from obk_cli.diagnostics.source import SourceFile
+from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.workspace.environment import MachineEnvironment
 
-__all__ = ["add_node", "find_replaced"]
+__all__ = ["add_node", "find_replaced", "new_errors"]
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedEnvironment:
+    """The environment of today with one executable more, of whose code nothing is known."""
+
+    there: Environment
+    package: str
+    executable: str
+
+    def find_package_share(self, name: str) -> Path | None:
+        """The folder that holds a package's data."""
+        return self.there.find_package_share(name)
+
+    def package_names(self) -> tuple[str, ...]:
+        """Every package, the new one too."""
+        return tuple(sorted({*self.there.package_names(), self.package}))
+
+    def message_packages(self) -> tuple[str, ...]:
+        """The packages of the workspace that define messages."""
+        return self.there.message_packages()
+
+    def message_names(self, package: str) -> tuple[str, ...] | None:
+        """The messages that a package defines."""
+        return self.there.message_names(package)
+
+    def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
+        """How an executable is started."""
+        if (package, executable) == (self.package, self.executable):
+            return Command(arguments=(), found_in="what is being made")
+        return self.there.find_executable(package, executable)
+
+    def read_node_code(self, package: str, executable: str) -> NodeFacts | CodeFault | None:
+        """What the Python source of an executable says."""
+        if (package, executable) == (self.package, self.executable):
+            return None
+        return self.there.read_node_code(package, executable)
+
+    def read_model(self, path: Path) -> ModelRead | ModelFault | None:
+        """The facts of a model."""
+        return self.there.read_model(path)
+
+    def model_line(self, path: Path, line: int) -> Span:
+        """A whole line of a model file."""
+        return self.there.model_line(path, line)
+
+    def model_element(self, path: Path, kind: str, name: str) -> Span | None:
+        """Where a model defines an element."""
+        return self.there.model_element(path, kind, name)
+
+
+def new_errors(before: Iterable[Diagnostic], after: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """The errors that there are more of than before; line numbers and counted names may differ."""
+    old = [finding for finding in before if finding.severity == "error"]
+    told = {(finding.code, finding.message) for finding in old}
+    errors = [finding for finding in after if finding.severity == "error"]
+    more = Counter(f.code for f in errors) - Counter(f.code for f in old)
+    return tuple(f for f in errors if f.code in more and (f.code, f.message) not in told)
+
+
+def expected_content(
+    tree: TreeMap, place: Place, entry: Mapping[str, object], index: int | None
+) -> object:
+    """What a text is to say: what it says in `tree`, and the node as the last or at `index`."""
+    plain = plain_value(tree)
+    holder = _holder(plain, place)
+    nodes = _nodes(holder.get(place.section))
+    if index is None:
+        nodes.append(dict(entry))
+    else:
+        nodes[index] = dict(entry)
+    holder[place.section] = nodes
+    return plain
+
+
+def content_of(tree: Tree, place: Place) -> object:
+    """What a text says, the section of the place as a list."""
+    plain = plain_value(tree)
+    holder = _holder(plain, place)
+    holder[place.section] = _nodes(holder.get(place.section))
+    return plain
+
+
+def _holder(plain: object, place: Place) -> dict[str, object]:
+    assert isinstance(plain, dict)  # a config is a mapping
+    key = place.device.key if place.device else place.new_device
+    holder = plain.setdefault(key, {}) if key else plain
+    assert isinstance(holder, dict)
+    return holder
+
+
+def _nodes(value: object) -> list[object]:
+    if isinstance(value, list):
+        return list(value)
+    return [] if value is None else [value]
 
 
 def add_node(

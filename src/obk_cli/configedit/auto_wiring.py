@@ -7,7 +7,7 @@ fits.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from obelisk_spec.messages import bare_name
+from obelisk_spec.names import bare_name
 from obelisk_spec.suggestions import list_names
 from obk_cli.config.model import Node, Spanned, Stack
 from obk_cli.config.topology import Direction, TopicEnd, node_ends, stack_ends

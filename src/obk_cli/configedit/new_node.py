@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from obelisk_spec.components import component_identity
-from obelisk_spec.messages import resolve_msg_type
+from obelisk_spec.names import resolve_msg_type
 from obk_cli.config.topology import Direction
 from obk_cli.config.tree import TreeList, plain_value
 from obk_cli.config.yaml_parser import parse_source

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from typing import Literal
 
 from obelisk_spec.components import SETTING_SUFFIX, component_identity
-from obk_cli.config.keys import RESERVED_KEYS, SECTION_KEYS
+from obk_cli.config.fields import RESERVED_KEYS, SECTION_KEYS
 from obk_cli.config.model import COMPONENT_LISTS, NODE_SECTIONS, ONE_DEVICE
 from obk_cli.config.reader import is_device
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, plain_value

@@ -1,31 +1,117 @@
 """The table of checks: a probe gathers facts, a judge interprets them."""
 
-from collections.abc import Callable, Iterable, Mapping
+import queue
+import threading
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeVar
 
-from obk_cli.doctor.compiler import judge_compiler, probe_compiler
-from obk_cli.doctor.display import judge_display, probe_display
-from obk_cli.doctor.finding import Finding
-from obk_cli.doctor.folders import judge_folders, probe_folders
-from obk_cli.doctor.interfaces import judge_interfaces, probe_interfaces
+from obk_cli.clock import monotonic_s
+from obk_cli.doctor.finding import Finding, error, warning
+from obk_cli.doctor.interfaces import (
+    judge_compiler,
+    judge_interfaces,
+    probe_compiler,
+    probe_interfaces,
+)
 from obk_cli.doctor.memory import judge_shared_memory, probe_shared_memory
-from obk_cli.doctor.mujoco import judge_mujoco, probe_mujoco
+from obk_cli.doctor.mujoco import judge_display, judge_mujoco, probe_display, probe_mujoco
 from obk_cli.doctor.network import (
     judge_discovery,
     judge_multicast,
     probe_discovery,
     probe_multicast,
 )
-from obk_cli.doctor.paths import judge_paths, probe_paths
+from obk_cli.doctor.paths import judge_folders, judge_paths, probe_folders, probe_paths
 from obk_cli.doctor.python import judge_python, probe_python
 from obk_cli.doctor.ros import judge_rmw, judge_ros, probe_rmw, probe_ros
-from obk_cli.doctor.runner import Check
 from obk_cli.doctor.stacks import judge_stacks, probe_stacks
 from obk_cli.doctor.timing import judge_cpu, judge_realtime, probe_cpu, probe_realtime
 from obk_cli.doctor.workspace import judge_workspace, probe_workspace
+from obk_cli.errors import ObkError
 
-__all__ = ["checks_of"]
+__all__ = ["Answer", "Check", "checks_of", "examine"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """A check of the machine."""
+
+    name: str
+    about: str
+    """One line for `obk doctor --list`."""
+    find: Callable[[], Iterable[Finding]]
+    """Examines the machine and returns the findings."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """What a check found."""
+
+    check: str
+    findings: tuple[Finding, ...]
+    seconds: float
+    """How long it took [s]."""
+
+
+def examine(
+    checks: Sequence[Check],
+    *,
+    timeout_s: float,
+    on_pending: Callable[[tuple[str, ...]], None] = lambda _: None,
+) -> tuple[Answer, ...]:
+    """Run all checks at once.
+
+    Args:
+        checks: the checks to run.
+        timeout_s: how long each may take [s].
+        on_pending: called at the start and after each answer with the checks still running.
+
+    Returns:
+        An answer for each check, in their order.
+    """
+    answered: queue.Queue[Answer] = queue.Queue()
+    begin = monotonic_s()
+    for check in checks:
+        run = threading.Thread(
+            # A check that hangs must not keep the process from ending.
+            target=lambda check=check: answered.put(_answer(check)),
+            name=check.name,
+            daemon=True,
+        )
+        run.start()
+    answers: dict[str, Answer] = {}
+    while len(answers) < len(checks):
+        on_pending(tuple(check.name for check in checks if check.name not in answers))
+        try:
+            answer = answered.get(timeout=max(0.0, begin + timeout_s - monotonic_s()))
+        except queue.Empty:
+            break
+        answers[answer.check] = answer
+    return tuple(answers.get(check.name) or _late(check.name, timeout_s) for check in checks)
+
+
+def _answer(check: Check) -> Answer:
+    begin = monotonic_s()
+    findings = tuple(_found(check))
+    return Answer(check=check.name, findings=findings, seconds=monotonic_s() - begin)
+
+
+def _found(check: Check) -> Iterable[Finding]:
+    try:
+        return tuple(check.find())
+    except ObkError as fault:
+        return (error(fault.message, fault.help or f"obk doctor {check.name}"),)
+    except Exception as fault:  # the findings of the others still count
+        sentence = f"the check itself failed: {type(fault).__name__}: {fault}"
+        return (warning(sentence, f"obk doctor {check.name} --format json    # to report it"),)
+
+
+def _late(name: str, timeout_s: float) -> Answer:
+    sentence = f"did not finish within {timeout_s:.0f} s"
+    finding = warning(sentence, f"obk doctor {name}    # run it alone")
+    return Answer(check=name, findings=(finding,), seconds=timeout_s)
 
 
 Facts = TypeVar("Facts")

@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from obk_cli.adapters.leftovers import find_leftovers
 from obk_cli.doctor.finding import Finding, note, ok, warning
-from obk_cli.report.escapes import plain
 from obk_cli.runs.folder import runs_folder
+from obk_cli.runs.orphans import find_leftovers
 from obk_cli.runs.registry import live_runs
+from obk_cli.terminal import plain
 
 __all__ = ["RunningStack", "StackFacts", "judge_stacks", "probe_stacks"]
 

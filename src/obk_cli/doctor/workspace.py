@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import with_number
 from obk_cli.doctor.finding import Finding, note, ok, warning
 from obk_cli.workspace.message_build import survey_of
 from obk_cli.workspace.package_index import find_workspace, package_folders

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from obk_cli.emit.graph import SECTION_COLOURS, Graph, GraphNode, GraphTopic
-from obk_cli.emit.text_width import columns_of, printable, shortened
+from obk_cli.terminal import columns_of, printable, shortened
 
 __all__ = ["FONT_SIZE", "emit_dot"]
 

@@ -10,9 +10,9 @@ from types import MappingProxyType
 from typing import Final
 
 from obelisk_spec.components import TIERS
-from obelisk_spec.wording import with_number
-from obk_cli.emit.text_width import printable
+from obelisk_spec.suggestions import with_number
 from obk_cli.plan.plan import Endpoint, Plan, Process, SensorGroup
+from obk_cli.terminal import printable
 
 __all__ = ["SECTION_COLOURS", "Colour", "Graph", "GraphNode", "GraphTopic", "graph_of"]
 

@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator
 
 from obk_cli.emit.graph import SECTION_COLOURS, Graph, GraphNode, GraphTopic
-from obk_cli.emit.text_width import printable
+from obk_cli.terminal import printable
 
 __all__ = ["emit_mermaid"]
 

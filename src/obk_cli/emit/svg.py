@@ -14,9 +14,9 @@ from xml.etree import ElementTree
 
 from obk_cli.emit.dot import FONT_SIZE, emit_dot
 from obk_cli.emit.graph import SECTION_COLOURS, Graph, GraphNode, GraphTopic
-from obk_cli.emit.text_width import printable
 from obk_cli.errors import CommandFailedError
 from obk_cli.optional_deps import require_extra
+from obk_cli.terminal import printable
 
 __all__ = ["emit_svg"]
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from obk_cli.emit.graph import Graph, GraphNode, GraphTopic
-from obk_cli.emit.text_width import columns_of, printable, shortened
+from obk_cli.terminal import columns_of, printable, shortened
 
 __all__ = ["emit_terminal"]
 

@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from obk_cli.adapters.leftovers import end_leftovers, find_leftovers
 from obk_cli.clock import monotonic_s, wall_s
-from obk_cli.faultinject.observation import TimedEvent, parse_event
+from obk_cli.faultinject.verdict import TimedEvent, parse_event
 from obk_cli.process.child_process import BoundProcess
 from obk_cli.runs.control_client import ask_status
+from obk_cli.runs.orphans import end_leftovers, find_leftovers
 from obk_cli.runs.protocol import StackStatus
 from obk_cli.runs.registry import live_folders
 

@@ -1,17 +1,20 @@
 """Compare the observation of a case with its expectation. Pure."""
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Final
 
 from obk_cli.faultinject.expectations import Case
-from obk_cli.faultinject.observation import Observation, TimedEvent
 from obk_cli.launch.events import (
+    OUTPUT_EVENTS,
     AnswersAgain,
     Ended,
     Failed,
     GoesOnWithout,
     Hung,
+    OutputEvent,
     ProcessEnded,
     ProcessStarted,
     Restarted,
@@ -20,7 +23,61 @@ from obk_cli.launch.events import (
 from obk_cli.runs.lifecycle import ACTIVE
 from obk_cli.runs.protocol import StackStatus
 
-__all__ = ["Verdict", "has_concluded", "incompleteness", "verdict_of"]
+__all__ = [
+    "Observation",
+    "TimedEvent",
+    "Verdict",
+    "has_concluded",
+    "incompleteness",
+    "parse_event",
+    "verdict_of",
+]
+
+_EVENTS: Final[Mapping[str, Any]] = OUTPUT_EVENTS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimedEvent:
+    """An event, and when the launcher reported it."""
+
+    time_s: float
+    """[s since 1970]"""
+    event: OutputEvent
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """All that was observed of one case."""
+
+    injected_s: float
+    """When the fault was injected [s since 1970]."""
+    run: Path
+    """The launch's run folder."""
+    before: StackStatus
+    events: tuple[TimedEvent, ...]
+    """From the fault on."""
+    after: StackStatus | None
+    """None: the launcher does not respond, or has ended."""
+    exit_code: int | None
+    """The launcher's; None: it is running."""
+    ended_s: float | None = None
+    """When the launcher's end was seen [s since 1970]."""
+    left: tuple[str, ...] = ()
+    """Commands of the processes that outlived their launcher."""
+
+
+def parse_event(line: str) -> TimedEvent | None:
+    """A line of `obk launch --format json`; None if it is not an event."""
+    try:
+        record = json.loads(line)
+    except ValueError:
+        return None
+    if not isinstance(record, dict) or record.get("event") not in _EVENTS:
+        return None
+    time_s, kind = record.pop("time"), _EVENTS[record.pop("event")]
+    values = {key: tuple(v) if isinstance(v, list) else v for key, v in record.items()}
+    return TimedEvent(time_s=time_s, event=kind(**values))
+
 
 REACTIONS = (Hung, ProcessEnded, ProcessStarted, Restarting, GoesOnWithout, Failed, Ended)
 

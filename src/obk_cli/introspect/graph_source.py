@@ -4,16 +4,16 @@ The launcher knows the whole graph and answers in some ms; a participant has to 
 discover all nodes first.
 """
 
+import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar, Union
+from typing import TYPE_CHECKING, Any, Final, TypeVar, Union, cast
 
-from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_model import RosGraph, TopicSeen
-from obk_cli.introspect.parameters import NodeParameter
+from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.introspect.protocol import (
+    FailedReply,
     GraphKnown,
     GraphQuestion,
     GraphReply,
@@ -26,19 +26,20 @@ from obk_cli.introspect.protocol import (
     ValuesReply,
     decode_reply,
     graph_of,
+    graph_reply,
     parameter_of,
     wire_parameter,
 )
 from obk_cli.introspect.resolve import meant
 from obk_cli.introspect.target import GraphTarget
+from obk_cli.ros.graph import GraphSnapshot, TopicSeen
+from obk_cli.ros.parameters import NodeParameter, NodeParameters
+from obk_cli.ros.participant import RosLook
 from obk_cli.runs.control_client import ANSWER_S, ask_graph
-from obk_cli.runs.protocol import Fault, encode
-
-if TYPE_CHECKING:
-    from obk_cli.ros.parameters import NodeParameters
-    from obk_cli.ros.participant import RosLook
+from obk_cli.runs.protocol import Fault, decode, encode
 
 __all__ = [
+    "GraphService",
     "GraphSource",
     "LauncherLook",
     "LauncherParameters",
@@ -47,6 +48,11 @@ __all__ = [
     "open_graph",
     "parameters_of",
 ]
+
+if TYPE_CHECKING:
+    from obk_cli.ros.parameters import NodeParameters
+    from obk_cli.ros.participant import RosLook
+
 
 T = TypeVar("T")
 
@@ -104,7 +110,7 @@ class LauncherLook:
         """A topic with its ends."""
         return self._known.graph.topic(name)
 
-    def graph(self) -> RosGraph:
+    def graph(self) -> GraphSnapshot:
         """All that was told."""
         return self._known.graph
 
@@ -255,3 +261,73 @@ def parameters_of(sight: GraphSource, node: str, timeout_s: float) -> Parameters
     from obk_cli.ros.parameters import NodeParameters
 
     return NodeParameters(sight, node, timeout_s)
+
+
+LONGEST_S: Final = 60.0
+"""How long a node may take to answer [s]."""
+
+Reply = GraphReply | NamesReply | ValuesReply | KindReply | ReasonReply | FailedReply
+
+
+class GraphService:
+    """Answers with what one node knows."""
+
+    def __init__(self, look: RosLook) -> None:
+        """Serve questions.
+
+        Args:
+            look: the node's.
+        """
+        self._look = look
+
+    def ask(self, question: bytes, reply: Callable[[bytes], None]) -> threading.Thread:
+        """Answer a question; `reply` is called once, from the thread that is returned."""
+
+        def answer() -> None:
+            result: Reply
+            try:
+                result = self._answer(question)
+            except (CommandFailedError, MisuseError) as error:
+                result = FailedReply(failed=error.message, help=error.help)
+            except Exception as error:  # of a node that is being shut down
+                result = FailedReply(failed=f"the launcher cannot answer: {error}")
+            reply(encode(result))
+
+        thread = threading.Thread(target=answer, name="look", daemon=True)
+        thread.start()
+        return thread
+
+    def _answer(self, question: bytes) -> Reply:
+        try:
+            asked = cast(Question, decode(question, Question))
+        except ValueError as error:
+            raise CommandFailedError(f"invalid question: {error}") from error
+        if isinstance(asked, GraphQuestion):
+            return graph_reply(self._graph())
+        wait_s = min(asked.timeout_s, LONGEST_S)
+        return _of_parameters(NodeParameters(self._look, asked.node, wait_s), asked)
+
+    def _graph(self) -> GraphKnown:
+        look = self._look
+        nodes = {}
+        for node in (*look.nodes(), look.name):
+            publishes, subscribes = look.topics_of(node)
+            nodes[node] = NodeEnds(
+                publishes=publishes, subscribes=subscribes, services=look.services_of(node)
+            )
+        return GraphKnown(graph=look.graph(), nodes=nodes)
+
+
+def _of_parameters(parameters: NodeParameters, asked: ParameterQuestion) -> Reply:
+    match asked.do:
+        case "names":
+            return NamesReply(names=parameters.names())
+        case "values":
+            values = parameters.values(asked.names).values()
+            return ValuesReply(values=tuple(map(wire_parameter, values)))
+        case "kind":
+            return KindReply(kind=parameters.declared_kind(asked.name))
+        case "set":
+            if asked.parameter is None:
+                raise CommandFailedError("invalid question: it has no `parameter`")
+            return ReasonReply(reason=parameters.set(asked.name, parameter_of(asked.parameter)))

@@ -29,7 +29,7 @@ from obk_cli.runs.stacks import (
 )
 
 if TYPE_CHECKING:
-    from obk_cli.adapters.lifecycle_client import LifecycleClient
+    from obk_cli.ros.lifecycle_client import LifecycleClient
 
 __all__ = ["Asked", "change_states", "node_states", "possible_transitions"]
 
@@ -164,7 +164,7 @@ def _states_in_graph(
     Raises:
         CommandFailedError: there is no such node, or no ROS.
     """
-    from obk_cli.adapters.lifecycle_client import open_lifecycle_client
+    from obk_cli.ros.lifecycle_client import open_lifecycle_client
 
     with open_lifecycle_client(NODE_NAME, environment) as ros:
         chosen = _choose(ros, environment, wanted, timeout_s)
@@ -189,7 +189,7 @@ def _change_in_graph(
         CommandFailedError: there is no such node, or no ROS.
     """
     members: list[Member] = []
-    from obk_cli.adapters.lifecycle_client import open_lifecycle_client
+    from obk_cli.ros.lifecycle_client import open_lifecycle_client
 
     with open_lifecycle_client(NODE_NAME, environment) as ros:
         chosen = _choose(ros, environment, wanted, timeout_s)

@@ -1,16 +1,33 @@
 """One node as the graph, its services and its launcher tell of it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
+from obelisk_spec.suggestions import with_number
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.graph_source import GraphSource, parameters_of
 from obk_cli.introspect.target import GraphTarget
+from obk_cli.ros.graph import End, GraphSnapshot, TopicSeen, misfits, special_services
 from obk_cli.runs.control_client import ask_status
 from obk_cli.runs.protocol import NodeStatus
+from obk_cli.terminal import plain
 
-__all__ = ["NodeSeen", "known_nodes", "look_at_node"]
+__all__ = [
+    "NodeSeen",
+    "known_nodes",
+    "look_at_node",
+    "node_data",
+    "node_text",
+    "nodes_data",
+    "nodes_text",
+    "services_text",
+    "status_text",
+    "topic_data",
+    "topic_text",
+    "topics_data",
+    "topics_text",
+]
 
 GET_STATE: Final = "lifecycle_msgs/srv/GetState"
 
@@ -91,3 +108,168 @@ def _parameters(look: GraphSource, node: str, timeout_s: float) -> int | None:
         return len(parameters_of(look, node, timeout_s).names())
     except CommandFailedError:
         return None
+
+
+UNNAMED = "(a node whose name was not told)"
+
+
+def topics_text(graph: GraphSnapshot) -> Iterator[str]:
+    """A line for each topic: name, type, how many ends."""
+    rows = [
+        (
+            topic.name,
+            ", ".join(topic.msg_types),
+            f"{with_number(len(topic.publishers), 'publisher')}, "
+            f"{with_number(len(topic.subscriptions), 'subscription')}",
+        )
+        for topic in graph.topics
+    ]
+    return _columns(rows)
+
+
+def topics_data(graph: GraphSnapshot) -> list[dict[str, Any]]:
+    """The topics, with how many ends each has."""
+    return [
+        {
+            "topic": topic.name,
+            "types": list(topic.msg_types),
+            "publishers": len(topic.publishers),
+            "subscriptions": len(topic.subscriptions),
+        }
+        for topic in graph.topics
+    ]
+
+
+def services_text(services: Mapping[str, tuple[str, ...]]) -> Iterator[str]:
+    """A line for each service: name, type."""
+    return _columns([(name, ", ".join(types)) for name, types in services.items()])
+
+
+def topic_text(topic: TopicSeen) -> Iterator[str]:
+    """The lines on one topic: type, ends with their quality of service, ends that do not fit."""
+    yield plain(f"{topic.name}: {', '.join(topic.msg_types) or 'no type'}")
+    for title, ends in (("publishers", topic.publishers), ("subscriptions", topic.subscriptions)):
+        yield f"{title}: {len(ends)}"
+        yield from (f"  {line}" for line in _columns([_row(end) for end in ends]))
+    hashes = {end.type_hash for end in topic.publishers + topic.subscriptions if end.type_hash}
+    yield from (f"type hash: {one}" for one in sorted(hashes))
+    yield from (f"warning: {plain(sentence)}" for sentence in misfits(topic))
+
+
+def topic_data(topic: TopicSeen) -> dict[str, Any]:
+    """One topic with its ends."""
+    return {
+        "topic": topic.name,
+        "types": list(topic.msg_types),
+        "publishers": [_end_data(end) for end in topic.publishers],
+        "subscriptions": [_end_data(end) for end in topic.subscriptions],
+        "misfits": list(misfits(topic)),
+    }
+
+
+def _row(end: End) -> tuple[str, ...]:
+    qos = end.qos
+    # What a node keeps is not told over the network: zero stands for that.
+    depth = f" {qos.depth}" if qos.depth else ""
+    history = f"{qos.history}{depth}" if qos.history != "unknown" else ""
+    words = (qos.reliability, qos.durability, history, *_times(end))
+    return (end.node or UNNAMED, end.msg_type, ", ".join(word for word in words if word))
+
+
+def _times(end: End) -> Iterator[str]:
+    limits = {"deadline": end.qos.deadline_ns, "lifespan": end.qos.lifespan_ns}
+    for name, limit_ns in limits.items():
+        if 0 < limit_ns < 2**63 - 1:
+            yield f"{name} {limit_ns * 1e-6:g} ms"
+
+
+def _end_data(end: End) -> dict[str, Any]:
+    return {
+        "node": end.node or None,
+        "type": end.msg_type,
+        "type_hash": end.type_hash or None,
+        "reliability": end.qos.reliability,
+        "durability": end.qos.durability,
+        "deadline_ns": end.qos.deadline_ns,
+        "lifespan_ns": end.qos.lifespan_ns,
+        "liveliness": end.qos.liveliness,
+    }
+
+
+def _columns(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True))
+        yield plain("  ".join(cells).rstrip())
+
+
+def status_text(node: NodeStatus) -> str:
+    """The words behind a node's name, on one line."""
+    return "  ".join(
+        [
+            f"{node.state or 'no life cycle':<13}",
+            f"process {node.pid}" if node.pid is not None else "not running here",
+            *(["HANGS"] if node.hangs else ()),
+            *([f"started again {with_number(node.restarts, 'time')}"] if node.restarts else ()),
+        ]
+    )
+
+
+def nodes_text(nodes: Iterable[str], known: Mapping[str, NodeStatus]) -> Iterator[str]:
+    """A line for each node."""
+    every = tuple(nodes)
+    width = max(map(len, every), default=0)
+    for node in every:
+        words = f"{node:<{width}}  {status_text(known[node])}" if node in known else node
+        yield plain(words)
+
+
+def nodes_data(nodes: Iterable[str], known: Mapping[str, NodeStatus]) -> list[dict[str, Any]]:
+    """An object for each node."""
+    return [{"node": node, **_status_data(known.get(node))} for node in nodes]
+
+
+def node_text(seen: NodeSeen) -> Iterator[str]:
+    """The lines on one node."""
+    yield plain(f"{seen.node}{f': {seen.state}' if seen.state else ''}")
+    if seen.status is not None:
+        yield f"  run {plain(seen.run or '')}, {status_text(seen.status)}"
+    asked = f"{seen.node}/list_parameters" in seen.services
+    unknown = "no answer" if asked else "it tells of none"
+    yield f"  parameters: {unknown if seen.parameters is None else seen.parameters}"
+    own = special_services(seen.services)
+    for title, names in (
+        ("publishes", seen.publishes),
+        ("subscribes to", seen.subscribes),
+        ("serves", own),
+    ):
+        yield f"  {title}: {len(names)}"
+        width = max(map(len, names), default=0)
+        for name, types in names.items():
+            yield plain(f"    {name:<{width}}  {', '.join(types)}")
+    if len(own) < len(seen.services):
+        others = with_number(len(seen.services) - len(own), "service")
+        yield f"  and {others} for its parameters"
+
+
+def node_data(seen: NodeSeen) -> dict[str, Any]:
+    """One node as an object."""
+    return {
+        "node": seen.node,
+        "run": seen.run,
+        **_status_data(seen.status),
+        "state": seen.state,
+        "parameters": seen.parameters,
+        "publishes": {name: list(types) for name, types in seen.publishes.items()},
+        "subscribes": {name: list(types) for name, types in seen.subscribes.items()},
+        "services": {name: list(types) for name, types in seen.services.items()},
+    }
+
+
+def _status_data(node: NodeStatus | None) -> dict[str, Any]:
+    return {
+        "state": node.state if node else None,
+        "pid": node.pid if node else None,
+        "hangs": node.hangs if node else None,
+        "restarts": node.restarts if node else None,
+    }

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal, TypeVar, cast
 import msgspec
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_model import RosGraph, TopicSeen
-from obk_cli.introspect.parameters import KINDS, NodeParameter
+from obk_cli.ros.graph import GraphSnapshot, TopicSeen
+from obk_cli.ros.parameters import KINDS, NodeParameter
 from obk_cli.runs.protocol import decode
 
 __all__ = [
@@ -52,7 +52,7 @@ class NodeEnds:
 class GraphKnown:
     """A graph, and what each of its nodes has."""
 
-    graph: RosGraph
+    graph: GraphSnapshot
     nodes: Mapping[str, NodeEnds]
     """By full name."""
 
@@ -193,7 +193,9 @@ def graph_reply(known: GraphKnown) -> GraphReply:
 def graph_of(reply: GraphReply) -> GraphKnown:
     """The graph in a reply."""
     return GraphKnown(
-        graph=RosGraph(nodes=reply.nodes, topics=reply.topics, services=_types(reply.services)),
+        graph=GraphSnapshot(
+            nodes=reply.nodes, topics=reply.topics, services=_types(reply.services)
+        ),
         nodes={
             one.node: NodeEnds(
                 publishes=_types(one.publishes),

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from obelisk_spec.names import topic_name_fault
 from obelisk_spec.suggestions import list_names
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.introspect.graph_model import TopicSeen
 from obk_cli.introspect.resolve import find_topic, the_type
 from obk_cli.introspect.target import GraphTarget
+from obk_cli.ros.graph import TopicSeen
 
 if TYPE_CHECKING:
     from obk_cli.introspect.graph_source import GraphSource

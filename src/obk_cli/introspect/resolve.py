@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 from obelisk_spec.suggestions import did_you_mean, list_names, near_names
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_model import TopicSeen
+from obk_cli.ros.graph import TopicSeen
 
 if TYPE_CHECKING:
     from obk_cli.introspect.graph_source import GraphSource

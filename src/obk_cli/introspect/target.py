@@ -8,12 +8,14 @@ from typing import Final
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.resolve import meant
 from obk_cli.plan.plan import Plan
+from obk_cli.process.identity import working_folder
 from obk_cli.ros.environment import RosEnvironment
-from obk_cli.runs.folder import Run, runs_folder
+from obk_cli.runs.folder import Run, read_run, run_plan, run_topics, runs_folder
 from obk_cli.runs.registry import live_folders
-from obk_cli.runs.run_plan import run_plan, run_topics
+from obk_cli.workspace.overlay import import_from, overlay_prefixes, with_overlays
+from obk_cli.workspace.package_index import PackageIndex
 
-__all__ = ["NOBODY_S", "GraphTarget", "target_of"]
+__all__ = ["NOBODY_S", "GraphTarget", "find_message_types", "target_of", "with_run_types"]
 
 DOMAIN: Final = "ROS_DOMAIN_ID"
 NOBODY_S: Final = 1.0
@@ -100,3 +102,25 @@ def target_of(
         environment = replace(environment, variables={**variables, DOMAIN: str(domain)})
     here = {folder: run for folder, run in live.items() if run.domain == environment.domain}
     return GraphTarget(environment=environment, runs=here, nobody_s=nobody_s)
+
+
+def with_run_types(environment: RosEnvironment, run_folder: Path | None) -> RosEnvironment:
+    """The environment in which message types of the workspace are found, here too.
+
+    The workspace is that of the run's config, as its launcher was called, and the one around here.
+    """
+    run = read_run(run_folder) if run_folder else None
+    launched_in = working_folder(run.pid) if run else None
+    folder = (launched_in / run.config).parent if run and launched_in else Path.cwd()
+    index = PackageIndex.around(folder, Path.cwd(), environment.variables)
+    overlays = overlay_prefixes(index.workspaces)
+    import_from(overlays)
+    return replace(environment, variables=with_overlays(environment.variables, overlays))
+
+
+def find_message_types(target: GraphTarget) -> GraphTarget:
+    """Make the message types of the target's stacks known to this process."""
+    environment = target.environment
+    for folder in target.runs or (None,):
+        environment = with_run_types(environment, folder)
+    return replace(target, environment=environment)

@@ -4,31 +4,39 @@ Starts nothing. Nodes in one process run in the run-time library's host program,
 name and its file only.
 """
 
+import fcntl
 import json
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from obelisk_spec.runtime_protocol import GATE_VARIABLE
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.config.environment import Command, ExecutableMissing
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import STATE_MODE, write_text
-from obk_cli.launch.node_lines import CONSOLE_FORMAT
+from obk_cli.launch.console import CONSOLE_FORMAT
 from obk_cli.launch.process_groups import Unit
-from obk_cli.launch.processes import NodeCommand
+from obk_cli.launch.processes import NodeCommand, WardenProcesses
 from obk_cli.plan.plan import Process
 from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = [
     "ComposedNode",
     "Executables",
+    "closed_gate",
     "composable",
     "composed_command",
+    "early_units",
     "find_executables",
+    "gate_path",
+    "gate_variables",
+    "held_at_gate",
     "is_composable",
     "unit_commands",
 ]
@@ -244,3 +252,77 @@ def _is_of_this_python(command: Command) -> bool:
     """Run by this interpreter, or installed in its environment."""
     program = Path(command.arguments[0])
     return program == Path(sys.executable) or program.is_relative_to(sys.prefix)
+
+
+NAME: Final = ".gate"
+
+
+def gate_variables(folder: Path | None) -> Mapping[str, str]:
+    """The variable that names a run's gate to its processes."""
+    return {} if folder is None else {GATE_VARIABLE: str(gate_path(folder))}
+
+
+def early_units(
+    units: Iterable[Unit], executables: Executables, gated: Set[tuple[str, str]]
+) -> tuple[Unit, ...]:
+    """The processes that are known to wait at the gate before they make a node.
+
+    Args:
+        units: the processes.
+        executables: the nodes' programs.
+        gated: package and executable of those whose node the run-time library makes.
+    """
+
+    def waits(node: Process) -> bool:
+        # The library of another Python may know of no gate.
+        is_own = is_composable(node, executables[node.full_name])
+        return is_own and (node.package, node.executable) in gated
+
+    return tuple(unit for unit in units if all(map(waits, unit.nodes)))
+
+
+@contextmanager
+def held_at_gate(
+    folder: Path | None, units: Iterable[Unit], processes: WardenProcesses
+) -> Iterator[None]:
+    """Start processes; while entered they make no node, nor afterwards if the run is refused.
+
+    If the run's folder takes no gate, nothing is started early.
+    """
+    with ExitStack() as gate:
+        if folder is not None and _is_closed(folder, gate):
+            for unit in units:
+                processes.start_early(unit)
+        try:
+            yield
+        except BaseException:
+            processes.end()
+            raise
+
+
+def _is_closed(folder: Path, gate: ExitStack) -> bool:
+    try:
+        gate.enter_context(closed_gate(folder))
+    except OSError:
+        return False
+    return True
+
+
+def gate_path(folder: Path) -> Path:
+    """The gate of a run, in its folder."""
+    return folder / NAME
+
+
+@contextmanager
+def closed_gate(folder: Path) -> Iterator[None]:
+    """While entered, no program of the run that waits at its gate makes a node.
+
+    Raises:
+        OSError: the folder takes no file.
+    """
+    gate = os.open(gate_path(folder), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(gate, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(gate)

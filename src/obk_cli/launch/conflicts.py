@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from typing import Final
 
-from obk_cli.adapters.allowed_publisher import is_allowed_publisher
 from obk_cli.clock import monotonic_s
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.events import InputEvent, UnknownPublisherSeen
@@ -20,6 +19,7 @@ from obk_cli.launch.ros_nodes import RosNodes
 from obk_cli.plan.plan import Plan
 from obk_cli.process.identity import since_boot_s
 from obk_cli.ros.graph import FOREIGN_DISCOVERY_S, OWN_DISCOVERY_S, UNNAMED, RosGraph
+from obk_cli.ros.publisher import is_allowed_publisher
 
 __all__ = [
     "control_topics",

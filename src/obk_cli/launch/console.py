@@ -7,9 +7,10 @@ left out, like lines that a full disk does not take.
 
 import errno
 import os
+import re
 import select
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -17,26 +18,84 @@ from typing import Final, Protocol, Self
 
 from obk_cli.clock import monotonic_s, wall_s
 from obk_cli.errors import ObkError
+from obk_cli.launch.event_lines import JsonReport, LaunchReport
 from obk_cli.launch.events import OutputEvent, OutputLine
 from obk_cli.launch.journal import Journal
-from obk_cli.launch.node_lines import NodeLines
 from obk_cli.launch.process_groups import Unit
+from obk_cli.launch.status import LiveReport, opening_status
 from obk_cli.plan.plan import Plan
-from obk_cli.report.escapes import plain
-from obk_cli.report.launch import LaunchReport
-from obk_cli.report.launch_json import JsonReport
-from obk_cli.report.launch_status import LiveReport, opening_status
+from obk_cli.terminal import plain
 
 __all__ = [
+    "CONSOLE_FORMAT",
     "Console",
-    "Draw",
     "Footer",
-    "Formatter",
+    "NodeLines",
     "Output",
     "Screen",
     "open_console",
     "takes_footer",
 ]
+
+CONSOLE_FORMAT: Final = "[{severity}] [{time}] [{name}]: {message}"
+"""As RCUTILS_CONSOLE_OUTPUT_FORMAT takes it; rcutils' own, which a user may have changed."""
+
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+_LOGGED = re.compile(r"\[(?:DEBUG|INFO|WARN|ERROR|FATAL)\] \[[\d.]+\] \[([^\]]*)\]: ")
+_LAST_WORDS = re.compile(r"(/[\w/]+): ")
+_TRACEBACK: Final = "Traceback (most recent call last):"
+_CHAINED: Final = (
+    "During handling of the above exception, another exception occurred:",
+    "The above exception was the direct cause of the following exception:",
+)
+
+
+class NodeLines:
+    """Takes lines one after another and gives the node that wrote each."""
+
+    def __init__(self, nodes: Iterable[str]) -> None:
+        """Know the nodes by their full names, `/ns/name`."""
+        self._by_logger: Mapping[str, str] = {
+            node.strip("/").replace("/", "."): node for node in nodes
+        }
+        self.is_shared: Final = len(self._by_logger) > 1
+        self._owner: str | None = None
+        self._in_traceback = False
+
+    def owner(self, line: str) -> str | None:
+        """The node that wrote the next line of the stream, None where it is the process itself.
+
+        A line that names no logger belongs to the node before it if it is indented, blank, or part
+        of a traceback.
+        """
+        text = _COLOUR.sub("", line)
+        if logged := _LOGGED.match(text):
+            self._begin(self._of_logger(logged[1]))
+        elif last := _LAST_WORDS.match(text):
+            self._begin(self._by_logger.get(last[1].strip("/").replace("/", ".")))
+        elif text == _TRACEBACK:
+            self._in_traceback = True
+        elif self._in_traceback and not _is_continued(text):
+            # The exception itself, which ends its traceback.
+            self._in_traceback = False
+        elif not _is_continued(text):
+            self._begin(None)
+        return self._owner
+
+    def _begin(self, owner: str | None) -> None:
+        self._owner = owner
+        self._in_traceback = False
+
+    def _of_logger(self, name: str) -> str | None:
+        """The node of a logger: its own, or else the nearest one up of which it is a child."""
+        while name and name not in self._by_logger:
+            name = name.rpartition(".")[0]
+        return self._by_logger.get(name)
+
+
+def _is_continued(text: str) -> bool:
+    return not text.strip() or text[0].isspace() or text in _CHAINED
+
 
 Draw = Callable[[int, int], Sequence[str]]
 """Columns and rows of the terminal -> lines that fit; colours allowed, nothing else."""

@@ -17,8 +17,7 @@ from typing import Final
 
 import msgspec
 
-from obk_cli.launch.asks import ChangeAsked, StatusAsked
-from obk_cli.launch.events import InputEvent, StopAsked
+from obk_cli.launch.events import ChangeAsked, InputEvent, StatusAsked, StopAsked
 from obk_cli.runs.protocol import (
     CONTROL_SOCKET,
     LONGEST_REQUEST,

@@ -12,16 +12,13 @@ from typing import TYPE_CHECKING, Final, Generic, TypeVar, get_args
 
 from obelisk_spec.runtime_protocol import Rate
 from obelisk_spec.video import VideoStatus
-from obk_cli.launch.asks import ChangeAsked, StatusAsked
-from obk_cli.runs.protocol import Result, StackStatus
-
-if TYPE_CHECKING:
-    from obk_cli.launch.stack_state import StackState
+from obk_cli.runs.protocol import ChangeAnswer, Result, StackStatus
 
 __all__ = [
     "OUTPUT_EVENTS",
     "Answered",
     "AnswersAgain",
+    "ChangeAsked",
     "Ended",
     "EventBus",
     "EventPublisher",
@@ -42,10 +39,10 @@ __all__ = [
     "Ready",
     "Restarted",
     "Restarting",
-    "Result",
     "StackStateChanged",
     "StateAnswered",
     "StateSeen",
+    "StatusAsked",
     "StopAsked",
     "TransitionBegun",
     "TransitionEnded",
@@ -53,6 +50,30 @@ __all__ = [
     "VideoReported",
     "WaitingFor",
 ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangeAsked:
+    """Somebody wants nodes taken through a transition; answered once, at the latest at the end."""
+
+    transition: str
+    reply: Callable[[ChangeAnswer], None]
+    """May be called from any thread; must return at once."""
+    nodes: tuple[str, ...] = ()
+    """Full names; empty: the whole stack."""
+    timeout_s: float | None = None
+    """For each node's transition [s]; None: the launch's own."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatusAsked:
+    """Somebody wants to know how the stack is; answered at once, also during a transition."""
+
+    reply: Callable[[StackStatus], None]
+
+
+if TYPE_CHECKING:
+    from obk_cli.launch.stack_state import StackState
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,23 +7,24 @@ record. Out: `recording.mcap` in the run's folder.
 import signal
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from obelisk_spec.suggestions import list_names
 from obk_cli.files import STATE_MODE, write_text
 from obk_cli.launch.console import Output
-from obk_cli.launch.events import Ended, OutputEvent, OutputLine, ProcessEnded
-from obk_cli.launch.process_groups import Unit
+from obk_cli.launch.events import Ended, OutputEvent, OutputLine, Phase, ProcessEnded, VideoReported
+from obk_cli.launch.options import simulated_robots
+from obk_cli.launch.process_groups import Share, Unit
 from obk_cli.launch.processes import NodeCommand, ProcessEvent, WardenProcesses
-from obk_cli.record.recorder_job import BEGUN, RecorderJob, job_to_json
-from obk_cli.record.recording import RECORDING
-from obk_cli.record.run_metadata import run_metadata_of
-from obk_cli.record.topic_filter import RecordRequest
-from obk_cli.runs.run_plan import run_topics
+from obk_cli.plan.plan import Plan
+from obk_cli.record.recorder_job import BEGUN, RecorderJob, RecordRequest, job_to_json
+from obk_cli.record.recording import RECORDING, run_metadata_of
+from obk_cli.runs.folder import run_topics
 
-__all__ = ["UNIT", "Recorder"]
+__all__ = ["UNIT", "Recorder", "VideoReports"]
 
 BEGIN_S: Final = 5.0
 """How long the nodes wait for the recorder [s]."""
@@ -121,3 +122,38 @@ class Recorder:
         self._has_begun.set()
         if not self._is_ending or end.code:
             self._output.note(f"warning: the recorder has ended: {end.how}; the stack goes on")
+
+
+_UNKNOWN: Final = "warning: the robot did not report how its film ended"
+
+
+class VideoReports:
+    """The films that the robots of a run have reported; `on_event` subscribes to its events."""
+
+    def __init__(self, plan: Plan, share: Share, note: Callable[[str], None]) -> None:
+        """Expect a film of each simulated robot that has the parameter `render`.
+
+        Args:
+            plan: a whole stack.
+            share: what of it runs here.
+            note: shows a line to the user.
+        """
+        robots = simulated_robots(plan, share)
+        self._expected = [node for node in robots if node.parameters.get("render")]
+        self._note = note
+        self._has_begun = False
+        self._results: list[str] = []
+
+    def on_event(self, event: OutputEvent) -> None:
+        """Collect what robots report, and show it when the run has ended."""
+        match event:
+            case VideoReported(video=video) if video.state == "recording":
+                self._has_begun = True
+            case VideoReported(video=video):
+                self._results.append(str(video))
+            case Phase(name="active") if self._expected and not self._has_begun:
+                names = list_names(node.full_name for node in self._expected)
+                self._note(f"warning: no film has begun, which `render` asks for of {names}")
+            case Ended() if self._has_begun:
+                for text in self._results or [_UNKNOWN]:
+                    self._note(text)

@@ -13,7 +13,6 @@ from typing import Any, Final
 
 from obelisk_spec.runtime_protocol import DIAGNOSTICS_TOPIC, parse_rate
 from obelisk_spec.video import parse_video
-from obk_cli.adapters.lifecycle_client import LifecycleClient, NodeClients, open_client
 from obk_cli.launch.events import (
     Answered,
     Failed,
@@ -27,6 +26,7 @@ from obk_cli.launch.events import (
 )
 from obk_cli.launch.transitions import PASSED
 from obk_cli.ros.environment import RosEnvironment
+from obk_cli.ros.lifecycle_client import LifecycleClient, NodeClients, open_client
 from obk_cli.runs.lifecycle import RESTING
 
 __all__ = [

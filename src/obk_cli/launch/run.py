@@ -12,11 +12,18 @@ from pathlib import Path
 from queue import SimpleQueue
 from tempfile import TemporaryDirectory
 
-from obk_cli.adapters.leftovers import launch_marks
 from obk_cli.clock import monotonic_s
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_service import GraphService
-from obk_cli.launch.commands import Executables, composable, find_executables, unit_commands
+from obk_cli.introspect.graph_source import GraphService
+from obk_cli.launch.commands import (
+    Executables,
+    composable,
+    early_units,
+    find_executables,
+    gate_variables,
+    held_at_gate,
+    unit_commands,
+)
 from obk_cli.launch.conflicts import (
     refuse_taken_names,
     refuse_unknown_publishers,
@@ -35,19 +42,18 @@ from obk_cli.launch.events import (
     StopAsked,
 )
 from obk_cli.launch.options import LaunchOptions
-from obk_cli.launch.preload import early_units, gate_variables, held_at_gate
 from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.launch.processes import NodeCommand, ProcessEvent, WardenProcesses
-from obk_cli.launch.recorder import Recorder
+from obk_cli.launch.recorder import Recorder, VideoReports
 from obk_cli.launch.ros_nodes import RosNodes, open_ros_nodes
 from obk_cli.launch.run_lock import locked_run
 from obk_cli.launch.state_node import StateNode, state_node_name
 from obk_cli.launch.supervisor import Supervisor
-from obk_cli.launch.video import VideoReports
 from obk_cli.plan.plan import Plan
 from obk_cli.process.shared_memory import remove_dead_segments
 from obk_cli.process.signals import end_signals_heard
 from obk_cli.ros.environment import RosEnvironment
+from obk_cli.runs.orphans import launch_marks
 from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = ["run_plan"]

@@ -12,9 +12,7 @@ from contextlib import suppress
 from typing import Any, Final
 
 from obelisk_spec.names import node_name_fault
-from obk_cli.adapters.lifecycle_client import LifecycleClient
-from obk_cli.launch.asks import ChangeAsked
-from obk_cli.launch.events import InputEvent
+from obk_cli.launch.events import ChangeAsked, InputEvent
 from obk_cli.launch.transitions import (
     EDGES,
     STATES,
@@ -24,6 +22,7 @@ from obk_cli.launch.transitions import (
     edges_from,
     find_edge,
 )
+from obk_cli.ros.lifecycle_client import LifecycleClient
 from obk_cli.runs.protocol import ChangeAnswer
 
 __all__ = ["StateNode", "rejection", "state_node_name"]

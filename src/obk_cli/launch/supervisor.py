@@ -9,11 +9,11 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable
 from typing import Final
 
-from obk_cli.launch.asks import ChangeAsked, StatusAsked
-from obk_cli.launch.event_loop import EventLoop, RunContext
+from obk_cli.launch.event_loop import EventLoop, Inbox, Lifecycle, Limits, Processes, RunContext
 from obk_cli.launch.events import (
     Answered,
     AnswersAgain,
+    ChangeAsked,
     Ended,
     EventPublisher,
     Failed,
@@ -27,6 +27,7 @@ from obk_cli.launch.events import (
     Ready,
     StateAnswered,
     StateSeen,
+    StatusAsked,
     StopAsked,
     TransitionBegun,
     TransitionEnded,
@@ -35,7 +36,6 @@ from obk_cli.launch.events import (
     WaitingFor,
 )
 from obk_cli.launch.heartbeat import AwakeClock, Heartbeat
-from obk_cli.launch.interfaces import Inbox, Lifecycle, Limits, Processes
 from obk_cli.launch.process_control import ProcessControl
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.rates import RateWatch

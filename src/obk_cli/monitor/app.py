@@ -19,11 +19,11 @@ from textual.message import Message
 from textual.widgets import Input, Static
 
 from obk_cli.errors import ObkError
+from obk_cli.launch.event_lines import short_name
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.table import Line, head_line, log_lines, node_lines, passage_line, topic_lines
-from obk_cli.report.escapes import plain
-from obk_cli.report.launch import short_name
 from obk_cli.runs.protocol import ChangeAnswer
+from obk_cli.terminal import plain
 
 __all__ = ["Change", "MonitorApp", "Views", "run_monitor"]
 

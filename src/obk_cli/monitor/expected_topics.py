@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.parameters import NodeParameter
 from obk_cli.plan.plan import Plan, Process
+from obk_cli.ros.parameters import NodeParameter
 from obk_cli.runs.lifecycle import ACTIVE, INACTIVE
 from obk_cli.runs.protocol import NodeStatus
 

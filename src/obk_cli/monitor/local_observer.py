@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Final
 
 from obk_cli.introspect.graph_source import LauncherParameters
-from obk_cli.introspect.parameters import NodeParameter
 from obk_cli.launch.transitions import UNKNOWN
 from obk_cli.monitor.expected_topics import (
     REALTIME_FACTOR,
@@ -22,14 +21,14 @@ from obk_cli.monitor.expected_topics import (
 from obk_cli.monitor.model import NodeView, StackView
 from obk_cli.monitor.topic_watch import WINDOW_S, TopicWatch
 from obk_cli.process.load import OwnCost, ProcessLoad, ProcessLoads
+from obk_cli.ros.parameters import NodeParameter
 from obk_cli.ros.participant import RosLook
 from obk_cli.runs.control_client import ask_status
-from obk_cli.runs.folder import Run, read_run
+from obk_cli.runs.folder import Run, read_run, run_plan
 from obk_cli.runs.lifecycle import ACTIVE
 from obk_cli.runs.logs import LAUNCH_LOG, last_lines
 from obk_cli.runs.protocol import NodeStatus, StackStatus
 from obk_cli.runs.registry import is_alive
-from obk_cli.runs.run_plan import run_plan
 from obk_cli.runs.stacks import section_of
 
 __all__ = ["WINDOW_S", "Observer"]

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from obelisk_spec.runtime_protocol import TOLERANCE
 from obelisk_spec.runtime_protocol import Rate as Promised
-from obk_cli.introspect.rates import TopicRate
 from obk_cli.process.load import ProcessLoad
+from obk_cli.ros.rate_meter import TopicRate
 
 __all__ = ["NodeView", "Passage", "StackView", "TopicView"]
 

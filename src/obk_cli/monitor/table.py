@@ -13,11 +13,11 @@ from typing import Any, Final, Generic, TypeVar
 
 from rich.cells import cell_len, set_cell_size
 
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import with_number
+from obk_cli.launch.event_lines import short_name
 from obk_cli.monitor.model import NodeView, StackView, TopicView
-from obk_cli.report.escapes import plain
-from obk_cli.report.launch import short_name
 from obk_cli.runs.lifecycle import ACTIVE
+from obk_cli.terminal import plain
 
 __all__ = [
     "Line",

@@ -4,8 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import cast
 
-from obelisk_spec.components import DEFAULT_HISTORY_DEPTH, SETTING_SUFFIX
-from obelisk_spec.settings import format_setting
+from obelisk_spec.components import DEFAULT_HISTORY_DEPTH, SETTING_SUFFIX, format_setting
 from obelisk_spec.values import ParameterValue
 from obk_cli.config.model import (
     COMPONENT_LISTS,

@@ -26,7 +26,7 @@ from mcap_ros2.decoder import DecoderFactory
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import explain_os_error
 from obk_cli.record.recording import DROPS, Bag, BagTopic
-from obk_cli.report.escapes import plain
+from obk_cli.terminal import plain
 
 __all__ = ["BagMessage", "messages_of", "read_bag"]
 

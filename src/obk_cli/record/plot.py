@@ -14,7 +14,7 @@ from typing import Any, Final
 from obelisk_spec.suggestions import did_you_mean, list_names
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import unwritable, write_bytes
-from obk_cli.introspect.field_path import field_steps
+from obk_cli.ros.field_path import field_steps
 
 __all__ = [
     "FORMATS",

@@ -10,6 +10,7 @@ its nodes. It ends on SIGINT, SIGTERM, SIGHUP, or when its duration is over.
 """
 
 import os
+import re
 import sys
 import threading
 import time
@@ -25,19 +26,69 @@ from obk_cli.optional_deps import no_ros
 from obk_cli.process.shared_memory_check import require_shared_memory
 from obk_cli.process.signals import end_signals_heard
 from obk_cli.record.mcap_writer import FLUSH_S, BagWriter, offers_text
-from obk_cli.record.msg_definitions import installed_definition, schema_text
-from obk_cli.record.recorder_job import BEGUN, RecorderJob, job_from_json
-from obk_cli.record.recording import DROPS
-from obk_cli.record.topic_filter import (
+from obk_cli.record.recorder_job import (
+    BEGUN,
+    RecorderJob,
     RecordRequest,
     clashing_topics,
+    job_from_json,
     matching_topics,
     unmatched_requests,
 )
+from obk_cli.record.recording import DROPS
 from obk_cli.ros.raw_subscription import DropCounter, RawTopic
 from obk_cli.ros.types import find_type
+from obk_cli.workspace.overlay import underlays_of
 
-__all__ = ["Recorded", "RosRecorder", "main", "record", "recorded_text"]
+__all__ = ["RosRecorder", "installed_definition", "record", "recorded_text", "schema_text"]
+
+FindDefinition = Callable[[str, str], str | None]
+"""Package and message -> the text of its `.msg` file, None if there is none."""
+
+_BAR = "=" * 80
+# Message types begin with a capital letter, primitive types with a small one.
+_OWN_TYPE = re.compile(r"\s*(?:(?P<package>[a-z]\w*)/)?(?P<name>[A-Z]\w*)\s*(?:\[[^\]]*\])?\s+\w")
+
+
+def schema_text(msg_type: str, find: FindDefinition) -> str | None:
+    """The definition of `pkg/msg/Name` with every type that it refers to; None if one is missing.
+
+    Args:
+        msg_type: full name.
+        find: looks up a definition.
+    """
+    package, _, name = msg_type.split("/")
+    texts: dict[str, str] = {}
+    waiting = [(package, name)]
+    while waiting:
+        package, name = waiting.pop(0)
+        if f"{package}/{name}" in texts:
+            continue
+        text = find(package, name)
+        if text is None:
+            return None
+        texts[f"{package}/{name}"] = text.strip("\n")
+        waiting.extend(_parts(text, package))
+    first, *others = texts.items()
+    return "\n".join([first[1], *(f"{_BAR}\nMSG: {name}\n{text}" for name, text in others)]) + "\n"
+
+
+def _parts(text: str, package: str) -> Iterator[tuple[str, str]]:
+    """Package and name of the messages that a definition's fields are of."""
+    for line in text.splitlines():
+        field = _OWN_TYPE.match(line.partition("#")[0])
+        if field is not None:
+            yield field["package"] or package, field["name"]
+
+
+def installed_definition(package: str, name: str) -> str | None:
+    """The definition of a message from the first prefix that has it; None if none has."""
+    for prefix in underlays_of(os.environ, ()):
+        path = Path(prefix, "share", package, "msg", f"{name}.msg")
+        if path.is_file():
+            return path.read_text(encoding="utf-8", errors="replace")
+    return None
+
 
 POLL_S: Final = 0.005
 """Interval between two polls of the subscriptions [s]."""

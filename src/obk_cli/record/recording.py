@@ -3,17 +3,28 @@
 Needs no MCAP library: `mcap_reader` makes the values.
 """
 
+import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Final
 
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError
-from obk_cli.runs.folder import config_of, run_folders
+from obk_cli.runs.folder import config_of, read_record, run_folders
 
-__all__ = ["DROPS", "RECORDING", "Bag", "BagTopic", "find_recording"]
+__all__ = [
+    "DROPS",
+    "RECORDING",
+    "Bag",
+    "BagTopic",
+    "RunMetadata",
+    "file_name",
+    "find_recording",
+    "run_metadata_of",
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,3 +110,42 @@ def _in_folder(folder: Path) -> Path | None:
     is_there = os.path.isdir(folder)  # noqa: PTH112  (`Path.is_dir` raises)
     files = sorted(folder.glob("*.mcap")) if is_there else []
     return files[0] if len(files) == 1 else None
+
+
+PLAN_FILE: Final = "plan.json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunMetadata:
+    """Metadata records and attachments at the start of a recording."""
+
+    metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    attachments: Mapping[str, str] = field(default_factory=dict)
+
+
+def file_name(folder: Path | None, when: datetime) -> str:
+    """The default name of a recording's file."""
+    return f"{config_of(folder) if folder else 'ros'}_{when:%Y%m%d_%H%M%S}.mcap"
+
+
+def run_metadata_of(folder: Path) -> RunMetadata:
+    """The metadata of a run; what its folder lacks is left out."""
+    run = read_record(folder)
+    stored = {
+        key: str(run[key]) for key in ("name", "config", "domain", "plan_sha256") if key in run
+    }
+    recorded_versions = run.get("versions")
+    every = recorded_versions.items() if isinstance(recorded_versions, dict) else ()
+    versions = {key: str(value) for key, value in every}
+    plan = {PLAN_FILE: json.dumps(run["plan"], indent=1)} if "plan" in run else {}
+    return RunMetadata(
+        metadata={"obelisk": {"run": folder.name, **stored}, "obelisk_versions": versions},
+        attachments={**plan, **_parameters(folder)},
+    )
+
+
+def _parameters(folder: Path) -> Mapping[str, str]:
+    texts = {}
+    for path in sorted((folder / "params").glob("*.yaml")):
+        texts[f"params/{path.name}"] = path.read_text(encoding="utf-8", errors="replace")
+    return texts

@@ -8,10 +8,10 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from itertools import groupby
 
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import with_number
 from obk_cli.diagnostics.diagnostic import Diagnostic, Severity
 from obk_cli.diagnostics.source import Span
-from obk_cli.report.escapes import visible
+from obk_cli.terminal import visible
 
 __all__ = ["report_text", "summary"]
 

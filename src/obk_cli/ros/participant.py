@@ -7,21 +7,48 @@ raises is mapped here.
 
 import importlib
 import os
+import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Final, TypeVar
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_model import End, Role, RosGraph, TopicSeen
 from obk_cli.optional_deps import no_ros
 from obk_cli.process.shared_memory_check import require_shared_memory
 from obk_cli.ros.environment import RosEnvironment
-from obk_cli.ros.graph import full_name
-from obk_cli.ros.lazy_rosidl import leave_generator_for_later
+from obk_cli.ros.graph import End, GraphSnapshot, Role, TopicSeen, full_name
 from obk_cli.ros.raw_subscription import RawTopic, offer_of
 
-__all__ = ["LOOKER", "RosLook", "open_look"]
+__all__ = ["LOOKER", "RosLook", "leave_generator_for_later", "open_look"]
+
+PACKAGE: Final = "rosidl_generator_py"
+GENERATOR: Final = f"{PACKAGE}.generate_py_impl"
+
+
+def leave_generator_for_later() -> None:
+    """Import `rosidl_generator_py` so that its generator is imported when somebody wants it.
+
+    Does nothing where the package is imported already, or is not there.
+    """
+    if PACKAGE in sys.modules or GENERATOR in sys.modules:
+        return
+    sys.modules[GENERATOR] = None  # type: ignore[assignment]
+    try:
+        package = importlib.import_module(PACKAGE)
+    except ImportError:  # whoever wants a message will say that there is no ROS
+        return
+    finally:
+        del sys.modules[GENERATOR]
+    package.__getattr__ = _late  # type: ignore[method-assign]
+
+
+def _late(name: str) -> object:
+    """What the package would have had from the start: `generate_py`."""
+    if name != "generate_py":
+        raise AttributeError(f"module {PACKAGE!r} has no attribute {name!r}")
+    return importlib.import_module(GENERATOR).generate_py
+
 
 T = TypeVar("T")
 
@@ -138,9 +165,9 @@ class RosLook:
             subscriptions=subscriptions,
         )
 
-    def graph(self) -> RosGraph:
+    def graph(self) -> GraphSnapshot:
         """All that is told of by now."""
-        return RosGraph(
+        return GraphSnapshot(
             nodes=self.nodes(),
             topics=tuple(self.topic(name) for name in self.topic_types()),
             services=self.service_types(),

@@ -1,13 +1,17 @@
 """Publishing from a node that has nothing else of rclpy: one topic, once or at a rate."""
 
+import os
+import re
 import time
+from pathlib import Path
 from typing import Any, Final
 
-from obk_cli.introspect.graph_model import TopicSeen
+from obk_cli.process.identity import start_s
+from obk_cli.ros.graph import TopicSeen
 from obk_cli.ros.participant import RosLook
 from obk_cli.ros.types import require_message
 
-__all__ = ["RosPublisher"]
+__all__ = ["ALLOWED_PUBLISHER", "RosPublisher", "is_allowed_publisher"]
 
 ACK_S: Final = 5.0
 """How long a subscriber that is there may take to have the last message [s]."""
@@ -74,3 +78,27 @@ class RosPublisher:
     def until(time_s: float) -> None:
         """Wait until a time of the monotonic clock [s]."""
         time.sleep(max(0.0, time_s - time.monotonic()))
+
+
+ALLOWED_PUBLISHER: Final = "obk_allowed_publisher"
+"""The node's name; the process id follows."""
+_NODE: Final = re.compile(rf"/{ALLOWED_PUBLISHER}_(?P<pid>[1-9]\d{{0,9}})", re.ASCII)
+
+
+def is_allowed_publisher(node: str, since_s: float) -> bool:
+    """Whether a node is of a command of this user that began after a time.
+
+    Args:
+        node: full name.
+        since_s: what began before was not meant for what runs since [s since boot].
+    """
+    match = _NODE.fullmatch(node)
+    if match is None:
+        return False
+    pid = int(match["pid"])
+    try:
+        is_own = Path(f"/proc/{pid}").stat().st_uid == os.geteuid()
+    except OSError:
+        return False
+    start = start_s(pid)
+    return is_own and start is not None and start >= since_s

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import with_number
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.types import require_message
 

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.field_path import ArrayType, FieldType, Message, Number, parse_type
-from obk_cli.introspect.message_input import Data, Now
+from obk_cli.ros.field_path import ArrayType, FieldType, Message, Number, parse_type
+from obk_cli.ros.message_data import Data, Now
 
 __all__ = [
     "fields_of",

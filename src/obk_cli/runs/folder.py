@@ -8,7 +8,7 @@ log a node, and while it runs `control.sock`.
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +16,7 @@ from typing import Any, Final
 import msgspec
 
 from obk_cli.errors import CommandFailedError
+from obk_cli.plan.plan import Plan, Process
 
 __all__ = [
     "MadeFrom",
@@ -27,6 +28,8 @@ __all__ = [
     "read_runs",
     "record_end",
     "run_folders",
+    "run_plan",
+    "run_topics",
     "runs_folder",
     "write_run",
 ]
@@ -213,3 +216,45 @@ def read_record(folder: Path) -> Mapping[str, Any]:
     except (OSError, ValueError, RecursionError):
         return {}
     return data if isinstance(data, dict) else {}
+
+
+_Scalar = bool | int | float | str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _KeptProcess(Process):
+    """A process whose parameters are of a type that can be checked: one kind of list, not four."""
+
+    parameters: Mapping[str, _Scalar | tuple[_Scalar, ...]] = field(  # type: ignore[assignment]
+        default_factory=dict
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _KeptPlan(Plan):
+    processes: tuple[_KeptProcess, ...]
+
+
+def run_topics(folder: Path) -> Mapping[str, str | None]:
+    """The topics of a run's plan with the types that it knows, read from what the run keeps."""
+    found: dict[str, str | None] = {}
+    for process in run_plan(folder).processes:
+        for end in (*process.publishes, *process.subscribes):
+            found[end.topic] = found.get(end.topic) or end.msg_type
+    return found
+
+
+def run_plan(folder: Path) -> Plan:
+    """A run's config as compiled; empty if its folder keeps none that can be read.
+
+    Parameters that JSON cannot hold are texts, as `emit_plan` writes them: `.inf`, `.nan`.
+    """
+    try:
+        kept = msgspec.convert(read_record(folder).get("plan"), _KeptPlan)
+    except (ValueError, RecursionError):
+        return Plan(name="", processes=())
+    return Plan(name=kept.name, processes=tuple(map(_process, kept.processes)))
+
+
+def _process(kept: _KeptProcess) -> Process:
+    return Process(**{field.name: getattr(kept, field.name) for field in fields(kept)})

@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final, Literal
 
-from obk_cli.adapters.leftovers import end_leftovers, find_leftovers
 from obk_cli.files import is_planted, is_within_planted
 from obk_cli.process.identity import boot_id, is_process, signal_process, wait_for_ends
 from obk_cli.runs.control_client import ask_stop
 from obk_cli.runs.folder import Run, read_run, run_folders
+from obk_cli.runs.orphans import end_leftovers, find_leftovers
 
 __all__ = ["STOP_S", "LauncherEnd", "end_launcher", "is_alive", "live_folders", "live_runs"]
 

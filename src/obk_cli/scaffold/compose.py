@@ -9,13 +9,14 @@ from pathlib import PurePosixPath
 from typing import Final
 
 from obk_cli.scaffold.kinds import (
+    LONGEST_NAME,
     PACKAGE_OF_WORKSPACE_LAYERS,
     SERVICE_LAYER,
     WORKSPACE_LAYER,
     Kind,
+    Problem,
     recipe_of,
 )
-from obk_cli.scaffold.names import LONGEST_NAME, Problem
 from obk_cli.scaffold.package_files import PackageTexts, add_console_script, add_dependencies
 from obk_cli.scaffold.questions import Answers, Question, check_answers
 from obk_cli.scaffold.templates import (

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree
 
-from obk_cli.scaffold.names import Problem
+from obk_cli.scaffold.kinds import Problem
 
 __all__ = [
     "PackageIdentity",

@@ -9,15 +9,9 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Protocol
 
-from obelisk_spec.messages import (
-    OBELISK_MESSAGES,
-    ROS_MESSAGES,
-    near_msg_types,
-    resolve_msg_type,
-)
+from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES, near_msg_types, resolve_msg_type
 from obelisk_spec.suggestions import ask_for, list_names, near_names
-from obk_cli.scaffold.kinds import NODE_KINDS, Kind, Language, recipe_of
-from obk_cli.scaffold.names import Problem, check_name
+from obk_cli.scaffold.kinds import NODE_KINDS, Kind, Language, Problem, check_name, recipe_of
 
 __all__ = [
     "USUAL_CTRL",

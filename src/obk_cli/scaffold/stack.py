@@ -7,10 +7,10 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
-from obelisk_spec.messages import resolve_msg_type
+from obelisk_spec.names import resolve_msg_type
 from obelisk_spec.sensors import SENSOR_GROUPS
+from obk_cli.config.environment import CodeComponent, NodeFacts
 from obk_cli.config.model import COMPONENT_LISTS, ComponentKind
-from obk_cli.config.node_facts import CodeComponent, NodeFacts
 from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
 from obk_cli.scaffold.questions import MessageType
 from obk_cli.scaffold.variables import sensor_topic

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from obelisk_spec.suggestions import near_names
-from obk_cli.config.node_facts import MissingMethod
+from obk_cli.config.environment import MissingMethod
 from obk_cli.source_analysis.modules import Library, Module, at_top_level, dotted_name, span_of
 
 __all__ = ["ClassSource", "Function", "Lineage", "lineage_of"]

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.config.node_facts import CodeFault, ControlLength, NodeFacts
+from obk_cli.config.environment import CodeFault, ControlLength, NodeFacts
 from obk_cli.diagnostics.source import Span
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage, lineage_of
 from obk_cli.source_analysis.modules import (

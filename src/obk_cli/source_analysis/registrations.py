@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+from obk_cli.config.environment import CodeComponent, CodeParameter, kind_of_value
 from obk_cli.config.model import ComponentKind
-from obk_cli.config.node_facts import CodeComponent, CodeParameter, kind_of_value
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
 from obk_cli.source_analysis.modules import (
     UNKNOWN,

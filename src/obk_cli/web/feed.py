@@ -15,7 +15,7 @@ from obk_cli.emit.svg import emit_svg
 from obk_cli.errors import CommandFailedError
 from obk_cli.monitor.model import StackView
 from obk_cli.plan.plan import Plan
-from obk_cli.runs.run_plan import run_plan
+from obk_cli.runs.folder import run_plan
 
 __all__ = ["Feed", "Moment", "Views", "live_picture"]
 

@@ -4,8 +4,14 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from obk_cli.config.environment import Command, ExecutableMissing, ModelFault, ModelRead
-from obk_cli.config.node_facts import CodeFault, NodeFacts
+from obk_cli.config.environment import (
+    CodeFault,
+    Command,
+    ExecutableMissing,
+    ModelFault,
+    ModelRead,
+    NodeFacts,
+)
 from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.workspace.mjcf_locations import MjcfElement, mjcf_elements, mjcf_files
 from obk_cli.workspace.model_cache import cache_folder, read_model_once

@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterable
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-from obk_cli.config.environment import Command
-from obk_cli.config.node_facts import CodeFault, NodeFacts
+from obk_cli.config.environment import CodeFault, Command, NodeFacts
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.source_analysis.entry_point import read_node_code
 from obk_cli.source_analysis.modules import FoundSource, Module, parse_module

@@ -38,7 +38,7 @@ def test_a_command_is_too_old_right_after_its_deadline_and_not_at_it(age):
     assert age.is_stale
 
 
-def test_it_is_told_once(age):
+def test_it_is_reported_once(age):
     age.accept(10.0)
     assert age.look(11.0) == pytest.approx(1.0)
     assert age.deadline_s is None
@@ -98,7 +98,7 @@ def test_a_command_that_comes_while_somebody_looks_is_in_time():
     assert not age.is_stale
 
 
-def test_time_that_is_nobodys_fault_does_not_count(age):
+def test_a_pause_does_not_count(age):
     age.postpone(5.0)
     assert age.deadline_s is None
     age.accept(10.0)
@@ -122,49 +122,49 @@ def test_after_forgetting_nothing_is_counted_until_a_command_comes(age):
 
 def _watchdog(max_age_s):
     age = CommandAge(StalePolicy(max_age_s=max_age_s, action="zero"))
-    told = threading.Event()
+    reported = threading.Event()
 
     def check():
         if age.look(time.monotonic()) is not None:
-            told.set()
+            reported.set()
 
-    return age, WatchdogThread(lambda: age.deadline_s, check), told
+    return age, WatchdogThread(lambda: age.deadline_s, check), reported
 
 
 def test_it_tells_of_a_command_that_none_follows():
-    age, watchdog, told = _watchdog(0.01)
+    age, watchdog, reported = _watchdog(0.01)
     watchdog.start()
     age.accept(time.monotonic())
     watchdog.wake()
-    assert told.wait(DEADLINE_S)
+    assert reported.wait(DEADLINE_S)
     assert watchdog.stop(DEADLINE_S)
 
 
 def test_it_tells_again_after_commands_have_come_again():
-    age, watchdog, told = _watchdog(0.01)
+    age, watchdog, reported = _watchdog(0.01)
     age.accept(time.monotonic())
     watchdog.start()
-    assert told.wait(DEADLINE_S)
-    told.clear()
+    assert reported.wait(DEADLINE_S)
+    reported.clear()
     age.accept(time.monotonic())
     watchdog.wake()
-    assert told.wait(DEADLINE_S)
+    assert reported.wait(DEADLINE_S)
     assert watchdog.stop(DEADLINE_S)
 
 
 def test_it_ends_at_once_although_its_deadline_is_far():
-    age, watchdog, told = _watchdog(1e9)
+    age, watchdog, reported = _watchdog(1e9)
     age.accept(time.monotonic())
     watchdog.start()
     assert watchdog.stop(DEADLINE_S)
-    assert not told.is_set()
+    assert not reported.is_set()
 
 
 def test_it_ends_although_no_command_ever_came():
-    _, watchdog, told = _watchdog(0.01)
+    _, watchdog, reported = _watchdog(0.01)
     watchdog.start()
     assert watchdog.stop(DEADLINE_S)
-    assert not told.is_set()
+    assert not reported.is_set()
 
 
 @pytest.fixture
@@ -172,7 +172,7 @@ def silences():
     return SilenceLog()
 
 
-def test_a_silence_is_told_once_a_grace_is_over(silences):
+def test_a_silence_is_reported_once_a_grace_is_over(silences):
     assert silences.due_s is None
     silences.begin(100.0)
     assert silences.due_s == 100.0 + SILENCE_GRACE_S
@@ -180,7 +180,7 @@ def test_a_silence_is_told_once_a_grace_is_over(silences):
     assert silences.due_s is None
 
 
-def test_that_commands_come_again_is_news_only_after_it_was_told_that_none_came(silences):
+def test_that_commands_come_again_is_news_only_after_it_was_reported_that_none_came(silences):
     silences.begin(100.0)
     assert not silences.end(0.2)
     assert silences.report(100.5, None) == "commands stopped 1x, for 0.200 s at most"
@@ -191,19 +191,19 @@ def test_that_commands_come_again_is_news_only_after_it_was_told_that_none_came(
     assert not silences.end(0.3)
 
 
-def test_silences_now_and_then_are_counted_and_told_each_ten_seconds(silences):
-    told = []
+def test_silences_now_and_then_are_counted_and_reported_each_ten_seconds(silences):
+    reported = []
     for tenth in range(1000, 1300, 2):
         now_s = tenth / 10
         if silences.due_s is not None and now_s >= silences.due_s:
-            told.append((now_s, silences.report(now_s, None)))
+            reported.append((now_s, silences.report(now_s, None)))
         silences.begin(now_s)
         silences.end(0.1)
-    assert [now_s for now_s, _ in told] == pytest.approx([100.6, 110.6, 120.6])
-    assert told[1][1] == "commands stopped 50x, for 0.100 s at most"
+    assert [now_s for now_s, _ in reported] == pytest.approx([100.6, 110.6, 120.6])
+    assert reported[1][1] == "commands stopped 50x, for 0.100 s at most"
 
 
-def test_a_silence_that_lasts_is_told_as_such_among_others(silences):
+def test_a_silence_that_lasts_is_reported_as_such_among_others(silences):
     silences.begin(100.0)
     silences.report(100.5, 0.55)
     silences.end(0.6)
@@ -214,7 +214,7 @@ def test_a_silence_that_lasts_is_told_as_such_among_others(silences):
     assert text == "commands stopped 2x, and none has come for 8.550 s"
 
 
-def test_what_is_forgotten_is_not_told(silences):
+def test_what_is_forgotten_is_not_reported(silences):
     silences.begin(100.0)
     silences.forget()
     assert silences.due_s is None
@@ -223,24 +223,24 @@ def test_what_is_forgotten_is_not_told(silences):
 
 
 class World:
-    """RejectionLog at one rate, and what is told of them."""
+    """RejectionLog at one rate, and what is reported of them."""
 
     def __init__(self):
         self.now_s = 50.0
-        self.refusals = RejectionLog("control refused", lambda: self.now_s, ONLY_REJECTIONS)
+        self.rejections = RejectionLog("control rejected", lambda: self.now_s, ONLY_REJECTIONS)
 
-    def refuse(self, seconds, *, accept_each=None):
-        """What is told while one is refused each tenth of a second, as (time, report)."""
-        told = []
+    def reject_for(self, seconds, *, accept_each=None):
+        """Reports, as (time, report), while a message is rejected each tenth of a second."""
+        reported = []
         for count in range(1, round(seconds * 10) + 1):
-            self.refusals.add("`u[0]` is nan")
-            report = self.refusals.report()
+            self.rejections.add("`u[0]` is nan")
+            report = self.rejections.report()
             if report is not None:
-                told.append((round(self.now_s, 1), report))
+                reported.append((round(self.now_s, 1), report))
             if accept_each is not None and count % accept_each == 0:
-                self.refusals.accept()
+                self.rejections.accept()
             self.now_s += 0.1
-        return told
+        return reported
 
 
 @pytest.fixture
@@ -248,38 +248,38 @@ def world():
     return World()
 
 
-def test_nothing_but_refusals_is_an_error_after_a_second_and_then_told_rarely(world):
-    first, *errors = world.refuse(25.0)
+def test_only_rejections_are_an_error_after_a_second_and_then_reported_rarely(world):
+    first, *errors = world.reject_for(25.0)
     assert first[0] == 50.0
-    assert first[1].text == "control refused: `u[0]` is nan (1x); 1 since the start"
+    assert first[1].text == "control rejected: `u[0]` is nan (1x); 1 since the start"
     assert not first[1].is_lasting
     assert [time_s for time_s, _ in errors] == pytest.approx([51.0, 61.0, 71.0], abs=0.11)
     assert all(report.is_lasting for _, report in errors)
-    assert errors[0][1].text.startswith("control refused: `u[0]` is nan (1")
-    assert "since the start; nothing else has come for 1." in errors[0][1].text
+    assert errors[0][1].text.startswith("control rejected: `u[0]` is nan (1")
+    assert "since the start; nothing else was received for 1." in errors[0][1].text
     assert errors[0][1].text.endswith("`obk topic echo` shows what the controller sends")
 
 
-def test_one_that_is_accepted_now_and_then_leaves_it_a_warning(world):
-    told = world.refuse(5.0, accept_each=9)
-    assert len(told) == 5
-    assert not any(report.is_lasting for _, report in told)
+def test_accepted_messages_in_between_leave_it_a_warning(world):
+    reported = world.reject_for(5.0, accept_each=9)
+    assert len(reported) == 5
+    assert not any(report.is_lasting for _, report in reported)
 
 
-def test_of_what_has_no_cure_nothing_is_an_error():
+def test_without_an_end_sentence_nothing_is_an_error():
     now_s = 0.0
-    late = RejectionLog("control applied though late", lambda: now_s)
+    late = RejectionLog("late control applied", lambda: now_s)
     late.add("its stamp is old")
     now_s = 100.0
     assert not late.report().is_lasting
 
 
 def test_reasons_that_differ_each_time_make_no_endless_line():
-    refusals = RejectionLog("control refused", lambda: 0.0)
+    rejections = RejectionLog("control rejected", lambda: 0.0)
     for value in range(1000):
-        refusals.add(f"`u[0]` is {value}")
-    text = refusals.report().text
-    assert text.startswith("control refused: `u[0]` is 0 (1x); `u[0]` is 1 (1x); ")
+        rejections.add(f"`u[0]` is {value}")
+    text = rejections.report().text
+    assert text.startswith("control rejected: `u[0]` is 0 (1x); `u[0]` is 1 (1x); ")
     assert text.endswith("`u[0]` is 7 (1x); for further reasons (992x); 1000 since the start")
-    refusals.add("`u[0]` is 9")
-    assert refusals.report() is None
+    rejections.add("`u[0]` is 9")
+    assert rejections.report() is None

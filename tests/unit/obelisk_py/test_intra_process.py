@@ -145,7 +145,7 @@ def test_with_a_listener_outside_all_get_it_by_dds() -> None:
     assert taken(box) == []
 
 
-def test_with_nobody_here_it_is_for_dds_to_know_who_listens() -> None:
+def test_without_a_local_subscription_everything_goes_through_dds() -> None:
     world = World()
     world.publisher.publish(Int64(data=1))
     assert world.dds.sent == [Int64(data=1)]
@@ -226,7 +226,7 @@ def test_bytes_are_handed_over_too() -> None:
     assert not world.dds.sent
 
 
-def test_what_is_no_message_of_the_class_is_refused() -> None:
+def test_what_is_no_message_of_the_class_is_rejected() -> None:
     world = World()
     box = world.listen()
     with pytest.raises(TypeError, match="Expected"):
@@ -234,7 +234,7 @@ def test_what_is_no_message_of_the_class_is_refused() -> None:
     assert taken(box) == []
 
 
-def test_a_message_that_cannot_be_copied_reaches_nobody() -> None:
+def test_a_message_that_cannot_be_copied_is_not_delivered() -> None:
     world = World()
     boxes = world.listen(), world.listen()
     bad = Int64()
@@ -290,14 +290,14 @@ def test_bytes_come_out_as_a_message() -> None:
     assert numbers(box) == [7]
 
 
-def test_each_message_signals_unless_somebody_else_is_to_be_told() -> None:
+def test_each_message_signals_unless_somebody_else_is_to_be_reported() -> None:
     box = buffer()
     box.put(Int64())
     assert os.eventfd_read(box.signal_fd) == 1
-    told: list[None] = []
-    box.wake = lambda: told.append(None)
+    reported: list[None] = []
+    box.wake = lambda: reported.append(None)
     box.put(Int64())
-    assert told == [None]
+    assert reported == [None]
     with pytest.raises(BlockingIOError):
         os.eventfd_read(box.signal_fd)
 
@@ -376,12 +376,12 @@ def test_every_change_of_a_topic_is_another_tuple() -> None:
 
 
 def test_a_subscription_keeps_its_buffer_and_a_buffer_no_subscription() -> None:
-    heard = subscription()
-    box = buffer_of(heard)
+    received = subscription()
+    box = buffer_of(received)
     assert box is not None
-    assert buffer_of(heard) is box
-    reference = weakref.ref(heard)
-    del heard
+    assert buffer_of(received) is box
+    reference = weakref.ref(received)
+    del received
     gc.collect()
     assert reference() is None
 

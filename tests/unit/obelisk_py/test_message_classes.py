@@ -46,7 +46,7 @@ def test_a_class_tells_its_full_name() -> None:
         ("sensor_msgs/msg/Nope", r"`sensor_msgs` has no message `Nope`"),
     ],
 )
-def test_a_name_that_is_no_message_is_told_apart(name: str, sentence: str) -> None:
+def test_a_name_that_is_no_message_is_reported_apart(name: str, sentence: str) -> None:
     with pytest.raises(ObeliskMsgError, match=sentence):
         message_class(name)
 

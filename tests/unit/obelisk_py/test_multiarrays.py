@@ -39,7 +39,7 @@ def test_an_offset_and_padded_rows_are_honoured() -> None:
     np.testing.assert_array_equal(multiarray_to_numpy(message), [[1, 2], [4, 5]])
 
 
-def test_a_layout_longer_than_the_data_is_refused() -> None:
+def test_a_layout_longer_than_the_data_is_rejected() -> None:
     message = multiarray_from_numpy(np.zeros((2, 2)))
     message.data = [0.0, 1.0, 2.0]
     with pytest.raises(ObeliskMsgError, match=r"asks for 4 elements .* holds 3"):
@@ -51,7 +51,7 @@ def test_a_message_without_dimensions_is_flat() -> None:
     np.testing.assert_array_equal(multiarray_to_numpy(message), [1.0, 2.0])
 
 
-def test_what_is_no_number_and_labels_that_do_not_fit_are_refused() -> None:
+def test_what_is_no_number_and_labels_that_do_not_fit_are_rejected() -> None:
     with pytest.raises(ObeliskMsgError, match="complex"):
         multiarray_from_numpy(np.zeros(2, np.complex128))
     with pytest.raises(ObeliskMsgError, match="1 labels for an array of 2 dimensions"):

@@ -7,7 +7,7 @@ import pytest
 from rclpy.qos import QoSReliabilityPolicy
 
 from obelisk_py.core.command_watchdog import StalePolicy
-from obelisk_py.core.components import Component, ComponentKind, ComponentTable
+from obelisk_py.core.components import ComponentKind, ComponentTable, RegisteredComponent
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.settings import (
     check_component,
@@ -21,9 +21,9 @@ from obelisk_py.core.settings import (
 NOTHING = parse_node_settings("")
 
 
-def publisher(**changes: Any) -> Component:
+def publisher(**changes: Any) -> RegisteredComponent:
     values: dict[str, Any] = {"ros_parameter": "pub_ctrl_setting", "key": None, **changes}
-    return Component(kind=ComponentKind.PUBLISHER, **values)
+    return RegisteredComponent(kind=ComponentKind.PUBLISHER, **values)
 
 
 def test_the_own_parameter_wins_over_the_entry_and_the_default() -> None:
@@ -96,7 +96,7 @@ def test_bad_topic_settings_name_the_component_and_the_value(
 
 @pytest.mark.parametrize("period", [0, -1, True, "fast", None])
 def test_a_period_is_a_number_above_zero(period: object) -> None:
-    timer = Component(
+    timer = RegisteredComponent(
         kind=ComponentKind.TIMER, ros_parameter=None, key="timer_ctrl", callback=lambda: None
     )
     with pytest.raises(ObeliskConfigError, match="expected seconds above 0"):
@@ -142,7 +142,7 @@ def test_an_age_or_an_action_that_is_none_is_named(raw: dict[str, object], fault
     "text",
     ["[1]", "publishers: 3", "publishers: [x]", "callback_groups: [a]", "callback_groups: {a: B}"],
 )
-def test_obelisk_settings_of_another_shape_are_refused(text: str) -> None:
+def test_obelisk_settings_of_another_shape_are_rejected(text: str) -> None:
     with pytest.raises(ObeliskConfigError):
         parse_node_settings(text)
 
@@ -160,7 +160,7 @@ def test_a_component_needs_a_name_and_a_callback() -> None:
     with pytest.raises(ObeliskConfigError, match="neither ros_parameter nor key"):
         publisher(ros_parameter=None)
     with pytest.raises(ObeliskConfigError, match="without a callback"):
-        Component(kind=ComponentKind.TIMER, ros_parameter=None, key="t")
+        RegisteredComponent(kind=ComponentKind.TIMER, ros_parameter=None, key="t")
 
 
 def test_a_table_finds_every_spelling_and_lists_what_exists() -> None:

@@ -8,12 +8,12 @@ import pytest
 
 from obelisk_py.core.spinning import wait_at_startup_barrier
 from obelisk_spec.runtime_protocol import GATE_VARIABLE
-from obk_cli.launch.preload import closed_gate, gate_path
+from obk_cli.launch.commands import closed_gate, gate_path
 
 from ...waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 
 
-def test_without_a_gate_nobody_waits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_a_gate_there_is_no_wait(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv(GATE_VARIABLE, raising=False)
     wait_at_startup_barrier()
     monkeypatch.setenv(GATE_VARIABLE, str(gate_path(tmp_path)))

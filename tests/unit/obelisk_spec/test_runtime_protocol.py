@@ -27,13 +27,13 @@ RATE = Rate(
 )
 
 
-def test_a_rate_is_read_as_it_was_told() -> None:
+def test_a_rate_round_trips() -> None:
     name = rate_name("/arm/controller", RATE.name)
     assert name == "arm/controller: timer_ctrl"
     assert parse_rate(name, 2, dict(rate_values(RATE))) == RATE
 
 
-def test_the_period_is_told_too() -> None:
+def test_the_period_is_reported_too() -> None:
     assert dict(rate_values(RATE))["period_sec"] == "0.001"
 
 
@@ -56,7 +56,7 @@ def test_the_level_is_the_standing(standing: str) -> None:
         ("a: b", 0, {"ticks": "1.5"}),
     ],
 )
-def test_what_is_no_rate_is_none(name: str, level: int, more: dict[str, str]) -> None:
+def test_an_invalid_rate_is_none(name: str, level: int, more: dict[str, str]) -> None:
     assert parse_rate(name, level, {**dict(rate_values(RATE)), **more}) is None
 
 
@@ -65,7 +65,7 @@ def test_a_status_of_other_tools_is_none() -> None:
 
 
 @given(st.text(), st.integers(), st.dictionaries(st.text(), st.text()))
-def test_whatever_others_tell_is_read(name: str, level: int, values: dict[str, str]) -> None:
+def test_any_other_status_is_none(name: str, level: int, values: dict[str, str]) -> None:
     assert parse_rate(name, level, values) is None
 
 
@@ -82,7 +82,7 @@ def test_other_names_are_not_of_this_host(host: str) -> None:
     assert not names_this_host(host)
 
 
-def test_a_page_is_the_one_that_is_asked_by_name_scheme_and_port() -> None:
+def test_a_page_is_compared_by_scheme_name_and_port() -> None:
     assert is_of_the_page("http://127.0.0.1:8080", "127.0.0.1:8080")
     for other in ("http://127.0.0.1:8081", "https://127.0.0.1:8080", "http://localhost:8080"):
         assert not is_of_the_page(other, "127.0.0.1:8080")

@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 
 from obelisk_spec.model import ModelFacts, SensorFact
-from obelisk_spec.scans import grid_count, turn_count
+from obelisk_spec.scans import MOST_RAYS, grid_count, turn_count
 from obelisk_spec.sensors import NOISY_FIELDS, SENSOR_GROUPS
 from obelisk_spec.sim_checks import check_sim
 
@@ -92,48 +92,46 @@ _SCAN = {"site_name": "imu", "pattern": {"type": "lidar_scan"}}
 
 
 @pytest.mark.parametrize(
-    ("block", "told"),
+    ("block", "value"),
     [
-        ({"viz_geoms": {1: "box"}}, "`viz_geoms` is {1: 'box'}, expected a mapping of geom names"),
-        ({"viz_geoms": {"box": ["box"]}}, "`viz_geoms` is {'box': ['box']}, expected a mapping"),
+        ({"viz_geoms": {1: "box"}}, "`viz_geoms` is {1: 'box'}, "),
+        ({"viz_geoms": {"box": ["box"]}}, "`viz_geoms` is {'box': ['box']}, "),
         ({"sensor_settings": [group(names={"q": ["jointpos"]})]}, "`sensor_names` is {'q': ["),
         ({"sensor_settings": [group(names={None: "jointpos"})]}, "`sensor_names` is {None: "),
-        ({"sensor_settings": [group(noise={3: {}})]}, "`noise` is {3: {}}, expected a mapping"),
-        ({"sensor_settings": [group(noise={"y": {3: 1}})]}, "the noise of `y` is {3: 1}, expected"),
-        ({"sensor_settings": [group(delay=False)]}, "`delay` is False, expected a number of"),
+        ({"sensor_settings": [group(noise={3: {}})]}, "`noise` is {3: {}}, "),
+        ({"sensor_settings": [group(noise={"y": {3: 1}})]}, "the noise of `y` is {3: 1}, "),
+        ({"sensor_settings": [group(delay=False)]}, "`delay` is False, "),
         (
             {
                 "sensor_settings": [
                     group("ObkScan", scan_config=_SCAN | {"pattern": {3: "lidar_scan"}})
                 ]
             },
-            "`pattern` is a mapping, expected a mapping whose keys are texts",
+            "`pattern` is a mapping, ",
         ),
     ],
 )
-def test_what_only_yaml_can_write_is_told_and_not_stumbled_over(
-    block: dict[str, Any], told: str
+def test_values_that_only_yaml_has_are_findings_and_no_crash(
+    block: dict[str, Any], value: str
 ) -> None:
     faults = check_sim({"model_xml_path": "m.xml", **block}, {}, FACTS)
     assert [fault.code for fault in faults] == ["OBK103"]
-    assert faults[0].message.startswith(told)
+    assert faults[0].message.startswith(value)
 
 
-def test_a_camera_of_the_model_is_taken_and_a_slip_in_its_name_told() -> None:
+def test_a_camera_of_the_model_is_accepted_and_a_typo_reported() -> None:
     assert codes({"sensor_settings": [group("ObkImage", names={"front": "camera"})]}) == []
     settings = [group("ObkImage", names={"frnt": "camera"})]
     (fault,) = check_sim({"model_xml_path": "m", "sensor_settings": settings}, {}, FACTS)
-    assert fault.message == "camera `frnt` is not in the model"
+    assert fault.code == "OBK303"
     assert fault.help == "did you mean `front`?"
 
 
 def test_a_keyframe_that_is_not_there_is_a_fault_of_the_parameters() -> None:
     (fault,) = check_sim({"model_xml_path": "m"}, {"ic_keyframe": "hom"}, FACTS)
     assert fault.path == ("params", "ic_keyframe")
-    assert str(fault) == (
-        "error[OBK310]: params.ic_keyframe: keyframe `hom` is not in the model "
-        "(did you mean `home`?)"
-    )
+    assert fault.meant == "home"
+    assert str(fault).startswith("error[OBK310]: params.ic_keyframe: ")
 
 
 def test_near_names_are_sought_among_sensors_of_the_type_first() -> None:
@@ -166,7 +164,7 @@ def test_without_a_model_only_what_needs_none_is_checked() -> None:
         ("ObkImu", {"acc": "accelerometer", "q": "framequats"}, "did you mean `framequat`?"),
     ],
 )
-def test_a_wrong_sensor_type_is_told_once_with_the_one_that_is_right(
+def test_a_wrong_sensor_type_is_reported_once_with_the_right_one(
     msg_type: str, names: dict[str, str], help: str
 ) -> None:
     block = {"model_xml_path": "m", "sensor_settings": [group(msg_type, names=names)]}
@@ -175,7 +173,7 @@ def test_a_wrong_sensor_type_is_told_once_with_the_one_that_is_right(
     assert help in (fault.help or "")
 
 
-def test_a_misspelt_sensor_name_is_told_once() -> None:
+def test_a_misspelt_sensor_name_is_reported_once() -> None:
     block = {"model_xml_path": "m", "sensor_settings": [group(names={"qq": "jointpos"})]}
     assert codes(block) == ["OBK303"]
 
@@ -195,7 +193,7 @@ def test_a_misspelt_sensor_name_is_told_once() -> None:
         ),
     ],
 )
-def test_a_block_of_the_wrong_shape_is_refused_before_anything_else(
+def test_a_block_of_the_wrong_shape_has_no_other_findings(
     block: dict[str, Any], place: tuple[str | int, ...]
 ) -> None:
     faults = check_sim(block, {}, FACTS)
@@ -234,11 +232,9 @@ def test_a_frame_is_the_world_or_a_thing_of_the_model(frame: str | None) -> None
     assert scan_faults(GRID, frame=frame) == []
 
 
-def test_a_frame_that_is_not_there_is_told() -> None:
+def test_an_unknown_frame_is_reported() -> None:
     (message,) = scan_faults(GRID, frame="wold")
-    assert message == (
-        "frame `wold` is neither `world` nor a site, body, geom or camera of the model"
-    )
+    assert message.startswith("frame `wold` ")
 
 
 @pytest.mark.parametrize(
@@ -250,7 +246,7 @@ def test_a_frame_that_is_not_there_is_told() -> None:
         ("DepthImage", {**CAMERA, "intrinsic_matrix": [*MATRIX[:8], 2.0]}),
     ],
 )
-def test_a_pattern_that_cannot_be_laid_out_is_told(kind: str, pattern: dict[str, Any]) -> None:
+def test_an_impossible_pattern_is_reported(kind: str, pattern: dict[str, Any]) -> None:
     (message,) = scan_faults(pattern, kind)
     assert ", expected " in message
 
@@ -264,10 +260,10 @@ def test_a_pattern_that_cannot_be_laid_out_is_told(kind: str, pattern: dict[str,
         ("DepthImage", {**CAMERA, "width": 100_000}, "1.6e+06"),
     ],
 )
-def test_more_rays_than_can_be_cast_are_refused(
-    kind: str, pattern: dict[str, Any], count: str
-) -> None:
-    assert scan_faults(pattern, kind) == [f"`pattern` has {count} rays, expected at most 1000000"]
+def test_too_many_rays_are_rejected(kind: str, pattern: dict[str, Any], count: str) -> None:
+    assert scan_faults(pattern, kind) == [
+        f"`pattern` has {count} rays, expected at most {MOST_RAYS}"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -289,11 +285,11 @@ def test_a_grid_has_a_ray_at_both_ends(length: float, resolution: float, count: 
 IMU_SENSORS = {"acc": "accelerometer", "rate": "gyro", "rot": "framequat"}
 
 
-def disturbance_faults(msg_type: str = "ObkImu", **given: Any) -> list[str]:
+def noise_faults(msg_type: str = "ObkImu", **given: Any) -> list[tuple[str, str]]:
     names = {"ObkImu": IMU_SENSORS, "ObkImage": {"front": "camera"}}
     settings = [group(msg_type, names=names.get(msg_type, {"q": "jointpos"}), **given)]
     return [
-        f"{fault.code} {'.'.join(map(str, fault.path[2:]))}: {fault.message}"
+        (fault.code, ".".join(map(str, fault.path[2:])))
         for fault in check_sim({"model_xml_path": "m", "sensor_settings": settings}, {}, FACTS)
         if fault.severity == "error"
     ]
@@ -309,62 +305,37 @@ def disturbance_faults(msg_type: str = "ObkImu", **given: Any) -> list[str]:
     ],
 )
 def test_noise_is_a_number_or_one_for_each_axis(noise: dict[str, Any]) -> None:
-    assert disturbance_faults(noise=noise, dropout=1, delay=0, seed=0) == []
+    assert noise_faults(noise=noise, dropout=1, delay=0, seed=0) == []
 
 
 @pytest.mark.parametrize(
-    ("given", "fault"),
+    ("given", "code", "path"),
     [
-        (
-            {"noise": {"acceleration": {}}},
-            "OBK101 noise.acceleration: `ObkImu` has no field `acceleration` that noise can be "
-            "added to",
-        ),
-        (
-            {"noise": {"orientation": 0.1}},
-            "OBK103 noise.orientation: the noise of `orientation` is 0.1, expected a mapping with "
-            "`sigma`, `bias`",
-        ),
-        (
-            {"noise": {"orientation": {"sgma": 0.1}}},
-            "OBK101 noise.orientation.sgma: the noise of `orientation` has no key `sgma`",
-        ),
-        (
-            {"noise": {"orientation": {"sigma": -0.1}}},
-            "OBK103 noise.orientation.sigma: `sigma` is -0.1, expected a number of at least 0, or "
-            "three of them",
-        ),
-        (
-            {"noise": {"orientation": {"bias": [1, 2]}}},
-            "OBK103 noise.orientation.bias: `bias` is [1, 2], expected a number, or three of them",
-        ),
+        ({"noise": {"acceleration": {}}}, "OBK101", "noise.acceleration"),
+        ({"noise": {"orientation": 0.1}}, "OBK103", "noise.orientation"),
+        ({"noise": {"orientation": {"sgma": 0.1}}}, "OBK101", "noise.orientation.sgma"),
+        ({"noise": {"orientation": {"sigma": -0.1}}}, "OBK103", "noise.orientation.sigma"),
+        ({"noise": {"orientation": {"bias": [1, 2]}}}, "OBK103", "noise.orientation.bias"),
         (
             {"msg_type": "JointEncoders", "noise": {"y": {"bias": [1, 2, 3]}}},
-            "OBK103 noise.y.bias: `bias` is [1, 2, 3], expected a number",
+            "OBK103",
+            "noise.y.bias",
         ),
-        (
-            {"msg_type": "ObkImage", "delay": 0.1},
-            "OBK103 delay: `delay` is 0.1, and an `ObkImage` cannot be delayed: it is published "
-            "when it is drawn",
-        ),
+        ({"msg_type": "ObkImage", "delay": 0.1}, "OBK103", "delay"),
         (
             {"msg_type": "ObkJointEncoders", "noise": {"joint_vel": {"sigma": 1}}},
-            "OBK306 noise.joint_vel: the noise of `joint_vel` is for a `jointvel` sensor, and the "
-            "group has none",
+            "OBK306",
+            "noise.joint_vel",
         ),
-        ({"dropout": 1.5}, "OBK103 dropout: `dropout` is 1.5, expected a number from 0 to 1"),
-        (
-            {"delay": "1"},
-            "OBK103 delay: `delay` is '1', expected a number of seconds from 0 to 9e+09",
-        ),
-        (
-            {"seed": True},
-            "OBK103 seed: `seed` is True, expected a whole number from 0 to 2147483647",
-        ),
+        ({"dropout": 1.5}, "OBK103", "dropout"),
+        ({"delay": "1"}, "OBK103", "delay"),
+        ({"seed": True}, "OBK103", "seed"),
     ],
 )
-def test_a_disturbance_that_cannot_be_is_told(given: dict[str, Any], fault: str) -> None:
-    assert disturbance_faults(**given) == [fault]
+def test_invalid_noise_is_reported_at_its_place(
+    given: dict[str, Any], code: str, path: str
+) -> None:
+    assert noise_faults(**given) == [(code, path)]
 
 
 @pytest.mark.parametrize("msg_type", NOISY_FIELDS)
@@ -376,6 +347,6 @@ def test_noise_of_a_field_is_for_sensors_that_the_message_takes(msg_type: str) -
         assert "OBK306" not in codes({"sensor_settings": [settings]})
 
 
-def test_noise_is_not_told_where_the_type_of_its_sensor_is_written_wrong() -> None:
+def test_noise_is_not_reported_if_its_sensor_has_a_wrong_type() -> None:
     settings = group("ObkJointEncoders", names={"q": "jointpso"}, noise={"joint_pos": {}})
     assert codes({"sensor_settings": [settings]}) == ["OBK305"]

@@ -7,6 +7,8 @@ from obelisk_spec.suggestions import (
     list_names,
     near_names,
     sure_name,
+    with_article,
+    with_number,
 )
 
 
@@ -44,7 +46,7 @@ KEYS = ("topic", "msg_type", "history_depth", "callback_group", "key")
         ("/dummy/jont_encoders", ("/dummy/joint_encoders", "/dummy/imu"), "/dummy/joint_encoders"),
     ],
 )
-def test_a_slip_of_the_pen_is_sure(name: str, known: tuple[str, ...], meant: str) -> None:
+def test_a_typo_has_one_meaning(name: str, known: tuple[str, ...], meant: str) -> None:
     assert sure_name(name, known) == meant
 
 
@@ -63,7 +65,7 @@ def test_a_slip_of_the_pen_is_sure(name: str, known: tuple[str, ...], meant: str
         ("", ("a",)),
     ],
 )
-def test_what_may_be_another_thing_is_not_sure(name: str, known: tuple[str, ...]) -> None:
+def test_an_ambiguous_name_has_none(name: str, known: tuple[str, ...]) -> None:
     assert sure_name(name, known) is None
 
 
@@ -72,3 +74,21 @@ def test_too_many_or_too_long_names_are_not_compared() -> None:
     assert comparable("joint_000_x", many) == ()
     assert comparable("knee_pitc_h", [*many, "knee_pitch"]) == ("knee_pitch",)
     assert comparable("a" * 101, ["a" * 100]) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("hinge", "a `hinge`"),
+        ("ellipsoid", "an `ellipsoid`"),
+        ("ObkImu", "an `ObkImu`"),
+        ("obelisk_control_msgs/PositionSetpoint", "an `obelisk_control_msgs/PositionSetpoint`"),
+        ("UInt16", "a `UInt16`"),
+    ],
+)
+def test_a_name_has_the_article_of_its_pronunciation(name: str, expected: str) -> None:
+    assert with_article(name) == expected
+
+
+def test_a_noun_is_in_the_plural_unless_it_is_one() -> None:
+    assert [with_number(n, "node") for n in (0, 1, 2)] == ["0 nodes", "1 node", "2 nodes"]

@@ -81,12 +81,12 @@ def test_an_error_tells_its_place_and_what_is_wrong_there() -> None:
         [f"a{n}: &a{n} {{<<: [*a{n - 1}, *a{n - 1}]}}" for n in range(1, 60)],
     ],
 )
-def test_aliases_that_double_again_and_again_are_refused_at_once(levels: list[str]) -> None:
+def test_exponential_aliases_are_rejected_at_once(levels: list[str]) -> None:
     with pytest.raises(YamlTextError, match=r"line \d+, column \d+: the values are more than"):
         load_yaml_core("\n".join(["a0: &a0 {x: 1}", *levels]))
 
 
-def test_a_value_that_holds_itself_is_refused() -> None:
+def test_a_value_that_contains_itself_is_rejected() -> None:
     with pytest.raises(YamlTextError, match=r"column 5: alias `\*a` stands inside its own value"):
         load_yaml_core("&a [*a]")
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from obelisk_spec.settings import parse_component_setting, parse_mapping
+from obelisk_spec.components import parse_component_setting, parse_mapping
 from obk_cli.config.model import Stack
 from obk_cli.config.reader import read_stack
 from obk_cli.config.yaml_parser import parse_source

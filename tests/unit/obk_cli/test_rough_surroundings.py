@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli import resource_errors
+from obk_cli import errors
 from obk_cli.cli.main import main
-from obk_cli.resource_errors import lack_of, shadow_of
+from obk_cli.errors import lack_of, shadow_of
 
 SOUND = Path(__file__).parents[2] / "cases/accept/OBK004/topic_twice.yaml"
 OBK = Path(sys.executable).with_name("obk")
@@ -150,7 +150,7 @@ def test_a_module_in_the_place_of_a_library_is_named(
 def test_what_fails_in_obk_itself_is_its_own_fault_wherever_it_lies(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setenv("PYTHONPATH", str(Path(resource_errors.__file__).parents[1]))
+    monkeypatch.setenv("PYTHONPATH", str(Path(errors.__file__).parents[1]))
     with pytest.raises(AttributeError) as error:
-        _ = resource_errors.no_such_thing  # type: ignore[attr-defined]
+        _ = errors.no_such_thing  # type: ignore[attr-defined]
     assert shadow_of(error.value) is None

@@ -35,7 +35,7 @@ def problems_of(text: str, *, kind: str = "msg", name: str = "Robot") -> list[st
         "uint8 MODE_A = 1 # the first\nuint8\tmode\n",
     ],
 )
-def test_what_rosidl_takes_is_taken(text: str) -> None:
+def test_what_rosidl_accepts_is_accepted(text: str) -> None:
     assert problems_of(text) == []
 
 
@@ -43,7 +43,7 @@ def test_what_rosidl_takes_is_taken(text: str) -> None:
     ("word", "languages"),
     [("short", "C and C++"), ("class", "C++ and Python"), ("from", "Python"), ("xor", "C++")],
 )
-def test_a_keyword_is_refused_with_its_place_and_languages(word: str, languages: str) -> None:
+def test_a_keyword_is_rejected_with_its_place_and_languages(word: str, languages: str) -> None:
     assert problems_of(f"float64 x\n  int32 {word}\n") == [
         f"msg/Robot.msg:2:9: field `{word}` is a keyword of {languages}: "
         "the generated code would not compile\n"
@@ -51,7 +51,7 @@ def test_a_keyword_is_refused_with_its_place_and_languages(word: str, languages:
     ]
 
 
-def test_every_problem_of_a_file_is_told_at_once() -> None:
+def test_every_problem_of_a_file_is_reported_at_once() -> None:
     found = problems_of("floa64 x\nint32 Big\nint32 low_value = 3\nint32\nfloat64 x\n")
     assert [line.partition("\n")[0] for line in found] == [
         "msg/Robot.msg:1:1: the type `floa64` is not known",
@@ -75,14 +75,14 @@ def test_every_problem_of_a_file_is_told_at_once() -> None:
         ),
     ],
 )
-def test_an_unknown_type_comes_with_what_would_be_right(wrong: str, help: str) -> None:
+def test_an_unknown_type_has_a_suggestion(wrong: str, help: str) -> None:
     assert problems_of(f"{wrong} value\n") == [
         f"msg/Robot.msg:1:1: the type `{wrong}` is not known\n  help: {help}"
     ]
 
 
 @pytest.mark.parametrize("wrong", ["float64<=3", "float64[", "int32[<3]", "9lives"])
-def test_what_is_not_a_type_at_all_is_answered_with_examples(wrong: str) -> None:
+def test_an_invalid_type_has_examples(wrong: str) -> None:
     (problem,) = problems_of(f"{wrong} value\n")
     assert problem.startswith(f"msg/Robot.msg:1:1: `{wrong}` is not a type\n  help: examples: ")
 
@@ -91,7 +91,7 @@ def test_what_is_not_a_type_at_all_is_answered_with_examples(wrong: str) -> None
     ("kind", "text", "has", "wants"),
     [("msg", "---\n", 1, 0), ("srv", "int32 a\n", 0, 1), ("action", "---\n", 1, 2)],
 )
-def test_a_wrong_number_of_sections_is_told(kind: str, text: str, has: int, wants: int) -> None:
+def test_a_wrong_number_of_sections_is_reported(kind: str, text: str, has: int, wants: int) -> None:
     assert problems_of(text, kind=kind) == [
         f"{kind}/Robot.{kind}:1:1: {has} lines `---`, where a .{kind} file has {wants}"
     ]
@@ -101,12 +101,12 @@ def test_sections_may_use_the_same_name() -> None:
     assert problems_of("int32 a\n---\nint32 a\n", kind="srv") == []
 
 
-def test_a_file_name_that_cannot_name_a_message_is_refused() -> None:
+def test_an_invalid_file_name_is_rejected() -> None:
     (problem,) = problems_of("int32 a\n", name="robot_state")
     assert problem.startswith("msg/robot_state.msg:1:1: `robot_state` cannot be the name")
 
 
-def test_text_that_is_not_utf8_is_told_with_its_line(tmp_path: Path) -> None:
+def test_text_that_is_not_utf8_is_reported_with_its_line(tmp_path: Path) -> None:
     (tmp_path / "msg").mkdir()
     (tmp_path / "msg" / "A.msg").write_bytes(b"int32 a\n# \xff\n")
     package = InterfacePackage(
@@ -121,17 +121,17 @@ def test_text_that_is_not_utf8_is_told_with_its_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["A", "AB", "A_B", "A1_2", "A" * 60 + "_B"])
-def test_a_constants_name_is_as_rosidl_takes_it(name: str) -> None:
+def test_a_constants_name_follows_rosidl(name: str) -> None:
     assert problems_of(f"uint8 {name}=1\n") == []
 
 
 @pytest.mark.parametrize("name", ["A_", "A__B", "_A", "1A", "Ab", "A" * 60 + "_rad", "AB_" * 60])
-def test_another_name_of_a_constant_is_refused_at_once_however_long_it_is(name: str) -> None:
+def test_an_invalid_name_of_a_constant_is_rejected_in_linear_time(name: str) -> None:
     (problem,) = problems_of(f"uint8 {name}=1\n")
     assert problem.startswith(f"msg/Robot.msg:1:7: `{name}` cannot be the name of a constant")
 
 
 @pytest.mark.parametrize("line", ["float64 float", "int32 int", "Wheel wheel_"])
-def test_a_name_that_is_part_of_its_type_is_told_where_it_stands(line: str) -> None:
+def test_a_name_that_is_part_of_its_type_has_its_own_place(line: str) -> None:
     (problem,) = problems_of(f"{line}\n")
     assert problem.startswith(f"msg/Robot.msg:1:{line.index(' ') + 2}: ")

@@ -10,7 +10,7 @@ from obk_interfaces import BuildToolError, Interface, InterfacePackage
 from obk_interfaces.prefix import Prefixes, find_ros_prefix, include_folders
 
 
-def test_missing_generators_are_answered_with_both_ways_to_get_them(
+def test_missing_generators_name_both_ways_to_install_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
@@ -56,7 +56,7 @@ def test_dependencies_are_followed_through_the_layers_nearest_first(tmp_path: Pa
     assert closure == {"b_msgs": near, "service_msgs": service, "c_msgs": far}
 
 
-def test_headers_are_looked_for_beside_and_inside_package_folders(tmp_path: Path) -> None:
+def test_headers_are_searched_beside_and_inside_package_folders(tmp_path: Path) -> None:
     include = tmp_path / "include"
     (include / "std_msgs" / "std_msgs").mkdir(parents=True)
     (include / "flat").mkdir()

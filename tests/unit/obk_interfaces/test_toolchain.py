@@ -62,7 +62,7 @@ def test_the_module_brings_the_type_supports_that_are_opened_by_name(tree: Packa
     )
 
 
-def test_the_building_machine_is_kept_out_of_the_compiled_code(tree: PackageTree) -> None:
+def test_compiled_code_has_no_path_of_the_build_machine(tree: PackageTree) -> None:
     command = compile_command(Path("a.c"), Path("a.o"), tree=tree, includes=[], toolchain=TOOLS)
     assert f"-ffile-prefix-map={tree.root}=." in command
 
@@ -84,7 +84,7 @@ def test_clashing_sources_stay_alone_and_the_others_are_one_unit(tree: PackageTr
     assert len({object_of(library, unit, tree.objects) for unit in units}) == 3
 
 
-def test_a_missing_compiler_is_answered_with_what_to_install(
+def test_a_missing_compiler_names_what_to_install(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
@@ -97,7 +97,7 @@ def test_a_missing_compiler_is_answered_with_what_to_install(
     )
 
 
-def test_a_compiler_of_the_environment_that_is_not_there_is_named(
+def test_a_missing_compiler_of_the_environment_is_named(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("CC", "/nowhere/cc -m64")
@@ -115,7 +115,7 @@ def test_a_compiler_of_the_environment_keeps_its_options(
     assert find_compilers() == ((str(compiler), "-m64"), (str(compiler),))
 
 
-def test_missing_python_headers_are_answered_with_what_to_install(
+def test_missing_python_headers_name_what_to_install(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     paths = {"include": str(tmp_path), "platinclude": str(tmp_path)}

@@ -1,4 +1,4 @@
-"""The host of a composed process: runs programs inside one another and spins all their nodes.
+"""Host a composed process: run programs inside one another, and spin all their nodes.
 
 Each program runs until it calls `spin_obelisk`; the next one runs within that call. The last call
 makes the nodes and spins them until the end; then the programs continue, the last one first. So a
@@ -17,7 +17,7 @@ from rclpy.logging import get_logger, get_logging_severity_from_string, set_logg
 
 from obelisk_py.core.composition.programs import Program, logger_name
 from obelisk_py.core.executor import EventLoopExecutor
-from obelisk_py.core.faults import Fault, fault_of
+from obelisk_py.core.faults import NodeFault, fault_of
 from obelisk_py.core.lifecycle import GuardedLifecycleNode, node_arguments
 from obelisk_py.core.signals import ShutdownSignals
 from obelisk_py.core.spinning import (
@@ -47,10 +47,10 @@ OWN_CONTEXT = "; in a composed process the ROS context and the spinning are spin
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Failure:
-    """Why the process ends, and of which node, if known."""
+    """The cause of the end of the process, and its node, if known."""
 
     node: str | None
-    fault: Fault
+    fault: NodeFault
 
     def __str__(self) -> str:
         sentence = f"{self.fault.where}: {self.fault.text}".partition("\n")[0]
@@ -143,8 +143,8 @@ class _Host:
             self._fail(program, fault_of(error, "the node cannot be made"))
             return None
 
-    def _fail(self, program: Program | None, fault: Fault) -> None:
-        """Log it on the node's own logger; the first fault is the cause of the end."""
+    def _fail(self, program: Program | None, fault: NodeFault) -> None:
+        """Log a fault on the node's own logger; the first one is the cause of the end."""
         node = program.node if program else None
         get_logger(logger_name(node or HOST)).error(str(fault).replace("\n", "\n  "))
         if self.failure is None:

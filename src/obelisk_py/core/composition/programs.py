@@ -1,4 +1,4 @@
-"""The programs that are to run in one process, read from the file that the launcher wrote.
+"""Read the programs of a composed process from the file that the launcher wrote, and run them.
 
 In: JSON, `{"nodes": [{"node", "module", "function", "arguments"}, ...]}`. Out: typed values, and a
 way to run one of them as its own process would. Imports nothing of the user's before that.
@@ -33,11 +33,11 @@ class Program:
         return f"{self.module}:{self.function}()" if self.function else f"python -m {self.module}"
 
     def run(self) -> None:
-        """Run it to its end, as its own process would.
+        """Run the program to its end, as a process of its own would.
 
         Raises:
             SystemExit: with its exit code.
-            BaseException: what else comes out of it.
+            BaseException: any exception of the program.
         """
         with self.command_line():
             if self.function is None:

@@ -1,4 +1,4 @@
-"""What Python and rclpy do not offer: rcl's listeners and the kernel's timers.
+"""Set rcl's listeners and the kernel's timers, which Python and rclpy do not offer.
 
 The middleware calls a listener when data arrives. Here the listener is libc's `eventfd_write`
 itself: its shape `int (int, uint64_t)` fits `rcl_event_callback_t`, `void (const void *, size_t)`,
@@ -91,7 +91,7 @@ def open_timer(clock_id: int) -> int:
         clock_id: `time.CLOCK_MONOTONIC` or `time.CLOCK_REALTIME`.
 
     Raises:
-        OSError: the kernel refuses.
+        OSError: the kernel reports an error.
     """
     timer_fd = int(_LIBC.timerfd_create(clock_id, os.O_NONBLOCK | os.O_CLOEXEC))
     if timer_fd < 0:

@@ -1,4 +1,4 @@
-"""The thread that waits for guard conditions, actions and other waitables.
+"""Wait for guard conditions, actions and other waitables in a thread.
 
 rcl has no listener for these. One thread waits for them in a small wait set and posts what is ready
 to the workers of their callback groups. It costs nothing while nothing happens, and it notices that

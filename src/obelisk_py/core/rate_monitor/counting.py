@@ -1,4 +1,4 @@
-"""Count ticks, how late they were, and whether their rate is the expected one.
+"""Count ticks and their lateness, and compare their rate with the expected one.
 
 A `TickCounter` uses memory that does not grow. Lateness is counted in buckets, 16 for each factor
 of two: what is read out is at most 1/16 too much, and never too little; below a microsecond it is
@@ -123,7 +123,7 @@ class TimerTicks:
         """When the next tick is due; None at the start of the timer."""
 
     def counted(self, callback: Callable[[], Any]) -> Callable[[], Any]:
-        """The same callback of a timer, with its calls counted."""
+        """Wrap a timer's callback to count its calls."""
 
         @functools.wraps(callback)
         async def wait() -> Any:
@@ -181,7 +181,7 @@ class SampleTicks:
         self._clock = clock
 
     def tick(self) -> None:
-        """Count a sample that was taken, or that was dropped because the config says so."""
+        """Count a sample that was taken, or that was dropped as the config requests."""
         now_ns = self._clock()
         skipped = 0
         if self._counter.ticks:

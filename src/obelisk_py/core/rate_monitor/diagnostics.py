@@ -113,7 +113,7 @@ class RateReporter:
             self._timer.reset()
 
     def stop(self) -> None:
-        """Stop to publish."""
+        """Stop publishing."""
         if self._timer is not None:
             self._timer.cancel()
 

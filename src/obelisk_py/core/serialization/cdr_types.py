@@ -46,7 +46,7 @@ PADDING: Final = tuple(bytes(-place % 4) for place in range(4))
 UNLIMITED: Final = 2**32 - 1
 """The greatest length that the wire format can hold."""
 CONVERSION_ERRORS: Final = (struct.error, TypeError, ValueError, OverflowError, AttributeError)
-"""What a `CdrType` raises: a value does not fit its type, or the bytes are not valid."""
+"""Errors of a `CdrType`: a value does not fit its type, or the bytes are not valid."""
 CUT_OFF: Final = "they end too early"
 
 

@@ -1,4 +1,4 @@
-"""The codec of a message class, and messages that stay packed while their numbers change.
+"""Pack and unpack messages, and change numbers of messages that stay packed.
 
 A codec packs, unpacks and copies. It replaces rclpy's conversion through C structs, which looks up
 classes by name and runs the constructors of all nested messages. Bytes that are not little-endian
@@ -192,7 +192,7 @@ class PackedMessage:
         if codec is None:
             raise ObeliskMsgError(_why_unsupported(message_class))
         packed = codec.pack(message)
-        # Aligned in memory as in the message: behind the header a double may begin.
+        # Aligned in memory as in the message: a double may follow the header.
         self._data = np.zeros(_ALIGNMENT + len(packed), np.uint8)[_ALIGNMENT - HEADER_SIZE :][
             : len(packed)
         ]

@@ -66,7 +66,7 @@ def multiarray_to_numpy(message: FloatMultiArray | UInt8MultiArray) -> NDArray[A
         shape `(dim[0].size, dim[1].size, ...)`.
 
     Raises:
-        ObeliskMsgError: the data are fewer than the layout says.
+        ObeliskMsgError: the message has fewer data than its layout.
     """
     data: NDArray[Any] = np.array(message.data, DTYPES[type(message)])
     offset, dims = message.layout.data_offset, message.layout.dim

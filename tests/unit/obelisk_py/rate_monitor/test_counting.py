@@ -169,7 +169,7 @@ def test_simulated_time_that_goes_back_restarts_the_rate() -> None:
         world.second(every(20))
     world.now_ns = 0
     rate = world.rate.read()
-    assert (rate.standing, rate.measured_hz) == ("kept", 100.0), "no half of it is told as kept"
+    assert (rate.standing, rate.measured_hz) == ("kept", 100.0), "no half of it is reported as kept"
     assert [world.second(every(10)).measured_hz for _ in range(2)] == pytest.approx([100.0] * 2)
 
 
@@ -183,7 +183,7 @@ def test_a_restarted_rate_ignores_ticks_before() -> None:
 
 
 class _Listing(TickCounter):
-    """Keeps what it is told of lateness."""
+    """Keeps what it is reported of lateness."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -217,7 +217,7 @@ class _Timer:
         self.ticks.tick()
 
 
-def test_lateness_is_told_by_the_timers_own_schedule() -> None:
+def test_lateness_is_reported_by_the_timers_own_schedule() -> None:
     timer = _Timer(MS)
     for now_us in (1_000, 2_100, 3_000, 7_300, 8_000):
         timer.call_at(now_us * 1_000)

@@ -106,7 +106,7 @@ RANGES = [FloatingPointRange()] * 2
         (ParameterValue(byte_array_value=[b"a", b""]), "`byte_array_value`"),
     ],
 )
-def test_what_a_type_cannot_hold_is_refused_by_name_before_anything_is_sent(message, field):
+def test_what_a_type_cannot_hold_is_rejected_by_name_before_anything_is_sent(message, field):
     codec = codec_for(type(message))
     for convert in (codec.pack, codec.copy):
         with pytest.raises(ObeliskMsgError) as raised:
@@ -114,7 +114,7 @@ def test_what_a_type_cannot_hold_is_refused_by_name_before_anything_is_sent(mess
         assert field in str(raised.value)
 
 
-def test_what_is_wrong_with_bytes_is_told():
+def test_what_is_wrong_with_bytes_is_reported():
     codec = codec_for(Header)
     data = codec.pack(Header(frame_id="base"))
     with pytest.raises(ObeliskMsgError) as raised:
@@ -129,7 +129,7 @@ def test_what_is_wrong_with_bytes_is_told():
     assert codec_for(Empty).unpack(b"\0\1\0\0\0") == Empty()
 
 
-def test_a_length_that_cannot_be_is_refused_before_memory_is_taken():
+def test_a_length_that_cannot_be_is_rejected_before_memory_is_taken():
     huge = b"\0\1\0\0" + b"\xff" * 8
     for message_class in (Header, String, Float64MultiArray):
         with pytest.raises(ObeliskMsgError):

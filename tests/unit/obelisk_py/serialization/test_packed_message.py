@@ -160,7 +160,7 @@ def test_bytes_that_hold_numbers_can_be_seen_as_them():
 
 
 @pytest.mark.parametrize("field", ["joint_pso", "joint_names", "header", "header.stamp", "joint_"])
-def test_what_is_no_field_of_numbers_of_one_type_is_refused(field):
+def test_what_is_no_field_of_numbers_of_one_type_is_rejected(field):
     packed = PackedMessage(ObkJointEncoders(joint_pos=[1.0], joint_names=["a"]))
     with pytest.raises(KeyError, match=field):
         packed.numbers(field)
@@ -176,7 +176,7 @@ def test_messages_without_numbers_are_packed_too():
         _assert_same(PackedMessage(message).to_bytes(0), message)
 
 
-def test_wide_strings_are_refused():
+def test_wide_strings_are_rejected():
     class WithWideString(Header):
         SLOT_TYPES = (*Header.SLOT_TYPES[:1], UnboundedWString())
 

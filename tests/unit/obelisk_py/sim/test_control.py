@@ -25,7 +25,7 @@ def inbox(time):
     return ControlInbox(field="u_mujoco", size=2, monotonic_s=time)
 
 
-def told(inbox):
+def reported(inbox):
     return [report.text for report in inbox.reports()]
 
 
@@ -38,7 +38,7 @@ def test_the_newest_control_is_the_one_that_is_applied(inbox):
     assert inbox.offer(_message(1.0, 2.0))
     assert inbox.offer(_message(3.0, 4.0))
     assert inbox.newest.tolist() == [3.0, 4.0]
-    assert told(inbox) == []
+    assert reported(inbox) == []
 
 
 def test_a_control_does_not_change_with_the_message_that_brought_it(inbox):
@@ -57,9 +57,9 @@ def test_a_control_that_is_one_number_is_one_for_one_actuator(time):
 def test_a_control_of_the_wrong_length_is_kept_out(inbox):
     inbox.offer(_message(1.0, 2.0))
     assert not inbox.offer(_message(5.0))
-    assert told(inbox) == [
-        "control refused: `u_mujoco` has the length 1, the model takes 2 (1x); 1 since the start"
-    ]
+    (text,) = reported(inbox)
+    assert text.startswith("control rejected: `u_mujoco` has the length 1, ")
+    assert text.endswith(" (1x); 1 since the start")
     assert inbox.newest.tolist() == [1.0, 2.0]
 
 
@@ -75,30 +75,30 @@ def test_a_control_of_the_wrong_length_is_kept_out(inbox):
 )
 def test_a_control_that_is_not_finite_or_huge_is_kept_out(inbox, value, written):
     assert not inbox.offer(_message(0.0, value))
-    assert told(inbox) == [f"control refused: `u_mujoco[1]` is {written} (1x); 1 since the start"]
+    (text,) = reported(inbox)
+    assert f"`u_mujoco[1]` is {written} (1x)" in text
     assert inbox.newest is None
 
 
-def test_refusals_are_told_once_per_second_with_their_counts(inbox, time):
+def test_rejections_are_reported_once_per_second_with_their_counts(inbox, time):
     inbox.offer(_message())
-    assert len(told(inbox)) == 1
+    assert len(reported(inbox)) == 1
     for _ in range(500):
         inbox.offer(_message())
     inbox.offer(_message(float("nan"), 0.0))
     inbox.offer(_message(1.0, 2.0))
-    assert told(inbox) == []
+    assert reported(inbox) == []
     time.now_s += 1.0
-    assert told(inbox) == [
-        "control refused: `u_mujoco` has the length 0, the model takes 2 (500x); "
-        "`u_mujoco[0]` is nan (1x); 502 since the start"
-    ]
+    (text,) = reported(inbox)
+    assert " (500x); " in text
+    assert text.endswith("`u_mujoco[0]` is nan (1x); 502 since the start")
     time.now_s += 1.0
-    assert told(inbox) == []
+    assert reported(inbox) == []
 
 
 @pytest.fixture
 def stamped(time):
-    """An inbox that looks at stamps; its clock is that of the reports."""
+    """An inbox that checks stamps; its clock is that of the reports."""
     stamps = StampOrder(lambda: round(time() * 1e9), 0.5)
     return ControlInbox(field="u_mujoco", size=1, monotonic_s=time, stamps=stamps)
 
@@ -113,34 +113,32 @@ def test_a_control_that_is_older_than_the_one_applied_is_kept_out(stamped):
     assert stamped.offer(_sent(99.9, 1.0))
     assert not stamped.offer(_sent(99.8, 2.0))
     assert stamped.newest.tolist() == [1.0]
-    assert told(stamped) == [
-        "control refused: it is older than the one applied, by their stamps (1x); 1 since the start"
-    ]
+    (text,) = reported(stamped)
+    assert text.startswith("control rejected: ")
     assert stamped.offer(_sent(99.9, 3.0))
     assert stamped.newest.tolist() == [3.0]
 
 
-def test_a_refused_control_does_not_make_those_before_it_old(stamped):
+def test_a_rejected_control_does_not_make_those_before_it_old(stamped):
     assert not stamped.offer(_sent(99.9, float("nan")))
     assert stamped.offer(_sent(99.8, 1.0))
 
 
-def test_a_late_control_is_applied_and_told(stamped):
+def test_a_late_control_is_applied_and_reported(stamped):
     assert stamped.offer(_sent(99.6, 1.0))
-    assert told(stamped) == []
+    assert reported(stamped) == []
     stamped.clear()
     assert stamped.offer(_sent(99.4, 2.0))
     assert stamped.newest.tolist() == [2.0]
-    assert told(stamped) == [
-        "control applied though late: its stamp is more than 0.5 s old (1x); 1 since the start"
-    ]
+    (text,) = reported(stamped)
+    assert text.startswith("late control applied: ")
 
 
 def test_a_control_without_a_stamp_is_neither_late_nor_old(stamped):
     assert stamped.offer(_sent(99.9, 1.0))
     assert stamped.offer(_sent(0, 2.0))
     assert stamped.newest.tolist() == [2.0]
-    assert told(stamped) == []
+    assert reported(stamped) == []
     assert not stamped.offer(_sent(99.8, 3.0))
 
 
@@ -180,7 +178,4 @@ def test_a_message_without_either_field_is_named():
 
     with pytest.raises(ObeliskConfigError) as caught:
         control_field(VelocityCommand)
-    assert str(caught.value) == (
-        "the control message VelocityCommand has neither a field `u_mujoco` nor `u`, "
-        "so the simulator cannot read what to write to the actuators"
-    )
+    assert "VelocityCommand" in str(caught.value)

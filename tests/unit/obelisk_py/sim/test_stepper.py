@@ -3,7 +3,7 @@
 import pytest
 
 from obelisk_py.core.rate_monitor.counting import TickCounter, late_ns_of
-from obelisk_py.core.sim.mujoco.stepper import Output, Stepper
+from obelisk_py.core.sim.mujoco.stepper import Stepper, TimedOutput
 from obelisk_py.core.sim.mujoco.stepping import Pace, SampleTimes
 
 MS = 1_000_000
@@ -52,7 +52,7 @@ class _Run:
         self.reports = []
         self.ticks = TickCounter()
         outputs = [
-            Output(times=SampleTimes(period_s=period, step_s=0.001), publish=self._keep(kept))
+            TimedOutput(times=SampleTimes(period_s=period, step_s=0.001), publish=self._keep(kept))
             for period, kept in zip(periods_s, self.published, strict=True)
         ]
         Stepper(

@@ -1,11 +1,11 @@
-"""When the middleware is asked who listens."""
+"""How often the middleware counts subscribers."""
 
 from obelisk_py.core.sim.mujoco.outputs import SubscriberCheck
 
 MS = 1_000_000
 
 
-def test_who_listens_is_asked_at_once_and_then_every_five_milliseconds():
+def test_subscribers_are_counted_at_once_and_then_every_five_milliseconds():
     now_ns, listeners, asked = 7, 0, []
 
     def count():

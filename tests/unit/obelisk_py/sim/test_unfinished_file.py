@@ -1,4 +1,4 @@
-"""A film's file: whole or not at all, and never in the place of another one."""
+"""A video's file: whole or not at all, and never in the place of another one."""
 
 import errno
 import os
@@ -26,11 +26,11 @@ def file_system(request, monkeypatch):
 
 def test_a_file_is_there_once_it_is_finished(tmp_path):
     with unfinished(tmp_path) as place:
-        place.file.write(b"film")
+        place.file.write(b"video")
         assert not (tmp_path / "out.mp4").exists()
         assert place.finish(tmp_path / "out.mp4") == tmp_path / "out.mp4"
     assert [path.name for path in tmp_path.iterdir()] == ["out.mp4"]
-    assert (tmp_path / "out.mp4").read_bytes() == b"film"
+    assert (tmp_path / "out.mp4").read_bytes() == b"video"
 
 
 def test_others_may_read_it_as_any_file_of_the_user(tmp_path):
@@ -55,10 +55,10 @@ def test_a_file_that_is_there_stays(tmp_path):
     for name in ("out.mp4", "out-2.mp4"):
         (tmp_path / name).write_text("mine")
     with unfinished(tmp_path) as place:
-        place.file.write(b"film")
+        place.file.write(b"video")
         assert place.finish(tmp_path / "out.mp4") == tmp_path / "out-3.mp4"
     assert (tmp_path / "out.mp4").read_text() == "mine"
-    assert (tmp_path / "out-3.mp4").read_bytes() == b"film"
+    assert (tmp_path / "out-3.mp4").read_bytes() == b"video"
 
 
 def test_a_folder_that_is_not_there_is_an_error(tmp_path):

@@ -1,4 +1,4 @@
-"""Films of known pictures, read again: what is seen when, in which colours, for how long."""
+"""Videos of known pictures, read again: what is seen when, in which colours, for how long."""
 
 import io
 
@@ -26,7 +26,7 @@ SHOWN = ((picture(RED, GREEN), 0), (picture(BLUE, GREEN), 1), (picture(BLUE, RED
 """Pictures and the frames from which they are seen; three are missing."""
 
 
-def film(ending, rate_hz, shown=SHOWN):
+def video(ending, rate_hz, shown=SHOWN):
     file = io.BytesIO()
     made = VIDEO_FILES[ending](file, (WIDTH, HEIGHT), rate_hz)
     for pixels, number in shown:
@@ -44,7 +44,7 @@ def assert_same(seen, wanted):
 
 
 def test_an_mp4_is_h264_and_shows_each_picture_from_its_frame_on():
-    with av.open(film(".mp4", 30)) as read:
+    with av.open(video(".mp4", 30)) as read:
         stream = read.streams.video[0]
         assert stream.codec_context.name == "h264"
         assert stream.codec_context.pix_fmt == "yuv420p"
@@ -60,7 +60,7 @@ def test_an_mp4_is_h264_and_shows_each_picture_from_its_frame_on():
 def test_an_mp4_is_as_long_as_what_it_shows_however_uneven():
     numbers = [0, 1, 12, 26, 41, 54, 68, 85, 106, 123, 141, 154]
     pixels = [picture((20 * n, 0, 255 - 20 * n), GREEN) for n in range(len(numbers))]
-    with av.open(film(".mp4", 30, list(zip(pixels, numbers, strict=True)))) as read:
+    with av.open(video(".mp4", 30, list(zip(pixels, numbers, strict=True)))) as read:
         stream = read.streams.video[0]
         times = [frame.time for frame in read.decode(stream)]
         seconds = float(stream.duration * stream.time_base)
@@ -69,13 +69,13 @@ def test_an_mp4_is_as_long_as_what_it_shows_however_uneven():
 
 
 def test_an_mp4_says_which_colours_its_numbers_are():
-    with av.open(film(".mp4", 30)) as read:
+    with av.open(video(".mp4", 30)) as read:
         (frame, *_) = read.decode(video=0)
     assert (frame.colorspace, frame.color_range) == (1, 1)
 
 
 def test_a_gif_shows_each_picture_from_its_frame_on_and_begins_again():
-    with Image.open(film(".gif", 15)) as read:
+    with Image.open(video(".gif", 15)) as read:
         assert read.size == (WIDTH, HEIGHT)
         assert read.info["loop"] == 0
         shown, times = [], []
@@ -91,7 +91,7 @@ def test_a_gif_shows_each_picture_from_its_frame_on_and_begins_again():
 
 def test_times_of_a_gif_add_up():
     pixels = [picture((number, 0, 0), GREEN) for number in range(0, 200, 4)]
-    with Image.open(film(".gif", 30, [(one, n) for n, one in enumerate(pixels)])) as read:
+    with Image.open(video(".gif", 30, [(one, n) for n, one in enumerate(pixels)])) as read:
         times = []
         for number in range(read.n_frames):
             read.seek(number)
@@ -100,7 +100,7 @@ def test_times_of_a_gif_add_up():
 
 
 def test_a_gif_of_what_stands_still_is_one_picture_seen_for_long():
-    with Image.open(film(".gif", 15, [(picture(RED, GREEN), n) for n in range(30)])) as read:
+    with Image.open(video(".gif", 15, [(picture(RED, GREEN), n) for n in range(30)])) as read:
         assert read.n_frames == 1
         assert read.info["duration"] == 2000
 
@@ -108,8 +108,8 @@ def test_a_gif_of_what_stands_still_is_one_picture_seen_for_long():
 def test_of_a_picture_that_changes_in_part_a_gif_keeps_the_rest():
     small = picture(RED, GREEN)
     small[10:20, 10:20] = BLUE
-    whole = film(".gif", 15, [(picture(RED, GREEN), 0)]).getbuffer().nbytes
-    both = film(".gif", 15, [(picture(RED, GREEN), 0), (small, 1)])
+    whole = video(".gif", 15, [(picture(RED, GREEN), 0)]).getbuffer().nbytes
+    both = video(".gif", 15, [(picture(RED, GREEN), 0), (small, 1)])
     assert both.getbuffer().nbytes < 2 * whole
     with Image.open(both) as read:
         read.seek(1)
@@ -118,6 +118,6 @@ def test_of_a_picture_that_changes_in_part_a_gif_keeps_the_rest():
 
 
 def test_a_png_is_the_last_picture_to_the_bit():
-    with Image.open(film(".png", 30)) as read:
+    with Image.open(video(".png", 30)) as read:
         assert read.format == "PNG"
         assert np.array_equal(np.asarray(read), SHOWN[-1][0])

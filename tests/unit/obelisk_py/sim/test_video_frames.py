@@ -1,4 +1,4 @@
-"""Frames of a film: simulation time is film time, whatever is dropped or reset."""
+"""Frames of a video: simulation time is video time, whatever is dropped or reset."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +16,7 @@ def test_a_state_is_seen_at_its_time():
     assert taken(10, [0.0, 0.1, 0.2, 0.3])[0] == [0, 1, 2, 3]
 
 
-def test_frames_without_a_state_are_dropped_and_the_film_keeps_time():
+def test_frames_without_a_state_are_dropped_and_the_video_keeps_time():
     found, numbers = taken(10, [0.0, 0.1, 0.5])
     assert found == [0, 1, 5]
     assert numbers.count == 6
@@ -26,11 +26,11 @@ def test_a_second_state_of_one_frame_is_not_seen():
     assert taken(10, [0.0, 0.1, 0.15])[0] == [0, 1, None]
 
 
-def test_after_a_reset_the_film_goes_on():
+def test_after_a_reset_the_video_goes_on():
     assert taken(10, [0.0, 0.1, 0.2, 0.0, 0.1])[0] == [0, 1, 2, 3, 4]
 
 
-def test_a_film_begins_with_its_first_state_whatever_its_time():
+def test_a_video_starts_with_its_first_state_at_any_time():
     assert taken(10, [7.3, 7.4])[0] == [0, 1]
 
 

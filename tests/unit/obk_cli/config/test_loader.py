@@ -4,10 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.config.loader import ConfigFiles, load_config
-from obk_cli.config.merge import apply_overrides, merge_trees
+from obk_cli.config.loader import (
+    ConfigFiles,
+    apply_overrides,
+    load_config,
+    merge_trees,
+    resolve_variables,
+)
 from obk_cli.config.tree import TreeMap, TreeScalar, plain_value
-from obk_cli.config.variables import resolve_variables
 from obk_cli.config.yaml_parser import parse_source
 from obk_cli.diagnostics.source import SourceFile
 

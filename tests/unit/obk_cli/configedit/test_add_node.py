@@ -7,10 +7,9 @@ import yaml
 from obk_cli.compiler import Options
 from obk_cli.config.tree import plain_value
 from obk_cli.config.yaml_parser import parse_source
-from obk_cli.configedit.add_node import add_node
+from obk_cli.configedit.add_node import add_node, new_errors
 from obk_cli.configedit.new_node import Rejected, read_new_node
 from obk_cli.configedit.report import AddedNode
-from obk_cli.configedit.verify import new_errors
 from obk_cli.diagnostics.diagnostic import Diagnostic, found
 from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.workspace.environment import MachineEnvironment

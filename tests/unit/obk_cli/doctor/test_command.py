@@ -4,8 +4,8 @@ import pytest
 
 from obk_cli.cli import doctor
 from obk_cli.cli.main import main
+from obk_cli.doctor.checks import Check
 from obk_cli.doctor.finding import error, ok, warning
-from obk_cli.doctor.runner import Check
 
 SOUND = Check(name="ros", about="which ROS", find=lambda: (ok("jazzy"),))
 WARNS = Check(name="cpu", about="processors", find=lambda: (warning("one", "buy another"),))

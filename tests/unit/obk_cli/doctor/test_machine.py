@@ -5,12 +5,17 @@ from dataclasses import replace
 import pytest
 
 from obk_cli.doctor.child import Trial
-from obk_cli.doctor.compiler import CompilerFacts, judge_compiler
-from obk_cli.doctor.display import DisplayFacts, judge_display
 from obk_cli.doctor.finding import GIB, MIB, bytes_text
-from obk_cli.doctor.folders import FolderFacts, judge_folders
+from obk_cli.doctor.interfaces import CompilerFacts, judge_compiler
 from obk_cli.doctor.memory import SharedMemoryFacts, judge_shared_memory
-from obk_cli.doctor.mujoco import DrawingTrial, MujocoFacts, judge_mujoco
+from obk_cli.doctor.mujoco import (
+    DisplayFacts,
+    DrawingTrial,
+    MujocoFacts,
+    judge_display,
+    judge_mujoco,
+)
+from obk_cli.doctor.paths import FolderFacts, judge_folders
 from obk_cli.doctor.timing import CpuFacts, RealtimeFacts, judge_cpu, judge_realtime
 
 from .findings import severities, the_one

@@ -7,13 +7,12 @@ from pathlib import Path
 import pytest
 
 from obk_cli.doctor.child import json_output, python_command, try_program
-from obk_cli.doctor.compiler import probe_compiler
-from obk_cli.doctor.display import probe_display
-from obk_cli.doctor.folders import probe_folders
+from obk_cli.doctor.interfaces import probe_compiler
 from obk_cli.doctor.interfaces_program import fault_of
 from obk_cli.doctor.memory import probe_shared_memory
+from obk_cli.doctor.mujoco import probe_display
 from obk_cli.doctor.network import probe_discovery
-from obk_cli.doctor.paths import probe_paths
+from obk_cli.doctor.paths import probe_folders, probe_paths
 from obk_cli.doctor.ros import probe_rmw
 from obk_cli.doctor.timing import probe_cpu
 from obk_cli.doctor.workspace import probe_workspace

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 
 import pytest
 
+from obk_cli.doctor.checks import Check, examine
 from obk_cli.doctor.finding import Finding, ok
-from obk_cli.doctor.runner import Check, examine
 from obk_cli.errors import CommandFailedError
 
 from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
@@ -48,7 +48,7 @@ def test_a_check_that_hangs_costs_only_its_own_answer(monkeypatch: pytest.Monkey
         if pending == ("hangs",):
             now_s = DEADLINE_S
 
-    monkeypatch.setattr("obk_cli.doctor.runner.monotonic_s", lambda: now_s)
+    monkeypatch.setattr("obk_cli.doctor.checks.monotonic_s", lambda: now_s)
     checks = (Check(name="hangs", about="", find=hang), check("well", ok("fine")))
     late, well = examine(checks, timeout_s=DEADLINE_S, on_pending=let_time_pass)
     for_ever.set()

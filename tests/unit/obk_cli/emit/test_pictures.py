@@ -12,9 +12,9 @@ from obk_cli.emit.json import emit_graph_json
 from obk_cli.emit.mermaid import emit_mermaid
 from obk_cli.emit.svg import emit_svg
 from obk_cli.emit.terminal import emit_terminal
-from obk_cli.emit.text_width import columns_of, shortened
 from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Endpoint, Plan
+from obk_cli.terminal import columns_of, shortened
 
 from .plans import loop, node
 

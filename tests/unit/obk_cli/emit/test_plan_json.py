@@ -9,8 +9,8 @@ import jsonschema
 import pytest
 
 from obk_cli.emit.json import emit_plan
+from obk_cli.files import resource_folder
 from obk_cli.plan.plan import Endpoint, Origin, Plan, Process, Promise, SensorGroup
-from obk_cli.resources import resource_folder
 
 from .plans import loop, node
 

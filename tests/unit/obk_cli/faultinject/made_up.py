@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from obk_cli.faultinject.expectations import Case, Fault, expectation_of
-from obk_cli.faultinject.observation import Observation, TimedEvent
+from obk_cli.faultinject.verdict import Observation, TimedEvent
 from obk_cli.launch.events import OutputEvent
 from obk_cli.launch.process_groups import Unit
 from obk_cli.plan.plan import OnCrash, Process

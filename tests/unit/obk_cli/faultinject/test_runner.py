@@ -10,8 +10,13 @@ from obk_cli.clock import local_time
 from obk_cli.compiler import Options, compile_config
 from obk_cli.errors import CommandFailedError
 from obk_cli.faultinject.launched_stack import LaunchedStack
-from obk_cli.faultinject.runner import LaunchSettings, run_cases
-from obk_cli.faultinject.setup import make_rehearsal_folder, refuse_hardware, refuse_running
+from obk_cli.faultinject.runner import (
+    LaunchSettings,
+    make_rehearsal_folder,
+    refuse_hardware,
+    refuse_running,
+    run_cases,
+)
 from obk_cli.launch.run_lock import claim_run
 from obk_cli.process.identity import this_process
 from obk_cli.runs.folder import Run

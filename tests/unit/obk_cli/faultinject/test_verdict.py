@@ -5,9 +5,14 @@ import re
 
 import pytest
 
-from obk_cli.faultinject.observation import Observation, TimedEvent, parse_event
-from obk_cli.faultinject.report import HEAD, rehearsal_json, rehearsal_table, rehearsal_text
-from obk_cli.faultinject.verdict import has_concluded, verdict_of
+from obk_cli.cli.rehearse import HEAD, rehearsal_json, rehearsal_table, rehearsal_text
+from obk_cli.faultinject.verdict import (
+    Observation,
+    TimedEvent,
+    has_concluded,
+    parse_event,
+    verdict_of,
+)
 from obk_cli.launch.events import (
     AnswersAgain,
     Ended,

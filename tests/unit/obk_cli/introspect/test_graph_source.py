@@ -9,11 +9,10 @@ from typing import Any
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_model import RosGraph, TopicSeen
-from obk_cli.introspect.graph_service import GraphService
-from obk_cli.introspect.graph_source import LauncherLook, ask_launcher
-from obk_cli.introspect.parameters import NodeParameter
+from obk_cli.introspect.graph_source import GraphService, LauncherLook, ask_launcher
 from obk_cli.launch.control_server import serve_control
+from obk_cli.ros.graph import GraphSnapshot, TopicSeen
+from obk_cli.ros.parameters import NodeParameter
 
 WAIT_S = 20.0
 TYPES = {"/q": ("p/msg/M",)}
@@ -38,10 +37,10 @@ class Node:
     def services_of(self, node: str) -> Mapping[str, tuple[str, ...]]:
         return SERVICES if node == "/n0" else {}
 
-    def graph(self) -> RosGraph:
+    def graph(self) -> GraphSnapshot:
         topics = (TopicSeen(name="/q", msg_types=("p/msg/M",)),)
         names = tuple(f"/n{number}" for number in range(self.asked))
-        return RosGraph(nodes=names, topics=topics, services=SERVICES)
+        return GraphSnapshot(nodes=names, topics=topics, services=SERVICES)
 
 
 @contextmanager

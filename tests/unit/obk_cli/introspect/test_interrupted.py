@@ -8,13 +8,14 @@ from typing import Any, Final
 import pytest
 
 from obk_cli.cli.topic_rates import _count, _heard
-from obk_cli.introspect import latency, resolve
-from obk_cli.introspect.graph_model import TopicSeen
-from obk_cli.introspect.rates import TopicRate
+from obk_cli.introspect import resolve
+from obk_cli.ros import latency
 from obk_cli.ros import participant as ros_look
 from obk_cli.ros import rate_meter as ros_meter
 from obk_cli.ros import raw_subscription as ros_listen
 from obk_cli.ros import types as ros_types
+from obk_cli.ros.graph import TopicSeen
+from obk_cli.ros.rate_meter import TopicRate
 
 PLACE: Final[Any] = SimpleNamespace(environment=None, modules=lambda _: ())
 MS: Final = 1_000_000

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.adapters import lifecycle_client
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.introspect import lifecycle
 from obk_cli.introspect.lifecycle import Asked, change_states, node_states, possible_transitions
-from obk_cli.launch.asks import ChangeAsked
-from obk_cli.launch.events import Answered, InputEvent
+from obk_cli.launch.events import Answered, ChangeAsked, InputEvent
+from obk_cli.ros import lifecycle_client
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.runs import stacks
 from obk_cli.runs.protocol import Member

@@ -3,24 +3,24 @@
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_model import (
+from obk_cli.introspect.publishing import moved_by
+from obk_cli.introspect.resolve import meant, one_meant
+from obk_cli.plan.plan import Endpoint, Plan
+from obk_cli.ros.graph import (
     End,
+    GraphSnapshot,
     Role,
-    RosGraph,
     TopicSeen,
     misfits,
     parameter_nodes,
     special_services,
     visible,
 )
-from obk_cli.introspect.latency import stamp_of
-from obk_cli.introspect.publishing import moved_by
-from obk_cli.introspect.resolve import meant, one_meant
-from obk_cli.plan.plan import Endpoint, Plan
+from obk_cli.ros.latency import stamp_of
 from obk_cli.ros.raw_subscription import Offer
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
-from .definitions import Message, fields_of
+from ..ros.definitions import Message, fields_of  # noqa: TID252 - shared by folders of tests
 
 TOPICS = ("/a/est", "/b/est", "/a/ctrl", "/obelisk_robot_0/rtf")
 
@@ -95,7 +95,7 @@ def test_what_is_hidden_and_what_every_node_has_is_left_out() -> None:
         "/act/_action/send_goal": ("x/action/A_SendGoal",),
     }
     topics = (TopicSeen(name="/t", msg_types=()), TopicSeen(name="/act/_action/x", msg_types=()))
-    graph = RosGraph(topics=topics, services=services)
+    graph = GraphSnapshot(topics=topics, services=services)
     assert [topic.name for topic in visible(graph).topics] == ["/t"]
     assert set(visible(graph).services) == {"/n/list_parameters", "/n/reset"}
     assert set(special_services(services)) == {"/n/reset", "/act/_action/send_goal"}

@@ -5,8 +5,6 @@ import json
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_model import End, RosGraph, TopicSeen
-from obk_cli.introspect.parameters import NOT_SET, NodeParameter
 from obk_cli.introspect.protocol import (
     FailedReply,
     GraphKnown,
@@ -21,6 +19,8 @@ from obk_cli.introspect.protocol import (
     parameter_of,
     wire_parameter,
 )
+from obk_cli.ros.graph import End, GraphSnapshot, TopicSeen
+from obk_cli.ros.parameters import NOT_SET, NodeParameter
 from obk_cli.ros.raw_subscription import Offer
 from obk_cli.runs.protocol import decode, encode
 
@@ -36,7 +36,7 @@ OFFER = Offer(
 )
 TALKER = End(node="/talker", role="publisher", msg_type="p/msg/M", qos=OFFER, type_hash="RIHS01_0")
 KNOWN = GraphKnown(
-    graph=RosGraph(
+    graph=GraphSnapshot(
         nodes=("/talker", "/talker"),
         topics=(TopicSeen(name="/q", msg_types=("p/msg/M",), publishers=(TALKER,)),),
         services={"/talker/get_state": ("p/srv/S", "p/srv/T")},

@@ -8,7 +8,6 @@ from typing import Any, cast
 import pytest
 
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.introspect.graph_model import End, TopicSeen
 from obk_cli.introspect.publishing import (
     Publication,
     refuse_moving,
@@ -17,6 +16,7 @@ from obk_cli.introspect.publishing import (
 )
 from obk_cli.introspect.target import GraphTarget
 from obk_cli.plan.plan import Endpoint, Plan
+from obk_cli.ros.graph import End, TopicSeen
 from obk_cli.ros.raw_subscription import Offer
 from obk_cli.runs.folder import Run
 

@@ -7,12 +7,17 @@ from array import array
 import pytest
 import yaml
 
-from obk_cli.introspect.field_path import parse_selection
-from obk_cli.introspect.message_dict import Plain, columns, plain_data
-from obk_cli.report.messages import MOST_ITEMS, MOST_LETTERS, json_line, message_text
-from obk_cli.report.show import Shower
+from obk_cli.introspect.message_text import (
+    MOST_ITEMS,
+    MOST_LETTERS,
+    Shower,
+    json_line,
+    message_text,
+)
+from obk_cli.ros.field_path import parse_selection
+from obk_cli.ros.message_data import Plain, columns, plain_data
 
-from .definitions import Message
+from ..ros.definitions import Message  # noqa: TID252 - shared by folders of tests
 
 
 def whole() -> Message:

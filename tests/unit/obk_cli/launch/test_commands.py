@@ -18,10 +18,10 @@ from obk_cli.launch.commands import (
     unit_commands,
 )
 from obk_cli.launch.console import Output
+from obk_cli.launch.event_lines import LaunchReport
 from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.launch.run import _commands
 from obk_cli.plan.plan import Plan, Process
-from obk_cli.report.launch import LaunchReport
 from obk_cli.workspace.package_index import PackageIndex
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests

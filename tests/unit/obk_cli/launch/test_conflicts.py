@@ -12,7 +12,6 @@ from queue import SimpleQueue
 
 import pytest
 
-from obk_cli.adapters.allowed_publisher import ALLOWED_PUBLISHER, is_allowed_publisher
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch import conflicts
 from obk_cli.launch.conflicts import (
@@ -26,6 +25,7 @@ from obk_cli.launch.conflicts import (
 from obk_cli.launch.events import InputEvent, UnknownPublisherSeen
 from obk_cli.plan.plan import Endpoint, Plan
 from obk_cli.ros.graph import OWN_DISCOVERY_S, UNNAMED
+from obk_cli.ros.publisher import ALLOWED_PUBLISHER, is_allowed_publisher
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 

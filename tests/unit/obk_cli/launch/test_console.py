@@ -9,9 +9,9 @@ from contextlib import closing
 import pytest
 
 from obk_cli.launch.console import Footer, Screen, takes_footer
-from obk_cli.report.escapes import plain
-from obk_cli.report.status_area import status_lines
+from obk_cli.launch.status import status_lines
 from obk_cli.runs.protocol import NodeStatus, StackStatus
+from obk_cli.terminal import plain
 
 from ....waiting import DEADLINE_S, eventually  # noqa: TID252 - shared by folders of tests
 from .terminal import Terminal

@@ -12,9 +12,8 @@ from queue import SimpleQueue
 import pytest
 
 from obk_cli.launch import control_server
-from obk_cli.launch.asks import ChangeAsked, StatusAsked
 from obk_cli.launch.control_server import serve_control
-from obk_cli.launch.events import InputEvent, StopAsked
+from obk_cli.launch.events import ChangeAsked, InputEvent, StatusAsked, StopAsked
 from obk_cli.runs.control_client import ask_change, ask_status, ask_stop
 from obk_cli.runs.protocol import ChangeAnswer, Member, StackStatus
 

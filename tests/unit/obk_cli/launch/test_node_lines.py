@@ -1,6 +1,6 @@
 """Which node wrote a line of a shared output."""
 
-from obk_cli.launch.node_lines import NodeLines
+from obk_cli.launch.console import NodeLines
 
 NODES = ("/arm", "/left/arm", "/left/arm_tip", "/left")
 

@@ -6,9 +6,9 @@ from queue import Empty
 
 import pytest
 
-from obk_cli.launch.asks import ChangeAsked
 from obk_cli.launch.events import (
     Answered,
+    ChangeAsked,
     Failed,
     GoesOnWithout,
     InputEvent,

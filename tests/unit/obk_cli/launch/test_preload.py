@@ -8,7 +8,7 @@ import pytest
 
 from obk_cli.config.environment import Command
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.preload import early_units, gate_path, gate_variables, held_at_gate
+from obk_cli.launch.commands import early_units, gate_path, gate_variables, held_at_gate
 from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.plan.plan import Plan, Process
 

@@ -7,7 +7,6 @@ import pytest
 
 from obelisk_spec.runtime_protocol import Rate
 from obelisk_spec.video import VideoStatus
-from obk_cli.launch.asks import StatusAsked
 from obk_cli.launch.events import (
     InputEvent,
     OutputEvent,
@@ -17,6 +16,7 @@ from obk_cli.launch.events import (
     RateMoved,
     RatesReported,
     StateSeen,
+    StatusAsked,
     StopAsked,
     VideoReported,
 )

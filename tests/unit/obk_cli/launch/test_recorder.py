@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import cast
 
 from obk_cli.launch.console import Output
+from obk_cli.launch.event_lines import LaunchReport
 from obk_cli.launch.events import (
     Ended,
     EventBus,
@@ -18,9 +19,7 @@ from obk_cli.launch.events import (
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import WardenProcesses
 from obk_cli.launch.recorder import UNIT, Recorder
-from obk_cli.record.recorder_job import BEGUN
-from obk_cli.record.topic_filter import RecordRequest
-from obk_cli.report.launch import LaunchReport
+from obk_cli.record.recorder_job import BEGUN, RecordRequest
 
 from .shown import Shown
 

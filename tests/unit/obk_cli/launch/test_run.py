@@ -7,6 +7,7 @@ from queue import SimpleQueue
 from types import SimpleNamespace
 
 from obk_cli.launch.console import Output
+from obk_cli.launch.event_lines import LaunchReport
 from obk_cli.launch.events import (
     Ended,
     InputEvent,
@@ -16,7 +17,6 @@ from obk_cli.launch.events import (
     StackStateChanged,
 )
 from obk_cli.launch.run import _events, _process_events, _serve_others
-from obk_cli.report.launch import LaunchReport
 
 from .shown import Shown
 

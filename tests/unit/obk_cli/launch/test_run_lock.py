@@ -17,21 +17,14 @@ import pytest
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch import run_lock
 from obk_cli.launch.console import Output
+from obk_cli.launch.event_lines import LaunchReport
 from obk_cli.launch.options import KEPT_RUNS, LaunchOptions
 from obk_cli.launch.process_groups import Share
 from obk_cli.launch.run_lock import claim_run, locked_run
 from obk_cli.plan.plan import Plan
 from obk_cli.process.identity import boot_id, start_s, this_process
-from obk_cli.report.launch import LaunchReport
 from obk_cli.ros.environment import RosEnvironment
-from obk_cli.runs.folder import (
-    MadeFrom,
-    Run,
-    make_run_folder,
-    read_run,
-    run_folders,
-    write_run,
-)
+from obk_cli.runs.folder import MadeFrom, Run, make_run_folder, read_run, run_folders, write_run
 from obk_cli.runs.registry import is_alive, live_runs
 
 from ....waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests

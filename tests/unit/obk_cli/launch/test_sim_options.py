@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from obk_cli.errors import MisuseError
+from obk_cli.launch.options import with_simulator_parameters
 from obk_cli.launch.process_groups import share_of
-from obk_cli.launch.sim_options import with_simulator_parameters
 from obk_cli.plan.plan import Plan, Process
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests

@@ -6,9 +6,9 @@ from functools import partial
 
 import pytest
 
-from obk_cli.launch.asks import ChangeAsked, StatusAsked
 from obk_cli.launch.events import (
     AnswersAgain,
+    ChangeAsked,
     Evidence,
     Failed,
     GoesOnWithout,
@@ -19,6 +19,7 @@ from obk_cli.launch.events import (
     Restarting,
     StackStateChanged,
     StateSeen,
+    StatusAsked,
     StopAsked,
     TransitionEnded,
     WaitingFor,

@@ -8,7 +8,7 @@ import pytest
 from obelisk_spec.video import VideoStatus
 from obk_cli.launch.events import Ended, OutputEvent, Phase, VideoReported
 from obk_cli.launch.process_groups import share_of
-from obk_cli.launch.video import VideoReports
+from obk_cli.launch.recorder import VideoReports
 from obk_cli.plan.plan import Plan
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests

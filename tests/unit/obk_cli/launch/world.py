@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from queue import Empty
 
 from obelisk_spec.runtime_protocol import Rate, Standing
+from obk_cli.launch.event_loop import Limits
 from obk_cli.launch.events import (
     Answered,
     Ended,
@@ -21,7 +22,6 @@ from obk_cli.launch.events import (
     StateAnswered,
     StateSeen,
 )
-from obk_cli.launch.interfaces import Limits
 from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.launch.supervisor import Supervisor
 from obk_cli.launch.transitions import Until

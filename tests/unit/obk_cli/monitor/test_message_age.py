@@ -2,8 +2,8 @@
 
 import struct
 
-from obk_cli.monitor.message_age import PassageMeter
 from obk_cli.monitor.model import Passage
+from obk_cli.monitor.topic_watch import PassageMeter
 
 S = 1_000_000_000
 NOW = 1_800_000_000 * S

@@ -1,8 +1,8 @@
 """The speeds of simulated robots, with a function in the place of their nodes."""
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.parameters import NodeParameter
 from obk_cli.monitor.expected_topics import Speeds
+from obk_cli.ros.parameters import NodeParameter
 from obk_cli.runs.protocol import NodeStatus
 
 EVENT = b"\x00\x01\x00\x00 /arm/r realtime_factor"

@@ -9,7 +9,7 @@ from rich.cells import cell_len
 
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.table import log_lines, monitor_data, monitor_text
-from obk_cli.report.escapes import plain
+from obk_cli.terminal import plain
 
 from .stacks import BROKEN, COMPOSED, ELSEWHERE, HEALTHY
 

@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from obelisk_spec.settings import parse_component_setting, parse_mapping
+from obelisk_spec.components import parse_component_setting, parse_mapping
 from obk_cli.compiler import Options, compile_source
 from obk_cli.config.locate import locate_files
 from obk_cli.config.model import FileSearch, Spanned

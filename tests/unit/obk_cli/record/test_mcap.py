@@ -12,12 +12,12 @@ import yaml
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from obk_cli.cli.bag import bag_text
 from obk_cli.errors import CommandFailedError
 from obk_cli.record.mcap_reader import messages_of, read_bag
 from obk_cli.record.mcap_writer import BagWriter, offers_text
 from obk_cli.record.plot import PlotField, draw, parse_field
 from obk_cli.record.recording import DROPS, BagTopic
-from obk_cli.report.bag import bag_text
 from obk_cli.ros.raw_subscription import Offer
 
 TYPE = "std_msgs/msg/Float64"

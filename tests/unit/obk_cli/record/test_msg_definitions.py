@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.record.msg_definitions import installed_definition, schema_text
+from obk_cli.record.recorder import installed_definition, schema_text
 
 BAR = "=" * 80
 TEXTS = {

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from obk_cli.record.recorder import RosRecorder
-from obk_cli.record.topic_filter import RecordRequest
+from obk_cli.record.recorder_job import RecordRequest
 
 
 def test_topics_that_cannot_be_recorded_are_reported_once() -> None:

@@ -8,10 +8,9 @@ from pathlib import Path
 
 from obk_cli.emit.json import emit_plan
 from obk_cli.plan.plan import Endpoint, Plan, SensorGroup
-from obk_cli.record.recorder_job import RecorderJob, job_from_json, job_to_json
-from obk_cli.record.run_metadata import RunMetadata, file_name, run_metadata_of
-from obk_cli.record.topic_filter import RecordRequest
-from obk_cli.runs.run_plan import run_plan, run_topics
+from obk_cli.record.recorder_job import RecorderJob, RecordRequest, job_from_json, job_to_json
+from obk_cli.record.recording import RunMetadata, file_name, run_metadata_of
+from obk_cli.runs.folder import run_plan, run_topics
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 

@@ -1,6 +1,6 @@
 """Which topics are recorded."""
 
-from obk_cli.record.topic_filter import (
+from obk_cli.record.recorder_job import (
     RecordRequest,
     clashing_topics,
     matching_topics,

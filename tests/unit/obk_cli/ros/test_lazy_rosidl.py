@@ -5,7 +5,7 @@ import sys
 
 CODE = """
 import sys
-from obk_cli.ros.lazy_rosidl import leave_generator_for_later
+from obk_cli.ros.participant import leave_generator_for_later
 leave_generator_for_later()
 from obelisk_control_msgs.msg import PositionSetpoint
 PositionSetpoint.__import_type_support__()

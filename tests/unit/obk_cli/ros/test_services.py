@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from obk_cli.adapters.lifecycle_client import LifecycleClient
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros import services as ros_calls
+from obk_cli.ros.lifecycle_client import LifecycleClient
 from obk_cli.ros.services import ServiceClient
 
 GET_STATE = ros_calls.QUESTIONS["get_state"]

@@ -7,9 +7,8 @@ from datetime import datetime
 from pathlib import Path
 from queue import SimpleQueue
 
-from obk_cli.launch.asks import ChangeAsked, StatusAsked
 from obk_cli.launch.control_server import serve_control
-from obk_cli.launch.events import InputEvent, StopAsked
+from obk_cli.launch.events import ChangeAsked, InputEvent, StatusAsked, StopAsked
 from obk_cli.launch.run_lock import claim_run
 from obk_cli.process.identity import this_process
 from obk_cli.runs.folder import Run, record_end

@@ -9,12 +9,12 @@ from pathlib import Path
 import psutil
 import pytest
 
-from obk_cli.adapters import leftovers
 from obk_cli.cli import stop
 from obk_cli.cli.main import main
 from obk_cli.introspect import lifecycle
 from obk_cli.launch.events import StopAsked
 from obk_cli.process.identity import this_process
+from obk_cli.runs import orphans as leftovers
 from obk_cli.runs import registry
 
 from ....turns import turn_of_leftovers  # noqa: TID252 - shared by folders of tests

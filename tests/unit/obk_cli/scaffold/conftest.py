@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from obk_cli.resources import resource_folder
+from obk_cli.files import resource_folder
 from obk_cli.scaffold.compose import compose_package, layers_of
 from obk_cli.scaffold.kinds import Kind
 from obk_cli.scaffold.questions import Answers, Question, check_answers

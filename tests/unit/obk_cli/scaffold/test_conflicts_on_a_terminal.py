@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
-from obk_cli.cli.ask_conflicts import settle_conflicts
+from obk_cli.cli.new_run import settle_conflicts
 from obk_cli.scaffold.templates import RenderedFile
 from obk_cli.scaffold.write import Action, Decision
 

@@ -5,7 +5,7 @@ import tomllib
 
 import pytest
 
-from obk_cli.scaffold.names import Problem
+from obk_cli.scaffold.kinds import Problem
 from obk_cli.scaffold.package_files import PackageTexts, add_console_script
 
 NEW = "new = foo.new:main"

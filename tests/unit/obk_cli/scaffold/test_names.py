@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from obk_cli.scaffold.names import LONGEST_NAME, check_name, suggest_name
+from obk_cli.scaffold.kinds import LONGEST_NAME, check_name, suggest_name
 
 
 def nobody(_name: str) -> str | None:

@@ -4,7 +4,7 @@ from pathlib import PurePosixPath
 
 import pytest
 
-from obk_cli.scaffold.names import Problem
+from obk_cli.scaffold.kinds import Problem
 from obk_cli.scaffold.package_files import add_entry_point
 from obk_cli.scaffold.templates import RenderedFile
 

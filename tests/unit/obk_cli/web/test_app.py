@@ -13,15 +13,15 @@ import pytest
 from obk_cli.errors import CommandFailedError
 from obk_cli.monitor.model import StackView
 from obk_cli.runs.protocol import ChangeAnswer, Member
+from obk_cli.web.auth import HEADERS, new_token
 from obk_cli.web.feed import Moment
-from obk_cli.web.guard import HEADERS, new_token
-from obk_cli.web.traces import Heard, Wish
+from obk_cli.web.plots import Heard, Wish
 
 from ..monitor.stacks import BROKEN, HEALTHY  # noqa: TID252 - shared by folders of tests
 
 pytest.importorskip("starlette", reason="starlette is in the `web` extra")
 
-from obk_cli.adapters.web_app import PAGE, Site, make_app
+from obk_cli.web.app import PAGE, Site, make_app
 
 TOKEN = new_token()
 PORT = 8420

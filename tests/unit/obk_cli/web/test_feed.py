@@ -10,7 +10,7 @@ import pytest
 
 from obk_cli.errors import MisuseError
 from obk_cli.monitor.model import StackView
-from obk_cli.runs.run_plan import run_plan
+from obk_cli.runs.folder import run_plan
 from obk_cli.web.feed import Feed, Moment, live_picture
 
 from ..monitor.stacks import ELSEWHERE, HEALTHY  # noqa: TID252 - shared by folders of tests

@@ -70,7 +70,7 @@ def test_every_element_that_a_script_names_is_in_the_page(script: Path) -> None:
 
 def test_a_port_that_is_taken_is_told() -> None:
     pytest.importorskip("uvicorn", reason="uvicorn is in the `web` extra")
-    from obk_cli.adapters.web_server import take_port
+    from obk_cli.web.app import take_port
 
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))

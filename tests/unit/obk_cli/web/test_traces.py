@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import pytest
 
-from obk_cli.introspect.field_path import MISSING
-from obk_cli.web.traces import (
+from obk_cli.ros.field_path import MISSING
+from obk_cli.web.plots import (
     MOST_LINES,
     SAMPLES_HZ,
     SHOWN_S,
@@ -16,7 +16,7 @@ from obk_cli.web.traces import (
     numbers_in,
 )
 
-from ..introspect.definitions import Message, fields_of  # noqa: TID252 - shared by folders of tests
+from ..ros.definitions import Message, fields_of  # noqa: TID252 - shared by folders of tests
 
 SECOND = 1_000_000_000
 

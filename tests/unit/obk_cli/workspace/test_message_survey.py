@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.workspace.message_survey import (
+from obk_cli.workspace.message_build import (
     Survey,
     choose,
     colcon_command,

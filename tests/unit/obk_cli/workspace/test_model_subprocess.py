@@ -9,8 +9,8 @@ from typing import NoReturn
 import pytest
 
 from obk_cli.config.environment import ModelFault, ModelRead
-from obk_cli.workspace import model_subprocess
-from obk_cli.workspace.model_subprocess import read_model_bounded
+from obk_cli.workspace import model_reader
+from obk_cli.workspace.model_reader import read_model_bounded
 
 pytestmark = pytest.mark.mujoco
 
@@ -39,7 +39,7 @@ def test_what_mujoco_warns_of_is_written_nowhere(
 def test_a_crash_is_a_fault_of_the_model(
     monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
-    monkeypatch.setattr(model_subprocess, "read_model", lambda _: os.kill(os.getpid(), number))
+    monkeypatch.setattr(model_reader, "read_model", lambda _: os.kill(os.getpid(), number))
     fault = read_model_bounded(MODEL)
     assert fault == ModelFault(message=f"MuJoCo crashed while it read it ({number.name})")
 
@@ -48,14 +48,14 @@ def test_what_our_own_code_raises_is_no_silence(monkeypatch: pytest.MonkeyPatch)
     def fail(_: Path) -> NoReturn:
         raise RecursionError
 
-    monkeypatch.setattr(model_subprocess, "read_model", fail)
+    monkeypatch.setattr(model_reader, "read_model", fail)
     fault = read_model_bounded(MODEL)
     assert fault == ModelFault(message="MuJoCo crashed while it read it (exit code 1)")
 
 
 def test_a_model_without_an_end_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(model_subprocess, "_DEADLINE_S", 1)
-    monkeypatch.setattr(model_subprocess, "read_model", lambda _: time.sleep(1000))
+    monkeypatch.setattr(model_reader, "_DEADLINE_S", 1)
+    monkeypatch.setattr(model_reader, "read_model", lambda _: time.sleep(1000))
     fault = read_model_bounded(MODEL)
     assert fault == ModelFault(message="MuJoCo has not read it within 1 s")
 

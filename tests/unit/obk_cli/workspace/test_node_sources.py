@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.config.node_facts import CodeFault, NodeFacts
+from obk_cli.config.environment import CodeFault, NodeFacts
 from obk_cli.workspace.environment import MachineEnvironment
 
 NODE = """\

@@ -158,7 +158,7 @@ def test_what_is_no_command_is_refused_and_told_once(
     active.report()
     active.report()
     assert warnings == [
-        "control refused: `u_mujoco` has the length 0, the motor takes 1 (1x); "
+        "control rejected: `u_mujoco` has the length 0, the motor takes 1 (1x); "
         "`u_mujoco` has the length 2, the motor takes 1 (2x); `u_mujoco[0]` is nan (1x)"
     ]
     assert all(command.mode is not Mode.POSITION for command in drive.commands)

@@ -147,7 +147,7 @@ class UdpMotorRobot(ObeliskRobot):
         assert self.link is not None
         if self.refused:
             reasons = (f"{reason} ({count}x)" for reason, count in self.refused.items())
-            self.get_logger().warning(f"control refused: {'; '.join(reasons)}")
+            self.get_logger().warning(f"control rejected: {'; '.join(reasons)}")
             self.refused.clear()
         if self.link.troubles:
             counts = (f"{what} ({count}x)" for what, count in self.link.troubles.items())

@@ -10,7 +10,7 @@ __all__ = ["ObeliskMujocoRobot"]
 
 
 def __getattr__(name: str) -> Any:
-    """Load the robot when it is asked for: processes that look at it have no use for ROS."""
+    """Import the robot on first use: viewer processes do not need ROS."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(f"{__name__}.robot"), name)

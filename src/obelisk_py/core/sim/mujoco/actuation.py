@@ -1,4 +1,4 @@
-"""What the actuators get at each step: the newest control, or an answer to commands that are old.
+"""Write the actuators' controls at each step: the newest control, or an action on old commands.
 
 In: a `ControlInbox`, and whether its newest control is too old. Out: `data.ctrl`, written on the
 thread that steps.
@@ -17,12 +17,12 @@ __all__ = ["ControlWriter", "WhenStale"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WhenStale:
-    """What is done about commands that are too old."""
+    """The action on commands that are too old."""
 
     action: str
     """One of `obelisk_spec.components.STALE_ACTIONS`."""
     is_stale: Callable[[], bool]
-    """Asked before each step: whether the newest command is too old by now."""
+    """Returns whether the newest command is too old; called before each step."""
 
 
 class ControlWriter:
@@ -47,13 +47,13 @@ class ControlWriter:
         self._brake: Brake | None = None
 
     def restart(self) -> None:
-        """Forget the controls; what is in `data.ctrl` stays until there is a new one."""
+        """Forget the controls; `data.ctrl` stays until a new one is written."""
         self._inbox.clear()
         self._applied = None
         self._brake = None
 
     def write(self) -> bool:
-        """Write the control of the next step; whether it is that of the steps behind it too."""
+        """Write the next step's control; returns whether the steps after it have the same one."""
         stale = self._when_stale
         if stale is not None and stale.is_stale() and stale.action != "hold":
             return self._write_safe(stale.action)

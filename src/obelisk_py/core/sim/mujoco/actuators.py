@@ -1,4 +1,4 @@
-"""What a model's actuators do with a control: force laws, brakes, and torques from gains.
+"""Compute a model's actuator controls: force laws, brakes, and torques from gains.
 
 In: a compiled model, its state after mj_step1, `PDFeedForward` messages with gains. Out: controls
 of shape (nu,), or the reason why a message is rejected. Never writes to the state.
@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 LARGEST: Final = 1e10
-"""MuJoCo takes a number beyond this for a fault and sets every control to zero (mjMAXVAL)."""
+"""If a number is larger than this, MuJoCo sets every control to zero (mjMAXVAL)."""
 BRAKING_TIME_S: Final = 0.1
 """In this time a braked motor loses 63 % of its speed [s], where nothing else moves it.
 
@@ -72,11 +72,11 @@ class Actuators:
         affine = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
         direct = model.actuator_dyntype == _NONE
         self.are_motors: Flags = fixed & unbiased & direct
-        """Those whose force is a multiple of the control."""
+        """Actuators whose force is a multiple of the control."""
         self.are_servos: Flags = fixed & affine & np.isin(model.actuator_dyntype, _FOLLOWING)
-        """Those that go to a position or velocity."""
+        """Actuators whose control is a position or velocity."""
         self.take_forces: Flags = fixed & (unbiased | affine) & direct
-        """Those with a control for every force."""
+        """Actuators that have a control for every force."""
         self.bias[~affine] = 0.0
         limited = model.actuator_ctrllimited.astype(bool)
         self.least = np.where(limited, model.actuator_ctrlrange[:, 0], -np.inf)
@@ -105,7 +105,7 @@ class Brake:
     """
 
     def __init__(self, actuators: Actuators, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Look at how heavy each motor's load is, and at where each servo is."""
+        """Read the inertia of each motor's load and the position of each servo."""
         b0, b1, _ = actuators.bias.T
         gain = np.where(actuators.gain == 0, 1.0, actuators.gain)
         hold = -(b0 + b1 * data.actuator_length) / gain
@@ -179,7 +179,7 @@ class JointTorques:
             self._gear = model.actuator_gear[:, 0].copy()
 
     def read(self, message: Any) -> TorqueLaw | str:
-        """The law of a `PDFeedForward`, or why it is refused.
+        """The law of a `PDFeedForward`, or the reason to reject it.
 
         An empty `vel_target`, `feed_forward`, `kp` or `kd` is zero; `pos_target` may be empty where
         `kp` is.
@@ -217,7 +217,7 @@ class JointTorques:
         return np.clip(control, -LARGEST, LARGEST)
 
     def _order_of(self, names: Sequence[str]) -> NDArray[np.intp] | str:
-        """Where each actuator's joint stands in the message."""
+        """Index of each actuator's joint in the message."""
         if not names:
             return np.arange(len(self._joints))
         if sorted(names) != sorted(self._names):

@@ -22,22 +22,22 @@ from obelisk_py.core.exceptions import ObeliskConfigError
 __all__ = ["CameraView", "choose_back_end", "open_context", "picture_size"]
 
 _LIBRARIES: Final = {"egl": "EGL", "osmesa": "OSMesa"}
-"""Back end -> the library it needs, the better one first."""
-_CURE: Final = (
+"""Back end -> the library it needs, the preferred one first."""
+_FIX: Final = (
     "`obk doctor` reports which back ends draw on this machine; `apt install libegl1 "
     "libgl1-mesa-dri` brings one that needs neither a screen nor a graphics card"
 )
 _DEFAULT_SIZE = (640, 480)
-"""Width and height of a camera whose model says none [pixels]."""
+"""Width and height of a camera whose model sets none [pixels]."""
 _UNSET = 1
-"""What MuJoCo has as width and height where the model says none."""
+"""MuJoCo's width and height if the model sets none."""
 
 
 def choose_back_end(
     environment: Mapping[str, str] = os.environ,
     find: Callable[[str], str | None] = find_library,
 ) -> str:
-    """The back end of MUJOCO_GL, else the first whose library is there.
+    """The back end of MUJOCO_GL if set, otherwise the first whose library is installed.
 
     Raises:
         ObeliskConfigError: there is none, or MUJOCO_GL names one that needs a screen.
@@ -54,7 +54,7 @@ def choose_back_end(
         if find(library) is not None:
             return back_end
     raise ObeliskConfigError(
-        f"cameras need OpenGL, and there is neither libEGL nor libOSMesa; {_CURE}"
+        f"cameras need OpenGL, and there is neither libEGL nor libOSMesa; {_FIX}"
     )
 
 
@@ -76,7 +76,7 @@ def open_context(
     except Exception as error:
         raise ObeliskConfigError(
             f"cameras need OpenGL, and the back end `{back_end}` does not work: "
-            f"{type(error).__name__}: {error}; {_CURE}"
+            f"{type(error).__name__}: {error}; {_FIX}"
         ) from error
     return context
 
@@ -90,7 +90,7 @@ def picture_size(model: mujoco.MjModel, camera: int | None) -> tuple[int, int]:
 
 
 class CameraView:
-    """Draws one camera; `update`, then `draw`, one after the other."""
+    """Draws one camera: call `update`, then `draw`."""
 
     def __init__(
         self,
@@ -99,7 +99,7 @@ class CameraView:
         back_end: str,
         size: tuple[int, int] | None = None,
     ) -> None:
-        """Open OpenGL and hand the model to it.
+        """Open OpenGL and upload the model.
 
         Args:
             model: the model.
@@ -129,7 +129,7 @@ class CameraView:
         self._pixels = np.empty((height, width, 3), np.uint8)
 
     def update(self, data: mujoco.MjData) -> None:
-        """Take over where everything is; draws nothing."""
+        """Copy the state of the scene; draws nothing."""
         mujoco.mjv_updateScene(
             self._model,
             data,
@@ -150,7 +150,7 @@ class CameraView:
         return self._pixels[::-1]
 
     def close(self) -> None:
-        """Give back what OpenGL holds."""
+        """Release the OpenGL resources."""
         self._drawing.free()
         self._context.free()
 

@@ -1,4 +1,4 @@
-"""The control that the simulation applies next: the newest message that can be applied.
+"""Hold the control that the simulation applies next: the newest valid message.
 
 In: control messages, on any thread. Out: an array of the actuators' size or a torque law, and
 reports of rejected and late messages. A message is rejected if it has the wrong length, a number
@@ -35,14 +35,14 @@ DEFAULT_LATENESS_S: Final = 1.0
 CONTROL_FIELDS: Final = ("u_mujoco", "u")
 """Fields of a control message that the simulator reads, the first that the type has."""
 Control = NDArray[np.float64] | TorqueLaw
-"""What is applied: the actuators' controls, shape (nu,), or a law for the torques of each step."""
+"""The actuators' controls, shape (nu,), or a law for the torques of each step."""
 
 
 class StampOrder:
     """The stamp of the newest control."""
 
     def __init__(self, now_ns: Callable[[], int], lateness_s: float) -> None:
-        """Begin with no control.
+        """Start without a control.
 
         Args:
             now_ns: the node's clock [ns].
@@ -53,13 +53,13 @@ class StampOrder:
         self._newest_ns = 0
 
     def restart(self) -> None:
-        """Begin with no control again."""
+        """Return to the state without a control."""
         self._newest_ns = 0
 
-    def refusal(self, stamp_ns: int) -> str | None:
-        """Why a control is to be dropped: a newer one was applied.
+    def rejection(self, stamp_ns: int) -> str | None:
+        """The reason to reject a control: a newer one was applied.
 
-        A newest stamp that lies ahead of the clock orders nothing: the clock was set back, or it is
+        Stamps are ignored if the newest one is ahead of the clock: the clock was set back, or it is
         not the sender's.
         """
         if 0 < stamp_ns < self._newest_ns <= self._now_ns():
@@ -67,7 +67,7 @@ class StampOrder:
         return None
 
     def accept(self, stamp_ns: int) -> str | None:
-        """Take a control for the newest; a sentence where it is late."""
+        """Accept a control as the newest; returns a sentence if it is late."""
         if stamp_ns == 0:
             return None
         self._newest_ns = stamp_ns
@@ -110,47 +110,47 @@ class ControlInbox:
             size: number of actuators `nu`.
             monotonic_s: clock for the rate of reports [s].
             torques: reads the gains of `PDFeedForward`; None for other messages.
-            stamps: looks at the messages' stamps; None where they do not count.
+            stamps: checks the messages' stamps; None: they are ignored.
         """
         self._field = field
         self._size = size
         self._torques = torques
         self._stamps = stamps
-        self._refused = RejectionLog("control refused", monotonic_s, ONLY_REJECTIONS)
-        self._late = RejectionLog("control applied though late", monotonic_s)
+        self._rejections = RejectionLog("control rejected", monotonic_s, ONLY_REJECTIONS)
+        self._late = RejectionLog("late control applied", monotonic_s)
         self.newest: Control | None = None
         """The control to apply; None until there is one."""
 
     def clear(self) -> None:
         """Forget the newest control."""
         self.newest = None
-        self._refused.accept()
+        self._rejections.accept()
         if self._stamps is not None:
             self._stamps.restart()
 
     def offer(self, message: Any) -> bool:
-        """Take a control message, or refuse it; whether it was taken."""
+        """Accept or reject a control message; returns whether it was accepted."""
         sent_ns = _sent_ns(message) if self._stamps is not None else 0
-        control: Control | str | None = self._stamps.refusal(sent_ns) if self._stamps else None
+        control: Control | str | None = self._stamps.rejection(sent_ns) if self._stamps else None
         if control is None:
             control = self._read(message)
         if isinstance(control, str):
-            self._refused.add(control)
+            self._rejections.add(control)
             return False
         late = self._stamps.accept(sent_ns) if self._stamps is not None else None
         if late is not None:
             self._late.add(late)
-        self._refused.accept()
+        self._rejections.accept()
         self.newest = control
         return True
 
     def reports(self) -> list[RejectionReport]:
         """Reports that are not logged yet, each kind at most once per second."""
-        reports = (self._refused.report(), self._late.report())
+        reports = (self._rejections.report(), self._late.report())
         return [report for report in reports if report is not None]
 
     def _read(self, message: Any) -> Control | str:
-        """The control of a message, or why it is refused."""
+        """The control of a message, or the reason to reject it."""
         if self._torques is not None and has_gains(message):
             return self._torques.read(message)
         control = np.array(getattr(message, self._field), dtype=np.float64, ndmin=1)
@@ -166,12 +166,12 @@ def make_inbox(
 
     Args:
         message_type: class of the control message.
-        model: what is to be moved.
+        model: the model to control.
         now_ns: the clock that the messages' stamps are compared with [ns].
         lateness_s: age at which a control is reported as late [s]; None: the default.
 
     Raises:
-        ObeliskConfigError: the message has nothing that could be written to the actuators.
+        ObeliskConfigError: the message has no field for the actuators.
     """
     return ControlInbox(
         field=control_field(message_type),
@@ -183,7 +183,7 @@ def make_inbox(
 
 
 def _sent_ns(message: Any) -> int:
-    """The stamp of a message [ns]; 0 where it has none."""
+    """The stamp of a message [ns]; 0 if it has none."""
     if not hasattr(message, "header"):
         return 0
     stamp = message.header.stamp

@@ -1,7 +1,7 @@
 """Geoms of the model as markers for a visualiser.
 
 In: names of geoms and the state. Out: a `visualization_msgs/MarkerArray` in the frame `world`.
-Sizes are full lengths, as RViz wants them, where MuJoCo's are half lengths and radii. A capsule,
+Sizes are full lengths, as RViz expects, but MuJoCo's are half lengths and radii. A capsule,
 for which RViz has no marker, is a cylinder and two spheres.
 
 Source: visualization_msgs/Marker.msg; MuJoCo XML reference, body/geom/size.

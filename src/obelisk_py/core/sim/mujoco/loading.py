@@ -1,4 +1,4 @@
-"""From the text of a `sim` block to a compiled model, or to every finding against it.
+"""Load a model from the text of a `sim` block, or report every finding about it.
 
 In: the text, the keyframe that the config names. Out: model, config and keyframe. Reads the files
 of the model and of ray casters, and the environment variables that those name. A file that is
@@ -49,11 +49,11 @@ def find_file(
     Args:
         path: as the settings have it.
         robot_pkg: `robot_pkg`, None where not given.
-        folder: what a relative path is relative to.
+        folder: base of a relative path.
         share_of: share folder of a package, None if there is no such package.
 
     Raises:
-        ObeliskConfigError: it is in none of these places; the message lists them.
+        ObeliskConfigError: the file is in none of these folders; the message lists them.
     """
     places = [folder / path]
     if robot_pkg is not None and not Path(path).is_absolute():
@@ -79,7 +79,7 @@ def load_spec(path: Path) -> mujoco.MjSpec:
     try:
         return mujoco.MjSpec.from_file(str(path))
     except (ValueError, mujoco.FatalError) as error:
-        raise ObeliskConfigError(f"model_xml_path: MuJoCo refuses {path}: {error}") from error
+        raise ObeliskConfigError(f"model_xml_path: MuJoCo rejects {path}: {error}") from error
 
 
 def compile_model(spec: mujoco.MjSpec, time_step_s: float | None) -> mujoco.MjModel:
@@ -144,12 +144,12 @@ def _read_ray_caster(path: Path, environment: Mapping[str, str]) -> Mapping[str,
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadedModel:
-    """A model that passed every check."""
+    """A compiled model that passed every check."""
 
     model: mujoco.MjModel
     config: SimConfig
     keyframe: str | None
-    """Where a run starts; None: the model's own start."""
+    """The keyframe that a run starts from; None: the model's own start."""
 
 
 def load_model(
@@ -164,10 +164,10 @@ def load_model(
 
     Args:
         text: the `sim` block.
-        keyframe: the keyframe that was asked for; empty: `ic` if the model has it.
+        keyframe: the requested keyframe; empty: `ic` if the model has it.
         folder: what a relative `model_xml_path` is relative to.
         share_of: share folder of a package, None if there is no such package.
-        warn: takes the findings that do not stop the simulator.
+        warn: called with findings that do not stop the simulator.
 
     Raises:
         ObeliskConfigError: with all findings, one a line.
@@ -194,7 +194,7 @@ def load_model(
 
 
 def check_keyframe(model: mujoco.MjModel, name: str) -> None:
-    """See whether a run can start at a keyframe; empty: where the one before did.
+    """Check that a run can start at a keyframe; an empty name is valid.
 
     Raises:
         ObeliskConfigError: the model has none of that name.
@@ -208,7 +208,7 @@ def check_keyframe(model: mujoco.MjModel, name: str) -> None:
 def _read_spec(
     raw: Mapping[str, Any], find: Callable[[str], Path]
 ) -> tuple[mujoco.MjSpec | None, list[str]]:
-    """The model, or why there is none; neither where the block has no path to speak of."""
+    """The model, or why it cannot be read; neither if the block has no usable path."""
     path = raw.get("model_xml_path")
     if not isinstance(path, str) or not path:
         return None, []

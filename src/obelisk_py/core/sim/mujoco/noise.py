@@ -40,7 +40,7 @@ Amount = float | tuple[float, ...]
 _NEVER: Final = sys.maxsize
 Array = NDArray[np.float64]
 _Draw = Callable[[int], Array]
-"""Makes so many random numbers."""
+"""Returns a number of random numbers."""
 _PLACES: Final[Mapping[str, Mapping[str, str]]] = {
     "PoseStamped": {"position": "pose.position", "orientation": "pose.orientation"},
     "Odometry": {
@@ -64,7 +64,7 @@ class FieldNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorNoise:
-    """How a group's messages differ from what the simulation knows."""
+    """Noise, dropout and delay of a group's messages."""
 
     noise: Mapping[str, FieldNoise]
     """Field -> its noise."""
@@ -102,7 +102,7 @@ class RandomStream:
     """
 
     def __init__(self, *, seed: int, topic: str, purpose: str) -> None:
-        """Begin the stream."""
+        """Start the stream."""
         self._source = np.random.SeedSequence(
             [seed, crc32(topic.encode()), crc32(purpose.encode())]
         )
@@ -132,13 +132,13 @@ class Dropout:
 
 
 class DelayLine:
-    """Holds messages back; as the times of an output it says when the next one is due."""
+    """Delays messages; as the times of an output it gives the step of the next one."""
 
     def __init__(self, *, delay_s: float, step_s: float) -> None:
-        """Make an empty line.
+        """Make an empty delay line.
 
         Args:
-            delay_s: how long a message is held back [s], > 0.
+            delay_s: delay of a message [s], > 0.
             step_s: simulation time of a step [s].
         """
         self._steps = whole_steps(delay_s, step_s)
@@ -158,7 +158,7 @@ class DelayLine:
         return self._held.popleft()[1]
 
     def pass_step(self, step: int) -> None:
-        """Nothing to look for: what is held says when it is due."""
+        """Does nothing: the delayed messages determine the next step."""
 
     def restart(self) -> None:
         """Forget all messages."""
@@ -166,7 +166,7 @@ class DelayLine:
 
 
 def field_place(msg_type: str, field: str) -> str:
-    """Where a noisy field of a bare `msg_type` is in its message, `pose.position`."""
+    """Path of a noisy field of a bare `msg_type` in its message, such as `pose.position`."""
     return _PLACES.get(msg_type, {}).get(field, field)
 
 

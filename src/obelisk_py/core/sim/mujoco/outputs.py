@@ -1,4 +1,4 @@
-"""What a simulation publishes: from the `sim` block to outputs of the stepping thread.
+"""Create the outputs of the stepping thread from the `sim` block.
 
 In: a simulation, its config, a factory of publishers. Out: one output per sensor group, one more
 if its messages are delayed, one for the markers of geoms. Nothing is cast, drawn or sent without a
@@ -20,7 +20,7 @@ from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, Sampler, SensorSour
 from obelisk_py.core.sim.mujoco.sensors.fields import in_turn
 from obelisk_py.core.sim.mujoco.sim_config import SensorGroupConfig, SimConfig
 from obelisk_py.core.sim.mujoco.simulation import Simulation
-from obelisk_py.core.sim.mujoco.stepper import Output
+from obelisk_py.core.sim.mujoco.stepper import TimedOutput
 from obelisk_py.core.sim.mujoco.stepping import SampleTimes
 
 __all__ = [
@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 _CHECK_PERIOD_NS: Final = 5_000_000
-"""Wall time for which a count is used [ns]: asking the middleware for each sample is slow."""
+"""Wall time for which a count is valid [ns]: a query of the middleware for each sample is slow."""
 Publish = Callable[[Any], None]
 Sample = Callable[[int], None]
 """Takes a sample and sends it, with a stamp [ns]."""
@@ -76,11 +76,11 @@ def group_outputs(
     *,
     has_subscribers: Callable[[], bool],
     left_out: Callable[[], None],
-) -> Iterator[Output]:
+) -> Iterator[TimedOutput]:
     """The outputs of a group.
 
     Args:
-        simulation: what is sampled.
+        simulation: the simulation to sample.
         group: the settings.
         sampler: takes the samples.
         publish: sends a message.
@@ -92,11 +92,11 @@ def group_outputs(
     line = None
     if settings.delay_s > 0.0:
         line = DelayLine(delay_s=settings.delay_s, step_s=simulation.step_s)
-        yield Output(times=line, publish=_release(line, publish), restart=line.restart)
+        yield TimedOutput(times=line, publish=_release(line, publish), restart=line.restart)
     send = publish if line is None else _hold(line, simulation)
     if not settings.noise and settings.dropout == 0.0:
         sample = sampled(sampler, send)
-        yield Output(times=times, publish=if_subscribed(has_subscribers, sample, left_out))
+        yield TimedOutput(times=times, publish=if_subscribed(has_subscribers, sample, left_out))
         return
     stream = RandomStream(seed=settings.seed, topic=group.topic, purpose="dropout")
     dropout = Dropout(settings.dropout, stream)
@@ -122,7 +122,7 @@ def group_outputs(
         if noise is not None:
             noise.restart()
 
-    yield Output(times=times, publish=publish_unless_lost, restart=restart)
+    yield TimedOutput(times=times, publish=publish_unless_lost, restart=restart)
 
 
 def sampled(sampler: Sampler, send: Publish) -> Sample:
@@ -181,7 +181,7 @@ def no_rate_monitor(_topic: str, _period_s: float) -> Callable[[], None]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputContext:
-    """What outputs need of the node that has the simulation."""
+    """What outputs use of the simulation's node."""
 
     make_publisher: MakePublisher
     """Called once per topic."""
@@ -197,13 +197,13 @@ class OutputContext:
 
 def outputs_of(
     simulation: Simulation, config: SimConfig, context: OutputContext
-) -> tuple[Output, ...]:
+) -> tuple[TimedOutput, ...]:
     """The outputs that the config defines.
 
     Raises:
         ObeliskConfigError: with all groups that this machine cannot sample.
     """
-    outputs: list[Output] = []
+    outputs: list[TimedOutput] = []
     errors = []
     for group in config.groups:
         try:
@@ -219,7 +219,7 @@ def outputs_of(
 
 def _group(
     simulation: Simulation, group: SensorGroupConfig, context: OutputContext
-) -> Iterator[Output]:
+) -> Iterator[TimedOutput]:
     kind = SENSOR_KINDS[group.msg_type]
     publisher = context.make_publisher(kind.message_type, group.topic, group.history_depth)
     publish = publisher.publish
@@ -250,7 +250,7 @@ def _group(
     )
 
 
-def _geoms(simulation: Simulation, config: SimConfig, make_publisher: MakePublisher) -> Output:
+def _geoms(simulation: Simulation, config: SimConfig, make_publisher: MakePublisher) -> TimedOutput:
     sampler = marker_sampler(simulation.model, simulation.data, config.geoms)
     publishers = [make_publisher(MarkerArray, topic, GEOM_DEPTH) for topic in GEOM_TOPICS]
     checks = [SubscriberCheck(publisher.get_subscription_count) for publisher in publishers]
@@ -262,7 +262,7 @@ def _geoms(simulation: Simulation, config: SimConfig, make_publisher: MakePublis
         for publisher in publishers:
             publisher.publish(markers)
 
-    return Output(
+    return TimedOutput(
         times=SampleTimes(period_s=config.geoms_period_s, step_s=simulation.step_s),
         publish=if_subscribed(has_subscribers, sampled(sampler, send), lambda: None),
     )

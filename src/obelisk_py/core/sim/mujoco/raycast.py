@@ -44,10 +44,10 @@ _NO_BODY: Final = -1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightScan:
-    """A level grid of parallel rays."""
+    """A horizontal grid of parallel rays."""
 
     resolution_m: float
-    """Between two rays [m]."""
+    """Distance between two rays [m]."""
     size_m: tuple[float, float]
     """Along x and y [m]."""
     x_is_faster: bool
@@ -83,7 +83,7 @@ Pattern = HeightScan | LidarScan | DepthCamera
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RayCaster:
-    """Where rays start, how they are laid out and what they hit."""
+    """Settings of a ray caster: start, pattern and hit geoms."""
 
     site: str
     pattern: Pattern
@@ -92,7 +92,7 @@ class RayCaster:
     geom_groups: tuple[int, ...] = ()
     """Groups of geoms that are hit; empty: all."""
     frame: str | None = None
-    """As written."""
+    """As in the config."""
     max_distance_m: float = math.inf
 
 
@@ -222,7 +222,7 @@ def _depth_camera(pattern: DepthCamera) -> Rays:
 
 
 class Scan(Protocol):
-    """What a cast leaves behind; all in the world."""
+    """The result of a cast, in the world frame."""
 
     rays: Rays
     """As laid out, in the frame of the pattern."""

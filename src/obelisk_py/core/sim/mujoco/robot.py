@@ -2,7 +2,8 @@
 
 In: the `sim` block as text in the ROS parameter `mujoco_setting`, control messages. Out: the sensor
 groups of that block, `TrueSimState`, markers of geoms, `~/rtf`, and `/clock` with `use_sim_time`.
-Services: `~/reset`, `~/pause`, `~/step`. What is in simulation time the stepping thread publishes.
+Services: `~/reset`, `~/pause`, `~/step`. The stepping thread publishes what is sampled in
+simulation time.
 """
 
 import time
@@ -38,7 +39,7 @@ from obelisk_py.core.sim.mujoco.sim_config import (
 )
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.step_queue import StepQueue, StepResult, make_step_services
-from obelisk_py.core.sim.mujoco.stepper import Output, Stepper, StepReport
+from obelisk_py.core.sim.mujoco.stepper import Stepper, StepReport, TimedOutput
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace, SampleTimes
 from obelisk_py.core.sim.mujoco.true_state import StateCopy, TrueStateReader
 from obelisk_py.core.sim.mujoco.viewers.processes import (
@@ -48,7 +49,7 @@ from obelisk_py.core.sim.mujoco.viewers.processes import (
 )
 from obelisk_py.core.sim.mujoco.viewers.video import (
     VIDEO_PARAMETERS,
-    FilmDiagnostics,
+    VideoDiagnostics,
     requested_video,
     video_outputs,
 )
@@ -61,7 +62,7 @@ __all__ = ["ObeliskMujocoRobot"]
 KEYFRAME: Final = "ic_keyframe"
 _DEPTH: Final = 10
 _PAUSE_S: Final = 0.05
-"""How long a paused simulation takes to notice that it is to stop [s]."""
+"""Longest time until a paused simulation reacts to a stop request [s]."""
 
 
 class ObeliskMujocoRobot(ObeliskSimRobot):
@@ -69,8 +70,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
 
     ROS parameters: `mujoco_setting` (the sim block), `ic_keyframe` (default `ic` where the model
     has it), `realtime_factor` (simulation time over wall time; 0: as fast as possible), `viewer`
-    (`none`, `native`, `web`), `viewer_port` (of the web viewer; 0: a free one), `render` (a film),
-    `render_camera`, `render_size`, `render_fps` (empty, 0: as camera and kind of file have it).
+    (`none`, `native`, `web`), `viewer_port` (of the web viewer; 0: a free one), `render` (a video),
+    `render_camera`, `render_size`, `render_fps` (empty, 0: the defaults of camera and file type).
     """
 
     def __init__(
@@ -82,9 +83,9 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         """Make the node.
 
         Args:
-            node_name: name in the ROS graph, where no remapping gives another.
+            node_name: name in the ROS graph, unless it is remapped.
             ctrl_msg_type: class of the control message; without it the config names the type.
-            kwargs: handed to `rclpy.node.Node`.
+            kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, ctrl_msg_type, **kwargs)
         self.declare_parameter(PARAMETER, "")
@@ -102,7 +103,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._keyframe: str | None = None
         self._own_publishers: list[LifecyclePublisher] = []
         self._closing = ExitStack()
-        self._film: FilmDiagnostics | None = None
+        self._video_diagnostics: VideoDiagnostics | None = None
         self._requests = StepQueue()
         self._request_services: list[Any] = []
         rules = self._parameter_rules
@@ -152,21 +153,21 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             monitor_rate=self._monitor_samples if factor else no_rate_monitor,
         )
         if video is not None:
-            self._film = FilmDiagnostics(self)
-            self._closing.callback(self._film.close)
+            self._video_diagnostics = VideoDiagnostics(self)
+            self._closing.callback(self._video_diagnostics.close)
         outputs = (
             *outputs_of(self._simulation, loaded.config, context),
             *viewer_outputs(
                 self._simulation,
                 viewers,
                 loaded.config.steps_per_view,
-                notify=self._tell,
+                notify=self._log,
                 on_close=self._closing.callback,
             ),
             *video_outputs(
                 self._simulation,
                 video,
-                report=self._report_film,
+                report=self._report_video,
                 on_close=self._closing.callback,
             ),
         )
@@ -199,7 +200,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             if requests.is_paused:
                 requests.wait(_PAUSE_S)
                 if self._age is not None:
-                    # Where no step is taken no command grows old.
+                    # Commands do not age while no step is taken.
                     self._age.postpone(time.monotonic())
             else:
                 self._stepper.run(interrupted)
@@ -224,7 +225,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         return result
 
     def apply_control(self, control_msg: ObeliskControlMsg) -> bool:
-        """Have a control applied at the next step, or refuse it.
+        """Apply a control at the next step, or reject it.
 
         Args:
             control_msg: the newest control.
@@ -236,12 +237,12 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         if inbox is None:
             return False
         is_taken = inbox.offer(control_msg)
-        for refusal in inbox.reports():
-            self._log_rejection(refusal)
+        for rejection in inbox.reports():
+            self._log_rejection(rejection)
         return is_taken
 
     def publish_true_sim_state(self) -> TrueSimState:
-        """Publish the state that was reached last on `pub_true_sim_state`, and return it."""
+        """Publish the latest state on `pub_true_sim_state`, and return it."""
         assert self._true_state is not None
         assert self._state_copy is not None
         message = self._true_state.message(self._state_copy)
@@ -271,7 +272,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         return StepResult(is_done=True, text=f"at {self._simulation.time_ns / NS_PER_S:.12g} s")
 
     def _check_keyframe(self, value: Getter) -> None:
-        """A reset goes to the keyframe that is named by then; so it has to be there."""
+        """Check that the model has the keyframe that the next reset goes to."""
         if self._simulation is not None:
             check_keyframe(self._simulation.model, value(KEYFRAME))
 
@@ -281,16 +282,16 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         return WhenStale(action=self._age.policy.action, is_stale=self._is_stale)
 
     def _start_watchdog(self) -> None:
-        """The stepping thread looks before each step; no other thread could be sooner."""
+        """No thread: the stepping thread checks the age before each step."""
 
     def _can_damp(self) -> bool:
         return True  # by the actuators
 
     def _rejection_of(self, _control_msg: ObeliskControlMsg) -> None:
-        """The inbox refuses, by what the simulation reads."""
+        """None: the inbox rejects controls, by the fields that the simulation reads."""
 
     def _make_stepper(
-        self, simulation: Simulation, factor: float, outputs: tuple[Output, ...]
+        self, simulation: Simulation, factor: float, outputs: tuple[TimedOutput, ...]
     ) -> Stepper:
         rtf = self._own_publisher(Float64, "~/rtf", _DEPTH)
         ticks = TickCounter()
@@ -315,7 +316,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         )
 
     def _time_of_steps_ns(self) -> int | None:
-        """The clock of the promise to keep up; a paused simulation promises nothing."""
+        """The clock of the expected step rate; a paused simulation has none."""
         return None if self._requests.is_paused else time.monotonic_ns()
 
     def _monitor_samples(self, topic: str, period_s: float) -> Callable[[], None]:
@@ -324,10 +325,10 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         name = self.resolve_topic_name(topic)
         return self.rates.expect_samples(name, period_s, lambda: simulation.time_ns)
 
-    def _every_step(self, simulation: Simulation) -> list[Output]:
+    def _every_step(self, simulation: Simulation) -> list[TimedOutput]:
         """What follows each step, before the sensors: the clock, the copy for `TrueSimState`."""
         step_s = simulation.step_s
-        outputs: list[Output] = []
+        outputs: list[TimedOutput] = []
         if self._uses_simulation_time():
             clock, message = self._own_publisher(Clock, "/clock", _DEPTH), PackedMessage(Clock())
 
@@ -335,7 +336,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
                 clock.publish(message.to_bytes(stamp_ns))
 
             outputs.append(
-                Output(
+                TimedOutput(
                     times=SampleTimes(period_s=step_s, step_s=step_s),
                     publish=publish,
                     # At a reset too: while the simulation is paused no step follows.
@@ -345,9 +346,9 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         if "pub_true_sim_state" in self.obk_publishers:
             self._true_state = TrueStateReader(simulation.model)
             times = SampleTimes(period_s=step_s, step_s=step_s)
-            outputs.append(Output(times=times, publish=self._copy_state))
+            outputs.append(TimedOutput(times=times, publish=self._copy_state))
             if "timer_true_sim_state" not in self.obk_timers:
-                self._warn("`pub_true_sim_state` stays silent without `timer_true_sim_state`")
+                self._warn("`pub_true_sim_state` publishes nothing without `timer_true_sim_state`")
         elif "timer_true_sim_state" in self.obk_timers:
             raise ObeliskConfigError(
                 "the config sets `timer_true_sim_state`, but not the publisher "
@@ -373,12 +374,12 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         )
 
     def _report(self, report: StepReport) -> None:
-        for refusal in self._inbox.reports() if self._inbox is not None else ():
-            self._log_rejection(refusal)
+        for rejection in self._inbox.reports() if self._inbox is not None else ():
+            self._log_rejection(rejection)
         if report.overruns:
             self._warn(
-                f"the simulation fell behind ({report.overruns}x in the last second) and gave up "
-                f"{report.lost_s:.3f} s; real-time factor {report.realtime_factor:.3f}"
+                f"simulation could not keep up: skipped {report.lost_s:.3f} s in the last second "
+                f"({report.overruns} times); real-time factor {report.realtime_factor:.3f}"
             )
 
     def _own_publisher(self, message: type[Any], topic: str, depth: int) -> LifecyclePublisher:
@@ -389,16 +390,16 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     def _warn(self, text: str) -> None:
         self.get_logger().warning(text)
 
-    def _tell(self, severity: Severity, text: str) -> None:
+    def _log(self, severity: Severity, text: str) -> None:
         if severity == "info":
             self.get_logger().info(text)
         else:
             self._warn(text)
 
-    def _report_film(self, film: VideoStatus) -> None:
-        self._tell("warning" if film.state == "failed" else "info", str(film))
-        if self._film is not None:
-            self._film.publish(film)
+    def _report_video(self, video: VideoStatus) -> None:
+        self._log("warning" if video.state == "failed" else "info", str(video))
+        if self._video_diagnostics is not None:
+            self._video_diagnostics.publish(video)
 
     def _free(self) -> None:
         self._closing.close()
@@ -420,4 +421,4 @@ def _share_of(package: str) -> Path | None:
 
 
 def _drop(_text: str) -> None:
-    """Takes a warning of MuJoCo's and does nothing."""
+    """Ignore a warning of MuJoCo."""

@@ -1,4 +1,4 @@
-"""The simulator's configuration: the `sim` block and the real-time factor, read and checked.
+"""Read and check the simulator's configuration: the `sim` block and the real-time factor.
 
 In: ROS parameters and the facts of the model. Out: every finding as a sentence, and a frozen
 `SimConfig`. Findings and their wording are those of the tool.
@@ -14,13 +14,13 @@ from obelisk_py.core.sim.mujoco.geoms import GEOM_KINDS
 from obelisk_py.core.sim.mujoco.noise import SensorNoise, typed_sensor_noise
 from obelisk_py.core.sim.mujoco.raycast import RayCaster, typed_ray_caster
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS
-from obelisk_spec.messages import bare_name
+from obelisk_spec.components import SettingTextError, parse_mapping
 from obelisk_spec.model import ModelFacts
-from obelisk_spec.settings import SettingTextError, parse_mapping
+from obelisk_spec.names import bare_name
 from obelisk_spec.sim_block import check_sim_shape
 from obelisk_spec.sim_checks import check_sim
-from obelisk_spec.values import PERIOD_WANTED, is_period
-from obelisk_spec.wording import with_article
+from obelisk_spec.suggestions import with_article
+from obelisk_spec.values import PERIOD_RANGE, is_period
 
 __all__ = [
     "PARAMETER",
@@ -71,7 +71,7 @@ class SimConfig:
     geoms_period_s: float
     """Simulation time between two messages [s]."""
     steps_per_view: int
-    """How many steps lie between two states that onlookers get."""
+    """Steps between two states that viewers receive."""
 
 
 def read_block(text: str) -> Mapping[str, Any]:
@@ -91,7 +91,7 @@ def read_block(text: str) -> Mapping[str, Any]:
 
 
 def not_given(value: object) -> bool:
-    """Whether a value means that nothing was written; the language has the word `None` for it."""
+    """Whether a value means "not set"; the config language writes `None` for it."""
     return value in (None, "", "None")
 
 
@@ -101,7 +101,7 @@ def findings_of(
     facts: ModelFacts | None,
     warn: Callable[[str], None],
 ) -> list[str]:
-    """What keeps a block from being simulated, one sentence each.
+    """The reasons why a block cannot be simulated, one sentence each.
 
     Args:
         block: what `read_block` gives.
@@ -118,7 +118,7 @@ def findings_of(
 
 
 def _beyond_this_simulator(block: Mapping[str, Any]) -> list[str]:
-    """What the language knows and this simulator does not do."""
+    """Parts of the config language that this simulator does not support."""
     found = [
         f"sensor_settings[{index}].msg_type: this simulator does not publish "
         f"`{group['msg_type']}`; it publishes {', '.join(SENSOR_KINDS)}"
@@ -134,7 +134,7 @@ def _beyond_this_simulator(block: Mapping[str, Any]) -> list[str]:
     ]
     period = geoms.get("dt", _DEFAULT_GEOMS_PERIOD_S)
     if not is_period(period):
-        found.append(f"viz_geoms.dt: {period!r}, expected {PERIOD_WANTED}")
+        found.append(f"viz_geoms.dt: {period!r}, expected {PERIOD_RANGE}")
     return found
 
 
@@ -169,7 +169,7 @@ def realtime_factor_of(value: object) -> float:
     """Simulation time over wall time; 0: as fast as possible.
 
     Raises:
-        ObeliskConfigError: the value is none.
+        ObeliskConfigError: the value is invalid.
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ObeliskConfigError(f"the parameter `{REALTIME_FACTOR}` is {value!r}, no number")

@@ -1,4 +1,4 @@
-"""A model and its state, stepped: no thread, no ROS, no wall clock.
+"""Step a model and its state, without threads, ROS or wall clock.
 
 In: controls through a `ControlInbox`. Out: the state in `data`, whose sensors always belong to the
 state that was reached last, and MuJoCo's warnings as sentences with the simulation time and the
@@ -33,7 +33,7 @@ _FATAL: Final = {
     int(_WARNING.mjWARN_BADQVEL): "velocity",
     int(_WARNING.mjWARN_BADQACC): "acceleration",
 }
-"""Warnings after which the state means nothing."""
+"""Warnings after which the state is invalid."""
 _TOLERABLE: Final = {
     int(_WARNING.mjWARN_INERTIA): "the inertia matrix is nearly singular",
     int(_WARNING.mjWARN_CONTACTFULL): "the list of contacts is full",
@@ -43,11 +43,11 @@ _TOLERABLE: Final = {
 
 
 class DivergenceError(ObeliskError):
-    """The state is no longer finite; the message says when and where."""
+    """The state is no longer finite; the message has the time and the joint."""
 
 
 class Simulation:
-    """One model being simulated.
+    """Steps one model.
 
     mj_step leaves sensors that belong to the state before it. Here its second half comes first,
     then its first half, so that positions, velocities and the sensors of both belong to the time
@@ -62,9 +62,9 @@ class Simulation:
         """Take a compiled model; `reset` brings it to its start.
 
         Args:
-            model: what is stepped.
-            inbox: where its controls come from.
-            when_stale: what is done about old ones; None: they stay.
+            model: the model to step.
+            inbox: provides its controls.
+            when_stale: the action on old controls; None: they stay.
         """
         self.model = model
         self.data = mujoco.MjData(model)
@@ -140,7 +140,7 @@ class StepWarnings:
         self._seen: list[int] = self._stats.number.tolist()
 
     def restart(self) -> None:
-        """Take the present counters as seen."""
+        """Mark the present counters as reported."""
         self._seen = self._stats.number.tolist()
 
     def changed(self) -> bool:

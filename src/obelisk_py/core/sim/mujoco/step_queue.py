@@ -1,4 +1,4 @@
-"""Work for the stepping thread from other threads: `~/reset`, `~/pause`, `~/step`.
+"""Run requests of other threads on the stepping thread: `~/reset`, `~/pause`, `~/step`.
 
 In: service requests, on the node's thread. Out: actions run between two steps on the stepping
 thread, and their results as responses. No other thread touches the simulation.
@@ -20,14 +20,14 @@ _ANSWER_S: Final = 2.0
 
 
 class StepResult(NamedTuple):
-    """What came of an action."""
+    """The result of an action."""
 
     is_done: bool
     text: str
 
 
 class StepQueue:
-    """Actions that wait for the stepping thread, and whether it stands still."""
+    """Actions that wait for the stepping thread, and whether it is paused."""
 
     def __init__(self) -> None:
         """Make an empty queue of a simulation that is not paused."""
@@ -37,14 +37,14 @@ class StepQueue:
         self._arrived = threading.Event()
 
     def submit(self, action: Callable[[], StepResult]) -> Future[StepResult]:
-        """Have an action carried out on the stepping thread."""
+        """Queue an action for the stepping thread."""
         answer: Future[StepResult] = Future()
         self._waiting.append((action, answer))
         self._arrived.set()
         return answer
 
     def is_waiting(self) -> bool:
-        """Whether there is an action to carry out."""
+        """Whether an action is waiting."""
         return self._arrived.is_set()
 
     def wait(self, timeout_s: float) -> None:
@@ -122,7 +122,7 @@ def _answered(requests: StepQueue, action: Callable[[], StepResult], response: A
     try:
         response.success, response.message = asked.result(_ANSWER_S)
     except AnswerTimeoutError:
-        # What has been begun cannot be taken back; what has not is not done later.
+        # A started action cannot be undone; one that has not started is cancelled.
         asked.cancel()
         response.success = False
         response.message = f"the simulation gave no answer within {_ANSWER_S:g} s"

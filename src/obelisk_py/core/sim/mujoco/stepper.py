@@ -1,4 +1,4 @@
-"""The loop that steps a simulation at its pace and publishes what is due.
+"""Step a simulation at its pace, and publish the outputs that are due.
 
 In: a simulation, a pace, outputs with their sample times. Out: calls of the outputs on the thread
 that runs the loop, a report each second of wall time. Knows no ROS and starts no thread.
@@ -12,7 +12,7 @@ from obelisk_py.core.rate_monitor.counting import TickCounter
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, Clock, Pace
 
-__all__ = ["Output", "StepReport", "Stepper", "Times"]
+__all__ = ["StepReport", "Stepper", "TimedOutput", "Times"]
 
 LONGEST_BATCH: Final = 32
 """Steps taken in one call where no pace holds them back and nothing is due."""
@@ -28,12 +28,12 @@ class Times(Protocol):
         """The next of them."""
 
     def pass_step(self, step: int) -> None:
-        """Look for the next one after `step`."""
+        """Find the next one after `step`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Output:
-    """Something that is published from time to time."""
+class TimedOutput:
+    """An output and the steps after which it is published."""
 
     times: Times
     publish: Callable[[int], None]
@@ -44,14 +44,14 @@ class Output:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepReport:
-    """How a second of wall time went."""
+    """Figures of a second of wall time."""
 
     realtime_factor: float
     """Simulation time over wall time."""
     overruns: int
-    """How often the schedule was given up, in this second."""
+    """How often steps were skipped in this second."""
     lost_s: float
-    """Wall time by which it was given up [s]."""
+    """Wall time of the skipped steps [s]."""
 
 
 class Stepper:
@@ -63,21 +63,21 @@ class Stepper:
         *,
         pace: Pace | None,
         clock: Clock,
-        outputs: Sequence[Output],
+        outputs: Sequence[TimedOutput],
         stamp: Callable[[], int],
         warn: Callable[[str], None],
         report: Callable[[StepReport], None],
         ticks: TickCounter | None = None,
     ) -> None:
-        """Make a stepper that stands still.
+        """Make a stepper that is not running.
 
         Args:
-            simulation: what is stepped; no other thread may touch it while `run` runs.
+            simulation: the simulation to step; no other thread may use it while `run` runs.
             pace: when steps are due; None: one after another, as fast as possible.
             clock: the wall clock of `pace`.
-            outputs: what is published.
+            outputs: the outputs to publish.
             stamp: gives the stamp of the present step [ns].
-            warn: takes MuJoCo's warnings.
+            warn: called with MuJoCo's warnings.
             report: called about once per second of wall time.
             ticks: counts the steps of `pace`, by `clock`.
         """
@@ -91,7 +91,7 @@ class Stepper:
         self._ticks = ticks or TickCounter()
 
     def begin(self) -> None:
-        """Count sample times from the present step; what begins with a reset does so."""
+        """Count sample times from the present step, and restart the outputs."""
         for output in self._outputs:
             output.times.pass_step(self._simulation.steps)
             if self._simulation.steps == 0 and output.restart is not None:

@@ -1,4 +1,4 @@
-"""When a step is due, and which steps a sample follows: arithmetic of time, with a clock put in.
+"""Compute when a step is due, and which steps a sample follows, for a given clock.
 
 In: a clock, a period, the times at which the caller woke. Out: deadlines, and counts of what was
 missed. Never reads a clock of its own and never waits, `MonotonicClock` aside.
@@ -65,9 +65,9 @@ class Pace:
         self._anchor_ns = 0
         self._count = 0
         self.overruns = 0
-        """How often the schedule was anchored again since `start`."""
+        """Number of times the schedule was anchored again since `start`."""
         self.lost_s = 0.0
-        """Wall time given up by that [s]."""
+        """Wall time of the skipped steps [s]."""
 
     def start(self, now_ns: int) -> None:
         """Anchor the schedule at `now_ns`; the first step is due one period later."""
@@ -122,7 +122,7 @@ class SampleTimes:
         self.pass_step(0)
 
     def pass_step(self, step: int) -> None:
-        """Look for the next sample after `step`."""
+        """Find the next sample after `step`."""
         multiple = step * self._per // self._steps + 1
         reached = -(-multiple * self._steps // self._per)
         self.next_step = max(step + 1, reached)

@@ -1,4 +1,4 @@
-"""`TrueSimState`: what the simulation knows about the robot, free of noise and delay.
+"""Build `TrueSimState` messages: the state of the simulated robot, without noise and delay.
 
 In: a copy of the generalised positions and velocities. Out: a message whose `y` is both, and whose
 other fields are those of an estimate: the base is the body of the first free joint, the joints are
@@ -28,7 +28,7 @@ _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateCopy:
-    """The state at one time, safe to read while the simulation goes on."""
+    """The state at one time, safe to read while the simulation continues."""
 
     stamp_ns: int
     qpos: Array

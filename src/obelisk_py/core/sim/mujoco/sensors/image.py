@@ -16,15 +16,15 @@ from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.sim.mujoco.cameras import CameraView, choose_back_end
 from obelisk_py.core.sim.mujoco.sensors.kind import Sampler, SensorKind, SensorSource
 from obelisk_py.core.utils.msg import multiarray_from_numpy
-from obelisk_spec.wording import with_number
+from obelisk_spec.suggestions import with_number
 
 __all__ = ["OBK_IMAGE"]
 
 _AXES: Final = ("height", "width", "channels")
 _OPEN_S: Final = 30.0
-"""A driver that takes longer to open will not open [s]."""
+"""Timeout for the driver to open [s]."""
 _DRAW_S: Final = 30.0
-"""The same for a picture [s]."""
+"""Timeout for a picture [s]."""
 _REPORT_S: Final = 1.0
 
 
@@ -58,7 +58,7 @@ class _Feed:
             raise ObeliskConfigError(f"camera `{self._name}`: {error}") from error
 
     def sample(self) -> None:
-        """Have the present state drawn; the message has no stamp."""
+        """Request a picture of the present state; the message has no stamp."""
         if self._pending is not None:
             if self._source.is_paced and not self._pending.done():
                 self._leave_out()
@@ -68,7 +68,7 @@ class _Feed:
         self._pending = self._thread.submit(self._draw)
 
     def close(self) -> None:
-        """End the thread once it has drawn what it began."""
+        """End the thread once it has finished its picture."""
         self._wait_for(self._thread.submit(self._view.close))
         self._thread.shutdown()
 

@@ -1,4 +1,4 @@
-"""What every kind of sensor group has in common: where its numbers come from, what it makes.
+"""Read the sensors of a group, and define the kinds of sensor groups.
 
 In: a model, its data, the names of a group's sensors. Out: views of MuJoCo's own sensor memory and
 names of frames, found once, so that a sample costs no look-up and makes no message.
@@ -54,15 +54,15 @@ class SensorSource:
     names: Mapping[str, str]
     """Sensor name -> MuJoCo sensor type, `joint_pos: jointpos`."""
     warn: Callable[[str], None]
-    """Takes a sentence about a group that can be published but says something odd."""
+    """Called with a warning about a group that can be published."""
     rays: RayCaster | None
     """The group's ray caster, if it has one."""
     deliver: Callable[[Any], None]
-    """Takes a message that a sampler could not give at once; on any thread."""
+    """Called with a message that a sampler finishes later; on any thread."""
     on_close: Callable[[Callable[[], None]], object]
-    """Takes what has to be called when the simulation is freed."""
+    """Registers a function to call when the simulation is freed."""
     is_paced: bool
-    """Whether steps are due at times; else the simulation may wait for what takes long."""
+    """Whether steps have deadlines; otherwise the simulation may wait for slow samples."""
 
     def of_type(self, sensor_type: str) -> tuple[str, ...]:
         """Names of the group's sensors of one type."""

@@ -20,19 +20,19 @@ from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Notify, States
 __all__ = ["run"]
 
 _PERIOD_S: Final = 1 / 60
-"""Between two states that the window gets [s]."""
+"""Time between two states in the window [s]."""
 _CLOSE_S: Final = 2.0
-"""How long the window may take to close [s]."""
-_CURE: Final = "`web` (a page in the browser) needs none"
+"""Timeout for the window to close [s]."""
+_FIX: Final = "`web` (a page in the browser) needs none"
 
 
 def run(states: States, notify: Notify, _arguments: Sequence[str]) -> None:
-    """Show the window until the states are over or it is closed.
+    """Show the window until the last state or until it is closed.
 
     Raises:
         ObeliskConfigError: there is no display.
     """
-    _refuse_missing_display()
+    _check_display()
     with mujoco.viewer.launch_passive(
         states.model, states.data, show_left_ui=False, show_right_ui=False
     ) as window:
@@ -52,18 +52,18 @@ def run(states: States, notify: Notify, _arguments: Sequence[str]) -> None:
         notify("info", "the window was closed; the simulation goes on")
 
 
-def _refuse_missing_display() -> None:
+def _check_display() -> None:
     display = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
     if not display:
         raise ObeliskConfigError(
             "the native viewer needs a display, and neither DISPLAY nor WAYLAND_DISPLAY is set; "
-            f"{_CURE}"
+            f"{_FIX}"
         )
     # The viewer would end the process with a word of its own.
     glfw = mujoco.viewer.glfw
     with warnings.catch_warnings(record=True):
         if not glfw.init():
             raise ObeliskConfigError(
-                f"the native viewer needs a display, and `{display}` cannot be opened; {_CURE}"
+                f"the native viewer needs a display, and `{display}` cannot be opened; {_FIX}"
             )
     glfw.terminate()

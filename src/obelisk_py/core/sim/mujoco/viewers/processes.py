@@ -1,4 +1,4 @@
-"""Viewers as the robot sees them: processes below it that receive its states.
+"""Start and stop viewer processes, and send them the robot's states.
 
 In: the node's parameters, the model. Out: an output per viewer for the stepping thread, and the
 messages of the process for the user. The simulation goes on whatever happens to the process, which
@@ -22,7 +22,7 @@ import numpy as np
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.simulation import Simulation
-from obelisk_py.core.sim.mujoco.stepper import Output
+from obelisk_py.core.sim.mujoco.stepper import TimedOutput
 from obelisk_py.core.sim.mujoco.stepping import SampleTimes
 from obelisk_py.core.sim.mujoco.viewers.viewer_messages import (
     EXIT_REPORTED,
@@ -44,7 +44,7 @@ _HIGHEST_PORT: Final = 65535
 
 
 class ViewerProcess:
-    """One process that looks at a simulation."""
+    """A viewer process of a simulation."""
 
     def __init__(
         self,
@@ -64,9 +64,9 @@ class ViewerProcess:
             arguments: of that kind.
             model: handed to the process as it is now.
             data: its state, that `states` sends.
-            notify: takes what the process says and how it ended; called on a thread of its own.
-            end_s: how long it may take to finish what it has begun [s]; None: there is nothing.
-            loss: what it means that it has ended by itself.
+            notify: called with messages of the process and how it ended, on its own thread.
+            end_s: timeout to finish its work at the end [s]; None: it has none to finish.
+            loss: consequence for the user if it ends by itself.
         """
         self._kind = kind
         self._loss = loss
@@ -112,8 +112,8 @@ class ViewerProcess:
         self._link.close()
 
     def _listen(self) -> None:
-        while (said := receive_message(self._link)) is not None:
-            self._notify(*said)
+        while (message := receive_message(self._link)) is not None:
+            self._notify(*message)
         code = self._process.wait()
         if code not in (0, EXIT_REPORTED) and not self._is_closing:
             self._notify(
@@ -144,7 +144,7 @@ def _how(code: int) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewerRequest:
-    """One viewer that is asked for."""
+    """A requested viewer."""
 
     kind: str
     """A key of `program.VIEWER_KINDS`."""
@@ -152,13 +152,13 @@ class ViewerRequest:
 
 
 def requested_viewers(parameter: Callable[[str], Any]) -> tuple[ViewerRequest, ...]:
-    """The viewers that a node's parameters ask for.
+    """The viewers that a node's parameters request.
 
     Args:
         parameter: gives the value of one of `PARAMETERS`.
 
     Raises:
-        ObeliskConfigError: a value means nothing.
+        ObeliskConfigError: a value is invalid.
     """
     return tuple(_viewer(parameter))
 
@@ -170,14 +170,14 @@ def viewer_outputs(
     *,
     notify: Notify,
     on_close: Callable[[Callable[[], None]], object],
-) -> tuple[Output, ...]:
-    """Start viewers; the outputs that hand them states.
+) -> tuple[TimedOutput, ...]:
+    """Start viewers; return the outputs that send them states.
 
     Args:
         simulation: what they look at.
         requests: which viewers.
         steps_per_view: how many steps lie between two states.
-        notify: takes what they say; called on threads of their own.
+        notify: called with their messages, on their own threads.
         on_close: takes what has to be called when the simulation is freed.
     """
     outputs = []
@@ -190,13 +190,13 @@ def viewer_outputs(
     return tuple(outputs)
 
 
-def _output(viewer: ViewerProcess, steps_per_view: int) -> Output:
+def _output(viewer: ViewerProcess, steps_per_view: int) -> TimedOutput:
     send = viewer.states.send
 
     def publish(_stamp: Any) -> None:
         send()
 
-    return Output(
+    return TimedOutput(
         times=SampleTimes(period_s=float(steps_per_view), step_s=1.0),
         publish=publish,
         # The start of a run is seen too.

@@ -1,4 +1,4 @@
-"""What runs in the process of a viewer: `python -m ...program KIND LINK MODEL [ARGUMENT...]`.
+"""Main program of a viewer process: `python -m ...program KIND LINK MODEL [ARGUMENT...]`.
 
 In: the descriptors of the link and of the saved model. Out: an exit code; messages for the user go
 over the link. Ends when the `run` of the kind returns, which it does once the states are over.
@@ -51,7 +51,7 @@ VIEWER_KINDS: Final[Mapping[str, ViewerKind]] = MappingProxyType(
         "video": ViewerKind(
             module=f"{_HERE}.video_process",
             extra="render",
-            loss="there is no film",
+            loss="no video is saved",
             is_awaited=True,
         ),
     }
@@ -70,7 +70,7 @@ class ViewerModule(Protocol):
             arguments: as given to `processes.ViewerProcess`.
 
         Raises:
-            ObeliskError: it cannot; the sentence says why and what would help.
+            ObeliskError: it cannot; the message has the reason and a fix.
         """
 
 
@@ -93,7 +93,7 @@ def run_viewer(kind: str, link_fd: int, model_fd: int, arguments: Sequence[str])
             notify("warning", f"{error}; {VIEWER_KINDS[kind].loss}")
             return EXIT_REPORTED
         except (BrokenPipeError, ConnectionResetError):
-            # The robot is gone; there is no one to report to.
+            # The robot process has ended, so nothing receives a report.
             return EXIT_REPORTED
     return 0
 
@@ -110,7 +110,7 @@ def _module(kind: str) -> ViewerModule:
 
 
 def _drop(_text: str) -> None:
-    """Takes a warning of MuJoCo's and does nothing."""
+    """Ignore a warning of MuJoCo."""
 
 
 def main() -> int:

@@ -1,8 +1,8 @@
-"""The video of a run on the robot's side: from ROS parameters to a process that draws it.
+"""Record a video of a run: start the process that draws it, and report its status.
 
-In: the node's parameters, the model. Out: an output that sends a state for each frame, and the
-status of the video on `/diagnostics`. A video that cannot be made fails before anything is
-simulated; if one breaks off, that is reported and the simulation goes on.
+Takes the node's parameters and the model; returns an output that sends a state for each frame, and
+publishes the status of the video on `/diagnostics`. If the video cannot be recorded, configure
+fails. If recording fails later, that is reported and the simulation continues.
 """
 
 import json
@@ -20,7 +20,7 @@ from rclpy.node import Node
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.cameras import picture_size
 from obelisk_py.core.sim.mujoco.simulation import Simulation
-from obelisk_py.core.sim.mujoco.stepper import Output
+from obelisk_py.core.sim.mujoco.stepper import TimedOutput
 from obelisk_py.core.sim.mujoco.stepping import SampleTimes
 from obelisk_py.core.sim.mujoco.viewers.processes import ViewerProcess
 from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Severity, VideoJob
@@ -36,32 +36,33 @@ from obelisk_spec.video import (
     video_values,
 )
 
-__all__ = ["VIDEO_PARAMETERS", "FilmDiagnostics", "requested_video", "video_job", "video_outputs"]
+__all__ = ["VIDEO_PARAMETERS", "VideoDiagnostics", "requested_video", "video_job", "video_outputs"]
 
 
 VIDEO_PARAMETERS: Final[Mapping[str, str | int]] = MappingProxyType(
     {"render": "", "render_camera": "", "render_size": "", "render_fps": 0}
 )
 """ROS parameter -> its default, whose type it keeps."""
-ReportFilm = Callable[[VideoStatus], None]
-_LOSS: Final = "there is no film"
+ReportVideo = Callable[[VideoStatus], None]
+_LOSS: Final = "no video is saved"
 _OPEN_S: Final = 30.0
-"""OpenGL that takes longer to open will not open [s]."""
+"""Timeout for OpenGL to open [s]."""
 _END_S: Final = 2.5
-"""For the last picture and the end of the file; a node has 3 s for a transition on its way down."""
+"""Timeout for the last picture and the end of the file [s]; a node has 3 s for each transition of
+a shutdown."""
 _DEPTH: Final = 10
 _SENT_S: Final = 0.1
-"""For the last status to reach its subscribers [s]."""
+"""Timeout for the last status to reach its subscribers [s]."""
 
 
 def requested_video(parameter: Callable[[str], Any]) -> VideoSettings | None:
-    """The video that a node's parameters ask for; None: none.
+    """The video that a node's parameters request; None if they request none.
 
     Args:
         parameter: gives the value of one of `VIDEO_PARAMETERS`.
 
     Raises:
-        ObeliskConfigError: there is no such video.
+        ObeliskConfigError: a parameter is invalid.
     """
     path, camera, size, rate_hz = map(parameter, VIDEO_PARAMETERS)
     if not path:
@@ -69,26 +70,26 @@ def requested_video(parameter: Callable[[str], Any]) -> VideoSettings | None:
     try:
         return read_video(path, camera, size, rate_hz)
     except VideoError as error:
-        raise ObeliskConfigError(f"the video that `render` asks for: {error}") from error
+        raise ObeliskConfigError(f"the video that `render` requests: {error}") from error
 
 
 def video_outputs(
     simulation: Simulation,
     settings: VideoSettings | None,
     *,
-    report: ReportFilm,
+    report: ReportVideo,
     on_close: Callable[[Callable[[], None]], object],
-) -> tuple[Output, ...]:
-    """Begin a video; the output that hands it the states.
+) -> tuple[TimedOutput, ...]:
+    """Start a video; return the output that sends it the states.
 
     Args:
-        simulation: what is recorded.
-        settings: the video; None: none.
-        report: takes each change of its status; called on several threads.
+        simulation: the simulation to record.
+        settings: the video; None: no video.
+        report: called with each change of its status, on several threads.
         on_close: takes what has to be called when the simulation is freed.
 
     Raises:
-        ObeliskConfigError: the camera is not there, or nothing can be drawn.
+        ObeliskConfigError: the camera does not exist, or nothing can be drawn.
     """
     if settings is None:
         return ()
@@ -100,15 +101,15 @@ def video_outputs(
         video.send()
 
     times = SampleTimes(period_s=1 / job.rate_hz, step_s=simulation.step_s)
-    # The start of a run is seen too.
-    return (Output(times=times, publish=publish, restart=video.send),)
+    # The video shows the start of a run too.
+    return (TimedOutput(times=times, publish=publish, restart=video.send),)
 
 
 def video_job(model: mujoco.MjModel, settings: VideoSettings) -> VideoJob:
-    """What the process is to draw of a model.
+    """The arguments of the process that draws a video of a model.
 
     Raises:
-        ObeliskConfigError: the camera is not there, or its pictures are of no fitting size.
+        ObeliskConfigError: the camera does not exist, or its pictures have an unsupported size.
     """
     camera = None if settings.camera is None else _camera(model, settings.camera)
     size = settings.size or picture_size(model, camera)
@@ -118,7 +119,7 @@ def video_job(model: mujoco.MjModel, settings: VideoSettings) -> VideoJob:
         raise ObeliskConfigError(
             f"camera `{settings.camera}`: {error}; set `render_size`"
         ) from error
-    # Between two steps there is nothing to see.
+    # The state does not change between two steps.
     steps_hz = int(1 / model.opt.timestep + 1e-6)
     return VideoJob(
         path=str(Path.cwd() / settings.path),
@@ -138,23 +139,23 @@ def _camera(model: mujoco.MjModel, name: str) -> int:
     return int(number)
 
 
-class FilmDiagnostics:
-    """Publishes the status of a node's film on `/diagnostics`, where the launcher reads it."""
+class VideoDiagnostics:
+    """Publishes the status of a node's video on `/diagnostics`; the launcher subscribes to it."""
 
     def __init__(self, node: Node) -> None:
-        """Make the publisher; a life-cycle publisher would be silent at configure and cleanup."""
+        """Create the publisher; a life-cycle publisher sends nothing at configure and cleanup."""
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS_TOPIC, _DEPTH)
 
-    def publish(self, film: VideoStatus) -> None:
+    def publish(self, video: VideoStatus) -> None:
         """Publish a status; may be called on any thread."""
         name = self._node.get_fully_qualified_name()
         status = DiagnosticStatus(
-            level=DiagnosticStatus.ERROR if film.state == "failed" else DiagnosticStatus.OK,
+            level=DiagnosticStatus.ERROR if video.state == "failed" else DiagnosticStatus.OK,
             name=rate_name(name, VIDEO_STATUS),
-            message=str(film),
+            message=str(video),
             hardware_id=name,
-            values=[KeyValue(key=key, value=value) for key, value in video_values(film)],
+            values=[KeyValue(key=key, value=value) for key, value in video_values(video)],
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = self._node.get_clock().now().to_msg()
@@ -167,13 +168,13 @@ class FilmDiagnostics:
 
 
 class _Video:
-    """The process that makes a video."""
+    """The process that records a video."""
 
-    def __init__(self, job: VideoJob, simulation: Simulation, report: ReportFilm) -> None:
+    def __init__(self, job: VideoJob, simulation: Simulation, report: ReportVideo) -> None:
         """Start it, and wait until it has drawn its first image.
 
         Raises:
-            ObeliskConfigError: it cannot draw; the sentence is its own.
+            ObeliskConfigError: it cannot draw; the message is that of the process.
         """
         self._report = report
         self._path = job.path
@@ -190,26 +191,26 @@ class _Video:
             loss=_LOSS,
         )
         self.send = self._viewer.states.send
-        # A video has a first image, whatever comes after it.
+        # Every video has a first image.
         self.send()
         try:
             severity, text = self._first.result(_OPEN_S)
         except TimeoutError:
-            severity, text = "warning", f"the video has not begun after {_OPEN_S:g} s"
+            severity, text = "warning", f"the video has not started after {_OPEN_S:g} s"
         if severity == "warning":
             self._viewer.close()
             raise ObeliskConfigError(text)
         report(VideoStatus(state="recording", path=job.path))
 
     def close(self) -> None:
-        """Finish the video with the state that was reached last."""
+        """Finish the video with the latest state."""
         self.send()
         self._viewer.close()
         if not self._is_over:
             self._fail("the video was not finished")
 
     def _on_message(self, severity: Severity, text: str) -> None:
-        """The first message says whether the video has begun, the last one how it ended."""
+        """The first message reports whether the video has started, the last one how it ended."""
         if not self._first.done():
             self._first.set_result((severity, text))
         elif severity == "warning":

@@ -1,4 +1,4 @@
-"""Videos as files: images with their frame number in, `.mp4`, `.gif` or `.png` out.
+"""Write images with frame numbers to a video file: `.mp4`, `.gif` or `.png`.
 
 An image is shown until the next one comes, so frames that were not drawn cost nothing and the
 timing stays right. Memory does not grow with the length of the video. A file appears whole or not
@@ -38,7 +38,7 @@ __all__ = [
 _GIF_TICKS_HZ: Final = 100
 _LONGEST_TICKS: Final = (1 << 16) - 1
 _UNKNOWN: Final = (errno.EOPNOTSUPP, errno.EISDIR)
-"""What file systems say that have no files without a name."""
+"""Errors of file systems that do not support files without a name."""
 
 
 class VideoFile(Protocol):
@@ -175,7 +175,7 @@ class PngFile:
 VIDEO_FILES: Final[Mapping[str, Callable[[IO[bytes], tuple[int, int], int], VideoFile]]] = (
     MappingProxyType({".mp4": Mp4File, ".gif": GifFile, ".png": PngFile})
 )
-"""Ending -> how such a video is begun: file, width and height [pixels], frames per second."""
+"""File suffix -> constructor of the video: file, width and height [pixels], frames per second."""
 
 
 def free_name(path: Path) -> Path:
@@ -222,7 +222,7 @@ class UnfinishedFile:
 
 @contextmanager
 def unfinished(folder: Path) -> Iterator[UnfinishedFile]:
-    """A file that will be in `folder`; gone at the end unless it was finished.
+    """A file that will be in `folder`; removed at the end unless it was finished.
 
     Raises:
         OSError: none can be made there.

@@ -1,4 +1,4 @@
-"""The process that draws a video: states in, one file out when they are over.
+"""Draw a video in a process of its own: receive states, and write one file at the end.
 
 Simulation time is video time. A frame that could not be drawn in time is left out: the one before
 it is shown longer, so the video plays at the simulation's speed, and dropped frames are counted.
@@ -50,7 +50,7 @@ class FrameCounter:
     """Counts the frames of one video."""
 
     def __init__(self, rate_hz: int) -> None:
-        """Begin a video with so many frames in a second of simulation time."""
+        """Start a video with a number of frames per second of simulation time."""
         self._rate_hz = rate_hz
         self._first = 0
         """Number of the frame that shows `_begin_s`."""
@@ -82,7 +82,7 @@ class VideoRecording:
     """A video from its first picture to its end."""
 
     def __init__(self, states: States, video: VideoFile, rate_hz: int) -> None:
-        """Begin with no picture.
+        """Start without a picture.
 
         Args:
             states: at the first one.

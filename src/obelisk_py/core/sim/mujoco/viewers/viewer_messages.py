@@ -36,7 +36,7 @@ __all__ = [
 
 Severity = Literal["info", "warning"]
 Notify = Callable[[Severity, str], None]
-"""Takes a sentence for the user."""
+"""Called with a message for the user."""
 
 EXIT_REPORTED: Final = 3
 """Exit code of a viewer that has reported why it ends."""
@@ -63,7 +63,7 @@ def send_message(link: socket.socket, severity: Severity, text: str) -> None:
 
 
 def receive_message(link: socket.socket) -> tuple[Severity, str] | None:
-    """Wait for a sentence; None: there will be no more."""
+    """Wait for a message; None: there will be no more."""
     try:
         packet = link.recv(_LARGEST)
     # A process that ends with unread packets resets the link; Linux reports that before the last
@@ -88,7 +88,7 @@ class StateSender:
             model: the model.
             data: its state; read in `send` and never changed.
             link: one end of a SOCK_SEQPACKET pair.
-            notify: takes what goes wrong, once.
+            notify: called once if sending fails.
         """
         self.sent = 0
         """States on their way."""
@@ -112,7 +112,7 @@ class StateSender:
             self.dropped += 1
         except OSError as error:
             self._is_open = False
-            # `ViewerProcess` reports that the viewer is gone.
+            # `ViewerProcess` reports that the viewer has ended.
             if error.errno == errno.EMSGSIZE:
                 self._notify("warning", self._too_large())
         else:
@@ -135,7 +135,7 @@ class States:
         self.model = model
         self.data = mujoco.MjData(model)
         self.is_over = False
-        """Whether the robot is gone and every state is taken."""
+        """Whether the robot process has ended and every state was received."""
         self._link = link
         self._state = np.empty(mujoco.mj_stateSize(model, SIGNATURE))
         mujoco.mj_forward(model, self.data)
@@ -144,7 +144,7 @@ class States:
         """Wait for the next state and bring `data` to it; none is left out.
 
         Args:
-            timeout_s: how long to wait [s]; None: until there is one or the robot is gone.
+            timeout_s: how long to wait [s]; None: until a state arrives or the robot process ends.
 
         Returns:
             Whether `data` is at a new state; if not, the time is over, or `is_over`.
@@ -194,7 +194,7 @@ class States:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VideoJob:
-    """One film."""
+    """The arguments of a video process."""
 
     path: str
     """Absolute."""
@@ -207,11 +207,11 @@ class VideoJob:
     """Frames in a second of simulation time."""
 
     def to_arguments(self) -> tuple[str, ...]:
-        """As the process gets it."""
+        """The command-line argument of the process."""
         return (json.dumps(asdict(self)),)
 
     @classmethod
     def from_arguments(cls, arguments: Sequence[str]) -> Self:
-        """As it was given."""
+        """Parse the command-line argument."""
         (text,) = arguments
         return cls(**json.loads(text))

@@ -31,11 +31,11 @@ Look = Callable[[ServerConnection, Request], Response | None]
 _HOST: Final = "127.0.0.1"
 _PORT: Final = 8080
 _PERIOD_S: Final = 1 / 30
-"""Between two states that the browser gets [s]."""
+"""Time between two states in the browser [s]."""
 _DISTANCE: Final = 1.5
 """Of the camera, in extents of the model, as in MuJoCo's own viewer."""
 _WAIT_S: Final = 0.1
-"""How long a setting changed in the page waits where nothing moves [s]."""
+"""Longest delay of a setting changed in the page if nothing moves [s]."""
 
 
 @contextmanager
@@ -77,14 +77,14 @@ def _guarded(look: Look) -> Look:
 
 
 class _Server(viser.ViserServer):
-    """A server whose page cannot be tunnelled to another machine."""
+    """A server whose page cannot be shared with another machine."""
 
     def request_share_url(self, verbose: bool = True) -> None:
-        """Refuse."""
+        """Reject the request."""
 
 
 def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
-    """Serve the page until the states are over.
+    """Serve the page until the last state.
 
     Raises:
         ObeliskConfigError: the port is taken, or viser cannot be kept from other pages.
@@ -93,7 +93,7 @@ def run(states: States, notify: Notify, arguments: Sequence[str]) -> None:
     # It would win over the port that was asked for.
     os.environ.pop("_VISER_PORT_OVERRIDE", None)
     if port:
-        _refuse_taken(port)
+        _check_port_is_free(port)
     with own_page_only():
         server = _Server(host=_HOST, port=port or _PORT, verbose=False)
     scene = _scene(server, states)
@@ -123,7 +123,7 @@ def _scene(server: viser.ViserServer, states: States) -> ViserMujocoScene:
     return scene
 
 
-def _refuse_taken(port: int) -> None:
+def _check_port_is_free(port: int) -> None:
     # Viser would take the next free one.
     with socket.socket() as trial:
         trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -1,1 +1,0 @@
-"""Foreign libraries and the surroundings, each behind one door."""

@@ -1,0 +1,255 @@
+"""Life-cycle nodes over ROS from outside: finding them, asking for states and transitions.
+
+One node of our own and the thread that spins it. Everything waits with a deadline; what rclpy
+raises is mapped here.
+"""
+
+import os
+import threading
+import time
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Final, Self, TypeVar
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.optional_deps import no_ros
+from obk_cli.ros.environment import RosEnvironment
+from obk_cli.ros.graph import RosGraph
+from obk_cli.ros.participant import RosLook, leave_generator_for_later
+from obk_cli.ros.services import ASK_AGAIN_S
+
+__all__ = [
+    "LifecycleClient",
+    "NodeClients",
+    "TransitionReply",
+    "open_client",
+    "open_lifecycle_client",
+]
+
+PING_S: Final = 3.0
+"""After which the answer to a question for a state is given up [s]."""
+POLL_S: Final = 0.01
+END_S: Final = 2.0
+"""How long a callback may still take at the end [s]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TransitionReply:
+    """A node's reply to a transition request."""
+
+    success: bool
+    fault: str
+    """The node's own account of the fault; otherwise empty."""
+
+
+class NodeClients:
+    """Service clients by node; every method may be called from any thread and returns at once."""
+
+    def __init__(self, node: Any) -> None:
+        """Make no client yet.
+
+        Args:
+            node: of rclpy, that asks.
+        """
+        from lifecycle_msgs.srv import ChangeState, GetState
+        from std_srvs.srv import Trigger
+
+        self._node = node
+        self._types = {"change_state": ChangeState, "get_state": GetState, "last_error": Trigger}
+        self._clients: dict[tuple[str, str], Any] = {}
+        self._pings: defaultdict[str, deque[tuple[float, Any]]] = defaultdict(deque)
+        self._lock = threading.Lock()
+
+    def open(self, node: str) -> None:
+        """Make the clients of a node, so that they find their services from now on."""
+        # In the order in which nodes offer them, which DDS keeps: a node whose `get_state` answers
+        # knows this client's `change_state` as well.
+        for service in self._types:
+            self._client(node, service)
+
+    def is_ready(self, node: str, service: str) -> bool:
+        """Whether there is a server; one that was killed counts until its lease ends."""
+        return bool(self._client(node, service).service_is_ready())
+
+    def ask_state(self, node: str) -> Any:
+        """A future of the node's state; dropped, with its callbacks, when no answer comes."""
+        client = self._client(node, "get_state")
+        now = time.monotonic()
+        with self._lock:
+            pings = self._pings[node]
+            while pings and (pings[0][0] < now - PING_S or pings[0][1].done()):
+                client.remove_pending_request(pings.popleft()[1])
+            future = client.call_async(self._types["get_state"].Request())
+            pings.append((now, future))
+        return future
+
+    def ask_fault(self, node: str) -> Any:
+        """A future of the node's account of its newest fault."""
+        return self._client(node, "last_error").call_async(self._types["last_error"].Request())
+
+    def change_state(self, node: str, transition: str) -> Any:
+        """A future of how the node's transition ended."""
+        request = self._types["change_state"].Request()
+        # By name: the number of `shutdown` depends on the state, and an unknown number kills
+        # nodes of plain rclpy.
+        request.transition.label = transition
+        return self._client(node, "change_state").call_async(request)
+
+    def _client(self, node: str, service: str) -> Any:
+        with self._lock:
+            if (node, service) not in self._clients:
+                self._clients[node, service] = self._node.create_client(
+                    self._types[service], f"{node}/{service}"
+                )
+            return self._clients[node, service]
+
+
+class LifecycleClient:
+    """Asks life-cycle nodes and waits for their answers."""
+
+    def __init__(self, name: str, context: Any, executor: Any) -> None:
+        """Make the node; it spins from `__enter__` on.
+
+        Args:
+            name: of the node.
+            context: of rclpy, initialised.
+            executor: of rclpy, of that context.
+        """
+        self._context = context
+        self._executor = executor
+        self._nodes: list[Any] = []
+        self._node = self.add_node(name)
+        self._clients = NodeClients(self._node)
+        self._thread = threading.Thread(target=executor.spin, name="ros", daemon=True)
+        self.graph: Final = RosGraph(self._node)
+        """Other nodes in the ROS domain."""
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._executor.shutdown(timeout_sec=END_S)
+        self._thread.join(END_S)
+        if not self._thread.is_alive():
+            for node in self._nodes:
+                node.destroy_node()
+
+    def add_node(self, name: str) -> Any:
+        """Another rclpy node, without a namespace, that is spun and ended along with ours."""
+        import rclpy
+
+        node = rclpy.create_node(
+            name, context=self._context, start_parameter_services=False, enable_rosout=False
+        )
+        self._nodes.append(node)
+        self._executor.add_node(node)
+        return node
+
+    def look(self) -> RosLook:
+        """The graph as our node sees it, for any thread."""
+        from rclpy.impl.implementation_singleton import rclpy_implementation
+
+        domain = self._context.get_domain_id()
+        return RosLook(self._node.handle, rclpy_implementation, domain)
+
+    def find(self, expected: Iterable[str], timeout_s: float, quiet_s: float) -> tuple[str, ...]:
+        """Full names of the life-cycle nodes in the graph; see `RosGraph.find`."""
+        return self.graph.find(expected, timeout_s, quiet_s)
+
+    def change(self, node: str, transition: str, timeout_s: float) -> TransitionReply | None:
+        """Request a transition of a node and wait; None when no answer came in time."""
+        response = self._wait(self._clients.change_state(node, transition), timeout_s)
+        if response is None:
+            return None
+        fault = "" if response.success else self.last_fault(node, timeout_s)
+        return TransitionReply(success=bool(response.success), fault=fault)
+
+    def state(self, node: str, timeout_s: float) -> str | None:
+        """A node's state; None when no answer came in time."""
+        end = time.monotonic() + timeout_s
+        self._clients.open(node)
+        if not self._wait_until_ready(node, "get_state", timeout_s):
+            return None
+        response = self._answer(lambda: self._clients.ask_state(node), end - time.monotonic())
+        return None if response is None else str(response.current_state.label)
+
+    def last_fault(self, node: str, timeout_s: float) -> str:
+        """An Obelisk node's account of its newest fault; empty when it gives none."""
+        if not self._wait_until_ready(node, "last_error", timeout_s):
+            return ""
+        response = self._answer(lambda: self._clients.ask_fault(node), timeout_s)
+        return "" if response is None else str(response.message)
+
+    def _answer(self, ask: Callable[[], Any], timeout_s: float) -> Any:
+        """The answer to a question, asked again if the answer is lost; None: not in time."""
+        end, response = time.monotonic() + timeout_s, None
+        while response is None and (left_s := end - time.monotonic()) > 0:
+            response = self._wait(ask(), min(ASK_AGAIN_S, left_s))
+        return response
+
+    def _wait(self, future: Any, timeout_s: float) -> Any:
+        done = threading.Event()
+        future.add_done_callback(lambda _: done.set())
+        self._executor.wake()
+        return future.result() if done.wait(timeout_s) else None
+
+    def _wait_until_ready(self, node: str, service: str, timeout_s: float) -> bool:
+        end = time.monotonic() + timeout_s
+        while not self._clients.is_ready(node, service):
+            if time.monotonic() > end:
+                return False
+            time.sleep(POLL_S)
+        return True
+
+
+C = TypeVar("C", bound=LifecycleClient)
+
+
+def open_lifecycle_client(
+    name: str, environment: RosEnvironment
+) -> AbstractContextManager[LifecycleClient]:
+    """A client with a ROS node of its own, spinning in a thread; see `open_client`."""
+    return open_client(name, environment, LifecycleClient)
+
+
+@contextmanager
+def open_client(name: str, environment: RosEnvironment, kind: type[C]) -> Iterator[C]:
+    """A client of a kind, with a ROS node of its own that spins in a thread.
+
+    Args:
+        name: the node's name; the process id is added.
+        environment: put into effect for this process first.
+        kind: of the client.
+
+    Raises:
+        CommandFailedError: there is no rclpy, or it does not start.
+    """
+    environment.put_into_effect()
+    try:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.signals import SignalHandlerOptions
+    except ImportError as error:
+        raise no_ros(error) from error
+    leave_generator_for_later()
+    with ExitStack() as stack:
+        context = rclpy.Context()
+        try:
+            context.init(domain_id=environment.domain)
+            stack.callback(context.try_shutdown)
+            rclpy.signals.install_signal_handlers(SignalHandlerOptions.NO)
+            executor = SingleThreadedExecutor(context=context)
+            client = kind(f"{name}_{os.getpid()}", context, executor)
+        except Exception as error:
+            raise CommandFailedError(f"ROS 2 does not start: {error}") from error
+        stack.enter_context(client)
+        yield client

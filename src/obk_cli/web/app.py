@@ -1,0 +1,362 @@
+"""The page of a running stack over HTTP, by starlette: files, a stream of events, transitions.
+
+`web.guard` checks every request before anything else. The stream looks ten times a second
+at what the watching thread has put down; transitions wait in threads of their own.
+"""
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import MutableHeaders
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+import obk_cli.web
+from obk_cli.clock import wall_s
+from obk_cli.errors import CommandFailedError, ObkError
+from obk_cli.introspect.lifecycle import possible_transitions
+from obk_cli.introspect.message_text import json_line
+from obk_cli.monitor.model import StackView
+from obk_cli.monitor.table import monitor_data
+from obk_cli.ros.types import fields_of, short_type
+from obk_cli.runs.lifecycle import TRANSITIONS
+from obk_cli.runs.protocol import ChangeAnswer, change_data
+from obk_cli.terminal import plain
+from obk_cli.web.auth import HEADERS, WebRequest, refusal
+from obk_cli.web.feed import Moment
+from obk_cli.web.plots import Heard, Sample, Wish, number_fields
+
+__all__ = ["HOST", "TOKEN", "Site", "WebServer", "make_app", "take_port"]
+
+HOST: Final = "127.0.0.1"
+END_S: Final = 2
+"""For which open streams are waited for at the end [s]."""
+
+
+def take_port(port: int) -> socket.socket:
+    """A socket that listens on this host only.
+
+    Args:
+        port: 0: one that is free.
+
+    Raises:
+        CommandFailedError: it is taken, or not for this user.
+    """
+    taken = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    # Connections of a server that has just ended do not hold its port.
+    taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        taken.bind((HOST, port))
+        taken.listen()
+    except OSError as error:
+        taken.close()
+        raise CommandFailedError(
+            f"port {port} of {HOST} cannot be used: {error.strerror}",
+            help="another `obk web` may have it; choose one with `--port`, 0 for any",
+        ) from error
+    return taken
+
+
+class WebServer:
+    """Serves until it is ended, or by Ctrl-C."""
+
+    def __init__(self) -> None:
+        """Nothing is served yet."""
+        self._server: uvicorn.Server | None = None
+        self._is_ended = False
+
+    @property
+    def is_ending(self) -> bool:
+        """Whether streams without an end are to end now."""
+        return self._is_ended or (self._server is not None and self._server.should_exit)
+
+    def run(self, app: ASGIApp, taken: socket.socket) -> None:
+        """Serve on a port, until the end."""
+        self._server = uvicorn.Server(
+            uvicorn.Config(
+                app,
+                log_config=None,
+                access_log=False,
+                lifespan="off",
+                proxy_headers=False,
+                server_header=False,
+                ws="none",
+                timeout_graceful_shutdown=END_S,
+            )
+        )
+        self._server.should_exit = self._is_ended
+        try:
+            self._server.run(sockets=[taken])
+        except KeyboardInterrupt:  # told once more by uvicorn, after the end
+            return
+
+    def end(self) -> None:
+        """End soon; from any thread."""
+        self._is_ended = True
+        if self._server is not None:
+            self._server.should_exit = True
+
+
+_SECOND: Final = 1e-9
+
+
+def view_data(view: StackView) -> dict[str, Any]:
+    """A stack without its log, and with the transitions that it can be asked for."""
+    data = monitor_data(view)
+    del data["lines"]
+    data["transitions"] = possible_transitions(view.state)
+    data["nodes"] = [
+        {**node, "transitions": possible_transitions(node["state"])} for node in data["nodes"]
+    ]
+    return data
+
+
+def lines_data(lines: Iterable[str]) -> list[str]:
+    """Lines of a log without what is meant for a terminal."""
+    return [plain(line) for line in lines]
+
+
+def samples_data(samples: Sequence[Sample]) -> list[list[float | None]]:
+    """Rows: a time [s since 1970], then the values."""
+    return [[at_ns * _SECOND, *values] for at_ns, values in samples]
+
+
+def event(name: str, data: dict[str, Any]) -> str:
+    """A message of a stream of events.
+
+    Source: https://html.spec.whatwg.org/multipage/server-sent-events.html
+    """
+    return f"event: {name}\ndata: {json_line(data)}\n\n"
+
+
+TOKEN: Final = "token"  # noqa: S105 - the word in front of it
+"""The URL's parameter; the cookie `obk_PORT` and the header `X-Obk-Token` hold the same value."""
+LOOK_S: Final = 0.1
+"""Between two looks at what there is to tell [s]."""
+MOST_CURVES: Final = 12
+CHANGE: Final = 'expected {"transition": "activate", "node": "/name", "run": "name_of_its_folder"}'
+PAGE: Final = Path(obk_cli.web.__file__).with_name("page")
+KINDS: Final = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
+
+Change = Callable[[StackView, str, tuple[str, ...]], ChangeAnswer]
+"""Takes nodes, by full names, of a view's stack through a transition; without any the stack."""
+
+
+class Drawn(Protocol):
+    """What `Plots` offers."""
+
+    def wanted(self, wishes: list[Wish]) -> AbstractContextManager[None]:
+        """While entered, these fields are heard."""
+        ...
+
+    def heard(self, wish: Wish, after_ns: int) -> Heard:
+        """What came of one after a time [ns since 1970]."""
+        ...
+
+
+class Site:
+    """What a page can ask for."""
+
+    def __init__(
+        self,
+        moment: Callable[[], Moment],
+        drawn: Drawn,
+        change: Change,
+        is_ending: Callable[[], bool],
+    ) -> None:
+        """Join what is behind the page.
+
+        Args:
+            moment: what there is to show now.
+            drawn: the fields that pages draw.
+            change: carries transitions out.
+            is_ending: whether the streams are to end.
+        """
+        self._moment = moment
+        self._drawn = drawn
+        self._change = change
+        self._is_ending = is_ending
+
+    async def graph(self, _: Request) -> Response:
+        """The picture of the stack."""
+        return Response(self._moment().picture, media_type=KINDS[".svg"])
+
+    async def fields(self, request: Request) -> Response:
+        """The fields of a topic that can be drawn."""
+        name = request.query_params.get("topic", "")
+        view = self._moment().view
+        types = {topic.topic: topic.msg_type for topic in view.topics} if view else {}
+        msg_type = types.get(name)
+        if msg_type is None:
+            return _refused(404, f"the type of {name} is not known")
+        try:
+            found = await run_in_threadpool(number_fields, short_type(msg_type), fields_of)
+        except ObkError as error:
+            return _refused(404, _sentence(error))
+        return JSONResponse({"type": msg_type, "fields": found})
+
+    async def events(self, request: Request) -> Response:
+        """What changes, until the page is closed; `curve=TOPIC FIELD` asks for a field's values."""
+        told = [text.partition(" ") for text in request.query_params.getlist("curve")]
+        wishes = [Wish(topic=topic, field=field) for topic, _, field in dict.fromkeys(told)]
+        if len(wishes) > MOST_CURVES:
+            return _refused(400, f"more than {MOST_CURVES} curves")
+        return StreamingResponse(self._events(wishes), media_type="text/event-stream")
+
+    async def change(self, request: Request) -> Response:
+        """A transition of a node or, without one, of the stack."""
+        try:
+            asked = await request.json()
+            transition, node, run = (str(asked[key]) for key in ("transition", "node", "run"))
+        except (ValueError, TypeError, KeyError):
+            return _refused(400, CHANGE)
+        view = self._moment().view
+        if transition not in TRANSITIONS:
+            return _refused(400, f"there is no transition `{transition}`")
+        if view is not None and view.run != run:
+            return _refused(409, f"the stack of {run or 'another host'} is not what runs now")
+        if view is None or (node and node not in {one.node for one in view.nodes}):
+            return _refused(404, f"there is no node {node}" if view else "no stack runs")
+        try:
+            answer = await run_in_threadpool(
+                self._change, view, transition, (node,) if node else ()
+            )
+        except ObkError as error:
+            answer = ChangeAnswer(success=False, why=_sentence(error))
+        return JSONResponse(change_data(answer))
+
+    async def _events(self, wishes: list[Wish]) -> AsyncIterator[str]:
+        shown: Moment | None = None
+        until_ns = dict.fromkeys(wishes, 0)
+        with self._drawn.wanted(wishes):
+            while not self._is_ending():
+                moment = self._moment()
+                if shown is None or moment.number != shown.number:
+                    for text in _news(shown, moment):
+                        yield text
+                    shown = moment
+                if wishes:
+                    yield event("samples", self._samples(until_ns))
+                await asyncio.sleep(LOOK_S)
+
+    def _samples(self, until_ns: dict[Wish, int]) -> dict[str, Any]:
+        """What came since the last time, which is noted."""
+        curves = []
+        for wish, after_ns in until_ns.items():
+            heard = self._drawn.heard(wish, after_ns)
+            if heard.samples:
+                until_ns[wish] = heard.samples[-1][0]
+            curves.append(
+                {
+                    "curve": f"{wish.topic} {wish.field}",
+                    "labels": list(heard.labels),
+                    "fault": heard.fault,
+                    "rows": samples_data(heard.samples),
+                }
+            )
+        return {"now_s": wall_s(), "curves": curves}
+
+
+def make_app(site: Site, *, token: str, port: int) -> ASGIApp:
+    """The application.
+
+    Args:
+        site: what a page can ask for.
+        token: that a request has to know.
+        port: of the server; cookies of one host are those of all its ports.
+    """
+    cookie = f"obk_{port}"
+
+    def page(_: Request) -> Response:
+        answer = _file("index.html")
+        answer.set_cookie(cookie, token, httponly=True, samesite="strict")
+        return answer
+
+    files = [path.name for path in PAGE.iterdir() if path.suffix in KINDS]
+    routes = [
+        Route("/", page),
+        *(Route(f"/{name}", lambda _, name=name: _file(name)) for name in files),
+        Route("/graph", site.graph),
+        Route("/fields", site.fields),
+        Route("/events", site.events),
+        Route("/change", site.change, methods=["POST"]),
+    ]
+    return _Guarded(Starlette(routes=routes), token, cookie)
+
+
+class _Guarded:
+    """Refuses requests, and adds the headers that all answers have."""
+
+    def __init__(self, app: ASGIApp, token: str, cookie: str) -> None:
+        self._app = app
+        self._token = token
+        self._cookie = cookie
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(HEADERS)
+            await send(message)
+
+        request = Request(scope)
+        why = refusal(self._asked(request), self._token)
+        answer = self._app if why is None else PlainTextResponse(f"{why.why}\n", why.status)
+        await answer(scope, receive, send_with_headers)
+
+    def _asked(self, request: Request) -> WebRequest:
+        given = (
+            request.cookies.get(self._cookie),
+            request.headers.get("x-obk-token"),
+            request.query_params.get(TOKEN),
+        )
+        return WebRequest(
+            method=request.method,
+            host=request.headers.get("host", ""),
+            origin=request.headers.get("origin"),
+            tokens=tuple(one for one in given if one is not None),
+        )
+
+
+def _news(shown: Moment | None, moment: Moment) -> list[str]:
+    """What a page that has seen one moment is told of another."""
+    view = moment.view
+    if view is None:
+        return [event("waiting", {})]
+    told = view_data(view)
+    told["is_waiting"] = moment.is_waiting
+    told["has_picture"] = bool(moment.picture)
+    news = [event("view", told)]
+    if shown is None or shown.view is None or shown.view.lines != view.lines:
+        news.append(event("log", {"lines": lines_data(view.lines)}))
+    return news
+
+
+def _file(name: str) -> Response:
+    path = PAGE / name
+    return Response(path.read_bytes(), media_type=KINDS[path.suffix])
+
+
+def _refused(status: int, why: str) -> Response:
+    return JSONResponse({"success": False, "why": why, "members": []}, status)
+
+
+def _sentence(error: ObkError) -> str:
+    return f"{error.message}: {error.help}" if error.help else error.message

@@ -1,0 +1,337 @@
+"""`obk` as a person meets it: what is printed where, and the exit code."""
+
+import io
+import json
+import os
+import pytest
+import subprocess
+import sys
+from obk_cli.cli.commands import VERBS
+from obk_cli.cli.main import main
+from obk_cli.emit.formats import FORMS
+from pathlib import Path
+
+CASES = Path(__file__).parents[3] / "cases"
+SOUND = CASES / "accept/OBK004/topic_twice.yaml"
+FAULTY = CASES / "reject/OBK203/dangling.yaml"
+
+
+class Result:
+    """One run of `obk`."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str], *arguments: str) -> None:
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        self.code = ended.value.code
+        self.out, self.err = capsys.readouterr()
+
+
+def test_help_names_every_command_and_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(capsys, "--help")
+    assert result.code == 0
+    assert all(f"\n  {name} " in result.out for name in VERBS)
+    assert "Example: obk" in result.out
+
+
+@pytest.mark.parametrize("verb", ["validate", "compile", "explain", "schema"])
+def test_every_command_has_help_with_an_example(
+    capsys: pytest.CaptureFixture[str], verb: str
+) -> None:
+    result = Result(capsys, verb, "--help")
+    assert result.code == 0
+    assert f"Example: obk {verb}" in result.out
+
+
+@pytest.mark.parametrize("verb", ["validate", "launch"])
+def test_the_help_shows_how_a_value_is_set(capsys: pytest.CaptureFixture[str], verb: str) -> None:
+    lines = Result(capsys, verb, "--help").out.splitlines()
+    assert f"obk {verb} config.yaml --set 'robot[0].sim[0].time_step=0.001'" in {
+        line.strip() for line in lines
+    }
+
+
+@pytest.mark.parametrize("verb", ["validate", "launch", "compile"])
+def test_the_help_is_plain_text(capsys: pytest.CaptureFixture[str], verb: str) -> None:
+    assert "\\[" not in Result(capsys, verb, "--help").out
+
+
+@pytest.mark.usefixtures("unmeasured")
+def test_plain_help_needs_neither_a_renderer_nor_what_a_config_is() -> None:
+    code = (
+        "import sys\n"
+        "from obk_cli.cli.main import main\n"
+        "unneeded = {'rich', 'yaml', 'hashlib', 'obk_cli.config.model', 'obk_cli.launch.events'}\n"
+        "try: main(['topic', 'echo', '--help'])\n"
+        "except SystemExit as ended: print(ended.code, unneeded & sys.modules.keys())\n"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.stdout.splitlines()[-1] == "0 set()"
+
+
+def test_a_misspelt_command_is_misuse(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(capsys, "valdate")
+    assert result.code == 2
+    assert result.out == ""
+    assert result.err == (
+        "error: there is no command `valdate`\n  help: did you mean `validate`?\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("word", "meant"),
+    [
+        ("echo", "`obk topic echo`"),
+        ("hz", "`obk topic hz`"),
+        ("call", "`obk service call`"),
+        ("activate", "`obk lifecycle activate`"),
+        ("get", "`obk lifecycle get` or `obk param get`"),
+        ("info", "`obk topic info` or `obk node info` or `obk bag info`"),
+    ],
+)
+def test_a_command_without_the_one_that_it_belongs_to_is_told_with_it(
+    capsys: pytest.CaptureFixture[str], word: str, meant: str
+) -> None:
+    result = Result(capsys, word, "est")
+    assert (result.code, result.out) == (2, "")
+    assert result.err == f"error: there is no command `{word}`\n  help: did you mean {meant}?\n"
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "expected"),
+    [
+        ("--timeout", "0", "seconds above 0"),
+        ("--hang-after", "-0.5", "seconds of at least 0"),
+        ("--keep", "0", "a number of at least 1"),
+        ("--duration", "-1", "seconds of at least 0"),
+        ("--duration", "nan", "seconds of at least 0"),
+    ],
+)
+def test_a_number_that_a_launch_cannot_use_is_the_only_one_told_of(
+    capsys: pytest.CaptureFixture[str], option: str, value: str, expected: str
+) -> None:
+    result = Result(capsys, "launch", str(SOUND), option, value)
+    assert (result.code, result.err) == (2, f"error: `{option} {value}`: expected {expected}\n")
+
+
+def test_an_interruption_that_an_extension_made_a_failed_import_of_is_one(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise ImportError("initialization failed") from KeyboardInterrupt()
+
+    monkeypatch.setattr("obk_cli.cli.commands._load", interrupted)
+    result = Result(capsys, "validate", str(SOUND))
+    assert (result.code, result.err) == (130, "")
+
+
+def test_an_interruption_while_the_tool_is_being_imported_is_silent() -> None:
+    code = (
+        "import signal, sys\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, path, target=None):\n"
+        "        if name == 'typer':\n"
+        "            signal.raise_signal(signal.SIGINT)\n"
+        "from obk_cli.cli.main import main\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+        "main(['--help'])\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=60)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, b"", b"")
+
+
+def test_validate_a_sound_config(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(capsys, "validate", str(SOUND), "--ignore", "OBK4")
+    assert (result.code, result.out) == (0, f"{SOUND}: no findings\n")
+
+
+def test_validate_a_faulty_config(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(capsys, "validate", str(FAULTY), "--ignore", "OBK4")
+    assert result.code == 1
+    assert result.out.startswith(f"{FAULTY}:25:16: error[OBK203]: nothing publishes `/arm/sensor`")
+    assert result.out.endswith(f"\n{FAULTY}: 1 error\n")
+    assert result.err == ""
+
+
+def test_strict_fails_on_warnings(capsys: pytest.CaptureFixture[str]) -> None:
+    warned = str(CASES / "reject/OBK208/unused.yaml")
+    assert Result(capsys, "validate", warned, "--ignore", "OBK4").code == 0
+    assert Result(capsys, "validate", warned, "--ignore", "OBK4", "--strict").code == 1
+
+
+def test_several_files_as_json(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(
+        capsys, "validate", str(SOUND), str(FAULTY), "--format", "json", "--ignore", "obk4"
+    )
+    report = json.loads(result.out)
+    assert result.code == 1
+    assert report["files"] == [str(SOUND), str(FAULTY)]
+    assert [d["code"] for d in report["diagnostics"]] == ["OBK203"]
+
+
+def test_the_other_formats(capsys: pytest.CaptureFixture[str]) -> None:
+    faulty = ("validate", str(FAULTY), "--ignore", "OBK4", "--format")
+    assert json.loads(Result(capsys, *faulty, "sarif").out)["version"] == "2.1.0"
+    assert Result(capsys, *faulty, "github").out.startswith(f"::error file={FAULTY},line=25,")
+    sound = Result(capsys, "validate", str(SOUND), "--ignore", "OBK4", "--format", "github")
+    assert (sound.code, sound.out) == (0, "")
+
+
+@pytest.mark.parametrize("form", ["text", "json", "sarif", "github"])
+def test_a_file_whose_name_is_no_text_is_checked_like_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], form: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = os.fsdecode(b"b\xff.yaml")
+    Path(name).write_text(FAULTY.read_text(encoding="utf-8"), encoding="utf-8")
+    result = Result(capsys, "validate", name, "--format", form)
+    assert result.code == 1
+    assert ("b%FF.yaml" if form == "sarif" else r"b\udcff.yaml") in result.out
+    if form in ("json", "sarif"):
+        json.loads(result.out)
+
+
+def test_the_diff_of_a_file_whose_name_is_no_text_names_it_by_its_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = os.fsdecode(b"b\xff.yaml")
+    Path(name).write_text(
+        "onboard:\n  control:\n    - pkg: p\n      executable: e\n", encoding="utf-8"
+    )
+    with pytest.raises(SystemExit):
+        main(["migrate", name, "--diff"])
+    assert b"--- a/b\xff.yaml\n" in capfdbinary.readouterr().out
+
+
+def test_standard_input(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(b"a: [")))
+    result = Result(capsys, "validate", "-")
+    assert result.code == 1
+    assert result.out.startswith("<standard input>:1:4: error[OBK003]")
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("validate f --format xml", "`--format xml`: expected one of `text`, `json`, `sarif`, "
+         "`github`"),
+        ("validate f --ignore OBK9", "`--ignore OBK9` names no rule\n"
+         "  help: did you mean `OBK409` or `OBK319` or `OBK309`?"),
+        ("validate f --color green", "`--color green`: expected `auto`, `always` or `never`"),
+        ("compile f --to bmp", "`--to bmp`: expected one of `plan`, `params`, `launch`, "
+         "`mermaid`, `dot`, `svg`, `json`"),
+        ("migrate f --to new", "`--to new`: expected `key` or `seed`"),
+        ("explain OBK20", "there is no rule `OBK20`\n"
+         "  help: did you mean `OBK320` or `OBK210` or `OBK209`?"),
+        ("new contoller foo", "there is no kind `contoller`\n  help: did you mean `controller`?"),
+        ("new controller foo --device pc", "`--device` says where in a config: give "
+         "`--add-to CONFIG` too"),
+        ("new controller foo --add-to -", "`--add-to -`: a file is changed, so it needs one"),
+        ("build --workspace none", "`--workspace none`: there is no such folder"),
+        ("build --jobs 0", "`--jobs 0`: expected a number of at least 1"),
+        ("stop dummy --all", "`obk stop` takes RUN or `--all`, not both"),
+        ("logs --lines -1", "`--lines` is a number of at least 0"),
+        ("monitor", "`obk monitor` needs a terminal for its input and its outputs\n"
+         "  help: `obk monitor --once` and `obk monitor --format json` do not"),
+        ("topic echo /est --format xml", "`--format xml`: expected `text`, `json` or `csv`"),
+        ("topic echo /est --csv --format json", "`--csv` and `--format json` ask for different "
+         "things"),
+        ("service call /s --type Trigger", "`--type Trigger`: expected such as "
+         "`std_srvs/srv/Trigger`"),
+    ],
+)  # fmt: skip
+def test_misuse_is_told_with_what_would_be_right(
+    capsys: pytest.CaptureFixture[str], line: str, told: str
+) -> None:
+    result = Result(capsys, *line.split())
+    assert (result.code, result.out, result.err) == (2, "", f"error: {told}\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("validate", "Missing argument 'CONFIG...'."),
+        ("validate --no-such-option f", "No such option: --no-such-option"),
+        ("ps extra", "Got unexpected extra argument (extra)"),
+    ],
+)
+def test_a_command_line_of_another_form_is_told_with_the_usage(
+    capsys: pytest.CaptureFixture[str], line: str, told: str
+) -> None:
+    result = Result(capsys, *line.split())
+    verb = line.partition(" ")[0]
+    assert (result.code, result.out) == (2, "")
+    assert result.err.startswith(f"Usage: obk {verb} [OPTIONS]")
+    assert result.err.endswith(f"\nTry 'obk {verb} --help' for help.\n\nError: {told}\n")
+
+
+def test_colour_is_for_terminals_or_on_demand(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "\x1b" not in Result(capsys, "validate", str(FAULTY)).out
+    assert "\x1b" in Result(capsys, "validate", str(FAULTY), "--color", "always").out
+
+
+def test_compile_to_a_plan(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(capsys, "compile", str(SOUND), "--ignore", "OBK4", "--set", "config=other")
+    plan = json.loads(result.out)
+    assert result.code == 0
+    assert plan["name"] == "other"
+    assert [p["node"] for p in plan["processes"]] == [
+        "obelisk_control_0",
+        "obelisk_estimation_0",
+        "obelisk_robot_0",
+    ]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_compile_into_a_folder_names_the_file_by_the_stack(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, form: str
+) -> None:
+    arguments = ("compile", str(SOUND), "--ignore", "OBK4", "--to", form)
+    printed = Result(capsys, *arguments)
+    written = Result(capsys, *arguments, "--output", f"{tmp_path}/new/")
+    assert (printed.code, written.code, written.out) == (0, 0, "")
+    (path,) = (tmp_path / "new").iterdir()
+    assert path.name == f"arm{FORMS[form].ending}"
+    assert path.read_text() == printed.out
+
+
+def test_compile_into_what_is_no_folder_fails(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "file").touch()
+    result = Result(
+        capsys, "compile", str(SOUND), "--ignore", "OBK4", "--output", f"{tmp_path}/file/x.json"
+    )
+    assert result.code == 1
+    assert "cannot be written" in result.err
+
+
+def test_compile_of_a_faulty_config_says_why_on_stderr(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(capsys, "compile", str(FAULTY), "--ignore", "OBK4")
+    assert (result.code, result.out) == (1, "")
+    assert "OBK203" in result.err
+
+
+def test_explain(capsys: pytest.CaptureFixture[str]) -> None:
+    result = Result(capsys, "explain", "obk203")
+    assert result.code == 0
+    assert result.out.startswith("OBK203 (error): a subscriber without a publisher\n")
+    assert "OBK506" in Result(capsys, "explain").out
+
+
+def test_a_fault_of_our_own_is_said_to_be_one(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("boom")
+
+    monkeypatch.setattr("obk_cli.cli.validate.compile_config", fail)
+    result = Result(capsys, "validate", str(SOUND))
+    assert result.code == 1
+    assert "this is a fault of obk itself (RuntimeError: boom)" in result.err
+    assert "Traceback" not in result.err
+    trace = Path(result.err.rpartition(" ")[2].strip())
+    assert "boom" in trace.read_text()
+    trace.unlink()

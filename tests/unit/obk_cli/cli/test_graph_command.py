@@ -1,0 +1,50 @@
+"""`obk graph`: what is drawn, and where it goes."""
+
+from pathlib import Path
+
+import pytest
+
+from obk_cli.cli.main import main
+from obk_cli.compiler import Options, compile_config
+from obk_cli.emit.formats import FORMS
+
+CONFIG = str(Path(__file__).resolve().parents[3] / "cases/accept/OBK004/topic_twice.yaml")
+
+
+def graph(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(["graph", CONFIG, "--ignore", "OBK4", *arguments])
+    return ended.value.code if isinstance(ended.value.code, int) else -1
+
+
+def test_without_options_it_is_drawn_for_eighty_columns(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    assert graph() == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "arm: 3 nodes, 3 topics"
+    assert max(map(len, lines)) == 80
+
+
+@pytest.mark.parametrize(
+    ("name", "form"), [("x.svg", "svg"), ("x.dot", "dot"), ("x.mmd", "mermaid")]
+)
+def test_the_outputs_name_says_which_picture(tmp_path: Path, name: str, form: str) -> None:
+    assert graph("--output", str(tmp_path / name)) == 0
+    options = Options(variables={}, working_folder=Path.cwd(), ignore=("OBK4",))
+    plan = compile_config(CONFIG, options).plan
+    assert plan is not None
+    assert (tmp_path / name).read_text() == FORMS[form].emit(plan)
+
+
+def test_a_form_that_is_no_picture_is_misuse(capsys: pytest.CaptureFixture[str]) -> None:
+    assert graph("--to", "params") == 2
+    assert "expected one of `mermaid`, `dot`, `svg`" in capsys.readouterr().err
+
+
+def test_a_config_with_errors_is_not_drawn(capsys: pytest.CaptureFixture[str]) -> None:
+    assert graph("--set", "robot.pkg=") == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "error[OBK" in err

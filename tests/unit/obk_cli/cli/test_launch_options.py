@@ -1,0 +1,29 @@
+"""Options of `obk launch` that do not go together, and the limits that they come to."""
+
+from pathlib import Path
+
+import pytest
+
+from obk_cli.cli.launch import _limits
+from obk_cli.cli.main import main
+
+DUMMY = Path(__file__).parents[4] / "examples" / "dummy" / "dummy.yaml"
+
+
+def test_who_leads_is_no_question_for_one_launch(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(("launch", str(DUMMY), "--lead", "onboard"))
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == (
+        "error: `--lead` says who leads where several launches have a `--device` each\n"
+    )
+
+
+def test_who_may_be_slow_in_a_transition_may_be_slow_to_start() -> None:
+    assert (_limits(10.0, 1.3).transition_s, _limits(10.0, 1.3).start_s) == (10.0, 20.0)
+    assert (_limits(60.0, 1.3).transition_s, _limits(60.0, 1.3).start_s) == (60.0, 60.0)
+
+
+def test_an_answer_may_be_waited_for_without_end() -> None:
+    assert _limits(10.0, 0.0).hang_s == float("inf")
+    assert _limits(10.0, 2.0).hang_s == 2.0
