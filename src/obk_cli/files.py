@@ -1,14 +1,15 @@
 """Read user files, write files whole or not at all, and recognize files that other users own."""
 
-from contextlib import suppress
 import os
 import stat
 import sys
-from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
-from obk_cli.errors import CommandFailedError
+from contextlib import suppress
 from pathlib import Path
 from secrets import token_hex
 from typing import Final
+
+from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
+from obk_cli.errors import CommandFailedError
 
 __all__ = [
     "FOR_EVERYBODY",

@@ -5,18 +5,18 @@ not at all. `# set: path=value` on the first line is a `--set`. A `.part` is not
 """
 
 import json
+from pathlib import Path
+from typing import Any
+
 import jsonschema
 import pytest
-from obk_cli.compiler import Options
-from obk_cli.compiler import Outcome
-from obk_cli.compiler import compile_config
+
+from obk_cli.compiler import Options, Outcome, compile_config
 from obk_cli.diagnostics.rules import RULES
 from obk_cli.report.formats import report_sarif
 from obk_cli.report.text import report_text
 from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
-from pathlib import Path
-from typing import Any
 
 HERE = Path(__file__).parent
 WORKSPACE = HERE / "workspace"

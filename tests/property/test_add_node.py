@@ -1,27 +1,24 @@
 """A config with a node added says what it said and the node, and every byte of it stays."""
 
 from collections import Counter
-from hypothesis import given
-from hypothesis import strategies as st
+from pathlib import Path
+
 import pytest
 import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
 from obelisk_spec.names import resolve_msg_type
-from obk_cli.compiler import Options
-from obk_cli.compiler import Outcome
-from obk_cli.compiler import compile_source
+from obk_cli.compiler import Options, Outcome, compile_source
 from obk_cli.config.model import Node
 from obk_cli.config.topology import node_ends
 from obk_cli.configedit.add_node import add_node
-from obk_cli.configedit.new_node import NewNode
-from obk_cli.configedit.new_node import Rejected
-from obk_cli.configedit.new_node import read_new_node
+from obk_cli.configedit.new_node import NewNode, Rejected, read_new_node
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.scaffold.questions import Answers
-from obk_cli.scaffold.questions import MessageType
+from obk_cli.scaffold.questions import Answers, MessageType
 from obk_cli.scaffold.variables import config_snippet
 from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
-from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 CORPUS = ROOT.parent / "shared" / "corpus"

@@ -1,38 +1,27 @@
 """House style: any text gives a tree or diagnostics, never an exception; spans lie in the file."""
 
-from collections.abc import Iterator
-from functools import cache
-from hypothesis import given
-from hypothesis import strategies as st
-import pytest
 import random
 import re
 import sys
 import tempfile
-from obelisk_spec.yaml_core import YamlTextError
-from obelisk_spec.yaml_core import core_scalar
-from obelisk_spec.yaml_core import load_yaml_core
-from obk_cli.compiler import Options
-from obk_cli.compiler import compile_config
-from obk_cli.compiler import compile_source
-from obk_cli.config.tree import Tree
-from obk_cli.config.tree import TreeList
-from obk_cli.config.tree import TreeMap
-from obk_cli.config.tree import TreeScalar
-from obk_cli.config.tree import plain_value
-from obk_cli.config.yaml_parser import decode_source
-from obk_cli.config.yaml_parser import parse_source
-from obk_cli.diagnostics.diagnostic import Diagnostic
-from obk_cli.diagnostics.diagnostic import worst
-from obk_cli.diagnostics.source import SourceFile
-from obk_cli.diagnostics.source import Span
-from obk_cli.report.formats import report_github
-from obk_cli.report.formats import report_json
-from obk_cli.report.formats import report_sarif
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from obelisk_spec.yaml_core import YamlTextError, core_scalar, load_yaml_core
+from obk_cli.compiler import Options, compile_config, compile_source
+from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
+from obk_cli.config.yaml_parser import decode_source, parse_source
+from obk_cli.diagnostics.diagnostic import Diagnostic, worst
+from obk_cli.diagnostics.source import SourceFile, Span
+from obk_cli.report.formats import report_github, report_json, report_sarif
 from obk_cli.report.text import report_text
 from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
-from pathlib import Path
 
 CORPUS = Path(__file__).resolve().parents[3] / "shared/corpus"
 SEEDS = [path.read_text() for path in sorted(CORPUS.rglob("*.yaml"))]

@@ -1,17 +1,19 @@
 """Models that were cut, changed or made up are read or refused, and take nobody along."""
 
-from .hostile import damaged
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-import os
-import pytest
-import tempfile
+
 from obk_cli.config.environment import ModelRead
 from obk_cli.scaffold.stack import read_model_text
-from obk_cli.workspace.mjcf_locations import mjcf_elements
-from obk_cli.workspace.mjcf_locations import mjcf_files
+from obk_cli.workspace.mjcf_locations import mjcf_elements, mjcf_files
 from obk_cli.workspace.model_reader import read_model_bounded
-from pathlib import Path
+
+from .hostile import damaged
 
 pytestmark = pytest.mark.mujoco
 

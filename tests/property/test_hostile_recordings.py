@@ -1,27 +1,24 @@
 """Recordings that were cut, changed or made up are read, read in part, or refused in a sentence."""
 
-from .hostile import SPOILT
-from .hostile import assert_shows_only_text
-from .hostile import damaged
-from contextlib import suppress
-from functools import cache
-from hypothesis import given
-from hypothesis import strategies as st
 import struct
 import tempfile
+from contextlib import suppress
+from functools import cache
 from io import BytesIO
-from mcap.writer import CompressionType
-from mcap.writer import Writer
-from obk_cli.cli.bag import bag_data
-from obk_cli.cli.bag import bag_text
+from pathlib import Path
+
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.writer import CompressionType, Writer
+
+from obk_cli.cli.bag import bag_data, bag_text
 from obk_cli.errors import ObkError
 from obk_cli.introspect.message_text import json_line
-from obk_cli.record.mcap_reader import messages_of
-from obk_cli.record.mcap_reader import read_bag
+from obk_cli.record.mcap_reader import messages_of, read_bag
 from obk_cli.record.mcap_writer import BagWriter
-from obk_cli.record.plot import PlotField
-from obk_cli.record.plot import parse_field
-from pathlib import Path
+from obk_cli.record.plot import PlotField, parse_field
+
+from .hostile import SPOILT, assert_shows_only_text, damaged
 
 TYPE = "demo_msgs/msg/Reading"
 DEFINITION = (

@@ -1,47 +1,36 @@
 """Whatever the files and answers of a run hold: it is shown or left out, and never raises."""
 
-from .hostile import JSON
-from .hostile import SPOILT
-from .hostile import assert_shows_only_text
-from .hostile import damaged
-from .hostile import respelt
-from contextlib import AbstractContextManager
-from contextlib import redirect_stdout
-from contextlib import suppress
-from hypothesis import given
-from hypothesis import strategies as st
 import json
 import os
 import tempfile
+from contextlib import AbstractContextManager, redirect_stdout, suppress
 from io import StringIO
-from obk_cli.cli import lifecycle
-from obk_cli.cli import logs
-from obk_cli.cli import ps
+from pathlib import Path
+from unittest import mock
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from obk_cli.cli import lifecycle, logs, ps
 from obk_cli.errors import ObkError
 from obk_cli.monitor.expected_topics import planned_topics
-from obk_cli.process.identity import boot_id
-from obk_cli.process.identity import this_process
+from obk_cli.process.identity import boot_id, this_process
 from obk_cli.record.recording import run_metadata_of
-from obk_cli.runs.folder import RUN_FILE
-from obk_cli.runs.folder import Run
-from obk_cli.runs.folder import read_runs
-from obk_cli.runs.folder import run_plan
-from obk_cli.runs.folder import run_topics
-from obk_cli.runs.protocol import ChangeAnswer
-from obk_cli.runs.protocol import Fault
-from obk_cli.runs.protocol import StackStatus
-from obk_cli.runs.protocol import decode_answer
-from obk_cli.runs.protocol import decode_request
-from obk_cli.runs.protocol import encode_line
+from obk_cli.runs.folder import RUN_FILE, Run, read_runs, run_plan, run_topics
+from obk_cli.runs.protocol import (
+    ChangeAnswer,
+    Fault,
+    StackStatus,
+    decode_answer,
+    decode_request,
+    encode_line,
+)
 from obk_cli.runs.registry import live_folders
 from obk_cli.runs.stacks import Stack
 from obk_cli.web.feed import live_picture
-from obk_cli.workspace.overlay import FOLDER
-from obk_cli.workspace.overlay import RECORD
-from obk_cli.workspace.overlay import overlay_prefixes
-from obk_cli.workspace.overlay import read_record
-from pathlib import Path
-from unittest import mock
+from obk_cli.workspace.overlay import FOLDER, RECORD, overlay_prefixes, read_record
+
+from .hostile import JSON, SPOILT, assert_shows_only_text, damaged, respelt
 
 PID, STARTED = this_process()
 END = {"topic": "/t", "msg_type": "a/msg/B", "rate_hz": 1.0}

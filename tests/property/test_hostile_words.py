@@ -1,29 +1,22 @@
 """Whatever nodes, users and their files say: it is told, and no character moves the terminal."""
 
-from .hostile import JSON
-from .hostile import SPOILT
-from .hostile import assert_shows_only_text
-from .hostile import damaged
-from contextlib import redirect_stderr
-from dataclasses import asdict
-from dataclasses import fields
-from hypothesis import given
-from hypothesis import strategies as st
 import re
 import tempfile
+from contextlib import redirect_stderr
+from dataclasses import asdict, fields
 from io import StringIO
-from obelisk_spec.runtime_protocol import Rate
-from obelisk_spec.runtime_protocol import parse_rate
-from obelisk_spec.runtime_protocol import rate_values
+from pathlib import Path
+from typing import get_args
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from obelisk_spec.runtime_protocol import Rate, parse_rate, rate_values
 from obk_cli.cli.build import report_problems
 from obk_cli.cli.commands import _complain
-from obk_cli.compiler import Options
-from obk_cli.compiler import compile_config
-from obk_cli.compiler import compile_source
+from obk_cli.compiler import Options, compile_config, compile_source
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.introspect.message_text import csv_row
-from obk_cli.introspect.message_text import json_line
-from obk_cli.introspect.message_text import message_text
+from obk_cli.introspect.message_text import csv_row, json_line, message_text
 from obk_cli.launch.event_lines import LaunchReport
 from obk_cli.launch.events import OutputEvent
 from obk_cli.launch.status import with_event
@@ -31,18 +24,13 @@ from obk_cli.monitor.model import StackView
 from obk_cli.monitor.table import monitor_text
 from obk_cli.report.formats import report_github
 from obk_cli.report.text import report_text
-from obk_cli.runs.logs import last_lines
-from obk_cli.runs.logs import read_lines
-from obk_cli.runs.protocol import NodeStatus
-from obk_cli.runs.protocol import StackStatus
-from obk_cli.scaffold.kinds import check_name
-from obk_cli.scaffold.kinds import suggest_name
-from obk_interfaces import PackageError
-from obk_interfaces import Prefixes
-from obk_interfaces import load_package
+from obk_cli.runs.logs import last_lines, read_lines
+from obk_cli.runs.protocol import NodeStatus, StackStatus
+from obk_cli.scaffold.kinds import check_name, suggest_name
+from obk_interfaces import PackageError, Prefixes, load_package
 from obk_interfaces.definition import check_package
-from pathlib import Path
-from typing import get_args
+
+from .hostile import JSON, SPOILT, assert_shows_only_text, damaged
 
 _SGR = re.compile(r"\x1b\[[0-9;:]*m")
 RATE = Rate(

@@ -1,17 +1,14 @@
 """What merging promises, for any two texts: what the outer one says is there, and each place."""
 
 from collections.abc import Iterator
+
 from hypothesis import given
 from hypothesis import strategies as st
+
 from obk_cli.config.loader import merge_trees
-from obk_cli.config.tree import Tree
-from obk_cli.config.tree import TreeList
-from obk_cli.config.tree import TreeMap
-from obk_cli.config.tree import TreeScalar
-from obk_cli.config.tree import plain_value
+from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
 from obk_cli.config.yaml_parser import parse_source
-from obk_cli.diagnostics.source import SourceFile
-from obk_cli.diagnostics.source import Span
+from obk_cli.diagnostics.source import SourceFile, Span
 
 KEYS = st.sampled_from(("name", "key", "ros_parameter", "topic", "id", "a", "b", "pub_x_setting"))
 VALUES = st.recursive(

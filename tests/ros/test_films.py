@@ -1,14 +1,13 @@
 """Films of running stacks, read again; a film that cannot be made."""
 
-from .opengl import require_opengl
-from .stack import DUMMY
-from .stack import eventually
-from .stack import launched
-from .stack import obk
+from pathlib import Path
+
 import av
 import numpy as np
 import pytest
-from pathlib import Path
+
+from .opengl import require_opengl
+from .stack import DUMMY, eventually, launched, obk
 
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 

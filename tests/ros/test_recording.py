@@ -1,38 +1,30 @@
 """Recordings of running stacks, read back with the MCAP library and the compiled messages."""
 
-from .stack import DEADLINE_S
-from .stack import DUMMY
-from .stack import EXAMPLE
-from .stack import OBK
-from .stack import eventually
-from .stack import launched
-from .stack import obk
-from .test_documents import commands
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from dataclasses import field
 import importlib
 import json
 import os
-import pytest
-import rclpy
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
 import yaml
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
-from obk_cli.record.recorder_job import RecordRequest
-from obk_cli.record.recorder_job import RecorderJob
-from obk_cli.record.recorder_job import job_to_json
-from pathlib import Path
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Int32
-from typing import Any
+
+from obk_cli.record.recorder_job import RecorderJob, RecordRequest, job_to_json
+
+from .stack import DEADLINE_S, DUMMY, EXAMPLE, OBK, eventually, launched, obk
+from .test_documents import commands
 
 pytestmark = pytest.mark.ros
 

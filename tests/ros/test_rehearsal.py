@@ -1,34 +1,25 @@
 """The failure table, proved on the dummy stack by rehearsal: each rule, one node, every fault."""
 
-from .stack import DEADLINE_S
-from .stack import DUMMY
-from .stack import OBK
-from .stack import eventually
-from .stack import marked
-from .stack import obk
-from collections.abc import Sequence
 import json
 import os
-import psutil
-import pytest
 import signal
 import subprocess
-from obk_cli.cli.rehearse import OBK as OBK_MODULE
-from obk_cli.cli.rehearse import QUIETLY
-from obk_cli.cli.rehearse import rehearsal_text
-from obk_cli.compiler import Options
-from obk_cli.compiler import compile_config
-from obk_cli.faultinject.expectations import Allowances
-from obk_cli.faultinject.expectations import FAULTS
-from obk_cli.faultinject.expectations import Fault
-from obk_cli.faultinject.expectations import make_cases
-from obk_cli.faultinject.runner import LaunchSettings
-from obk_cli.faultinject.runner import run_cases
-from obk_cli.faultinject.verdict import Verdict
-from obk_cli.launch.process_groups import Unit
-from obk_cli.launch.process_groups import units_of
-from obk_cli.plan.plan import OnCrash
+from collections.abc import Sequence
 from pathlib import Path
+
+import psutil
+import pytest
+
+from obk_cli.cli.rehearse import OBK as OBK_MODULE
+from obk_cli.cli.rehearse import QUIETLY, rehearsal_text
+from obk_cli.compiler import Options, compile_config
+from obk_cli.faultinject.expectations import FAULTS, Allowances, Fault, make_cases
+from obk_cli.faultinject.runner import LaunchSettings, run_cases
+from obk_cli.faultinject.verdict import Verdict
+from obk_cli.launch.process_groups import Unit, units_of
+from obk_cli.plan.plan import OnCrash
+
+from .stack import DEADLINE_S, DUMMY, OBK, eventually, marked, obk
 
 pytestmark = pytest.mark.ros
 

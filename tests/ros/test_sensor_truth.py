@@ -1,36 +1,34 @@
 """What is received over DDS against MuJoCo's own numbers at the same state, kind by kind."""
 
-from .stack import eventually
-from .stack import parameters
-from .stack import request
-from .stack import spinning
 from collections.abc import Iterator
-from geometry_msgs.msg import PoseStamped
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
+from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from numpy.typing import ArrayLike
-from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
-from obelisk_py.core.sim.mujoco.raycast import lay_out
-from obelisk_py.core.sim.mujoco.raycast import typed_ray_caster
-from obelisk_sensor_msgs.msg import JointEncoders
-from obelisk_sensor_msgs.msg import ObkForceSensor
-from obelisk_sensor_msgs.msg import ObkFramePose
-from obelisk_sensor_msgs.msg import ObkImu
-from obelisk_sensor_msgs.msg import ObkJointEncoders
-from obelisk_sensor_msgs.msg import ObkScan
-from obelisk_sensor_msgs.msg import TrueSimState
-from obelisk_spec.components import format_setting
+from obelisk_sensor_msgs.msg import (
+    JointEncoders,
+    ObkForceSensor,
+    ObkFramePose,
+    ObkImu,
+    ObkJointEncoders,
+    ObkScan,
+    TrueSimState,
+)
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Image
-from sensor_msgs.msg import Imu
-from sensor_msgs.msg import PointCloud2
-from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
-from typing import Any
+from sensor_msgs.msg import Image, Imu, PointCloud2
+from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
+
+from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
+from obelisk_py.core.sim.mujoco.raycast import lay_out, typed_ray_caster
+from obelisk_spec.components import format_setting
+
+from .stack import eventually, parameters, request, spinning
 
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 

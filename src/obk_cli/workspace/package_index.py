@@ -1,27 +1,25 @@
 """Find ROS packages: in the workspace, in sourced prefixes and in this Python's environment."""
 
-from collections.abc import Iterator
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
 import importlib.util
 import os
 import re
 import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
-from obelisk_spec.names import OBELISK_MESSAGES
-from obelisk_spec.names import ROS_MESSAGES
-from obk_cli.config.environment import Command
-from obk_cli.config.environment import ExecutableMissing
-from obk_cli.config.environment import UNSEARCHED
-from obk_cli.files import FOR_EVERYBODY
-from obk_cli.files import is_planted
-from obk_cli.workspace.entry_points import EntryPoint
-from obk_cli.workspace.entry_points import installed_console_scripts
-from obk_cli.workspace.entry_points import module_run_by
-from obk_cli.workspace.entry_points import source_console_scripts
-from obk_cli.workspace.overlay import overlay_prefixes
 from pathlib import Path
+
+from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
+from obk_cli.config.environment import UNSEARCHED, Command, ExecutableMissing
+from obk_cli.files import FOR_EVERYBODY, is_planted
+from obk_cli.workspace.entry_points import (
+    EntryPoint,
+    installed_console_scripts,
+    module_run_by,
+    source_console_scripts,
+)
+from obk_cli.workspace.overlay import overlay_prefixes
 
 __all__ = [
     "PackageIndex",

@@ -3,13 +3,15 @@
 import io
 import json
 import os
-import pytest
 import subprocess
 import sys
+from pathlib import Path
+
+import pytest
+
 from obk_cli.cli.commands import VERBS
 from obk_cli.cli.main import main
 from obk_cli.emit.formats import FORMS
-from pathlib import Path
 
 CASES = Path(__file__).parents[3] / "cases"
 SOUND = CASES / "accept/OBK004/topic_twice.yaml"

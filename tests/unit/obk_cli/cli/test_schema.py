@@ -1,16 +1,17 @@
 """The JSON schema and the checker accept the same shapes."""
 
-from collections.abc import Iterator
 import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
 import jsonschema
 import pytest
-from obelisk_spec import scans
-from obelisk_spec import sensors
+
+from obelisk_spec import scans, sensors
 from obelisk_spec.sensors import sensor_group
 from obelisk_spec.yaml_core import load_yaml_core
 from obk_cli.config import fields as keys
-from pathlib import Path
-from typing import Any
 
 TABLES = {
     "node": keys.NODE_KEYS,

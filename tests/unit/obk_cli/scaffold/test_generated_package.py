@@ -1,17 +1,16 @@
 """The packages that come out, judged by other programs: ruff, pytest under ROS."""
 
-from collections.abc import Callable
-from collections.abc import Mapping
 import os
-import pytest
 import subprocess
 import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path, PurePosixPath
+
+import pytest
+
 from obk_cli.scaffold.kinds import LONGEST_NAME
 from obk_cli.scaffold.templates import RenderedFile
-from obk_cli.scaffold.write import decide
-from obk_cli.scaffold.write import write_decisions
-from pathlib import Path
-from pathlib import PurePosixPath
+from obk_cli.scaffold.write import decide, write_decisions
 
 Package = Callable[..., dict[PurePosixPath, RenderedFile]]
 

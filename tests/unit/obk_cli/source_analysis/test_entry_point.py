@@ -1,17 +1,16 @@
 """What is known of a node from its source, and what is rather left unsaid."""
 
 from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-import pytest
-from obk_cli.config.environment import CodeFault
-from obk_cli.config.environment import NodeFacts
+
+from obk_cli.config.environment import CodeFault, NodeFacts
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.source_analysis.entry_point import read_node_code
-from obk_cli.source_analysis.modules import FoundSource
-from obk_cli.source_analysis.modules import Module
-from obk_cli.source_analysis.modules import parse_module
-from pathlib import Path
+from obk_cli.source_analysis.modules import FoundSource, Module, parse_module
 
 LIBRARY = Path(__file__).parents[4] / "src"
 HEAD = """\
