@@ -26,7 +26,7 @@ ROBOTS = ("arm/arm.yaml", "quadruped/quadruped.yaml")
 PRINT_ALL_FORMS = """
 import sys
 from pathlib import Path
-from obk_cli.emit.graph import FORMS
+from obk_cli.emit.formats import FORMS
 from obk_cli.compiler import Options, compile_config
 options = Options(variables={}, working_folder=Path.cwd(), ignore=("OBK4",))
 for name in sys.argv[1:]:
