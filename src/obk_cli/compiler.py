@@ -23,7 +23,7 @@ from obk_cli.files import STANDARD_INPUT, read_bytes
 from obk_cli.plan.lower import lower_stack
 from obk_cli.plan.plan import Plan
 from obk_cli.workspace.environment import MachineEnvironment
-from obk_cli.workspace.path_suggestions import did_you_mean_config
+from obk_cli.workspace.package_index import did_you_mean_config
 
 __all__ = ["Options", "Outcome", "compile_config", "compile_source"]
 

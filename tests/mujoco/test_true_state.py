@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from obelisk_py.core.sim.mujoco.true_state import StateCopy, TrueStateReader
+from obelisk_py.core.sim.mujoco.robot import StateCopy, TrueStateReader
 
 pytestmark = pytest.mark.mujoco
 

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from obk_cli.config.environment import ModelRead
 from obk_cli.scaffold.stack import read_model_text
-from obk_cli.workspace.mjcf_locations import mjcf_elements, mjcf_files
-from obk_cli.workspace.model_reader import read_model_bounded
+from obk_cli.workspace.model_reader import mjcf_elements, mjcf_files, read_model_bounded
 
 from .hostile import damaged
 

@@ -17,7 +17,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Int32
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.ros.opaque_types import stand_in
+from obk_cli.ros.types import stand_in
 
 from .looking import announce_as_a_stack_does, refused
 from .stack import DEADLINE_S, OBK, eventually, obk

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.ros.opaque_types import stand_in
-from obk_cli.ros.types import find_type, raw_type, require_message, require_service
+from obk_cli.ros.types import find_type, raw_type, require_message, require_service, stand_in
 
 pytestmark = pytest.mark.ros
 

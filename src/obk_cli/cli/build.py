@@ -3,8 +3,9 @@
 import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -14,9 +15,17 @@ from obelisk_spec.suggestions import list_names
 from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.cli.options import FormatOption, wants_json
 from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.ros.environment import RosEnvironment
 from obk_cli.terminal import visible
-from obk_cli.workspace.message_build import BuildOptions, Built, Listener, build_workspace
-from obk_cli.workspace.package_index import find_workspace
+from obk_cli.workspace.message_build import (
+    BuildOptions,
+    Built,
+    Listener,
+    build_workspace,
+    survey_of,
+)
+from obk_cli.workspace.overlay import import_from, overlay_prefixes, with_overlays
+from obk_cli.workspace.package_index import PackageIndex, find_workspace
 from obk_interfaces import (
     CommandError,
     DefinitionError,
@@ -25,7 +34,7 @@ from obk_interfaces import (
     Progress,
 )
 
-__all__ = ["build_shown", "report_problems", "showing_progress"]
+__all__ = ["on_overlays", "report_problems", "showing_progress"]
 
 _DOING = {
     "generate": "generated",
@@ -238,3 +247,49 @@ def _told(built: Built) -> Iterator[str]:
         yield f"removed: {list_names(built.removed)}"
     if built.prefixes:
         yield f"overlay: {built.overlay}"
+
+
+def on_overlays(
+    folder: Path, environment: RosEnvironment, *, may_build: bool, color: str
+) -> tuple[PackageIndex, RosEnvironment]:
+    """The packages for a config in `folder`, and the environment in which nodes find them.
+
+    Message packages are up to date, and this process finds them too. With `may_build` off, what is
+    missing or stale is told on stderr. `color` is the word of the option.
+
+    Raises:
+        CommandFailedError: a package cannot be compiled.
+    """
+    workspaces = PackageIndex.around(folder, Path.cwd(), environment.variables).workspaces
+    for place, workspace in reversed([*enumerate(workspaces)]):
+        # As the shell has it: what is put there for nodes is not for compilers.
+        shell = with_overlays(os.environ, overlay_prefixes(workspaces[place + 1 :]))
+        if may_build:
+            _build(workspace, shell, colour=wants_colour(color, to_stderr=True))
+        else:
+            _warn_of_stale(workspace, shell)
+    overlays = overlay_prefixes(workspaces)
+    import_from(overlays)
+    variables = with_overlays(environment.variables, overlays)
+    packages = PackageIndex.around(folder, Path.cwd(), variables)
+    return packages, replace(environment, variables=variables)
+
+
+def _build(workspace: Path, environment: Mapping[str, str], *, colour: bool) -> None:
+    options = BuildOptions(environment=environment, only_messages=True)
+    built = build_shown(workspace, options, colour=colour)
+    if built.built:
+        print(f"built {list_names(built.built)} in {built.duration_s:.1f} s", file=sys.stderr)
+
+
+def _warn_of_stale(workspace: Path, environment: Mapping[str, str]) -> None:
+    try:
+        survey = survey_of(workspace, environment)
+    except InterfaceError as error:
+        raise CommandFailedError(str(error)) from error
+    for state, words in (("missing", "not compiled"), ("changed", "changed since compiled")):
+        names = [one.name for one in survey.stale if one.state == state]
+        if names:
+            print(
+                f"warning: {list_names(names)}: {words}; left so by `--no-build`", file=sys.stderr
+            )

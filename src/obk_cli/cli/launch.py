@@ -151,7 +151,7 @@ def command(
     plan = _with_log_level(sound_plan(outcome, color), log_level)
     _check_devices(plan, device, lead)
 
-    from obk_cli.cli.build_first import on_overlays
+    from obk_cli.cli.build import on_overlays
     from obk_cli.launch.console import open_console
     from obk_cli.launch.options import LaunchOptions
     from obk_cli.launch.process_groups import share_of

@@ -1,10 +1,13 @@
 """`obk topic list|info|echo|hz|delay|pub`: the topics of a running stack."""
 
-from typing import Annotated
+import sys
+from collections.abc import Sequence
+from itertools import islice
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from obk_cli.cli import topic_echo, topic_pub, topic_rates
+from obk_cli.cli import topic_pub, topic_rates
 from obk_cli.cli.introspect_options import (
     TIMEOUT_S,
     DomainOption,
@@ -12,10 +15,15 @@ from obk_cli.cli.introspect_options import (
     TopicArgument,
     here,
     print_json,
+    with_types,
 )
 from obk_cli.cli.options import FormatOption, require_positive, wants_json
+from obk_cli.errors import MisuseError
 
-__all__ = ["app"]
+if TYPE_CHECKING:
+    from obk_cli.introspect.message_text import Shower
+    from obk_cli.introspect.target import GraphTarget
+    from obk_cli.ros.field_path import Selection
 
 app = typer.Typer(
     add_completion=False,
@@ -90,7 +98,91 @@ def info(
     print("\n".join(topic_text(seen)))
 
 
-app.command("echo", epilog=topic_echo.EXAMPLE)(topic_echo.command)
+ECHO_EXAMPLE = """\b
+Example: obk topic echo est q_joints[0] --once
+         obk topic echo est --csv -n 1000 > est.csv
+"""
+
+
+@app.command(epilog=ECHO_EXAMPLE)
+def echo(
+    topic: TopicArgument,
+    fields: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[FIELD...]", help="Only these: q_joints[0], header.stamp."),
+    ] = None,
+    field: Annotated[
+        list[str] | None, typer.Option(metavar="FIELD", help="The same; may be repeated.")
+    ] = None,
+    once: Annotated[bool, typer.Option("--once", help="One message.")] = False,
+    count: Annotated[
+        int | None, typer.Option("--count", "-n", min=1, help="As many messages.")
+    ] = None,
+    full: Annotated[bool, typer.Option("--full", help="Long arrays to their end.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="A row a message, names first.")] = False,
+    domain: DomainOption = None,
+    timeout: TimeoutOption = TIMEOUT_S,
+    format: Annotated[
+        str, typer.Option(metavar="text|json|csv", help="How to show; json: an object a line.")
+    ] = "text",
+) -> None:
+    """Show the messages of a topic, until Ctrl-C.
+
+    The subscription asks for what the publishers offer: best effort is heard, and what was
+    published before, where they keep it. --timeout is for the topic to be there and for the first
+    message; with --once or --count for each. Rows of CSV have the columns of the first message.
+    """
+    if format not in ("text", "json", "csv"):
+        raise MisuseError(f"`--format {format}`: expected `text`, `json` or `csv`")
+    if csv and format == "json":
+        raise MisuseError("`--csv` and `--format json` ask for different things")
+    most = 1 if once else count
+
+    from obk_cli.introspect.message_text import Shower
+    from obk_cli.ros.field_path import parse_selection
+
+    selections = [parse_selection(text) for text in (*(fields or ()), *(field or ()))]
+    shower = Shower(selections, "csv" if csv else format, is_whole=full, warn=_warn)
+    _listen(with_types(here(domain, timeout)), topic, selections, shower, most, timeout)
+
+
+def _listen(
+    target: "GraphTarget",
+    topic: str,
+    selections: "Sequence[Selection]",
+    shower: "Shower",
+    most: int | None,
+    timeout_s: float,
+) -> None:
+    """Show the messages that a subscription receives."""
+    from obk_cli.introspect.resolve import find_topic, the_type
+    from obk_cli.ros.field_path import check_selection
+    from obk_cli.ros.participant import open_look
+    from obk_cli.ros.raw_subscription import DropCounter, messages
+    from obk_cli.ros.types import fields_of, find_type, short_type
+
+    needs = ("rclpy.serialization", *target.modules([topic]))
+    with open_look(target.environment, needs) as look:
+        seen = find_topic(look, target, topic, timeout_s)
+        msg_type = the_type("topic", seen.name, seen.heard_types)
+        python_type = find_type(msg_type)
+        for selection in selections:
+            check_selection(selection, short_type(msg_type), fields_of)
+        raw = look.listen(seen.name, msg_type, python_type)
+        tally = DropCounter()
+        try:
+            for message in islice(messages(raw, tally, timeout_s, each=most is not None), most):
+                if lines := list(shower.lines(message)):
+                    print("\n".join(lines), flush=True)
+        finally:
+            if tally.dropped:
+                _warn(f"{tally.dropped} messages were lost: they came faster than they were shown")
+
+
+def _warn(text: str) -> None:
+    print(f"warning: {text}", file=sys.stderr)
+
+
 app.command("hz", epilog=topic_rates.HZ_EXAMPLE)(topic_rates.hz)
 app.command("delay", epilog=topic_rates.DELAY_EXAMPLE)(topic_rates.delay)
 app.command("pub", epilog=topic_pub.EXAMPLE)(topic_pub.command)

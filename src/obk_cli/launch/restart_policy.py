@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 from obk_cli.launch.event_loop import RunContext
 from obk_cli.launch.events import GoesOnWithout, Restarted, Restarting
-from obk_cli.launch.process_control import ProcessControl
+from obk_cli.launch.processes import ProcessControl
 from obk_cli.launch.stack_state import Crash
 from obk_cli.launch.transition_runner import TransitionRunner
 from obk_cli.launch.transitions import tiers_up, way_up

@@ -36,8 +36,8 @@ from obk_cli.launch.events import (
     WaitingFor,
 )
 from obk_cli.launch.heartbeat import AwakeClock, Heartbeat
-from obk_cli.launch.process_control import ProcessControl
 from obk_cli.launch.process_groups import Unit
+from obk_cli.launch.processes import ProcessControl
 from obk_cli.launch.rates import RateWatch
 from obk_cli.launch.restart_policy import RestartPolicy
 from obk_cli.launch.stack_state import RunState, StackState

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from obk_cli.launch.event_loop import RunContext
 from obk_cli.launch.events import Answered, StateAnswered, TransitionEnded
-from obk_cli.launch.process_control import ProcessControl
+from obk_cli.launch.processes import ProcessControl
 from obk_cli.launch.transitions import UNKNOWN, tiers_down, tiers_up
 from obk_cli.runs.lifecycle import TRANSITIONS, Transition
 from obk_cli.runs.protocol import ChangeAnswer, Member, Result

@@ -14,9 +14,8 @@ from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.introspect.lifecycle import Asked, change_states
 from obk_cli.introspect.target import DOMAIN, GraphTarget, target_of
-from obk_cli.monitor.local_observer import Observer
 from obk_cli.monitor.model import StackView
-from obk_cli.monitor.remote_observer import ElsewhereObserver
+from obk_cli.monitor.observers import ElsewhereObserver, Observer
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.ros.participant import RosLook, open_look
 from obk_cli.runs.folder import Run, runs_folder

@@ -13,9 +13,8 @@ from obk_cli.config.environment import (
     NodeFacts,
 )
 from obk_cli.diagnostics.source import SourceFile, Span
-from obk_cli.workspace.mjcf_locations import MjcfElement, mjcf_elements, mjcf_files
 from obk_cli.workspace.model_cache import cache_folder, read_model_once
-from obk_cli.workspace.model_reader import has_mujoco
+from obk_cli.workspace.model_reader import MjcfElement, has_mujoco, mjcf_elements, mjcf_files
 from obk_cli.workspace.node_sources import NodeSources
 from obk_cli.workspace.package_index import PackageIndex
 

@@ -16,8 +16,7 @@ from pathlib import Path
 from obelisk_spec.model import ModelFacts, SensorFact
 from obk_cli.config.environment import ModelFault, ModelRead
 from obk_cli.optional_deps import distribution_version
-from obk_cli.workspace.mjcf_locations import mjcf_files
-from obk_cli.workspace.model_reader import missing_files, read_model_bounded
+from obk_cli.workspace.model_reader import missing_files, mjcf_files, read_model_bounded
 
 __all__ = ["cache_folder", "read_model_once"]
 

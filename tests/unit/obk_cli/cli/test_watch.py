@@ -11,7 +11,7 @@ from obk_cli.cli import watch as module
 from obk_cli.cli.main import main
 from obk_cli.cli.watch import WatchedRun, watch
 from obk_cli.compiler import Options
-from obk_cli.workspace.mjcf_locations import mjcf_files
+from obk_cli.workspace.model_reader import mjcf_files
 
 
 def stepping(steps: Iterator[None]) -> Callable[[], None]:

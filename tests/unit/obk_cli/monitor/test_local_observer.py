@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import pytest
 
-from obk_cli.monitor import local_observer
-from obk_cli.monitor.local_observer import Observer
+from obk_cli.monitor import observers as local_observer
+from obk_cli.monitor.observers import Observer
 from obk_cli.monitor.topic_watch import TopicWatch
 from obk_cli.process.identity import this_process
 from obk_cli.runs.folder import Run

@@ -8,8 +8,7 @@ import pytest
 
 from obk_cli.config.environment import ModelFault, ModelRead
 from obk_cli.workspace.environment import MachineEnvironment
-from obk_cli.workspace.mjcf_locations import mjcf_elements, mjcf_files
-from obk_cli.workspace.model_reader import missing_files, read_model
+from obk_cli.workspace.model_reader import missing_files, mjcf_elements, mjcf_files, read_model
 
 MODELS = Path(__file__).parents[3] / "cases/workspace/demo_model/mujoco"
 CORPUS = Path(__file__).resolve().parents[5] / "shared/corpus/field"

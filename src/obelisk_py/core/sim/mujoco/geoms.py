@@ -17,8 +17,7 @@ import numpy as np
 from visualization_msgs.msg import Marker, MarkerArray
 
 from obelisk_py.core.serialization.codec import PackedMessage
-from obelisk_py.core.sim.mujoco.sensors.fields import Copy, in_turn, set_quaternion
-from obelisk_py.core.sim.mujoco.sensors.kind import WORLD, Sampler
+from obelisk_py.core.sim.mujoco.sensors.kind import WORLD, Copy, Sampler, in_turn, set_quaternion
 
 __all__ = ["GEOM_KINDS", "MARKER_NAMESPACE", "marker_sampler"]
 

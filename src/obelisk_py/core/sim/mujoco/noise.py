@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obelisk_py.core.serialization.codec import PackedMessage
-from obelisk_py.core.sim.mujoco.sensors.fields import set_quaternion
+from obelisk_py.core.sim.mujoco.sensors.kind import set_quaternion
 from obelisk_py.core.sim.mujoco.stepping import whole_steps
 from obelisk_spec.sensors import NOISY_FIELDS, FieldKind
 

@@ -17,7 +17,7 @@ from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.sim.mujoco.geoms import marker_sampler
 from obelisk_py.core.sim.mujoco.noise import DelayLine, Dropout, NoiseGenerator, RandomStream
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, Sampler, SensorSource
-from obelisk_py.core.sim.mujoco.sensors.fields import in_turn
+from obelisk_py.core.sim.mujoco.sensors.kind import in_turn
 from obelisk_py.core.sim.mujoco.sim_config import SensorGroupConfig, SimConfig
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import TimedOutput

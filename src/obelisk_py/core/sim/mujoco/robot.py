@@ -7,13 +7,18 @@ simulation time.
 """
 
 import time
+from array import array
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import mujoco
+import numpy as np
 from ament_index_python.packages import PackageNotFoundError, get_package_share_path
+from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
 from obelisk_sensor_msgs.msg import TrueSimState
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -31,6 +36,7 @@ from obelisk_py.core.sim.mujoco.actuation import WhenStale
 from obelisk_py.core.sim.mujoco.control import ControlInbox, make_inbox
 from obelisk_py.core.sim.mujoco.loading import check_keyframe, load_model
 from obelisk_py.core.sim.mujoco.outputs import OutputContext, no_rate_monitor, outputs_of
+from obelisk_py.core.sim.mujoco.sensors.kind import WORLD
 from obelisk_py.core.sim.mujoco.sim_config import (
     PARAMETER,
     REALTIME_FACTOR,
@@ -41,7 +47,6 @@ from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.step_queue import StepQueue, StepResult, make_step_services
 from obelisk_py.core.sim.mujoco.stepper import Stepper, StepReport, TimedOutput
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace, SampleTimes
-from obelisk_py.core.sim.mujoco.true_state import StateCopy, TrueStateReader
 from obelisk_py.core.sim.mujoco.viewers.processes import (
     PARAMETERS,
     requested_viewers,
@@ -57,7 +62,62 @@ from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Severity
 from obelisk_spec.runtime_protocol import STEPS
 from obelisk_spec.video import VideoStatus
 
-__all__ = ["ObeliskMujocoRobot"]
+__all__ = ["ObeliskMujocoRobot", "StateCopy", "TrueStateReader"]
+
+Array = NDArray[np.float64]
+
+_FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+_SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StateCopy:
+    """The state at one time, safe to read while the simulation continues."""
+
+    stamp_ns: int
+    qpos: Array
+    """Shape `(nq,)`."""
+    qvel: Array
+    """Shape `(nv,)`."""
+
+
+class TrueStateReader:
+    """Turns copies of one model's state into messages."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Find the base and the joints of a model."""
+        joints = range(model.njnt)
+        base = next((j for j in joints if model.jnt_type[j] == _FREE), None)
+        scalar = [j for j in joints if model.jnt_type[j] in _SCALAR]
+        self._base_name = "" if base is None else model.body(int(model.jnt_bodyid[base])).name
+        self._base_qpos = None if base is None else int(model.jnt_qposadr[base])
+        self._base_qvel = None if base is None else int(model.jnt_dofadr[base])
+        self._joint_names = [model.joint(j).name for j in scalar]
+        self._joint_qpos = model.jnt_qposadr[scalar].astype(np.intp)
+        self._joint_qvel = model.jnt_dofadr[scalar].astype(np.intp)
+
+    def message(self, state: StateCopy) -> TrueSimState:
+        """The message of a state."""
+        message = TrueSimState()
+        seconds, nanoseconds = divmod(state.stamp_ns, NS_PER_S)
+        message.header.stamp = Time(sec=seconds, nanosec=nanoseconds)
+        message.header.frame_id = WORLD
+        message.y = _doubles(np.concatenate((state.qpos, state.qvel)))
+        message.base_link_name = self._base_name
+        if self._base_qpos is not None and self._base_qvel is not None:
+            pose = state.qpos[self._base_qpos : self._base_qpos + 7]
+            message.q_base = _doubles(pose[[0, 1, 2, 4, 5, 6, 3]])
+            message.v_base = _doubles(state.qvel[self._base_qvel : self._base_qvel + 6])
+        message.q_joints = _doubles(state.qpos[self._joint_qpos])
+        message.v_joints = _doubles(state.qvel[self._joint_qvel])
+        message.joint_names = self._joint_names
+        return message
+
+
+def _doubles(values: Array) -> "array[float]":
+    # In this form rclpy keeps numbers as they are; anything else it converts one by one.
+    return array("d", values.tobytes())
+
 
 KEYFRAME: Final = "ic_keyframe"
 _DEPTH: Final = 10

@@ -19,13 +19,16 @@ from obelisk_sensor_msgs.msg import ObkForceSensor, ObkImu
 from sensor_msgs.msg import Imu
 
 from obelisk_py.core.serialization.codec import PackedMessage
-from obelisk_py.core.sim.mujoco.sensors.fields import (
+from obelisk_py.core.sim.mujoco.sensors.kind import (
+    WORLD,
+    Sampler,
+    SensorKind,
+    SensorSource,
     copy_all,
     copy_picked,
     copy_quaternion,
     in_turn,
 )
-from obelisk_py.core.sim.mujoco.sensors.kind import WORLD, Sampler, SensorKind, SensorSource
 
 __all__ = ["FORCE", "IMU", "OBK_IMU"]
 

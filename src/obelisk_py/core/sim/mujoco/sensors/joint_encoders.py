@@ -17,8 +17,15 @@ from numpy.typing import NDArray
 from obelisk_sensor_msgs.msg import JointEncoders, ObkJointEncoders
 
 from obelisk_py.core.serialization.codec import PackedMessage
-from obelisk_py.core.sim.mujoco.sensors.fields import Copy, copy_picked, in_turn
-from obelisk_py.core.sim.mujoco.sensors.kind import WORLD, Sampler, SensorKind, SensorSource
+from obelisk_py.core.sim.mujoco.sensors.kind import (
+    WORLD,
+    Copy,
+    Sampler,
+    SensorKind,
+    SensorSource,
+    copy_picked,
+    in_turn,
+)
 
 __all__ = ["JOINT_ENCODERS", "OBK_JOINT_ENCODERS"]
 

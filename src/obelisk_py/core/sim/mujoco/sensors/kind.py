@@ -4,7 +4,7 @@ In: a model, its data, the names of a group's sensors. Out: views of MuJoCo's ow
 names of frames, found once, so that a sample costs no look-up and makes no message.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -15,7 +15,19 @@ from numpy.typing import NDArray
 from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.raycast import RayCaster
 
-__all__ = ["WORLD", "Array", "Sampler", "SensorKind", "SensorSource"]
+__all__ = [
+    "WORLD",
+    "Array",
+    "Copy",
+    "Sampler",
+    "SensorKind",
+    "SensorSource",
+    "copy_all",
+    "copy_picked",
+    "copy_quaternion",
+    "in_turn",
+    "set_quaternion",
+]
 
 Array = NDArray[np.float64]
 
@@ -116,3 +128,48 @@ class SensorKind:
     message_type: type[Any]
     build: Callable[[SensorSource], Sampler]
     """Makes the sampler; raises ObeliskConfigError where the model does not allow it."""
+
+
+Copy = Callable[[], None]
+
+
+def copy_all(numbers: NDArray[Any], source: Array) -> Copy:
+    """Copies an array, shape `(n,)`."""
+
+    def copy() -> None:
+        numbers[:] = source
+
+    return copy
+
+
+def copy_picked(numbers: NDArray[Any], source: Array, index: NDArray[np.intp]) -> Copy:
+    """Copies the elements of an array that an index, shape `(n,)`, picks."""
+    if (np.diff(index) == 1).all():
+        return copy_all(numbers, source[index[0] : index[-1] + 1])
+
+    def copy() -> None:
+        numbers[:] = source[index]
+
+    return copy
+
+
+def copy_quaternion(xyzw: NDArray[Any], wxyz: Array) -> Copy:
+    """Copies a quaternion of MuJoCo's into a message's."""
+    return in_turn((copy_all(xyzw[:3], wxyz[1:]), copy_all(xyzw[3:], wxyz[:1])))
+
+
+def in_turn(copies: Iterable[Copy]) -> Copy:
+    """One call for several."""
+    calls = tuple(copies)
+
+    def copy() -> None:
+        for call in calls:
+            call()
+
+    return copy
+
+
+def set_quaternion(xyzw: NDArray[Any], wxyz: Array) -> None:
+    """Put a quaternion of MuJoCo's into the numbers of a `geometry_msgs/Quaternion`."""
+    xyzw[:3] = wxyz[1:]
+    xyzw[3] = wxyz[0]

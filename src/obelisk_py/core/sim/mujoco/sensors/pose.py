@@ -24,8 +24,17 @@ from numpy.typing import NDArray
 from obelisk_sensor_msgs.msg import ObkFramePose
 
 from obelisk_py.core.serialization.codec import PackedMessage
-from obelisk_py.core.sim.mujoco.sensors.fields import Copy, copy_all, copy_quaternion, in_turn
-from obelisk_py.core.sim.mujoco.sensors.kind import WORLD, Array, Sampler, SensorKind, SensorSource
+from obelisk_py.core.sim.mujoco.sensors.kind import (
+    WORLD,
+    Array,
+    Copy,
+    Sampler,
+    SensorKind,
+    SensorSource,
+    copy_all,
+    copy_quaternion,
+    in_turn,
+)
 
 __all__ = ["FRAME_POSE", "ODOMETRY", "POSE_STAMPED", "pose_reference"]
 
