@@ -12,8 +12,6 @@ from obk_cli.process.identity import working_folder
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.runs.folder import Run, read_run, run_plan, run_topics, runs_folder
 from obk_cli.runs.registry import live_folders
-from obk_cli.workspace.overlay import import_from, overlay_prefixes, with_overlays
-from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = ["NOBODY_S", "GraphTarget", "find_message_types", "target_of", "with_run_types"]
 
@@ -109,6 +107,10 @@ def with_run_types(environment: RosEnvironment, run_folder: Path | None) -> RosE
 
     The workspace is that of the run's config, as its launcher was called, and the one around here.
     """
+    # Slow to import; the nodes of a running stack are found without.
+    from obk_cli.workspace.overlay import import_from, overlay_prefixes, with_overlays
+    from obk_cli.workspace.package_index import PackageIndex
+
     run = read_run(run_folder) if run_folder else None
     launched_in = working_folder(run.pid) if run else None
     folder = (launched_in / run.config).parent if run and launched_in else Path.cwd()
