@@ -51,7 +51,7 @@ RUNNING = (
     _box(2.2, 1.3, "supervisor", "the one thread", "that decides"),
     _box(1.2, 1.3, "control.sock", "a line of JSON,", "a line back"),
     _box(1.2, 2.3, "journal", "run.json, events.jsonl,", "a log for each node"),
-    _box(2.2, 0.3, "ROS thread", "transitions, states,", "pulse, /diagnostics"),
+    _box(2.2, 0.3, "ROS thread", "transitions, states,", "heartbeat, /diagnostics"),
     _box(2.2, 2.3, "output readers", "a thread for each node,", "which always reads"),
     _box(3.5, 1.3, "warden", "parent of all processes;", "ends them with the launcher"),
     _box(4.8, 0.3, "robot", "hardware or MuJoCo", kind="result"),
