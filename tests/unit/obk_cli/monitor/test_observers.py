@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import pytest
 
-from obk_cli.monitor import observers as local_observer
+from obk_cli.monitor import observers
 from obk_cli.monitor.observers import Observer
 from obk_cli.monitor.topic_watch import TopicWatch
 from obk_cli.process.identity import this_process
@@ -55,7 +55,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def answering(monkeypatch: pytest.MonkeyPatch, status: StackStatus | None) -> None:
-    monkeypatch.setattr(local_observer, "ask_status", lambda _: status)
+    monkeypatch.setattr(observers, "ask_status", lambda _: status)
 
 
 def test_nodes_of_a_launcher_that_never_answered_are_those_of_its_run(
