@@ -5,7 +5,6 @@ import stat
 import sys
 from contextlib import suppress
 from pathlib import Path
-from secrets import token_hex
 from typing import Final
 
 from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
@@ -129,7 +128,7 @@ def write_bytes(path: Path, data: bytes, *, mode: int | None = None) -> bool:
         return False
     path.parent.mkdir(parents=True, exist_ok=True)
     target = Path(os.path.realpath(path))
-    temporary = target.with_name(f".{target.name}.{token_hex(4)}")
+    temporary = target.with_name(f".{target.name}.{os.urandom(4).hex()}")
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
     handle = os.open(temporary, flags, _NEW_MODE if mode is None else mode)
     try:
