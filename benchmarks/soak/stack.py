@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from obk_cli.runs.folder import runs_folder
-from obk_cli.runs.stacks import live_stacks, runs_meant
+from obk_cli.runs.registry import live_stacks, runs_meant
 
 __all__ = ["Stack"]
 

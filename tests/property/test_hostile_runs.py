@@ -25,8 +25,7 @@ from obk_cli.runs.protocol import (
     decode_request,
     encode_line,
 )
-from obk_cli.runs.registry import live_folders
-from obk_cli.runs.stacks import LiveStack
+from obk_cli.runs.registry import LiveStack, live_folders
 from obk_cli.web.feed import live_picture
 from obk_cli.workspace.overlay import FOLDER, RECORD, overlay_prefixes, read_record
 

@@ -10,8 +10,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from obk_cli.cli.new_run import carry_out, programs, short
-from obk_cli.cli.new_templates import find_library
+from obk_cli.cli.new_run import carry_out, find_library, programs, short
 from obk_cli.cli.schema import SCHEMA_PATH
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import resource_folder

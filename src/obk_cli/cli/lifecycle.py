@@ -16,7 +16,7 @@ from obk_cli.launch.transitions import UNKNOWN
 from obk_cli.ros.environment import ros_environment
 from obk_cli.runs.lifecycle import RESTING, TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, Member, change_data
-from obk_cli.runs.stacks import NO_ANSWER
+from obk_cli.runs.registry import NO_ANSWER
 from obk_cli.terminal import plain
 
 __all__ = ["EXAMPLE", "WORDS", "command"]

@@ -7,8 +7,15 @@ from typing import Annotated, Final
 
 import typer
 
-from obk_cli.cli.introspect_options import TIMEOUT_S, DomainOption, here, with_types
-from obk_cli.cli.options import FormatOption, require_positive, wants_json
+from obk_cli.cli.options import (
+    TIMEOUT_S,
+    DomainOption,
+    FormatOption,
+    here,
+    require_positive,
+    wants_json,
+    with_types,
+)
 from obk_cli.errors import EXIT_DONE, MisuseError
 from obk_cli.introspect.message_text import json_line
 from obk_cli.monitor.model import StackView

@@ -26,8 +26,8 @@ from obk_cli.cli.new_target import (
     read_package_texts,
     refuse_package,
 )
-from obk_cli.cli.new_templates import find_library
 from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.files import resource_folder
 from obk_cli.scaffold.compose import Composition, compose_addition, compose_package, layers_of
 from obk_cli.scaffold.describe import (
     NewFiles,
@@ -38,7 +38,7 @@ from obk_cli.scaffold.describe import (
 )
 from obk_cli.scaffold.kinds import Problem
 from obk_cli.scaffold.questions import Answers, Question, check_answers
-from obk_cli.scaffold.templates import TemplateLibrary
+from obk_cli.scaffold.templates import TemplateLibrary, open_library
 from obk_cli.scaffold.write import (
     Action,
     Decision,
@@ -49,7 +49,15 @@ from obk_cli.scaffold.write import (
 )
 from obk_cli.workspace.package_index import PackageIndex, owner_of_module, owner_of_package
 
-__all__ = ["Wishes", "carry_out", "programs", "run_new", "settle_conflicts", "short"]
+__all__ = [
+    "Wishes",
+    "carry_out",
+    "find_library",
+    "programs",
+    "run_new",
+    "settle_conflicts",
+    "short",
+]
 
 _CHOICES = "[k]eep it, [r]eplace it, show the [d]ifference, [q]uit"
 
@@ -177,6 +185,30 @@ def carry_out(
     if not dry_run:
         _write(root, decisions, finish)
     return decisions
+
+
+def find_library(chosen: Path | None) -> TemplateLibrary:
+    """The tool's own templates with the user's on top.
+
+    The user's are in `chosen` (`--templates`), else in OBK_TEMPLATES, else in their config folder.
+
+    Raises:
+        CommandFailedError: the user's folder is not there, or holds what no kind has.
+    """
+    try:
+        return open_library(resource_folder("templates"), chosen or _usual_folder())
+    except OSError as fault:
+        raise CommandFailedError(f"the templates cannot be read: {fault}") from fault
+
+
+def _usual_folder() -> Path | None:
+    named = os.environ.get("OBK_TEMPLATES")
+    if named:
+        return Path(named)
+    from platformdirs import user_config_path  # only where nothing else says
+
+    folder = user_config_path("obk") / "templates"
+    return folder if folder.is_dir() else None
 
 
 def accept(answers: Answers | tuple[Problem, ...]) -> Answers:

@@ -4,15 +4,17 @@ from typing import Annotated
 
 import typer
 
-from obk_cli.cli.introspect_options import (
+from obk_cli.cli.options import (
     TIMEOUT_S,
     DomainOption,
+    FormatOption,
     NodeArgument,
     TimeoutOption,
     here,
     print_json,
+    require_positive,
+    wants_json,
 )
-from obk_cli.cli.options import FormatOption, require_positive, wants_json
 
 __all__ = ["app"]
 

@@ -11,15 +11,16 @@ import typer
 
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.cli.complete import complete_nodes
-from obk_cli.cli.introspect_options import (
+from obk_cli.cli.options import (
     TIMEOUT_S,
     DomainOption,
+    FormatOption,
     NodeArgument,
     TimeoutOption,
     here,
     print_json,
+    wants_json,
 )
-from obk_cli.cli.options import FormatOption, wants_json
 from obk_cli.emit.params import emit_node_params, emit_value
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.parameters import NOT_SET, NodeParameter, fit_parameter, parse_parameter, refusal

@@ -12,7 +12,7 @@ from obk_cli.process.identity import seconds_since
 from obk_cli.runs.folder import runs_folder
 from obk_cli.runs.orphans import Leftover, find_leftovers
 from obk_cli.runs.protocol import NodeStatus
-from obk_cli.runs.stacks import LiveStack, live_stacks, runs_meant
+from obk_cli.runs.registry import LiveStack, live_stacks, runs_meant
 from obk_cli.terminal import plain
 
 __all__ = ["EXAMPLE", "command"]

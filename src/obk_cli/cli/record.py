@@ -16,7 +16,7 @@ from obk_cli.record.recorder_job import RecorderJob, RecordRequest
 from obk_cli.record.recording import RunMetadata, file_name, run_metadata_of
 from obk_cli.ros.environment import ros_environment
 from obk_cli.runs.folder import run_topics, runs_folder
-from obk_cli.runs.stacks import runs_meant
+from obk_cli.runs.registry import runs_meant
 
 __all__ = ["EXAMPLE", "command"]
 

@@ -31,7 +31,7 @@ from obk_cli.launch.event_lines import short_name
 from obk_cli.launch.options import require_libraries
 from obk_cli.launch.process_groups import Unit, share_of, units_of
 from obk_cli.plan.plan import OnCrash, Plan
-from obk_cli.runs.stacks import nodes_meant
+from obk_cli.runs.registry import nodes_meant
 
 __all__ = ["HEAD", "rehearsal_json", "rehearsal_table", "rehearsal_text"]
 

@@ -6,15 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from obk_cli.cli.introspect_options import (
+from obk_cli.cli.options import (
     TIMEOUT_S,
     DomainOption,
+    FormatOption,
     TimeoutOption,
     here,
     print_json,
+    wants_json,
     with_types,
 )
-from obk_cli.cli.options import FormatOption, wants_json
 from obk_cli.errors import EXIT_FAILED, MisuseError
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ def call(
         raise MisuseError(f"`--type {service_type}`: expected such as `std_srvs/srv/Trigger`")
     target = here(domain, timeout)
 
-    from obk_cli.cli.introspect_options import load_message
+    from obk_cli.cli.options import load_message
     from obk_cli.introspect.message_text import json_line, message_text
 
     asked = load_message(request)

@@ -11,8 +11,7 @@ import typer
 from obk_cli.cli.options import require_positive
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseError
 from obk_cli.runs.folder import Run, read_run, runs_folder
-from obk_cli.runs.registry import end_launcher
-from obk_cli.runs.stacks import runs_meant
+from obk_cli.runs.registry import end_launcher, runs_meant
 from obk_cli.terminal import plain
 
 __all__ = ["EXAMPLE", "command"]

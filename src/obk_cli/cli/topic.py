@@ -8,16 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from obk_cli.cli import topic_pub, topic_rates
-from obk_cli.cli.introspect_options import (
+from obk_cli.cli.options import (
     TIMEOUT_S,
     DomainOption,
+    FormatOption,
     TimeoutOption,
     TopicArgument,
     here,
     print_json,
+    require_positive,
+    wants_json,
     with_types,
 )
-from obk_cli.cli.options import FormatOption, require_positive, wants_json
 from obk_cli.errors import MisuseError
 
 if TYPE_CHECKING:

@@ -8,15 +8,15 @@ import typer
 
 from obelisk_spec.names import near_msg_types, resolve_msg_type
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.cli.introspect_options import (
+from obk_cli.cli.options import (
     TIMEOUT_S,
     DomainOption,
     TimeoutOption,
     TopicArgument,
     here,
+    require_positive,
     with_types,
 )
-from obk_cli.cli.options import require_positive
 from obk_cli.errors import MisuseError
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def command(
     target = here(domain, timeout)
     most = 1 if once else count
 
-    from obk_cli.cli.introspect_options import load_message
+    from obk_cli.cli.options import load_message
     from obk_cli.introspect.publishing import Publication
 
     publication = Publication(

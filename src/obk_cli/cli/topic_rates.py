@@ -10,15 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from obk_cli.cli.complete import complete_topics
-from obk_cli.cli.introspect_options import (
+from obk_cli.cli.options import (
     TIMEOUT_S,
     DomainOption,
+    FormatOption,
     TimeoutOption,
     TopicArgument,
     here,
+    require_positive,
+    wants_json,
     with_types,
 )
-from obk_cli.cli.options import FormatOption, require_positive, wants_json
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.latency import Delay
 from obk_cli.ros.rate_meter import TopicRate

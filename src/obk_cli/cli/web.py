@@ -11,7 +11,7 @@ from typing import Annotated, Final
 
 import typer
 
-from obk_cli.cli.introspect_options import TIMEOUT_S, DomainOption, here, with_types
+from obk_cli.cli.options import TIMEOUT_S, DomainOption, here, with_types
 from obk_cli.errors import EXIT_DONE
 from obk_cli.monitor.stack_follower import Target, Watcher
 from obk_cli.optional_deps import require_extra

@@ -15,12 +15,12 @@ from obk_cli.runs.control_client import ask_change
 from obk_cli.runs.folder import Run, runs_folder
 from obk_cli.runs.lifecycle import TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, Member, NodeStatus, Result
-from obk_cli.runs.registry import live_runs
-from obk_cli.runs.stacks import (
+from obk_cli.runs.registry import (
     NO_ANSWER,
     Choice,
     choose_stack,
     in_tier_order,
+    live_runs,
     live_stacks,
     node_statuses,
     nodes_meant,

@@ -9,7 +9,7 @@ from typing import IO, Final
 from obelisk_spec.suggestions import did_you_mean, list_names
 from obk_cli.errors import CommandFailedError
 from obk_cli.runs.folder import config_of, read_run, run_folders
-from obk_cli.runs.stacks import nodes_meant
+from obk_cli.runs.registry import nodes_meant
 
 __all__ = ["LAUNCH_LOG", "follow_lines", "last_lines", "log_meant", "read_lines"]
 

@@ -1,6 +1,6 @@
 """Which nodes a name means."""
 
-from obk_cli.runs.stacks import in_tier_order, nodes_meant, section_of, stack_nodes
+from obk_cli.runs.registry import in_tier_order, nodes_meant, section_of, stack_nodes
 
 KNOWN = ("/obelisk_robot_0", "/obelisk_control_0", "/left/obelisk_control_1", "/dummy")
 
