@@ -100,7 +100,7 @@ FILES = st.binary() | damaged([json.dumps(RUN).encode()]) | st.builds(json.dumps
 
 def no_leftovers() -> AbstractContextManager[object]:
     """No look at all processes of this machine, which takes most of the time."""
-    return mock.patch.object(ps, "find_leftovers", return_value=())
+    return mock.patch.object(ps, "find_orphans", return_value=())
 
 
 def shown(call: object, *arguments: object, **options: object) -> list[str]:

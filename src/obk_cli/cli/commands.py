@@ -85,7 +85,7 @@ class _LazyGroup(TyperGroup):
             return command
         if ctx.resilient_parsing:
             return None
-        raise MisuseError(f"there is no command `{cmd_name}`", help=_meant(cmd_name))
+        raise MisuseError(f"there is no command `{cmd_name}`", help=_suggestion(cmd_name))
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         verbs = (name for name in VERBS if name.startswith(incomplete))
@@ -108,21 +108,21 @@ def _load(name: str, verb: Verb) -> Any:
     return command
 
 
-def _meant(name: str) -> str | None:
+def _suggestion(name: str) -> str | None:
     """What a word that is no command may stand for: one of the commands below the commands."""
-    places = (f"obk {verb} {name}" for verb in VERBS if name in _words_below(verb))
+    places = (f"obk {verb} {name}" for verb in VERBS if name in _subcommands(verb))
     return ask_for(places) or did_you_mean(name, VERBS)
 
 
-def _words_below(verb: str) -> Collection[str]:
+def _subcommands(verb: str) -> Collection[str]:
     """What may stand right behind a command: its own commands, or the words of `lifecycle`."""
     module = importlib.import_module(VERBS[verb].module)
-    words: Collection[str] = getattr(module, "WORDS", ())
-    return words if words else getattr(_load(verb, VERBS[verb]), "commands", ())
+    names: Collection[str] = getattr(module, "SUBCOMMANDS", ())
+    return names if names else getattr(_load(verb, VERBS[verb]), "commands", ())
 
 
-def _show_version(is_wanted: bool) -> None:
-    if is_wanted:
+def _show_version(is_requested: bool) -> None:
+    if is_requested:
         from importlib.metadata import version
 
         print(f"obk {version('obelisk-cli')}")
@@ -149,8 +149,8 @@ def root_command() -> Any:
 
 def run(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run `obk` and end the process with its exit code."""
-    _open_the_closed()
-    _write_any_text()
+    _reopen_closed_streams()
+    _escape_unencodable()
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in given
     try:
@@ -160,19 +160,19 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
             import traceback
 
             traceback.print_exc()
-        _complain(error.message, error.help)
+        _print_error(error.message, error.help)
         sys.exit(error.exit_code)
     except Exception as error:  # our own fault, whatever it is
         if _is_interruption(error):
             sys.exit(EXIT_INTERRUPTED)
         if debug:
             raise
-        _complain(*_explained(error, given))
+        _print_error(*_describe_error(error, given))
         sys.exit(EXIT_FAILED)
     sys.exit(0)
 
 
-def _open_the_closed() -> None:
+def _reopen_closed_streams() -> None:
     """Have the standard streams lead nowhere that whoever started this has closed."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
@@ -181,7 +181,7 @@ def _open_the_closed() -> None:
             setattr(sys, name, stream)
 
 
-def _write_any_text() -> None:
+def _escape_unencodable() -> None:
     """Have the outputs escape what they cannot encode, such as bytes in a file's name."""
     for output in (sys.stdout, sys.stderr):
         if isinstance(output, TextIOWrapper):
@@ -195,21 +195,21 @@ def _is_interruption(error: BaseException | None) -> bool:
     return isinstance(error, KeyboardInterrupt)
 
 
-def _complain(message: str, help: str | None) -> None:
+def _print_error(message: str, help: str | None) -> None:
     from obk_cli.terminal import visible
 
-    told = f"error: {message}\n  help: {help}" if help else f"error: {message}"
-    print("\n".join(map(visible, told.split("\n"))), file=sys.stderr)
+    text = f"error: {message}\n  help: {help}" if help else f"error: {message}"
+    print("\n".join(map(visible, text.split("\n"))), file=sys.stderr)
 
 
-def _explained(error: Exception, given: Collection[str]) -> tuple[str, str | None]:
+def _describe_error(error: Exception, given: Collection[str]) -> tuple[str, str | None]:
     """What an error that nobody expected comes from, and what to do."""
-    from obk_cli.errors import lack_of, shadow_of
+    from obk_cli.errors import pythonpath_shadow, resource_error
 
-    if (shadow := shadow_of(error)) is not None:
+    if (shadow := pythonpath_shadow(error)) is not None:
         return f"{type(error).__name__}: {error}: {shadow}", "unset PYTHONPATH"
-    if (lack := lack_of(error)) is not None:
-        return lack, None
+    if (cause := resource_error(error)) is not None:
+        return cause, None
     if isinstance(error, OSError) and not _COMPLETION.isdisjoint(given):
         return _no_completion(error), "type it in bash, zsh or fish, where your home can be written"
     return _bug_report(error), None

@@ -53,10 +53,10 @@ def doctor_json(answers: Sequence[Answer]) -> str:
 
 
 def _lines(name: str, finding: Finding, colour: bool) -> Iterator[str]:
-    word = _coloured(finding.severity, f"{finding.severity:<{_WIDTH}}", colour)
+    label = _coloured(finding.severity, f"{finding.severity:<{_WIDTH}}", colour)
     indent = " " * (len(name) + _WIDTH + 4)
     first, *rest = finding.message.splitlines()
-    yield f"{name}  {word}  {first}"
+    yield f"{name}  {label}  {first}"
     yield from (f"{indent}{line}" for line in rest)
     if finding.cure:
         yield f"{indent}fix: {finding.cure}"

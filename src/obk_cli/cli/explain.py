@@ -26,10 +26,10 @@ def command(
             "\n".join(f"{rule.code}  {rule.severity:<7}  {rule.title}" for rule in RULES.values())
         )
         return
-    asked = RULES.get(code.upper())
-    if asked is None:
+    rule = RULES.get(code.upper())
+    if rule is None:
         raise MisuseError(f"there is no rule `{code}`", help=did_you_mean(code, RULES))
-    print(_page(asked))
+    print(_page(rule))
 
 
 def _page(rule: Rule) -> str:

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from obk_cli.cli.new_run import carry_out, find_library, programs, short
+from obk_cli.cli.new_run import find_library, programs, short, write_files
 from obk_cli.cli.schema import SCHEMA_PATH
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import resource_folder
@@ -65,14 +65,13 @@ def command(
     library = find_library(templates)
     files = compose_workspace(stack, packages, library)
     composition = _with_schema(files, root)
-    decisions = carry_out(
+    decisions = write_files(
         root,
         composition,
         dry_run=dry_run,
         force=False,
         form=format,
-        way_out="choose another folder, or move what is in the way; on a terminal it is asked "
-        "about",
+        remedy="choose another folder, or move what is in the way; on a terminal it is asked about",
     )
     describe = _describe_json if format == "json" else _describe_text
     typer.echo(describe(stack, root, decisions, dry_run=dry_run))

@@ -20,9 +20,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
         sys.exit(EXIT_INTERRUPTED)
     except Exception as error:  # `run` lets none out: a library does not fit
-        from obk_cli.errors import shadow_of
+        from obk_cli.errors import pythonpath_shadow
 
-        shadow = shadow_of(error)
+        shadow = pythonpath_shadow(error)
         if shadow is None:
             raise
         sys.exit(f"error: {type(error).__name__}: {error}: {shadow}\n  help: unset PYTHONPATH")

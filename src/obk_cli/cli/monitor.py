@@ -11,7 +11,7 @@ from obk_cli.cli.options import (
     TIMEOUT_S,
     DomainOption,
     FormatOption,
-    here,
+    graph_target,
     require_positive,
     wants_json,
     with_types,
@@ -48,10 +48,10 @@ def command(
     """
     is_json = wants_json(format)
     require_positive("--period", period, "seconds")
-    target = Target(environment=here(domain, TIMEOUT_S).environment, domain=domain, run=run)
-    watcher = Watcher(target, with_types, period)
+    target = Target(environment=graph_target(domain, TIMEOUT_S).environment, domain=domain, run=run)
+    follower = Watcher(target, with_types, period)
     if once or is_json:
-        _print_views(watcher, target, is_json=is_json, is_once=once)
+        _print_views(follower, target, is_json=is_json, is_once=once)
         return
     # textual draws on the error output.
     if not all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):
@@ -62,11 +62,11 @@ def command(
     require_extra("textual", "monitor")
     from obk_cli.monitor.app import run_monitor
 
-    run_monitor(watcher, target.change)
+    run_monitor(follower, target.change)
 
 
-def _print_views(watcher: Watcher, target: Target, *, is_json: bool, is_once: bool) -> None:
-    for view in watcher.views():
+def _print_views(follower: Watcher, target: Target, *, is_json: bool, is_once: bool) -> None:
+    for view in follower.views():
         if view is None:
             raise target.nobody()
         print(json_line(monitor_data(view)) if is_json else _text(view), flush=True)

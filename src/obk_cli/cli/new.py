@@ -8,8 +8,8 @@ import typer
 from typer.core import TyperGroup
 
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.cli.add_to import join_wish
-from obk_cli.cli.new_run import Wishes, find_library, run_new
+from obk_cli.cli.add_to import add_to_options
+from obk_cli.cli.new_run import NewOptions, find_library, run_new
 from obk_cli.errors import MisuseError
 from obk_cli.scaffold.kinds import RECIPES, Language, Recipe
 from obk_cli.scaffold.questions import (
@@ -139,13 +139,13 @@ def new_controller(
     )
     run_new(
         question,
-        Wishes(
+        NewOptions(
             dest=dest,
             templates=templates,
             dry_run=dry_run,
             force=force,
             form=format,
-            joining=join_wish(add_to, device, replace),
+            add_to=add_to_options(add_to, device, replace),
         ),
     )
 
@@ -175,13 +175,13 @@ def new_estimator(
     )
     run_new(
         question,
-        Wishes(
+        NewOptions(
             dest=dest,
             templates=templates,
             dry_run=dry_run,
             force=force,
             form=format,
-            joining=join_wish(add_to, device, replace),
+            add_to=add_to_options(add_to, device, replace),
         ),
     )
 
@@ -204,13 +204,13 @@ def new_robot(
     question = Question(kind="robot", name=name, ctrl_msg=ctrl_msg, sensor_msg=sensor_msg)
     run_new(
         question,
-        Wishes(
+        NewOptions(
             dest=dest,
             templates=templates,
             dry_run=dry_run,
             force=force,
             form=format,
-            joining=join_wish(add_to, device, replace),
+            add_to=add_to_options(add_to, device, replace),
         ),
     )
 
@@ -235,13 +235,13 @@ def new_sensor(
     question = Question(kind="sensor", name=name, sensor_msg=sensor_msg)
     run_new(
         question,
-        Wishes(
+        NewOptions(
             dest=dest,
             templates=templates,
             dry_run=dry_run,
             force=force,
             form=format,
-            joining=join_wish(add_to, device, replace),
+            add_to=add_to_options(add_to, device, replace),
         ),
     )
 
@@ -262,7 +262,7 @@ def new_msgs(
     question = Question(kind="msgs", name=name, with_service=srv)
     run_new(
         question,
-        Wishes(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
+        NewOptions(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
     )
 
 
@@ -286,7 +286,7 @@ def new_config(
     question = Question(kind="config", name=name)
     run_new(
         question,
-        Wishes(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
+        NewOptions(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
     )
 
 

@@ -10,7 +10,7 @@ from obk_cli.cli.options import (
     FormatOption,
     NodeArgument,
     TimeoutOption,
-    here,
+    graph_target,
     print_json,
     require_positive,
     wants_json,
@@ -47,7 +47,7 @@ def list_(
     """
     is_json = wants_json(format)
     require_positive("--wait", wait, "seconds")
-    target = here(domain, timeout)
+    target = graph_target(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
     from obk_cli.introspect.nodes import known_nodes, nodes_data, nodes_text
@@ -75,7 +75,7 @@ def info(
     The state is the launcher's word where `obk launch` started the node here, else the node's.
     """
     is_json = wants_json(format)
-    target = here(domain, timeout)
+    target = graph_target(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
     from obk_cli.introspect.nodes import look_at_node, node_data, node_text

@@ -20,11 +20,11 @@ __all__ = [
     "NodeArgument",
     "TimeoutOption",
     "TopicArgument",
-    "here",
+    "graph_target",
     "load_message",
     "print_json",
+    "require_choice",
     "require_positive",
-    "require_word",
     "wants_json",
     "with_types",
 ]
@@ -55,16 +55,16 @@ MOST: Final = 1e6
 """Of any number: seconds are 11 days, and beyond 24 the system's waits fail."""
 
 
-def require_word(option: str, word: str, words: Collection[str]) -> None:
+def require_choice(option: str, value: str, choices: Collection[str]) -> None:
     """Refuse a word that is none of those that an option takes.
 
     Raises:
         MisuseError: it is not; the help asks for near ones.
     """
-    if word not in words:
+    if value not in choices:
         raise MisuseError(
-            f"`{option} {word}`: expected one of {list_names(words)}",
-            help=ask_for(near_names(word, words)),
+            f"`{option} {value}`: expected one of {list_names(choices)}",
+            help=ask_for(near_names(value, choices)),
         )
 
 
@@ -81,8 +81,8 @@ def require_positive(option: str, number: float | None, what: str = "a number") 
     """
     if number is None or 0 < number <= MOST:
         return
-    wanted = f"up to {MOST:.0f}" if number > MOST else "above 0"
-    raise MisuseError(f"`{option} {number:g}`: expected {what} {wanted}")
+    limit = f"up to {MOST:.0f}" if number > MOST else "above 0"
+    raise MisuseError(f"`{option} {number:g}`: expected {what} {limit}")
 
 
 FormatOption = Annotated[str, typer.Option(metavar="text|json", help="How to report.")]
@@ -99,7 +99,7 @@ def wants_json(format: str) -> bool:
     return format == "json"
 
 
-def here(domain: int | None, timeout_s: float) -> "GraphTarget":
+def graph_target(domain: int | None, timeout_s: float) -> "GraphTarget":
     """Where to look, by these options of a command.
 
     Raises:
@@ -113,8 +113,8 @@ def here(domain: int | None, timeout_s: float) -> "GraphTarget":
     environment = ros_environment()
     for note in environment.notes:
         print(f"warning: {note}", file=sys.stderr)
-    is_asked_for = click.get_current_context().get_parameter_source("timeout") in GIVEN
-    return target_of(environment, domain, timeout_s if is_asked_for else NOBODY_S)
+    is_given = click.get_current_context().get_parameter_source("timeout") in GIVEN
+    return target_of(environment, domain, timeout_s if is_given else NOBODY_S)
 
 
 def with_types(target: "GraphTarget") -> "GraphTarget":

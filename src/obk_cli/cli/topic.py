@@ -14,7 +14,7 @@ from obk_cli.cli.options import (
     FormatOption,
     TimeoutOption,
     TopicArgument,
-    here,
+    graph_target,
     print_json,
     require_positive,
     wants_json,
@@ -56,7 +56,7 @@ def list_(
     """Show every topic with its type and how many publish and subscribe."""
     is_json = wants_json(format)
     require_positive("--wait", wait, "seconds")
-    target = here(domain, timeout)
+    target = graph_target(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
     from obk_cli.introspect.nodes import topics_data, topics_text
@@ -84,7 +84,7 @@ def info(
     Ends that do not hear each other, for their type or quality of service, are told.
     """
     is_json = wants_json(format)
-    target = here(domain, timeout)
+    target = graph_target(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
     from obk_cli.introspect.nodes import topic_data, topic_text
@@ -144,15 +144,17 @@ def echo(
     from obk_cli.ros.field_path import parse_selection
 
     selections = [parse_selection(text) for text in (*(fields or ()), *(field or ()))]
-    shower = Shower(selections, "csv" if csv else format, is_whole=full, warn=_warn)
-    _listen(with_types(here(domain, timeout)), topic, selections, shower, most, timeout)
+    formatter = Shower(selections, "csv" if csv else format, is_whole=full, warn=_warn)
+    _print_messages(
+        with_types(graph_target(domain, timeout)), topic, selections, formatter, most, timeout
+    )
 
 
-def _listen(
+def _print_messages(
     target: "GraphTarget",
     topic: str,
     selections: "Sequence[Selection]",
-    shower: "Shower",
+    formatter: "Shower",
     most: int | None,
     timeout_s: float,
 ) -> None:
@@ -171,14 +173,14 @@ def _listen(
         for selection in selections:
             check_selection(selection, short_type(msg_type), fields_of)
         raw = look.listen(seen.name, msg_type, python_type)
-        tally = DropCounter()
+        drops = DropCounter()
         try:
-            for message in islice(messages(raw, tally, timeout_s, each=most is not None), most):
-                if lines := list(shower.lines(message)):
+            for message in islice(messages(raw, drops, timeout_s, each=most is not None), most):
+                if lines := list(formatter.lines(message)):
                     print("\n".join(lines), flush=True)
         finally:
-            if tally.dropped:
-                _warn(f"{tally.dropped} messages were lost: they came faster than they were shown")
+            if drops.dropped:
+                _warn(f"{drops.dropped} messages were lost: they came faster than they were shown")
 
 
 def _warn(text: str) -> None:

@@ -13,7 +13,7 @@ from obk_cli.cli.options import (
     DomainOption,
     TimeoutOption,
     TopicArgument,
-    here,
+    graph_target,
     require_positive,
     with_types,
 )
@@ -33,7 +33,7 @@ Example: obk topic pub /gain std_msgs/msg/Float64 '{data: 0.5}' --once
 
 def command(
     topic: TopicArgument,
-    words: Annotated[
+    arguments: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="[TYPE] [MESSAGE]", help="As in a config or pkg/msg/Name, and as YAML."
@@ -61,8 +61,8 @@ def command(
     unless --allow-foreign is given.
     """
     require_positive("--rate", rate)
-    msg_type, text = _type_and_text(words or [])
-    target = here(domain, timeout)
+    msg_type, text = _split_arguments(arguments or [])
+    target = graph_target(domain, timeout)
     most = 1 if once else count
 
     from obk_cli.cli.options import load_message
@@ -117,26 +117,26 @@ def _publish(
         # Nodes of other hosts may have become known only now.
         if not publication.may_move:
             refuse_moving(look.topic(seen.name), target)
-        begin, sent = time.monotonic(), 0
+        start, sent = time.monotonic(), 0
         while most is None or sent < most:
-            publisher.until(begin + sent / rate_hz)
+            publisher.until(start + sent / rate_hz)
             publisher.publish(make_message(kind, data))
             sent += 1
         return Published(topic=seen.name, count=sent, is_confirmed=publisher.rest())
 
 
-def _type_and_text(words: list[str]) -> tuple[str | None, str]:
+def _split_arguments(arguments: list[str]) -> tuple[str | None, str]:
     """The full type, None where none is given, and the message among what follows the topic.
 
     Raises:
         MisuseError: there is more than the two, or the first of two is no type.
     """
-    written = words[0] if words else ""
+    written = arguments[0] if arguments else ""
     full = resolve_msg_type(written)
     if full is None and written.count("/") == 2 and not set(written) & set(" {}:[]"):
         full = written  # whether its package has it is seen when it is looked up
-    rest = words[1:] if full else words
-    if len(words) == 2 and full is None:
+    rest = arguments[1:] if full else arguments
+    if len(arguments) == 2 and full is None:
         raise MisuseError(
             f"message type `{written}` is not known",
             help=did_you_mean(written, near_msg_types(written))

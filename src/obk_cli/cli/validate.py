@@ -23,7 +23,7 @@ from obk_cli.cli.edited_files import (
     report_diff,
     write_edited,
 )
-from obk_cli.cli.options import require_word
+from obk_cli.cli.options import require_choice
 from obk_cli.compiler import Options, Outcome, compile_config
 from obk_cli.configedit.autofix import Fixed, fix_config
 from obk_cli.diagnostics.diagnostic import Diagnostic, in_order
@@ -70,7 +70,7 @@ def command(
 
     Exit code 0: no errors; 1: errors, with --strict warnings too; 2: misuse. With --watch 0.
     """
-    require_word("--format", format, _FORMATS)
+    require_choice("--format", format, _FORMATS)
     _check_together(configs, format, fix=fix, diff=diff, watch=watch)
     options, colour = make_options(set_, ignore), wants_colour(color)
     if watch:
@@ -178,13 +178,13 @@ def fix_file(config: str, options: Options, *, show_only: bool, colour: bool) ->
         for source, text in fixed.files:
             print_bytes(os.fsencode(report_diff(source, text, colour=colour)))
         return FixReport(outcome=fixed.before, lines=lines)
-    opened = [(_opened(source), text) for source, text in fixed.files]
+    opened = [(_reopen(source), text) for source, text in fixed.files]
     for file, text in opened:
         write_edited(file, text)
     return FixReport(outcome=fixed.after, lines=lines)
 
 
-def _opened(source: SourceFile) -> EditedFile:
+def _reopen(source: SourceFile) -> EditedFile:
     file = open_for_edit(source.path)
     if isinstance(file, Diagnostic) or file.source.text != source.text:
         raise CommandFailedError(f"`{source.path}` has changed meanwhile, nothing is written")
@@ -192,12 +192,12 @@ def _opened(source: SourceFile) -> EditedFile:
 
 
 def _lines(fixed: Fixed, *, show_only: bool) -> list[str]:
-    told = (
+    groups = (
         ("would fix" if show_only else "fixed", fixed.done),
         ("not fixed, it would not be the same config any more:", fixed.refused),
         ("not fixed, the file is not in the config's folder:", fixed.outside),
     )
-    return [f"{what} {_short(finding)}" for what, findings in told for finding in findings]
+    return [f"{what} {_short(finding)}" for what, findings in groups for finding in findings]
 
 
 def _short(finding: Diagnostic) -> str:

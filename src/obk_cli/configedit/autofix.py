@@ -172,7 +172,7 @@ def _meaning(outcome: Outcome) -> Plan | None:
             replace(
                 process,
                 origin=nowhere,
-                promises=tuple(replace(promise, origin=nowhere) for promise in process.promises),
+                promises=tuple(replace(rate, origin=nowhere) for rate in process.promises),
             )
             for process in plan.processes
         ),

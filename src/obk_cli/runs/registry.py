@@ -10,20 +10,19 @@ from typing import Final, Literal
 from obelisk_spec.components import TIERS
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.files import is_planted, is_within_planted
+from obk_cli.files import is_untrusted, is_within_untrusted
 from obk_cli.process.identity import boot_id, is_process, signal_process, wait_for_ends
 from obk_cli.runs.control_client import ANSWER_S, ask_status, ask_stop
 from obk_cli.runs.folder import Run, read_run, run_folders
-from obk_cli.runs.orphans import end_leftovers, find_leftovers
+from obk_cli.runs.orphans import end_orphans, find_orphans
 from obk_cli.runs.protocol import NodeStatus, StackStatus
 
 __all__ = [
     "NO_ANSWER",
     "STOP_S",
-    "Choice",
     "LauncherEnd",
     "LiveStack",
-    "choose_stack",
+    "NodeSelection",
     "end_launcher",
     "in_tier_order",
     "is_alive",
@@ -31,9 +30,10 @@ __all__ = [
     "live_runs",
     "live_stacks",
     "node_statuses",
-    "nodes_meant",
-    "runs_meant",
     "section_of",
+    "select_nodes",
+    "select_runs",
+    "select_stack",
     "stack_nodes",
 ]
 
@@ -60,11 +60,11 @@ def is_alive(run: Run) -> bool:
 
 def live_folders(parent: Path) -> Mapping[Path, Run]:
     """Folder -> run of this user's launchers that are alive, newest first, in all domains."""
-    if is_within_planted(parent):
+    if is_within_untrusted(parent):
         return {}
-    own = (folder for folder in run_folders(parent) if not is_planted(folder))
-    told = ((folder, read_run(folder)) for folder in own)
-    return {folder: run for folder, run in told if run is not None and is_alive(run)}
+    own = (folder for folder in run_folders(parent) if not is_untrusted(folder))
+    runs = ((folder, read_run(folder)) for folder in own)
+    return {folder: run for folder, run in runs if run is not None and is_alive(run)}
 
 
 def live_runs(parent: Path) -> tuple[Run, ...]:
@@ -88,7 +88,7 @@ class LiveStack:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Choice:
+class NodeSelection:
     """Nodes of one stack, and whom to ask for them."""
 
     stack: LiveStack
@@ -109,7 +109,7 @@ def live_stacks(runs: Mapping[Path, Run], timeout_s: float = ANSWER_S) -> tuple[
     )
 
 
-def runs_meant(
+def select_runs(
     parent: Path, name: str | None = None, *, domain: int | None = None
 ) -> Mapping[Path, Run]:
     """The live runs of this host that are meant, newest first.
@@ -123,17 +123,19 @@ def runs_meant(
         CommandFailedError: a name is given, and no live run has it.
     """
     live = live_folders(parent)
-    here = {folder: run for folder, run in live.items() if domain in (None, run.domain)}
+    candidates = {folder: run for folder, run in live.items() if domain in (None, run.domain)}
     if name is None:
-        return here
-    meant = {folder: run for folder, run in here.items() if name in (run.name, folder.name)}
-    if not meant:
+        return candidates
+    selected = {
+        folder: run for folder, run in candidates.items() if name in (run.name, folder.name)
+    }
+    if not selected:
         where = "on this host" if domain is None else f"in the ROS domain {domain} on this host"
-        names = sorted({run.name for run in here.values()})
+        names = sorted({run.name for run in candidates.values()})
         raise CommandFailedError(
             f"no stack `{name}` runs {where}", help=did_you_mean(name, names) or "see `obk ps`"
         )
-    return meant
+    return selected
 
 
 def node_statuses(
@@ -153,14 +155,14 @@ def node_statuses(
             # Of two launchers of one stack the one that runs the node knows it best.
             if node.node not in known or node.pid is not None:
                 known[node.node] = node
-    meant = [nodes_meant(name, known) for name in names] if names else [tuple(known)]
-    if not all(meant):
+    selected = [select_nodes(name, known) for name in names] if names else [tuple(known)]
+    if not all(selected):
         return None
-    wanted = {node for nodes in meant for node in nodes}
-    return {name: status for name, status in known.items() if name in wanted}
+    selected_nodes = {node for nodes in selected for node in nodes}
+    return {name: status for name, status in known.items() if name in selected_nodes}
 
 
-def choose_stack(stacks: Sequence[LiveStack], names: Sequence[str]) -> Choice | None:
+def select_stack(stacks: Sequence[LiveStack], names: Sequence[str]) -> NodeSelection | None:
     """Whom to ask for a transition of these nodes; None where no launcher here can be asked.
 
     Args:
@@ -170,40 +172,42 @@ def choose_stack(stacks: Sequence[LiveStack], names: Sequence[str]) -> Choice | 
     Raises:
         MisuseError: nodes of more than one stack may be meant.
     """
-    fitting = [choice for stack in stacks if (choice := _choice(stack, names)) is not None]
-    stack_names = sorted({choice.stack.run.name for choice in fitting})
+    matching = [
+        selection for stack in stacks if (selection := _selection(stack, names)) is not None
+    ]
+    stack_names = sorted({selection.stack.run.name for selection in matching})
     if len(stack_names) > 1:
         raise MisuseError(
-            f"several stacks run in the ROS domain {fitting[0].stack.run.domain}: "
+            f"several stacks run in the ROS domain {matching[0].stack.run.domain}: "
             f"{', '.join(stack_names)}",
             help="choose one with `--run NAME`, or by its nodes' full names",
         )
     # Two launchers of one config: its devices. Whoever runs the nodes, else whoever leads.
-    best = max(fitting, key=_fitness, default=None)
+    best = max(matching, key=_fitness, default=None)
     return best if best and best.stack.status else None
 
 
-def _choice(stack: LiveStack, names: Sequence[str]) -> Choice | None:
+def _selection(stack: LiveStack, names: Sequence[str]) -> NodeSelection | None:
     if not names:
-        return Choice(stack=stack, nodes=())
+        return NodeSelection(stack=stack, nodes=())
     known = [node.node for node in stack.life_cycle_nodes]
-    meant = [nodes_meant(name, known) for name in names]
-    if not all(meant):
+    selected = [select_nodes(name, known) for name in names]
+    if not all(selected):
         return None
-    return Choice(stack=stack, nodes=tuple(_in_order_of(known, meant)))
+    return NodeSelection(stack=stack, nodes=tuple(_in_order_of(known, selected)))
 
 
-def _in_order_of(known: Iterable[str], meant: Iterable[tuple[str, ...]]) -> Iterable[str]:
-    wanted = {node for nodes in meant for node in nodes}
-    return (node for node in known if node in wanted)
+def _in_order_of(known: Iterable[str], selected: Iterable[tuple[str, ...]]) -> Iterable[str]:
+    selected_nodes = {node for nodes in selected for node in nodes}
+    return (node for node in known if node in selected_nodes)
 
 
-def _fitness(choice: Choice) -> tuple[bool, bool]:
-    run = choice.stack.run
-    return bool(choice.nodes) and set(choice.nodes) <= set(run.nodes), run.leads
+def _fitness(selection: NodeSelection) -> tuple[bool, bool]:
+    run = selection.stack.run
+    return bool(selection.nodes) and set(selection.nodes) <= set(run.nodes), run.leads
 
 
-def nodes_meant(name: str, known: Iterable[str]) -> tuple[str, ...]:
+def select_nodes(name: str, known: Iterable[str]) -> tuple[str, ...]:
     """The nodes that a user means by a name, full or short (`control_0`), or by a section's."""
     every = tuple(known)
     if name in every:
@@ -255,7 +259,7 @@ def end_launcher(
         may_kill: after that, kill the launcher, and what it leaves.
     """
 
-    def is_there() -> bool:
+    def is_running() -> bool:
         return is_alive(read_run(folder) or run)
 
     # One that was stopped (Ctrl-Z) has to go on to end anything.
@@ -264,22 +268,22 @@ def end_launcher(
     # Not sooner: one that is slow to answer would take the signal for impatience, and hurry.
     if not ask_stop(folder, reason, timeout_s / 2):
         signal_process(run.pid, run.started, signal.SIGINT)
-    if _comes_true(lambda: not is_there(), end - time.monotonic()):
+    if _wait_until(lambda: not is_running(), end - time.monotonic()):
         # The run is over; a launcher that is a program of its own is about to go, too.
         wait_for_ends([(run.pid, run.started)], EXIT_S)
         return "ended"
     if not may_kill:
         return "still there"
     signal_process(run.pid, run.started, signal.SIGKILL)
-    if not _comes_true(lambda: not is_there(), KILL_S):
+    if not _wait_until(lambda: not is_running(), KILL_S):
         return "still there"
     parent = folder.parent
-    _comes_true(lambda: not find_leftovers(parent, run=folder.name), WARDEN_S)
-    end_leftovers(find_leftovers(parent, run=folder.name))
+    _wait_until(lambda: not find_orphans(parent, run=folder.name), WARDEN_S)
+    end_orphans(find_orphans(parent, run=folder.name))
     return "killed"
 
 
-def _comes_true(condition: Callable[[], bool], timeout_s: float) -> bool:
+def _wait_until(condition: Callable[[], bool], timeout_s: float) -> bool:
     end = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > end:
