@@ -210,7 +210,7 @@ def test_parameters_are_listed_shown_set_and_dumped(talker: Talker, tmp_path: Pa
         "limits.upper": {"type": "double_array", "value": [1.0, 2.0]},
     }
     said = done("param", "set", TALKER, "gain", "2")
-    assert said == "/arm/talker: gain = 2.0 (double), before 1.5\n"
+    assert said == "/arm/talker: gain changed from 1.5 to 2.0 (double)\n"
     assert talker.get_parameter("gain").value == 2.0
     assert r"the gain is \u001b[1mabove 10" in refused("param", "set", TALKER, "gain", "11")
     of_type = refused("param", "set", TALKER, "limits.upper", "[a]")
@@ -231,7 +231,7 @@ def test_parameters_are_listed_shown_set_and_dumped(talker: Talker, tmp_path: Pa
     assert done("param", "dump", TALKER) == path.read_text()
     assert "offset" not in dumped
     said = done("param", "set", TALKER, "offset", "1")
-    assert said == "/arm/talker: offset = 1.0 (double), before not set\n"
+    assert said == "/arm/talker: offset changed from not set to 1.0 (double)\n"
 
 
 def test_services_are_listed_and_called(talker: Talker) -> None:
@@ -314,7 +314,7 @@ def test_nodes_of_a_stack_are_asked_by_its_launcher_and_others_by_ros(talker: Ta
         code = PARAMETERS.format(commands=commands)
         result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         assert result.stdout.endswith("False\n"), (result.stdout, result.stderr)
-        assert 'params_path = "/there" (string), before "' in result.stdout
+        assert 'to "/there" (string)' in result.stdout
         assert 'params_path  string  "/there"' in result.stdout
         assert '"node": "/obelisk_estimation_0"' in result.stdout
         assert "no parameter `gain`" in refused("param", "get", "control_0", "gain")

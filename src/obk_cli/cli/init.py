@@ -54,8 +54,7 @@ def command(
 ) -> None:
     """Make a workspace: a config, a robot model, a controller, an estimator, tests, checks.
 
-    What is there stays: a file with other content is asked about on a terminal, and refused
-    elsewhere.
+    Existing files are kept. If a file differs, you are asked; without a terminal the command fails.
     """
     root = folder.resolve()
     stack = folder.name if folder.is_symlink() else root.name

@@ -69,7 +69,7 @@ def command(
         str,
         typer.Option(
             metavar="|".join(get_args(OnCrash)),
-            help="When a node crashes or hangs whose config does not say.",
+            help="What to do when a node without its own `on_crash` crashes or hangs.",
         ),
     ] = "stop",
     hang_after: Annotated[
@@ -121,7 +121,7 @@ def command(
         typer.Option(metavar="localhost|lan", help="Who can discover the stack."),
     ] = None,
     log_level: Annotated[
-        str | None, typer.Option(help="Of the nodes whose config does not say.")
+        str | None, typer.Option(help="Log level for nodes that do not set one.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Leave the nodes' output out.")] = False,
     format: Annotated[str, typer.Option(metavar="|".join(FORMATS), help="How to report.")] = "text",
@@ -134,11 +134,11 @@ def command(
     ignore: IgnoreOption = None,
     color: ColourOption = "auto",
 ) -> None:
-    """Start a stack, bring it up in order, watch it, and bring it down in order.
+    """Start a stack, bring it up, supervise it, and shut it down cleanly.
 
-    Message packages of the workspace that are not compiled, or were changed since, are first.
+    Out-of-date message packages of the workspace are compiled first.
     Ends on Ctrl-C, on SIGTERM, after --duration, or when a node fails. No process of the stack
-    outlives this one. Exit code 0: ended in order; 1: the config has errors, a node failed, or a
+    outlives this one. Exit code 0: shut down cleanly; 1: the config has errors, a node failed, or a
     rate was broken with --strict-rates.
     """
     require_choice("--until", until, tuple(UNTIL))

@@ -23,9 +23,9 @@ __all__ = ["EXAMPLE", "SUBCOMMANDS", "command"]
 
 EXAMPLE = "Example: obk lifecycle deactivate obelisk_control_0"
 SUBCOMMANDS = ("get", "list", *TRANSITIONS)
-"""What may stand behind `obk lifecycle`."""
+"""The first argument of `obk lifecycle`."""
 WITHOUT_STATE = frozenset({NO_ANSWER, UNKNOWN, GONE})
-"""In place of a state, of nodes that have told none."""
+"""Shown in place of a state for nodes that reported none."""
 
 
 def command(
@@ -43,12 +43,12 @@ def command(
     ] = None,
     format: FormatOption = "text",
 ) -> None:
-    """Ask for the states of a running stack's nodes, or take them through a transition.
+    """Show the states of a running stack's nodes, or take the nodes through a transition.
 
-    NODE is a name, full or short (control_0), or a section (control). `list` tells the transitions
-    that are possible now. Up (configure, activate) goes robot first, down goes controllers first; a
-    node that is there already is left alone; when one of a stack fails the others are taken back.
-    Exit code 0: every node got there; 1: one did not, or there is no such node.
+    NODE is a name, full or short (control_0), or a section (control). `list` shows the transitions
+    that are possible now. Up (configure, activate) goes robot first, down goes controllers first;
+    nodes already in the target state are skipped; if one fails, the others are rolled back. Exit
+    code 0: every node reached the state; 1: one did not, or does not exist.
     """
     if verb not in SUBCOMMANDS:
         raise MisuseError(

@@ -1,4 +1,4 @@
-"""`obk logs [RUN] [NODE] [-f]`: what a run's terminal showed, or what one of its nodes said."""
+"""`obk logs [RUN] [NODE] [-f]`: show the log of a run or of one of its nodes."""
 
 import os
 import sys
@@ -54,7 +54,7 @@ def command(
     try:
         if not follow:
             if not path.exists():
-                print(f"{path} is not there: nothing was written", file=sys.stderr)
+                print(f"{path} does not exist: nothing was logged", file=sys.stderr)
             _show(_last(read_lines(path), lines), colour=is_colour)
             return
         with suppress(KeyboardInterrupt):

@@ -32,7 +32,7 @@ WIDE: Final = 200
 
 def command(
     once: Annotated[bool, typer.Option("--once", help="Show it once and end.")] = False,
-    period: Annotated[float, typer.Option(help="Seconds between two looks.")] = 1.0,
+    period: Annotated[float, typer.Option(help="Refresh interval in seconds.")] = 1.0,
     run: Annotated[
         str | None, typer.Option(help="The stack, by its config's name or its run folder's.")
     ] = None,
@@ -42,9 +42,9 @@ def command(
     """Watch a running stack: nodes, topics with their rates, the newest lines of its log.
 
     Rates are measured on messages as they are sent; a topic that is more than a tenth off what the
-    config promises is marked with `!`. Keys take the stack or one node through transitions; `?`
-    tells them. Where no stack runs it waits for one. --format json gives an object a line, each
-    period, until the stack ends. A stack of another host has no wanted rates and no log here.
+    config expects is marked with `!`. Keys take the stack or one node through transitions; `?`
+    lists them. If no stack is running, it waits for one. --format json prints an object per line,
+    each period, until the stack ends. A stack of another host has no expected rates and no log.
     """
     is_json = wants_json(format)
     require_positive("--period", period, "seconds")

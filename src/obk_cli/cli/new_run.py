@@ -308,7 +308,7 @@ def _refuse_conflicts(root: Path, decisions: Iterable[Decision], remedy: str) ->
     if blocked:
         lines = "\n".join(f"  {decision.file.path}: {decision.reason}" for decision in blocked)
         raise CommandFailedError(
-            f"nothing was made; in {short(root)} there is in the way:\n{lines}",
+            f"nothing was created; these files already exist in {short(root)}:\n{lines}",
             help=remedy,
         )
 

@@ -35,7 +35,9 @@ def _root() -> None:
 def list_(
     wait: Annotated[
         float | None,
-        typer.Option(help="Seconds to wait for nodes that nobody here knows of; 3.3 finds all."),
+        typer.Option(
+            help="Seconds to spend discovering nodes not started by obk; 3.3 is enough to find all."
+        ),
     ] = None,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,

@@ -49,17 +49,20 @@ NodeArgument = Annotated[
 ]
 TimeoutOption = Annotated[
     float,
-    typer.Option(help="Seconds to wait for whoever is to answer; unless given, 1 for anybody."),
+    typer.Option(
+        help="Seconds to wait for a reply. If unset, give up after 1 s when no node is found at "
+        "all."
+    ),
 ]
 MOST: Final = 1e6
-"""Of any number: seconds are 11 days, and beyond 24 the system's waits fail."""
+"""Largest number of any option: 11 days in seconds; the system cannot wait longer than 24."""
 
 
 def require_choice(option: str, value: str, choices: Collection[str]) -> None:
-    """Refuse a word that is none of those that an option takes.
+    """Reject a value that an option does not take.
 
     Raises:
-        MisuseError: it is not; the help asks for near ones.
+        MisuseError: the help suggests similar values.
     """
     if value not in choices:
         raise MisuseError(
@@ -69,7 +72,7 @@ def require_choice(option: str, value: str, choices: Collection[str]) -> None:
 
 
 def require_positive(option: str, number: float | None, what: str = "a number") -> None:
-    """Refuse an option's number that is not above 0, or that is beyond all use.
+    """Reject an option's number that is not above 0, or is too large to be meant.
 
     Args:
         option: as it is written.
@@ -77,7 +80,7 @@ def require_positive(option: str, number: float | None, what: str = "a number") 
         what: of what it is a number ("seconds").
 
     Raises:
-        MisuseError: it is such a number.
+        MisuseError: the message names the limit.
     """
     if number is None or 0 < number <= MOST:
         return
@@ -100,11 +103,11 @@ def wants_json(format: str) -> bool:
 
 
 def graph_target(domain: int | None, timeout_s: float) -> "GraphTarget":
-    """Where to look, by these options of a command.
+    """The ROS graph that a command's options select.
 
     Raises:
         CommandFailedError: ROS_DOMAIN_ID is no domain.
-        MisuseError: the time is none.
+        MisuseError: the timeout is not above 0.
     """
     from obk_cli.introspect.target import NOBODY_S, target_of
     from obk_cli.ros.environment import ros_environment

@@ -145,7 +145,8 @@ def set_(
                 if kind not in (fitted.kind, NOT_SET)
                 else None,
             )
-    print(f"{opened.node}: {name} = {_text(fitted)} ({fitted.kind}), before {_text(present)}")
+    change = f"changed from {_text(present)} to {_text(fitted)} ({fitted.kind})"
+    print(f"{opened.node}: {name} {change}")
 
 
 @app.command(epilog="Example: obk param dump control_0 --output control_0.yaml")

@@ -19,7 +19,7 @@ EXAMPLE = "Example: obk reap --dry-run"
 
 def command(
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Only tell which processes would be ended.")
+        bool, typer.Option("--dry-run", help="List the processes without ending them.")
     ] = False,
 ) -> None:
     """End processes of stacks whose launcher is gone, with all that they started.

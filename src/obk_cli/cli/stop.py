@@ -1,4 +1,4 @@
-"""`obk stop [RUN]`: an orderly end of stacks that run on this host."""
+"""`obk stop [RUN]`: shut down stacks that are running on this host."""
 
 import os
 import sys
@@ -31,10 +31,10 @@ def command(
         bool, typer.Option("--kill", help="Kill a launcher that does not end in time.")
     ] = False,
 ) -> None:
-    """Bring a stack down in order, as Ctrl-C in its own terminal does, and wait for its end.
+    """Shut a stack down cleanly, as Ctrl-C in its own terminal does, and wait until it has stopped.
 
-    RUN is needed where several stacks run. Exit code 0: it has ended, whatever it had to tell;
-    1: it has not, or there is none.
+    RUN is required if several stacks are running. Exit code 0: the stack has stopped, even if it
+    failed; 1: it did not stop, or no stack is running.
     """
     if all_ and run is not None:
         raise MisuseError("`obk stop` takes RUN or `--all`, not both")
@@ -51,7 +51,7 @@ def _require_one(runs: Mapping[Path, Run]) -> None:
         raise CommandFailedError("no stack runs on this host", help="see `obk ps`")
     if len(runs) > 1:
         names = [run.name for run in runs.values()]
-        # Where the names are the same the folders tell them apart.
+        # Stacks of the same name are shown by their folders.
         shown = names if len(set(names)) == len(names) else [folder.name for folder in runs]
         raise MisuseError(
             f"several stacks run on this host: {', '.join(sorted(shown))}",
@@ -60,7 +60,7 @@ def _require_one(runs: Mapping[Path, Run]) -> None:
 
 
 def _stop(folder: Path, run: Run, timeout_s: float, *, may_kill: bool) -> bool:
-    """Stop one stack and tell how it went; whether it has ended."""
+    """Stop one stack and print the result; return whether it has stopped."""
     end = end_launcher(
         folder, run, reason="asked by `obk stop`", timeout_s=timeout_s, may_kill=may_kill
     )

@@ -39,7 +39,7 @@ EXAMPLE = "Example: obk topic echo est q_joints[0]"
 
 @app.callback(epilog=EXAMPLE)
 def _root() -> None:
-    """Look at topics, hear and publish messages. A topic may be given by the end of its name."""
+    """Inspect topics, show and publish messages. A topic may be given by the end of its name."""
 
 
 @app.command("list", epilog="Example: obk topic list --format json")
@@ -47,7 +47,9 @@ def list_(
     all_: Annotated[bool, typer.Option("--all", help="Hidden ones too, as actions' are.")] = False,
     wait: Annotated[
         float | None,
-        typer.Option(help="Seconds to wait for nodes that nobody here knows of; 3.3 finds all."),
+        typer.Option(
+            help="Seconds to spend discovering nodes not started by obk; 3.3 is enough to find all."
+        ),
     ] = None,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
@@ -81,7 +83,7 @@ def info(
 ) -> None:
     """Show who publishes on a topic and who subscribes, each with quality of service.
 
-    Ends that do not hear each other, for their type or quality of service, are told.
+    Reports publishers and subscribers with incompatible types or QoS.
     """
     is_json = wants_json(format)
     target = graph_target(domain, timeout)
@@ -130,9 +132,9 @@ def echo(
 ) -> None:
     """Show the messages of a topic, until Ctrl-C.
 
-    The subscription asks for what the publishers offer: best effort is heard, and what was
-    published before, where they keep it. --timeout is for the topic to be there and for the first
-    message; with --once or --count for each. Rows of CSV have the columns of the first message.
+    Uses the publisher's QoS, so best-effort and latched (transient-local) messages are received.
+    --timeout limits the wait for the topic and for the first message; with --once or --count, for
+    each message. CSV rows have the columns of the first message.
     """
     if format not in ("text", "json", "csv"):
         raise MisuseError(f"`--format {format}`: expected `text`, `json` or `csv`")

@@ -57,8 +57,8 @@ def command(
 
     TYPE may be left out where the topic has one. Fields that MESSAGE does not name are as they are
     by default; `header: auto` and `stamp: now` are the time of publishing. Every field is checked
-    against the type before anything is sent. Topics that a running robot listens to are refused
-    unless --allow-foreign is given.
+    against the type before anything is sent. Topics that a running robot subscribes to are
+    rejected unless --allow-foreign is given.
     """
     require_positive("--rate", rate)
     msg_type, text = _split_arguments(arguments or [])
@@ -144,7 +144,7 @@ def _split_arguments(arguments: list[str]) -> tuple[str | None, str]:
         )
     if len(rest) > 1:
         raise MisuseError(
-            f"`{rest[1]}` is too much",
+            f"unexpected argument `{rest[1]}`",
             help="TOPIC [TYPE] [MESSAGE], the message in quotes",
         )
     return full, rest[0] if rest else ""

@@ -51,7 +51,7 @@ def command(
     ] = "text",
     strict: Annotated[bool, typer.Option("--strict", help="Fail on warnings too.")] = False,
     fix: Annotated[
-        bool, typer.Option("--fix", help="Mend in the files what is sure, report the rest.")
+        bool, typer.Option("--fix", help="Apply safe fixes in place and report what is left.")
     ] = False,
     diff: Annotated[
         bool, typer.Option("--diff", help="With --fix: show the changes, write nothing.")
@@ -60,7 +60,7 @@ def command(
         bool, typer.Option("--watch", help="Check again when a file changes, until Ctrl-C.")
     ] = False,
     verbose: Annotated[
-        bool, typer.Option("--verbose", help="Show of infos too the line, and what to do.")
+        bool, typer.Option("--verbose", help="Show source lines and hints for infos too.")
     ] = False,
     ignore: IgnoreOption = None,
     set_: SetOption = None,
@@ -101,7 +101,7 @@ def _check_together(configs: list[str], form: str, *, fix: bool, diff: bool, wat
 def _fix(
     configs: list[str], form: str, options: Options, *, diff: bool, colour: bool
 ) -> list[Outcome]:
-    """Mend the configs one after another; what is left of their findings."""
+    """Apply safe fixes to the configs; the outcomes hold the findings that are left."""
     reports = [fix_file(config, options, show_only=diff, colour=colour) for config in configs]
     for report in reports:
         for line in report.lines:
@@ -159,14 +159,14 @@ def _print_report(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixReport:
-    """What is left of a config's findings, and a line for each that was cured or left."""
+    """What is left of a config's findings, and a line for each that was fixed or skipped."""
 
     outcome: Outcome
     lines: tuple[str, ...] = ()
 
 
 def fix_file(config: str, options: Options, *, show_only: bool, colour: bool) -> FixReport:
-    """Cure a config's files in its folder and below; with `show_only` print diffs instead.
+    """Fix a config's files in its folder and below; with `show_only` print diffs instead.
 
     Raises:
         CommandFailedError: a file cannot be written; what could not be is as it was.
@@ -194,8 +194,8 @@ def _reopen(source: SourceFile) -> EditedFile:
 def _lines(fixed: Fixed, *, show_only: bool) -> list[str]:
     groups = (
         ("would fix" if show_only else "fixed", fixed.done),
-        ("not fixed, it would not be the same config any more:", fixed.refused),
-        ("not fixed, the file is not in the config's folder:", fixed.outside),
+        ("skipped because the fix would change the config's meaning:", fixed.refused),
+        ("skipped because the file is outside the config's folder:", fixed.outside),
     )
     return [f"{what} {_short(finding)}" for what, findings in groups for finding in findings]
 
