@@ -1,25 +1,28 @@
 """`obk new KIND NAME`: a package that runs, a node more in the one around, or a config."""
 
 import json
-from pathlib import Path
-from typing import Annotated, Any, Literal
-
 import typer
-from typer.core import TyperGroup
-
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.cli.add_to import add_to_options
-from obk_cli.cli.new_run import NewOptions, find_library, run_new
+from obk_cli.cli.new_run import NewOptions
+from obk_cli.cli.new_run import find_library
+from obk_cli.cli.new_run import run_new
 from obk_cli.errors import MisuseError
-from obk_cli.scaffold.kinds import RECIPES, Language, Recipe
-from obk_cli.scaffold.questions import (
-    USUAL_CTRL,
-    USUAL_EST,
-    USUAL_OF_SENSOR,
-    USUAL_SENSOR,
-    Question,
-)
+from obk_cli.scaffold.kinds import Language
+from obk_cli.scaffold.kinds import RECIPES
+from obk_cli.scaffold.kinds import Recipe
+from obk_cli.scaffold.kinds import Release
+from obk_cli.scaffold.questions import Question
+from obk_cli.scaffold.questions import USUAL_CTRL
+from obk_cli.scaffold.questions import USUAL_EST
+from obk_cli.scaffold.questions import USUAL_OF_SENSOR
+from obk_cli.scaffold.questions import USUAL_SENSOR
 from obk_cli.scaffold.templates import TemplateLibrary
+from pathlib import Path
+from typer.core import TyperGroup
+from typing import Annotated
+from typing import Any
+from typing import Literal
 
 __all__ = ["app"]
 
@@ -66,6 +69,12 @@ SensorMsg = Annotated[
     ),
 ]
 Lang = Annotated[Language, typer.Option("--lang", help="Language of the node.")]
+Obelisk = Annotated[
+    Release,
+    typer.Option(
+        "--obelisk", help="With --lang cpp: release of the C++ library, v0.1 to v0.4 or since 2026."
+    ),
+]
 Dest = Annotated[
     Path | None,
     typer.Option("--dest", help="Folder for the package.", show_default="src/ if there, else ."),
@@ -122,6 +131,7 @@ def new(
 def new_controller(
     name: Name,
     lang: Lang = "py",
+    obelisk: Obelisk = "2026",
     ctrl_msg: CtrlMsg = None,
     est_msg: EstMsg = None,
     dest: Dest = None,
@@ -135,7 +145,12 @@ def new_controller(
 ) -> None:
     """Make a controller: state estimates in, control messages out."""
     question = Question(
-        kind="controller", name=name, language=lang, ctrl_msg=ctrl_msg, est_msg=est_msg
+        kind="controller",
+        name=name,
+        language=lang,
+        release=obelisk,
+        ctrl_msg=ctrl_msg,
+        est_msg=est_msg,
     )
     run_new(
         question,
@@ -158,6 +173,7 @@ def new_controller(
 def new_estimator(
     name: Name,
     lang: Lang = "py",
+    obelisk: Obelisk = "2026",
     est_msg: EstMsg = None,
     sensor_msg: SensorMsg = None,
     dest: Dest = None,
@@ -171,7 +187,12 @@ def new_estimator(
 ) -> None:
     """Make an estimator: sensor messages in, state estimates out."""
     question = Question(
-        kind="estimator", name=name, language=lang, est_msg=est_msg, sensor_msg=sensor_msg
+        kind="estimator",
+        name=name,
+        language=lang,
+        release=obelisk,
+        est_msg=est_msg,
+        sensor_msg=sensor_msg,
     )
     run_new(
         question,
