@@ -64,7 +64,7 @@ def _stop(folder: Path, run: Run, timeout_s: float, *, may_kill: bool) -> bool:
     end = end_launcher(
         folder, run, reason="asked by `obk stop`", timeout_s=timeout_s, may_kill=may_kill
     )
-    if end == "still there":
+    if end == "running":
         hint = "" if may_kill else "; `--kill` kills it"
         print(
             f"error: {run.name} (launcher {run.pid}) has not ended within {timeout_s:g} s{hint}",
