@@ -42,7 +42,7 @@ def command(
     runs = select_runs(runs_folder(os.environ), run)
     if not all_:
         _require_one(runs)
-    ends = [_stop(folder, told, timeout, may_kill=kill) for folder, told in runs.items()]
+    ends = [_stop(folder, run_, timeout, may_kill=kill) for folder, run_ in runs.items()]
     raise typer.Exit(EXIT_DONE if all(ends) else EXIT_FAILED)
 
 
@@ -71,11 +71,11 @@ def _stop(folder: Path, run: Run, timeout_s: float, *, may_kill: bool) -> bool:
             file=sys.stderr,
         )
         return False
-    told = read_run(folder)
+    ended = read_run(folder)
     if end == "killed":
         print(f"{run.name}: killed")
-    elif told and told.cause:
-        print(f"{run.name}: ended; it had failed: {plain(told.cause)}")
+    elif ended and ended.cause:
+        print(f"{run.name}: ended; it had failed: {plain(ended.cause)}")
     else:
         print(f"{run.name}: ended")
     return True

@@ -119,7 +119,7 @@ def delay(
     """Measure how long messages were on their way, by the stamps in their headers.
 
     From the stamp to the receipt by the middleware here. Stamps of another clock, such as a
-    simulator's, tell only how much later than the quickest message the others came.
+    simulator's, show only how much later than the fastest message the others arrived.
     """
     is_json = wants_json(format)
     require_positive("--duration", duration, "seconds")

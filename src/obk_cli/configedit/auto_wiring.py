@@ -175,7 +175,7 @@ class _Chooser:
         )
 
     def _own_topic(self, end: NewEnd, rival: TopicEnd | None) -> Link:
-        """A topic beside the one that it would have been, told with how to switch over."""
+        """A topic of its own, with a note on how to switch the subscribers over to it."""
         real, written = self._parents(rival)
         taken = {other.topic for other in self._ends}
         names = (self._node.executable, f"{self._node.executable}_new")
