@@ -139,7 +139,7 @@ def test_the_older_spelling_becomes_the_newer_one() -> None:
 def test_the_listings_for_ci_are_those_of_a_new_workspace() -> None:
     templates = ROOT / "templates/workspace"
     parts = [part for part in listings("docs/how-to/ci.md", "yaml") if part.startswith(" ")]
-    files = (".github/workflows/check.yaml", ".pre-commit-config.yaml")
+    files = (".github/workflows/check.yaml.jinja", ".pre-commit-config.yaml")
     for file, part in zip(files, parts, strict=True):
         assert part in (templates / file).read_text()
 
