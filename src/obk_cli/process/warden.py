@@ -31,6 +31,8 @@ GRACE_S = 1.0
 """Between SIGTERM and SIGKILL once the launcher is gone [s]."""
 KILL_S = 5.0
 """For the ends after SIGKILL; what the kernel holds on to is left [s]."""
+RETRY_S = 0.1
+"""Until an orphan whose environment was not readable yet is checked again [s]."""
 LARGEST_PACKET = 1 << 16
 START_MARK = "OBK_START"
 """The variable by which it is known which of the warden's starts a process comes from."""
@@ -49,8 +51,10 @@ class Warden:
         """Process -> what stands in its `START_MARK`, and in those that it starts."""
         self._over: set[str] = set()
         """The starts whose process has ended."""
-        self._asked: set[int] = set()
-        """Orphans that were asked to end."""
+        self._terminated: set[int] = set()
+        """Orphans that got SIGTERM."""
+        self._has_unknown_orphan = False
+        """Whether the environment of an orphan was not readable yet."""
         self._count = 0
         self.ends_in_order = False
         """Whether the launcher said that it is through."""
@@ -62,7 +66,10 @@ class Warden:
             selector.register(self._link, selectors.EVENT_READ)
             selector.register(children_fd, selectors.EVENT_READ)
             while True:
-                for key, _ in selector.select():
+                ready = selector.select(RETRY_S if self._has_unknown_orphan else None)
+                if not ready:
+                    self._terminate_orphans()
+                for key, _ in ready:
                     if key.fileobj == children_fd:
                         os.read(children_fd, 512)
                         self._reap()
@@ -73,7 +80,7 @@ class Warden:
         """End every process below this one: SIGTERM, a grace time, SIGKILL."""
         deadline = time.monotonic() + GRACE_S
         for pid in _children():
-            _ask_to_end(pid)
+            _terminate(pid)
         while _children() and time.monotonic() < deadline:
             self._reap()
             time.sleep(0.01)
@@ -143,21 +150,26 @@ class Warden:
     def _reap(self) -> None:
         for pid, status in _waited():
             node = self._pids.pop(pid, None)
-            self._asked.discard(pid)
+            self._terminated.discard(pid)
             if node is not None:
                 # What the node left of its own children must not go on without it.
                 _kill_group(pid, signal.SIGKILL)
                 self._over.add(self._starts.pop(pid))
-                self._ask_orphans()
+                self._terminate_orphans()
                 self._send(news="ended", node=node, code=os.waitstatus_to_exitcode(status), text="")
-        self._ask_orphans()
+        self._terminate_orphans()
 
-    def _ask_orphans(self) -> None:
-        """Ask for the end of what ended nodes have started in sessions of its own, each once."""
+    def _terminate_orphans(self) -> None:
+        """Send SIGTERM, once, to what ended nodes have started in sessions of their own."""
+        self._has_unknown_orphan = False
         for pid in _children():
-            if pid not in self._pids and pid not in self._asked and _start_mark(pid) in self._over:
-                self._asked.add(pid)
-                _ask_to_end(pid)
+            if pid in self._pids or pid in self._terminated:
+                continue
+            mark = _start_mark(pid)
+            self._has_unknown_orphan |= mark is None
+            if mark in self._over:
+                self._terminated.add(pid)
+                _terminate(pid)
 
     def _send(self, **news: object) -> None:
         try:
@@ -197,7 +209,7 @@ def _children() -> list[int]:
     return [int(pid) for pid in Path("/proc/thread-self/children").read_text().split()]
 
 
-def _ask_to_end(pid: int) -> None:
+def _terminate(pid: int) -> None:
     """Send SIGTERM to a process and its group, once: nodes take a second one for haste."""
     try:
         os.killpg(pid, signal.SIGTERM)
@@ -206,12 +218,20 @@ def _ask_to_end(pid: int) -> None:
 
 
 def _start_mark(pid: int) -> str | None:
+    """The mark in a process's environment, empty without one; None: no environment to read yet.
+
+    Within `exec` the kernel shows an empty environment, for up to 30 ms on a busy machine.
+    """
     try:
-        variables = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+        environment = Path(f"/proc/{pid}/environ").read_bytes()
     except OSError:  # ended meanwhile, or another user's
+        return ""
+    if not environment:
         return None
     begin = f"{START_MARK}=".encode()
-    found = (entry.removeprefix(begin) for entry in variables if entry.startswith(begin))
+    found = (
+        entry.removeprefix(begin) for entry in environment.split(b"\0") if entry.startswith(begin)
+    )
     return os.fsdecode(next(found, b""))
 
 
