@@ -62,7 +62,7 @@ def _draw() -> None:
 
 
 def _renderer_name() -> str:
-    """What draws, as OpenGL says; empty where it is reached past PyOpenGL."""
+    """OpenGL's name of the renderer; empty without PyOpenGL."""
     try:
         gl = importlib.import_module("OpenGL.GL")
     except ImportError:

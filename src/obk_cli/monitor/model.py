@@ -6,10 +6,20 @@ from typing import Protocol
 
 from obelisk_spec.runtime_protocol import TOLERANCE
 from obelisk_spec.runtime_protocol import Rate as Promised
-from obk_cli.process.load import ProcessLoad
 from obk_cli.ros.rate_meter import TopicRate
 
-__all__ = ["NodeView", "Passage", "StackView", "TopicView", "Views"]
+__all__ = ["NodeView", "Passage", "ProcessLoad", "StackView", "TopicView", "Views"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProcessLoad:
+    """What a process uses of this machine."""
+
+    cpu_percent: float
+    """Of one core."""
+    memory_bytes: int
+    """Resident."""
+    uptime_s: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

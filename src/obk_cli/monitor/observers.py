@@ -1,10 +1,13 @@
 """Observe a running stack: a local one through its launcher, any other one over ROS."""
 
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
+
+import psutil
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.graph_source import LauncherParameters
@@ -16,9 +19,8 @@ from obk_cli.monitor.expected_topics import (
     planned_topics,
     simulated_robots,
 )
-from obk_cli.monitor.model import NodeView, StackView
+from obk_cli.monitor.model import NodeView, ProcessLoad, StackView
 from obk_cli.monitor.topic_watch import RTF_TYPE, TopicWatch
-from obk_cli.process.load import OwnCost, ProcessLoad, ProcessLoads
 from obk_cli.ros.parameters import NodeParameter
 from obk_cli.ros.participant import LOOKER, RosLook
 from obk_cli.ros.services import ServiceClient
@@ -31,7 +33,7 @@ from obk_cli.runs.protocol import NodeStatus, StackStatus
 from obk_cli.runs.registry import is_alive
 from obk_cli.runs.stacks import in_tier_order, section_of
 
-__all__ = ["ElsewhereObserver", "Observer"]
+__all__ = ["ElsewhereObserver", "Observer", "OwnCost", "ProcessLoads"]
 
 LINES: Final = 200
 ANSWER_S: Final = 0.2
@@ -112,7 +114,7 @@ class Observer:
     def _nodes(self, status: StackStatus | None) -> tuple[NodeView, ...]:
         told = status.nodes if status else tuple(map(_in_doubt, self._told))
         self._told = told
-        loads = self._loads.look({node.pid for node in told if node.pid is not None})
+        loads = self._loads.measure({node.pid for node in told if node.pid is not None})
         return tuple(_node(node, told, loads) for node in told)
 
 
@@ -260,3 +262,55 @@ def _is_of_every_node(topic: str) -> bool:
 def _is_looking(node: str) -> bool:
     """Whether it is one of those who look into the stack as this one does."""
     return node.startswith(OF_LOOKERS)
+
+
+_PERCENT: Final = 100.0
+
+
+class ProcessLoads:
+    """Measures processes again and again; each measurement is over the time since the last one."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, psutil.Process] = {}
+
+    def measure(self, pids: Collection[int]) -> Mapping[int, ProcessLoad]:
+        """Load by process; processes that have ended are left out.
+
+        A process that was not measured before counts from its start.
+        """
+        self._known = {pid: known for pid, known in self._known.items() if pid in pids}
+        loads = {}
+        for pid in pids:
+            try:
+                loads[pid] = self._load(pid)
+            except psutil.Error:
+                self._known.pop(pid, None)
+        return loads
+
+    def _load(self, pid: int) -> ProcessLoad:
+        is_new = pid not in self._known
+        process = self._known.setdefault(pid, psutil.Process(pid))
+        with process.oneshot():
+            uptime_s = max(time.time() - process.create_time(), 1e-3)
+            measured = process.cpu_percent()
+            times = process.cpu_times()
+            since_start = _PERCENT * (times.user + times.system) / uptime_s
+            return ProcessLoad(
+                cpu_percent=since_start if is_new else measured,
+                memory_bytes=process.memory_info().rss,
+                uptime_s=uptime_s,
+            )
+
+
+class OwnCost:
+    """The processor time that this process uses."""
+
+    def __init__(self) -> None:
+        self._cpu_s, self._wall_s = time.process_time(), time.monotonic()
+
+    def percent(self) -> float:
+        """Use of one core since the last call [%]."""
+        cpu_s, wall_s = time.process_time(), time.monotonic()
+        used, passed = cpu_s - self._cpu_s, max(wall_s - self._wall_s, 1e-6)
+        self._cpu_s, self._wall_s = cpu_s, wall_s
+        return _PERCENT * used / passed

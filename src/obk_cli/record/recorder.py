@@ -23,7 +23,7 @@ from typing import Any, Final
 from obk_cli.errors import EXIT_DONE, EXIT_MISUSE, CommandFailedError
 from obk_cli.files import explain_os_error
 from obk_cli.optional_deps import no_ros
-from obk_cli.process.shared_memory_check import require_shared_memory
+from obk_cli.process.shared_memory import require_shared_memory
 from obk_cli.process.signals import end_signals_heard
 from obk_cli.record.mcap_writer import FLUSH_S, BagWriter, offers_text
 from obk_cli.record.recorder_job import (

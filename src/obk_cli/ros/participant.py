@@ -15,7 +15,7 @@ from typing import Any, Final, TypeVar
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.optional_deps import no_ros
-from obk_cli.process.shared_memory_check import require_shared_memory
+from obk_cli.process.shared_memory import require_shared_memory
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.ros.graph import End, GraphSnapshot, Role, TopicSeen, full_name
 from obk_cli.ros.raw_subscription import RawTopic, offer_of

@@ -4,8 +4,7 @@ from dataclasses import replace
 from typing import Final
 
 from obelisk_spec.runtime_protocol import Rate as Promised
-from obk_cli.monitor.model import NodeView, Passage, StackView, TopicView
-from obk_cli.process.load import ProcessLoad
+from obk_cli.monitor.model import NodeView, Passage, ProcessLoad, StackView, TopicView
 from obk_cli.ros.rate_meter import TopicRate
 
 __all__ = ["BROKEN", "COMPOSED", "ELSEWHERE", "HEALTHY", "node", "topic"]
