@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import shutil
 import sys
 from collections.abc import Iterator, Mapping
@@ -67,7 +68,7 @@ def judge_python(facts: PythonFacts) -> Iterator[Finding]:
         yield warning(
             f"obk runs from {facts.obk_folder} without being installed: "
             "nodes that import obelisk_py may not find it",
-            "pip install obelisk-cli",
+            f"pip install --editable {shlex.quote(str(Path(facts.obk_folder).parents[1]))}",
         )
     else:
         yield ok(f"obk {facts.obk_version} in {facts.obk_folder}", obk=facts.obk_version)
