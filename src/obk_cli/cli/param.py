@@ -63,15 +63,15 @@ def list_(
 
     names: dict[str, tuple[str, ...]] = {}
     silent: list[str] = []
-    with open_graph(target, node, asks_nodes=True) as look:
+    with open_graph(target, node, asks_nodes=True) as source:
         if node is None:
-            settle(look, target, timeout)
-            meant = parameter_nodes(look.graph())
+            settle(source, target, timeout)
+            meant = parameter_nodes(source.graph())
         else:
-            meant = (find_node(look, target, node, timeout),)
+            meant = (find_node(source, target, node, timeout),)
         for one in meant:
             try:
-                names[one] = parameters_of(look, one, timeout).names()
+                names[one] = parameters_of(source, one, timeout).names()
             except CommandFailedError as error:
                 silent.append(error.message)
     if is_json:
@@ -194,9 +194,9 @@ def _asked(node: str, domain: int | None, timeout_s: float) -> Iterator[_Asked]:
     from obk_cli.introspect.graph_source import open_graph, parameters_of
     from obk_cli.introspect.resolve import find_node
 
-    with open_graph(target, node, asks_nodes=True) as look:
-        found = find_node(look, target, node, timeout_s)
-        yield _Asked(node=found, parameters=parameters_of(look, found, timeout_s))
+    with open_graph(target, node, asks_nodes=True) as source:
+        found = find_node(source, target, node, timeout_s)
+        yield _Asked(node=found, parameters=parameters_of(source, found, timeout_s))
 
 
 def _require_known(node: str, wanted: Sequence[str], known: Sequence[str]) -> None:

@@ -13,7 +13,7 @@ import typer
 
 from obk_cli.cli.introspect_options import TIMEOUT_S, DomainOption, here, with_types
 from obk_cli.errors import EXIT_DONE
-from obk_cli.monitor.stack_follower import Target, Watcher
+from obk_cli.monitor.stack_follower import StackFollower, StackSelector
 from obk_cli.optional_deps import require_extra
 from obk_cli.runs.folder import runs_folder
 
@@ -42,8 +42,8 @@ def command(
     """
     for module in ("starlette", "uvicorn"):
         require_extra(module, "web")
-    target = Target(environment=here(domain, TIMEOUT_S).environment, domain=domain, run=run)
-    is_there = target.choose(target.place()) is not None
+    target = StackSelector(environment=here(domain, TIMEOUT_S).environment, domain=domain, run=run)
+    is_there = target.find_run(target.graph_target()) is not None
 
     from obk_cli.web.app import HOST, TOKEN, Site, WebServer, make_app, take_port
     from obk_cli.web.auth import new_token
@@ -53,8 +53,8 @@ def command(
     with take_port(port) as taken, ExitStack() as temporary:
         number, token = taken.getsockname()[1], new_token()
         server, plots = WebServer(), Plots()
-        watcher = Watcher(target, with_types, PERIOD_S, beside=plots.turn)
-        feed = Feed(watcher, runs_folder(os.environ), server.end)
+        follower = StackFollower(target, with_types, PERIOD_S, on_turn=plots.turn)
+        feed = Feed(follower, runs_folder(os.environ), server.end)
         site = Site(lambda: feed.moment, plots, target.change, lambda: server.is_ending)
         url = f"http://{HOST}:{number}/?{TOKEN}={token}"
         print(f"the stack is shown at {url}\nCtrl-C ends", flush=True)

@@ -14,7 +14,7 @@ from typing import Final
 
 from obk_cli.clock import monotonic_s
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.events import InputEvent, UnknownPublisherSeen
+from obk_cli.launch.events import InputEvent, UnknownPublisherFound
 from obk_cli.launch.ros_nodes import RosNodes
 from obk_cli.plan.plan import Plan
 from obk_cli.process.identity import since_boot_s
@@ -88,7 +88,7 @@ def watching_publishers(
             seen = ros.foreign_publishers(control_topics(plan), _names(plan), 0.0)
             found = tuple(publisher for publisher in seen if is_unknown(publisher[1]))
         for topic, node in found:
-            on_event(UnknownPublisherSeen(topic=topic, node=node))
+            on_event(UnknownPublisherFound(topic=topic, node=node))
 
     return _background_thread(check, "publishers")
 

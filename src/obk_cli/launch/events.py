@@ -18,7 +18,7 @@ __all__ = [
     "OUTPUT_EVENTS",
     "Answered",
     "AnswersAgain",
-    "ChangeAsked",
+    "ChangeRequested",
     "Ended",
     "EventBus",
     "EventPublisher",
@@ -42,18 +42,18 @@ __all__ = [
     "StackStateChanged",
     "StateAnswered",
     "StateSeen",
-    "StatusAsked",
-    "StopAsked",
-    "TransitionBegun",
+    "StatusRequested",
+    "StopRequested",
     "TransitionEnded",
-    "UnknownPublisherSeen",
+    "TransitionStarted",
+    "UnknownPublisherFound",
     "VideoReported",
     "WaitingFor",
 ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ChangeAsked:
+class ChangeRequested:
     """Somebody wants nodes taken through a transition; answered once, at the latest at the end."""
 
     transition: str
@@ -66,7 +66,7 @@ class ChangeAsked:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StatusAsked:
+class StatusRequested:
     """Somebody wants to know how the stack is; answered at once, also during a transition."""
 
     reply: Callable[[StackStatus], None]
@@ -140,7 +140,7 @@ class StateSeen:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TransitionBegun:
+class TransitionStarted:
     """A node reported the begin of a transition, requested here or elsewhere."""
 
     node: str
@@ -174,7 +174,7 @@ class VideoReported:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class UnknownPublisherSeen:
+class UnknownPublisherFound:
     """A node that is not part of the stack publishes on a topic that moves its robot."""
 
     topic: str
@@ -182,7 +182,7 @@ class UnknownPublisherSeen:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StopAsked:
+class StopRequested:
     """The user, or the program that runs the launcher, requests the end of the stack."""
 
     reason: str
@@ -197,14 +197,14 @@ InputEvent = (
     | Answered
     | StateAnswered
     | StateSeen
-    | TransitionBegun
+    | TransitionStarted
     | Failed
     | RatesReported
     | VideoReported
-    | ChangeAsked
-    | StatusAsked
-    | UnknownPublisherSeen
-    | StopAsked
+    | ChangeRequested
+    | StatusRequested
+    | UnknownPublisherFound
+    | StopRequested
 )
 
 

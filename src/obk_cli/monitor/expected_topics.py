@@ -11,7 +11,13 @@ from obk_cli.ros.parameters import NodeParameter
 from obk_cli.runs.lifecycle import ACTIVE, INACTIVE
 from obk_cli.runs.protocol import NodeStatus
 
-__all__ = ["REALTIME_FACTOR", "PlannedTopic", "Speeds", "planned_topics", "simulated_robots"]
+__all__ = [
+    "REALTIME_FACTOR",
+    "PlannedTopic",
+    "RealtimeFactors",
+    "planned_topics",
+    "simulated_robots",
+]
 
 REALTIME_FACTOR: Final = "realtime_factor"
 """The parameter: simulation time over wall time; 0: as fast as possible."""
@@ -20,7 +26,7 @@ AskFactor = Callable[[str], NodeParameter]
 """Asks a node, by its full name, for the parameter; raises a CommandFailedError without answer."""
 
 
-class Speeds:
+class RealtimeFactors:
     """The real-time factors of the simulated robots of one stack."""
 
     def __init__(self, simulated: Collection[str], ask: AskFactor) -> None:
@@ -39,19 +45,19 @@ class Speeds:
         """Full name -> factor of the robots that are configured and have told."""
         return dict(self._known)
 
-    def hear(self, _received_ns: int, event: bytes) -> None:
+    def take_event(self, _received_ns: int, event: bytes) -> None:
         """Take a serialized `ParameterEvent` of any node."""
         if REALTIME_FACTOR.encode() in event:
             self._known.clear()
 
-    def look(self, nodes: Iterable[NodeStatus]) -> None:
+    def query_missing(self, nodes: Iterable[NodeStatus]) -> None:
         """Ask the robots that are configured by now and have not told yet."""
         for node in nodes:
             is_configured = node.state in (INACTIVE, ACTIVE)
             if node.node in self._simulated and is_configured and node.node not in self._known:
-                self._learn(node.node)
+                self._query(node.node)
 
-    def _learn(self, node: str) -> None:
+    def _query(self, node: str) -> None:
         try:
             value = self._ask(node).value
         except CommandFailedError:
@@ -90,18 +96,18 @@ def planned_topics(
         plan: a whole stack.
         factors: full name -> real-time factor of simulated robots, where they have told.
     """
-    clock = _speed_of_clock(plan, factors)
+    clock = _clock_factor(plan, factors)
     kinds: dict[str, str | None] = {}
     promised: defaultdict[str, list[float | None]] = defaultdict(list)
     publishers: defaultdict[str, dict[str, None]] = defaultdict(dict)
     sources: defaultdict[str, dict[str, None]] = defaultdict(dict)
     for process in plan.processes:
-        speed = _speed(process, clock, factors)
+        factor = _factor_of(process, clock, factors)
         for end in process.subscribes:
             kinds[end.topic] = kinds.get(end.topic) or end.msg_type
         for end in process.publishes:
             kinds[end.topic] = kinds.get(end.topic) or end.msg_type
-            promised[end.topic].append(_in_wall_time(end.rate_hz, speed))
+            promised[end.topic].append(_in_wall_time(end.rate_hz, factor))
             publishers[end.topic][process.full_name] = None
             if process.section not in _MEASURING:
                 sources[end.topic].update(dict.fromkeys(one.topic for one in process.subscribes))
@@ -123,14 +129,14 @@ def simulated_robots(plan: Plan) -> tuple[str, ...]:
     return tuple(process.full_name for process in plan.processes if process.model)
 
 
-def _speed_of_clock(plan: Plan, factors: Mapping[str, float]) -> float:
+def _clock_factor(plan: Plan, factors: Mapping[str, float]) -> float:
     """The speed of `/clock`; 0 where nobody knows it: no robot is simulated, or several differ."""
     simulated = (process for process in plan.processes if process.model)
-    speeds = {_speed(process, 0.0, factors) for process in simulated}
-    return speeds.pop() if len(speeds) == 1 else 0.0
+    factors_found = {_factor_of(process, 0.0, factors) for process in simulated}
+    return factors_found.pop() if len(factors_found) == 1 else 0.0
 
 
-def _speed(process: Process, clock: float, factors: Mapping[str, float]) -> float:
+def _factor_of(process: Process, clock: float, factors: Mapping[str, float]) -> float:
     """How fast the time passes in which a node keeps its rates, over wall time; 0: not known."""
     if process.model:
         planned = process.parameters.get(REALTIME_FACTOR, 1.0)
@@ -140,8 +146,8 @@ def _speed(process: Process, clock: float, factors: Mapping[str, float]) -> floa
     return clock if process.parameters.get("use_sim_time") else 1.0
 
 
-def _in_wall_time(rate_hz: float | None, speed: float) -> float | None:
-    return rate_hz * speed if rate_hz and speed else None
+def _in_wall_time(rate_hz: float | None, factor: float) -> float | None:
+    return rate_hz * factor if rate_hz and factor else None
 
 
 def _sum(rates: list[float | None]) -> float | None:

@@ -8,7 +8,7 @@ from obelisk_spec.runtime_protocol import TOLERANCE
 from obelisk_spec.runtime_protocol import Rate as Promised
 from obk_cli.ros.rate_meter import TopicRate
 
-__all__ = ["NodeView", "Passage", "ProcessLoad", "StackView", "TopicView", "Views"]
+__all__ = ["MessageAge", "NodeView", "ProcessLoad", "StackView", "TopicView", "Views"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +45,7 @@ class NodeView:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Passage:
+class MessageAge:
     """How old a topic's messages are when they come, by the stamps in their headers."""
 
     p50_s: float
@@ -67,7 +67,7 @@ class TopicView:
     """What the config promises; None: nothing."""
     rate: TopicRate | None
     """As measured; None: it is not listened to."""
-    passage: Passage | None = None
+    passage: MessageAge | None = None
     """None: no stamps, or those of another clock."""
     is_expected: bool = True
     """Whether it should be kept now: its publisher is active, and was listened to for a while."""

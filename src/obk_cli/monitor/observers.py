@@ -15,14 +15,14 @@ from obk_cli.launch.transitions import UNKNOWN
 from obk_cli.monitor.expected_topics import (
     REALTIME_FACTOR,
     PlannedTopic,
-    Speeds,
+    RealtimeFactors,
     planned_topics,
     simulated_robots,
 )
 from obk_cli.monitor.model import NodeView, ProcessLoad, StackView
 from obk_cli.monitor.topic_watch import RTF_TYPE, TopicWatch
 from obk_cli.ros.parameters import NodeParameter
-from obk_cli.ros.participant import LOOKER, RosLook
+from obk_cli.ros.participant import OBSERVER_NODE, RosParticipant
 from obk_cli.ros.services import ServiceClient
 from obk_cli.ros.types import find_type
 from obk_cli.runs.control_client import ask_status
@@ -33,38 +33,38 @@ from obk_cli.runs.protocol import NodeStatus, StackStatus
 from obk_cli.runs.registry import is_alive
 from obk_cli.runs.stacks import in_tier_order, section_of
 
-__all__ = ["ElsewhereObserver", "Observer", "OwnCost", "ProcessLoads"]
+__all__ = ["LocalObserver", "OwnCpuUse", "ProcessLoads", "RemoteObserver"]
 
 LINES: Final = 200
 ANSWER_S: Final = 0.2
 """For a robot's word on its speed: others are not kept waiting [s]."""
 
 
-class Observer:
+class LocalObserver:
     """Looks at one stack; call `turn` again and again, and `view` when something is to be shown."""
 
-    def __init__(self, folder: Path, run: Run, look: RosLook) -> None:
+    def __init__(self, folder: Path, run: Run, participant: RosParticipant) -> None:
         """Listen to the topics of the run's plan.
 
         Args:
             folder: the run's.
             run: what it tells.
-            look: a participant in its domain.
+            participant: a participant in its domain.
         """
         self._folder = folder
         self._run = run
         self._loads = ProcessLoads()
         self._plan = run_plan(folder)
-        self._watch = TopicWatch(look)
-        self._watch.want(planned_topics(self._plan))
+        self._watch = TopicWatch(participant)
+        self._watch.set_topics(planned_topics(self._plan))
         simulated = simulated_robots(self._plan)
-        self._speeds = Speeds(simulated, self._ask_factor)
+        self._factors = RealtimeFactors(simulated, self._ask_factor)
         for node in simulated:
-            self._watch.want_realtime_factor(f"{node}/rtf")
+            self._watch.watch_realtime_factor(f"{node}/rtf")
         if simulated:
-            self._watch.want_parameter_events(self._speeds.hear)
-        self._cost = OwnCost()
-        self._told = tuple(_untold(run))
+            self._watch.watch_parameter_events(self._factors.take_event)
+        self._cost = OwnCpuUse()
+        self._last_nodes = tuple(_unreported(run))
         """What the launcher said last of its nodes."""
 
     def turn(self) -> None:
@@ -80,7 +80,7 @@ class Observer:
         status = ask_status(self._folder)
         run = self._run if status else read_run(self._folder) or self._run
         if status is not None:
-            self._follow_speeds(status)
+            self._update_expected_rates(status)
         has_ended = status is None and not is_alive(run)
         nodes = () if has_ended else self._nodes(status)
         active = {node.node for node in nodes if node.state == ACTIVE}
@@ -100,25 +100,25 @@ class Observer:
             cause=run.cause,
         )
 
-    def _follow_speeds(self, status: StackStatus) -> None:
+    def _update_expected_rates(self, status: StackStatus) -> None:
         """Want the rates that go with the speeds at which robots are simulated by now."""
-        before = self._speeds.factors
-        self._speeds.look(status.nodes)
-        if self._speeds.factors != before:
-            self._watch.want(planned_topics(self._plan, self._speeds.factors))
+        before = self._factors.factors
+        self._factors.query_missing(status.nodes)
+        if self._factors.factors != before:
+            self._watch.set_topics(planned_topics(self._plan, self._factors.factors))
 
     def _ask_factor(self, node: str) -> NodeParameter:
         parameters = LauncherParameters(self._folder, node, ANSWER_S)
         return parameters.values([REALTIME_FACTOR])[REALTIME_FACTOR]
 
     def _nodes(self, status: StackStatus | None) -> tuple[NodeView, ...]:
-        told = status.nodes if status else tuple(map(_in_doubt, self._told))
-        self._told = told
-        loads = self._loads.measure({node.pid for node in told if node.pid is not None})
-        return tuple(_node(node, told, loads) for node in told)
+        nodes_now = status.nodes if status else tuple(map(_with_unknown_state, self._last_nodes))
+        self._last_nodes = nodes_now
+        loads = self._loads.measure({node.pid for node in nodes_now if node.pid is not None})
+        return tuple(_node(node, nodes_now, loads) for node in nodes_now)
 
 
-def _untold(run: Run) -> Iterator[NodeStatus]:
+def _unreported(run: Run) -> Iterator[NodeStatus]:
     """The nodes of a run whose launcher has not told of them."""
     for name in run.all_nodes:
         yield NodeStatus(
@@ -133,7 +133,7 @@ def _untold(run: Run) -> Iterator[NodeStatus]:
         )
 
 
-def _in_doubt(node: NodeStatus) -> NodeStatus:
+def _with_unknown_state(node: NodeStatus) -> NodeStatus:
     """A node of which the launcher tells nothing now: its process may go on as it was."""
     return replace(node, state=UNKNOWN if node.state else "", hangs=False, rates=())
 
@@ -160,25 +160,25 @@ FIRST_ANSWER_S: Final = 1.0
 """For a node's state, while its service is being found [s]."""
 REMOTE_ANSWER_S: Final = 0.2
 """For a node's state later on: others are not kept waiting [s]."""
-OF_LOOKERS: Final = f"/{LOOKER}_"
+OF_OBSERVERS: Final = f"/{OBSERVER_NODE}_"
 OF_EVERY_NODE: Final = ("/rosout", "/parameter_events", "/diagnostics")
 
 
-class ElsewhereObserver:
-    """Looks at all nodes of a ROS domain; used like an `Observer`."""
+class RemoteObserver:
+    """Looks at all nodes of a ROS domain; used like a `LocalObserver`."""
 
-    def __init__(self, look: RosLook) -> None:
+    def __init__(self, participant: RosParticipant) -> None:
         """Begin to look.
 
         Args:
-            look: a participant in the domain.
+            participant: a participant in the domain.
         """
-        self._look = look
-        self._watch = TopicWatch(look)
+        self._participant = participant
+        self._watch = TopicWatch(participant)
         self._clients: dict[str, ServiceClient] = {}
         self._states: dict[str, str] = {}
-        self._want_what_is_there()
-        self._cost = OwnCost()
+        self._watch_present_topics()
+        self._cost = OwnCpuUse()
 
     def turn(self) -> None:
         """Count what has come; returns after 20 ms."""
@@ -190,14 +190,16 @@ class ElsewhereObserver:
 
     def view(self) -> StackView:
         """The domain as it is now."""
-        self._want_what_is_there()
-        names = in_tier_order({name for name in self._look.nodes() if not _is_looking(name)})
+        self._watch_present_topics()
+        names = in_tier_order(
+            {name for name in self._participant.nodes() if not _is_observer(name)}
+        )
         nodes = tuple(self._node(name) for name in names)
         active = {node.node for node in nodes if node.state == ACTIVE}
         return StackView(
             run="",
             name="",
-            domain=self._look.domain,
+            domain=self._participant.domain,
             state="",
             phase="",
             uptime_s=0.0,
@@ -209,13 +211,13 @@ class ElsewhereObserver:
             has_ended=not nodes,
         )
 
-    def _want_what_is_there(self) -> None:
-        topics = self._look.topic_types()
+    def _watch_present_topics(self) -> None:
+        topics = self._participant.topic_types()
         shown = {name: types for name, types in topics.items() if not _is_of_every_node(name)}
         for name, types in shown.items():
             if name.endswith("/rtf") and types == (RTF_TYPE,):
-                self._watch.want_realtime_factor(name)
-        self._watch.want(
+                self._watch.watch_realtime_factor(name)
+        self._watch.set_topics(
             PlannedTopic(
                 name=name,
                 msg_type=types[0] if len(types) == 1 else None,
@@ -242,12 +244,12 @@ class ElsewhereObserver:
     def _state(self, node: str) -> str:
         """What it answered last; empty where it has none, or never answered."""
         service = f"{node}/get_state"
-        if GET_STATE not in self._look.services_of(node).get(service, ()):
+        if GET_STATE not in self._participant.services_of(node).get(service, ()):
             return ""
         kind = find_type(GET_STATE)
         wait_s = REMOTE_ANSWER_S
         if node not in self._clients:
-            self._clients[node] = ServiceClient(self._look, service, kind)
+            self._clients[node] = ServiceClient(self._participant, service, kind)
             wait_s = FIRST_ANSWER_S
         with suppress(CommandFailedError):
             response = self._clients[node].call(kind.Request(), wait_s, is_question=True)
@@ -259,9 +261,9 @@ def _is_of_every_node(topic: str) -> bool:
     return topic in OF_EVERY_NODE or topic.endswith("/transition_event")
 
 
-def _is_looking(node: str) -> bool:
+def _is_observer(node: str) -> bool:
     """Whether it is one of those who look into the stack as this one does."""
-    return node.startswith(OF_LOOKERS)
+    return node.startswith(OF_OBSERVERS)
 
 
 _PERCENT: Final = 100.0
@@ -302,7 +304,7 @@ class ProcessLoads:
             )
 
 
-class OwnCost:
+class OwnCpuUse:
     """The processor time that this process uses."""
 
     def __init__(self) -> None:

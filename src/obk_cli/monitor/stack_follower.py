@@ -12,17 +12,17 @@ from typing import Final, Protocol
 
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.introspect.lifecycle import Asked, change_states
+from obk_cli.introspect.lifecycle import NodeSelection, change_states
 from obk_cli.introspect.target import DOMAIN, GraphTarget, target_of
 from obk_cli.monitor.model import StackView
-from obk_cli.monitor.observers import ElsewhereObserver, Observer
+from obk_cli.monitor.observers import LocalObserver, RemoteObserver
 from obk_cli.ros.environment import RosEnvironment
-from obk_cli.ros.participant import RosLook, open_look
+from obk_cli.ros.participant import RosParticipant, open_participant
 from obk_cli.runs.folder import Run, runs_folder
 from obk_cli.runs.protocol import ChangeAnswer
 from obk_cli.runs.registry import live_folders
 
-__all__ = ["Target", "Watcher"]
+__all__ = ["StackFollower", "StackSelector"]
 
 QUIET_S: Final = 0.3
 """In which no more nodes are told of where those of another host are looked for [s]."""
@@ -30,14 +30,14 @@ SLICE_S: Final = 0.1
 """In which a watcher that is to stop does so [s]."""
 
 
-class _Observer(Protocol):
+class Observer(Protocol):
     def turn_for(self, seconds: float) -> None: ...
 
     def view(self) -> StackView: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Target:
+class StackSelector:
     """What a user wants to watch."""
 
     environment: RosEnvironment
@@ -47,36 +47,38 @@ class Target:
     run: str | None = None
     """A config's name or a run folder's; None: whatever runs there."""
 
-    def place(self) -> GraphTarget:
+    def graph_target(self) -> GraphTarget:
         """Where it is now."""
         if self.run is None or self.domain is not None:
             return target_of(self.environment, self.domain)
         live = live_folders(runs_folder(self.environment.variables))
-        meant = (run.domain for folder, run in live.items() if self._is_meant(folder, run))
-        return target_of(self.environment, next(meant, None))
+        domains = (run.domain for folder, run in live.items() if self._matches(folder, run))
+        return target_of(self.environment, next(domains, None))
 
-    def nobody(self) -> CommandFailedError:
+    def no_nodes_error(self) -> CommandFailedError:
         """The error that nothing of what is meant runs."""
-        place = self.place()
-        names = sorted({run.name for run in place.runs.values()})
+        graph_target = self.graph_target()
+        names = sorted({run.name for run in graph_target.runs.values()})
         if self.run is None or not names:
-            return place.nobody()
+            return graph_target.no_nodes_error()
         return CommandFailedError(
-            f"no stack `{self.run}` runs in the ROS domain {place.domain}",
+            f"no stack `{self.run}` runs in the ROS domain {graph_target.domain}",
             help=did_you_mean(self.run, names),
         )
 
-    def choose(self, place: GraphTarget) -> tuple[Path, Run] | None:
+    def find_run(self, graph_target: GraphTarget) -> tuple[Path, Run] | None:
         """The run there that is meant; None: no launcher of this host runs one.
 
         Raises:
             MisuseError: several stacks run there, and none was named.
         """
-        runs = [(folder, run) for folder, run in place.runs.items() if self._is_meant(folder, run)]
+        runs = [
+            (folder, run) for folder, run in graph_target.runs.items() if self._matches(folder, run)
+        ]
         names = sorted({run.name for _, run in runs})
         if len(names) > 1:
             raise MisuseError(
-                f"several stacks run in the ROS domain {place.domain}: {', '.join(names)}",
+                f"several stacks run in the ROS domain {graph_target.domain}: {', '.join(names)}",
                 help="choose one with `--run NAME`",
             )
         # Two launchers of one config: its devices. Whoever leads knows of all nodes.
@@ -95,21 +97,21 @@ class Target:
         """
         variables = {**self.environment.variables, DOMAIN: str(view.domain)}
         environment = replace(self.environment, variables=variables)
-        return change_states(environment, verb, Asked(names=nodes, run=view.run or None))
+        return change_states(environment, verb, NodeSelection(names=nodes, run=view.run or None))
 
-    def _is_meant(self, folder: Path, run: Run) -> bool:
+    def _matches(self, folder: Path, run: Run) -> bool:
         return self.run in (None, run.name, folder.name)
 
 
-class Watcher:
+class StackFollower:
     """Watches one stack at a time."""
 
     def __init__(
         self,
-        target: Target,
+        target: StackSelector,
         with_types: Callable[[GraphTarget], GraphTarget],
         period_s: float,
-        beside: Callable[[RosLook], None] = lambda _: None,
+        on_turn: Callable[[RosParticipant], None] = lambda _: None,
     ) -> None:
         """Begin with nothing.
 
@@ -117,12 +119,12 @@ class Watcher:
             target: what to watch.
             with_types: makes the message types of a place's stacks known to this process.
             period_s: between two views [s].
-            beside: is called several times a second with the participant that watches.
+            on_turn: is called several times a second with the participant that watches.
         """
         self._target = target
         self._with_types = with_types
         self._period_s = period_s
-        self._beside = beside
+        self._on_turn = on_turn
         self._stop = Event()
 
     def stop(self) -> None:
@@ -137,40 +139,40 @@ class Watcher:
             MisuseError: several stacks may be meant.
         """
         while not self._stop.is_set():
-            place = self._target.place()
-            chosen = self._target.choose(place)
+            graph_target = self._target.graph_target()
+            chosen = self._target.find_run(graph_target)
             if chosen is not None:
-                yield from self._of_run(place, *chosen)
+                yield from self._follow_run(graph_target, *chosen)
             elif self._target.run is None:
-                yield from self._of_graph(place)
+                yield from self._follow_graph(graph_target)
             else:
                 yield None
                 self._stop.wait(self._period_s)
 
-    def _of_run(self, place: GraphTarget, folder: Path, run: Run) -> Iterator[StackView]:
-        with open_look(self._with_types(place).environment) as look:
-            observer = Observer(folder, run, look)
+    def _follow_run(self, graph_target: GraphTarget, folder: Path, run: Run) -> Iterator[StackView]:
+        with open_participant(self._with_types(graph_target).environment) as participant:
+            observer = LocalObserver(folder, run, participant)
             while not self._stop.is_set():
-                view = self._next(observer, look)
+                view = self._next_view(observer, participant)
                 yield view
                 if view.has_ended:
                     return
 
-    def _of_graph(self, place: GraphTarget) -> Iterator[StackView | None]:
+    def _follow_graph(self, graph_target: GraphTarget) -> Iterator[StackView | None]:
         """Of nodes without a launcher here, until one begins."""
-        with open_look(self._with_types(place).environment) as look:
-            look.settle((), QUIET_S, self._period_s)
-            observer = ElsewhereObserver(look)
+        with open_participant(self._with_types(graph_target).environment) as participant:
+            participant.settle((), QUIET_S, self._period_s)
+            observer = RemoteObserver(participant)
             while not self._stop.is_set():
-                view = self._next(observer, look)
+                view = self._next_view(observer, participant)
                 yield view if view.nodes else None
-                if self._target.choose(self._target.place()) is not None:
+                if self._target.find_run(self._target.graph_target()) is not None:
                     return
 
-    def _next(self, observer: _Observer, look: RosLook) -> StackView:
+    def _next_view(self, observer: Observer, participant: RosParticipant) -> StackView:
         left_s = self._period_s
         while left_s > 0 and not self._stop.is_set():
             observer.turn_for(min(SLICE_S, left_s))
             left_s -= SLICE_S
-            self._beside(look)
+            self._on_turn(participant)
         return observer.view()

@@ -19,13 +19,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-__all__ = ["BoundProcess"]
+__all__ = ["BoundChild"]
 
 KILL_S: Final = 5.0
 """How long the kernel may take for a process that was killed [s]."""
 
 
-class BoundProcess:
+class BoundChild:
     """A child and its output."""
 
     def __init__(
@@ -34,7 +34,7 @@ class BoundProcess:
         environment: Mapping[str, str],
         *,
         on_line: Callable[[str], None],
-        on_over: Callable[[], None],
+        on_output_end: Callable[[], None],
     ) -> None:
         """Start a program; only from the main thread, with whose end it gets its signal.
 
@@ -42,7 +42,7 @@ class BoundProcess:
             command: the program and its arguments.
             environment: all of its variables.
             on_line: takes each line of its output and errors, from a thread.
-            on_over: is told that there will be no more, from that thread.
+            on_output_end: is told that there will be no more, from that thread.
         """
         binding = [sys.executable, "-I", "-S", str(Path(__file__))]
         self._child = subprocess.Popen(
@@ -56,7 +56,7 @@ class BoundProcess:
             start_new_session=True,
         )
         self._on_line = on_line
-        self._on_over = on_over
+        self._on_output_end = on_output_end
         self._reader = threading.Thread(target=self._read, name="child", daemon=True)
         self._reader.start()
 
@@ -93,7 +93,7 @@ class BoundProcess:
         with self._child.stdout as output:
             for line in output:
                 self._on_line(line.rstrip("\n"))
-        self._on_over()
+        self._on_output_end()
 
 
 PR_SET_PDEATHSIG = 1

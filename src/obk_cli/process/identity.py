@@ -14,9 +14,9 @@ from typing import Final
 
 __all__ = [
     "boot_id",
-    "counts_as_here",
     "is_process",
     "seconds_since",
+    "shares_pid_namespace",
     "signal_process",
     "since_boot_s",
     "start_s",
@@ -99,7 +99,7 @@ def working_folder(pid: int) -> Path | None:
         return None
 
 
-def counts_as_here(pid: int) -> bool:
+def shares_pid_namespace(pid: int) -> bool:
     """Whether a process of this user's knows others by the numbers that they have here.
 
     One in a container does not: its launcher's number is one of in there.

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
-from obk_cli.ros.raw_subscription import Offer, Request
+from obk_cli.ros.raw_subscription import OfferedQos, RequestedQos
 
 __all__ = [
     "FOREIGN_DISCOVERY_S",
@@ -20,9 +20,9 @@ __all__ = [
     "GraphSnapshot",
     "Role",
     "RosGraph",
-    "TopicSeen",
+    "TopicInfo",
     "full_name",
-    "misfits",
+    "incompatible_ends",
     "parameter_nodes",
     "special_services",
     "visible",
@@ -35,8 +35,8 @@ FOREIGN_DISCOVERY_S: Final = 3.3
 UNNAMED: Final = "(a participant without a node's name)"
 """A publisher of another DDS program, or of a node whose name was not told yet."""
 GET_STATE: Final = "lifecycle_msgs/srv/GetState"
-NAME_NOT_TOLD: Final = "_NODE_NAME_UNKNOWN_"
-LOOK_S: Final = 0.01
+NAME_UNKNOWN: Final = "_NODE_NAME_UNKNOWN_"
+POLL_S: Final = 0.01
 
 
 class RosGraph:
@@ -68,7 +68,7 @@ class RosGraph:
             is_quiet = bool(seen) and now - changed > quiet_s
             if (wanted and wanted <= seen) or (not wanted and is_quiet):
                 break
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
         return tuple(sorted(seen))
 
     def taken(self, names: Iterable[str], discovery_s: float) -> tuple[str, ...]:
@@ -131,7 +131,7 @@ class RosGraph:
 
     def _wait(self, condition: Callable[[], bool], discovery_s: float) -> None:
         while not condition() and time.monotonic() < self._begin + discovery_s:
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
 
 
 def _name_of(end: Any) -> str:
@@ -140,7 +140,7 @@ def _name_of(end: Any) -> str:
 
 def full_name(name: str, namespace: str) -> str:
     """A node's name in the graph, `/ns/name`; empty where the middleware was not told it."""
-    return "" if name == NAME_NOT_TOLD else f"{namespace.rstrip('/')}/{name}"
+    return "" if name == NAME_UNKNOWN else f"{namespace.rstrip('/')}/{name}"
 
 
 Role = Literal["publisher", "subscription"]
@@ -157,13 +157,13 @@ class End:
     role: Role
     msg_type: str
     """Full, `pkg/msg/Name`."""
-    qos: Offer
+    qos: OfferedQos
     """What a publisher offers, what a subscription asks for."""
     type_hash: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TopicSeen:
+class TopicInfo:
     """A topic with its ends."""
 
     name: str
@@ -173,7 +173,7 @@ class TopicSeen:
     subscriptions: tuple[End, ...] = ()
 
     @property
-    def heard_types(self) -> tuple[str, ...]:
+    def published_types(self) -> tuple[str, ...]:
         """What is published, whatever the subscriptions ask for."""
         return tuple(dict.fromkeys(end.msg_type for end in self.publishers)) or self.msg_types
 
@@ -184,13 +184,13 @@ class GraphSnapshot:
 
     nodes: tuple[str, ...] = ()
     """Full names; a name that two nodes have stands twice."""
-    topics: tuple[TopicSeen, ...] = ()
+    topics: tuple[TopicInfo, ...] = ()
     services: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Full name -> types (`pkg/srv/Name`)."""
 
-    def topic(self, name: str) -> TopicSeen:
+    def topic(self, name: str) -> TopicInfo:
         """The topic of a name, without ends where nobody has it."""
-        empty = TopicSeen(name=name, msg_types=())
+        empty = TopicInfo(name=name, msg_types=())
         return next((topic for topic in self.topics if topic.name == name), empty)
 
 
@@ -221,7 +221,7 @@ def special_services(services: Mapping[str, tuple[str, ...]]) -> Mapping[str, tu
     }
 
 
-def misfits(topic: TopicSeen) -> Iterator[str]:
+def incompatible_ends(topic: TopicInfo) -> Iterator[str]:
     """Sentences on ends that do not hear each other: types that differ, QoS that asks too much."""
     for publisher in topic.publishers:
         for subscription in topic.subscriptions:
@@ -235,8 +235,8 @@ def misfits(topic: TopicSeen) -> Iterator[str]:
                 yield f"{who}it asks for `transient_local`, and `volatile` is offered"
 
 
-def _request(qos: Offer) -> Request:
-    return Request(
+def _request(qos: OfferedQos) -> RequestedQos:
+    return RequestedQos(
         is_reliable=qos.reliability == "reliable",
         is_transient_local=qos.durability == "transient_local",
     )

@@ -10,7 +10,7 @@ from typing import Any, Final
 from obelisk_spec.suggestions import with_article
 from obelisk_spec.values import ParameterValue
 from obk_cli.errors import MisuseError
-from obk_cli.ros.participant import RosLook
+from obk_cli.ros.participant import RosParticipant
 from obk_cli.ros.services import ServiceClient
 from obk_cli.ros.types import find_type
 
@@ -149,15 +149,15 @@ MODULES: Final = ("rosidl_generator_py", f"{PACKAGE}.msg", f"{PACKAGE}.srv")
 class NodeParameters:
     """The parameters of one node; every question has the same deadline."""
 
-    def __init__(self, look: RosLook, node: str, timeout_s: float) -> None:
+    def __init__(self, participant: RosParticipant, node: str, timeout_s: float) -> None:
         """Ask nothing yet.
 
         Args:
-            look: whose participant asks.
+            participant: whose participant asks.
             node: full name.
             timeout_s: for each answer [s].
         """
-        self._look = look
+        self._participant = participant
         self._node = node
         self._timeout_s = timeout_s
 
@@ -217,7 +217,7 @@ class NodeParameters:
 
     def _client(self, kind: str, service: str) -> ServiceClient:
         python_type = find_type(f"{PACKAGE}/srv/{kind}")
-        return ServiceClient(self._look, f"{self._node}/{service}", python_type)
+        return ServiceClient(self._participant, f"{self._node}/{service}", python_type)
 
 
 def _parameter(message: Any) -> NodeParameter:

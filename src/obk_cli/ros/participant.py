@@ -17,16 +17,16 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.optional_deps import no_ros
 from obk_cli.process.shared_memory import require_shared_memory
 from obk_cli.ros.environment import RosEnvironment
-from obk_cli.ros.graph import End, GraphSnapshot, Role, TopicSeen, full_name
-from obk_cli.ros.raw_subscription import RawTopic, offer_of
+from obk_cli.ros.graph import End, GraphSnapshot, Role, TopicInfo, full_name
+from obk_cli.ros.raw_subscription import RawSubscription, offered_qos
 
-__all__ = ["LOOKER", "RosLook", "leave_generator_for_later", "open_look"]
+__all__ = ["OBSERVER_NODE", "RosParticipant", "defer_message_generator", "open_participant"]
 
 PACKAGE: Final = "rosidl_generator_py"
 GENERATOR: Final = f"{PACKAGE}.generate_py_impl"
 
 
-def leave_generator_for_later() -> None:
+def defer_message_generator() -> None:
     """Import `rosidl_generator_py` so that its generator is imported when somebody wants it.
 
     Does nothing where the package is imported already, or is not there.
@@ -52,18 +52,18 @@ def _late(name: str) -> object:
 
 T = TypeVar("T")
 
-LOOKER: Final = "obk_look"
+OBSERVER_NODE: Final = "obk_look"
 """The name of the node of whoever only looks; the process id follows."""
-LOOK_S: Final = 0.005
+POLL_S: Final = 0.005
 """Between two looks at what has come [s]."""
 QUIET_S: Final = 0.03
 """In which nothing more is told of nodes that are all there [s]."""
 
 
 @contextmanager
-def open_look(
-    environment: RosEnvironment, needs: Iterable[str] = (), name: str = LOOKER
-) -> "Iterator[RosLook]":
+def open_participant(
+    environment: RosEnvironment, needs: Iterable[str] = (), name: str = OBSERVER_NODE
+) -> "Iterator[RosParticipant]":
     """A participant in the ROS domain of the environment.
 
     Args:
@@ -91,19 +91,19 @@ def open_look(
     except Exception as error:
         context.try_shutdown()
         raise CommandFailedError(f"ROS 2 does not start: {error}") from error
-    leave_generator_for_later()
+    defer_message_generator()
     for module in ("rclpy.topic_endpoint_info", *needs):
         # Whoever wants it will say what is wrong with it.
         with suppress(Exception):
             importlib.import_module(module)
     try:
-        yield RosLook(node, rclpy_implementation, environment.domain)
+        yield RosParticipant(node, rclpy_implementation, environment.domain)
     finally:
         node.destroy_when_not_in_use()
         context.try_shutdown()
 
 
-class RosLook:
+class RosParticipant:
     """The graph as a bare participant sees it, and ends of its own."""
 
     def __init__(self, node: Any, functions: Any, domain: int) -> None:
@@ -153,12 +153,12 @@ class RosLook:
         """Full name -> types of a node's services."""
         return self._of(self._functions.rclpy_get_service_names_and_types_by_node, node)
 
-    def topic(self, name: str) -> TopicSeen:
+    def topic(self, name: str) -> TopicInfo:
         """A topic with the ends that are told of by now."""
         publishers = self._ends(name, "publisher")
         subscriptions = self._ends(name, "subscription")
         types = dict.fromkeys(end.msg_type for end in (*publishers, *subscriptions))
-        return TopicSeen(
+        return TopicInfo(
             name=name,
             msg_types=tuple(types),
             publishers=publishers,
@@ -196,7 +196,7 @@ class RosLook:
             is_quiet = now - changed > (QUIET_S if wanted else quiet_s)
             if (is_all and is_quiet) or now > self._begin + timeout_s:
                 return is_all
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
 
     def rest(self, seconds: float) -> None:
         """Let others tell of themselves, until so long after the beginning [s]."""
@@ -206,12 +206,12 @@ class RosLook:
         """What a probe finds, asked again and again; None: nothing in time."""
         end = time.monotonic() + timeout_s
         while (found := probe()) is None and time.monotonic() < end:
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
         return found
 
-    def listen(
+    def subscribe(
         self, name: str, msg_type: str, python_type: Any, *, is_light: bool = False
-    ) -> RawTopic:
+    ) -> RawSubscription:
         """Subscribe to a topic, as its publishers offer it.
 
         Args:
@@ -220,7 +220,7 @@ class RosLook:
             python_type: the message's class.
             is_light: cost the publishers little, and miss a message rather.
         """
-        return RawTopic(self.node, name, msg_type, python_type, is_light=is_light)
+        return RawSubscription(self.node, name, msg_type, python_type, is_light=is_light)
 
     def _of(self, ask: Any, node: str, *hidden: bool) -> dict[str, tuple[str, ...]]:
         namespace, _, name = node.rpartition("/")
@@ -250,6 +250,6 @@ def _end(info: dict[str, Any], role: Role) -> End:
         node=full_name(end.node_name, end.node_namespace),
         role=role,
         msg_type=end.topic_type,
-        qos=offer_of(end.qos_profile),
+        qos=offered_qos(end.qos_profile),
         type_hash=str(end.topic_type_hash),
     )

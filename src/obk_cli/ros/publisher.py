@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from obk_cli.process.identity import start_s
-from obk_cli.ros.graph import TopicSeen
-from obk_cli.ros.participant import RosLook
+from obk_cli.ros.graph import TopicInfo
+from obk_cli.ros.participant import RosParticipant
 from obk_cli.ros.types import require_message
 
 __all__ = ["ALLOWED_PUBLISHER", "RosPublisher", "is_allowed_publisher"]
@@ -22,11 +22,11 @@ KNOWN_S: Final = 0.1
 class RosPublisher:
     """One topic's publisher; reliable, which everybody hears."""
 
-    def __init__(self, look: RosLook, topic: TopicSeen, python_type: Any) -> None:
+    def __init__(self, participant: RosParticipant, topic: TopicInfo, python_type: Any) -> None:
         """Make the publisher.
 
         Args:
-            look: whose participant publishes.
+            participant: whose participant publishes.
             topic: with those who hear it; `transient_local` is offered where one asks for it.
             python_type: the message's class.
 
@@ -43,9 +43,9 @@ class RosPublisher:
             depth=10,
             durability=durability.TRANSIENT_LOCAL if is_latched else durability.VOLATILE,
         )
-        with look.node:
+        with participant.node:
             self._publisher: Any = rclpy_implementation.Publisher(
-                look.node, python_type, topic.name, qos.get_c_qos_profile()
+                participant.node, python_type, topic.name, qos.get_c_qos_profile()
             )
 
     @property
@@ -54,7 +54,7 @@ class RosPublisher:
         return int(self._publisher.get_subscription_count())
 
     @staticmethod
-    def become_known(topic: TopicSeen) -> None:
+    def wait_until_discovered(topic: TopicInfo) -> None:
         """Wait for those who hear with best effort: what they miss is not sent to them again."""
         if any(end.qos.reliability != "reliable" for end in topic.subscriptions):
             time.sleep(KNOWN_S)

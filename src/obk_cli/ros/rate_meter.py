@@ -13,8 +13,8 @@ from math import sqrt
 from operator import sub
 from typing import Any, Final
 
-from obk_cli.ros.participant import RosLook
-from obk_cli.ros.raw_subscription import DropCounter, RawTopic
+from obk_cli.ros.participant import RosParticipant
+from obk_cli.ros.raw_subscription import DropCounter, RawSubscription
 
 __all__ = ["MOST_KEPT", "Meter", "RosMeter", "TopicRate", "Watch"]
 
@@ -138,7 +138,7 @@ Watch = Callable[[int, bytes], None]
 
 TURN_S: Final = 0.005
 """Between two looks at the subscriptions [s]."""
-LOOK_S: Final = 0.1
+REFRESH_S: Final = 0.1
 """Between two looks at the publishers [s]."""
 
 OLD_NS: Final = 500_000_000
@@ -148,15 +148,17 @@ OLD_NS: Final = 500_000_000
 class RosMeter:
     """Counts the messages of topics."""
 
-    def __init__(self, look: RosLook, window_s: float, turn_s: float = TURN_S) -> None:
+    def __init__(
+        self, participant: RosParticipant, window_s: float, turn_s: float = TURN_S
+    ) -> None:
         """Begin with no topic.
 
         Args:
-            look: whose participant listens.
+            participant: whose participant listens.
             window_s: how far back figures go [s].
             turn_s: between two looks at what has come [s]; times are the middleware's all the same.
         """
-        self._look = look
+        self._participant = participant
         self._window_s = window_s
         self._turn_s = turn_s
         self._topics: dict[str, _Counted] = {}
@@ -183,7 +185,7 @@ class RosMeter:
             is_light: cost its publishers little, and miss a message rather.
         """
         if name not in self._topics:
-            raw = self._look.listen(name, msg_type, python_type, is_light=is_light)
+            raw = self._participant.subscribe(name, msg_type, python_type, is_light=is_light)
             self._topics[name] = _Counted(raw, Meter(window_s or self._window_s), watch)
 
     def drop(self, name: str) -> None:
@@ -209,10 +211,10 @@ class RosMeter:
         return {name: topic.meter.rate(now_ns) for name, topic in self._topics.items()}
 
     def _take(self, begin: float) -> None:
-        if begin - self._looked > LOOK_S:
+        if begin - self._looked > REFRESH_S:
             self._looked = begin
             for topic in self._topics.values():
-                topic.raw.look()
+                topic.raw.refresh()
         for topic in self._topics.values():
             meter, watch = topic.meter, topic.watch
             meter.publishers = topic.raw.publishers
@@ -231,7 +233,7 @@ class _Counted:
 
     __slots__ = ("_begun_ns", "_first_ns", "is_fresh", "meter", "raw", "watch")
 
-    def __init__(self, raw: RawTopic, meter: Meter, watch: Watch | None) -> None:
+    def __init__(self, raw: RawSubscription, meter: Meter, watch: Watch | None) -> None:
         self.raw = raw
         self.meter = meter
         self.watch = watch

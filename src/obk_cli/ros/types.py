@@ -17,11 +17,11 @@ __all__ = [
     "fields_of",
     "find_type",
     "make_message",
+    "opaque_type",
     "raw_type",
     "require_message",
     "require_service",
     "short_type",
-    "stand_in",
 ]
 
 
@@ -118,7 +118,7 @@ def raw_type(name: str, hashes: Iterable[str]) -> Any:
         python_type = find_type(name)
         require_message(python_type)
     except CommandFailedError:
-        return stand_in(name, max(hashes, default=""))
+        return opaque_type(name, max(hashes, default=""))
     return python_type
 
 
@@ -214,7 +214,7 @@ _made: Final[dict[str, Any]] = {}
 """By name; what the middleware keeps pointers into must not go."""
 
 
-def stand_in(name: str, type_hash: str) -> Any:
+def opaque_type(name: str, type_hash: str) -> Any:
     """What a raw subscription takes for the class of a message that is not built here.
 
     Args:
@@ -226,11 +226,11 @@ def stand_in(name: str, type_hash: str) -> Any:
             ROS 2.
     """
     if name not in _made:
-        _made[name] = _made_up(name, type_hash)
+        _made[name] = _make_opaque(name, type_hash)
     return _made[name]
 
 
-def _made_up(name: str, type_hash: str) -> Any:
+def _make_opaque(name: str, type_hash: str) -> Any:
     from std_msgs.msg import String
 
     String.__class__.__import_type_support__()

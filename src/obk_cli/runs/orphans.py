@@ -15,8 +15,8 @@ from typing import Final
 import psutil
 
 from obk_cli.process.identity import (
-    counts_as_here,
     is_process,
+    shares_pid_namespace,
     signal_process,
     start_s,
     this_process,
@@ -97,7 +97,7 @@ def _leftover(process: psutil.Process, parent: Path) -> Leftover | None:
     """What is known of a process, if it has a launcher that is gone."""
     try:
         variables = process.environ()
-        if RUN_MARK not in variables or not counts_as_here(process.pid):
+        if RUN_MARK not in variables or not shares_pid_namespace(process.pid):
             return None
         if not _is_launcher_gone(variables, parent):
             return None

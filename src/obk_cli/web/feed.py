@@ -40,15 +40,15 @@ class Moment:
 class Feed:
     """Watches in a thread of its own."""
 
-    def __init__(self, watcher: Views, runs: Path, on_end: Callable[[], None]) -> None:
+    def __init__(self, follower: Views, runs: Path, on_end: Callable[[], None]) -> None:
         """Begin with nothing.
 
         Args:
-            watcher: what is watched.
+            follower: what is watched.
             runs: the folder of all runs.
             on_end: is called in the thread when watching has ended, for whatever reason.
         """
-        self._watcher = watcher
+        self._follower = follower
         self._runs = runs
         self._on_end = on_end
         self._moment = Moment()
@@ -70,14 +70,14 @@ class Feed:
         Raises:
             ObkError: it could not go on before.
         """
-        self._watcher.stop()
+        self._follower.stop()
         self._thread.join(STOP_S)
         if self._error is not None:
             raise self._error
 
     def _watch(self) -> None:
         try:
-            for view in self._watcher.views():
+            for view in self._follower.views():
                 self._moment = self._next(view)
         except Exception as error:  # raised again where it is seen
             self._error = error

@@ -28,8 +28,8 @@ from obk_cli.ros.field_path import (
     selected,
 )
 from obk_cli.ros.message_data import columns, plain_data
-from obk_cli.ros.participant import RosLook
-from obk_cli.ros.raw_subscription import RawTopic, arrived
+from obk_cli.ros.participant import RosParticipant
+from obk_cli.ros.raw_subscription import RawSubscription, arrived
 from obk_cli.ros.types import fields_of, find_type, short_type
 
 __all__ = [
@@ -159,7 +159,7 @@ class _Plot:
         self.trace = Trace()
         self.pages = 0
         self.left_s = 0.0
-        self.raw: RawTopic | None = None
+        self.raw: RawSubscription | None = None
         self.selection: Selection | None = None
 
 
@@ -170,7 +170,7 @@ class Plots:
         """Begin with none."""
         self._lock = threading.Lock()
         self._plots: dict[Wish, _Plot] = {}
-        self._look: RosLook | None = None
+        self._look: RosParticipant | None = None
 
     @contextmanager
     def wanted(self, wishes: Sequence[Wish]) -> Iterator[None]:
@@ -191,7 +191,7 @@ class Plots:
         with self._lock:
             return self._plots[wish].trace.heard(after_ns)
 
-    def turn(self, look: RosLook) -> None:
+    def turn(self, look: RosParticipant) -> None:
         """Take what has come, several times a second.
 
         Args:
@@ -220,10 +220,10 @@ class Plots:
                     plot.raw.close()
                 del self._plots[wish]
 
-    def _listen(self, look: RosLook, wish: Wish, plot: _Plot) -> None:
+    def _listen(self, look: RosParticipant, wish: Wish, plot: _Plot) -> None:
         """Subscribe as soon as the topic has a type, and learn of other publishers."""
         if plot.raw is not None:
-            plot.raw.look()
+            plot.raw.refresh()
             return
         msg_type = next(iter(look.topic(wish.topic).msg_types), None)
         if msg_type is None:
@@ -234,10 +234,10 @@ class Plots:
         if isinstance(kind.item if isinstance(kind, ArrayType) else kind, Text):
             plot.trace.fault = f"`{wish.field}` is text, not numbers"
             return
-        plot.raw = look.listen(wish.topic, msg_type, find_type(msg_type))
+        plot.raw = look.subscribe(wish.topic, msg_type, find_type(msg_type))
         plot.trace.fault = ""
 
-    def _take(self, wish: Wish, plot: _Plot, raw: RawTopic, selection: Selection) -> None:
+    def _take(self, wish: Wish, plot: _Plot, raw: RawSubscription, selection: Selection) -> None:
         for received_ns, message in arrived(raw, plot.trace.is_due):
             numbers = numbers_in(selected(message, selection), wish.field)
             with self._lock:

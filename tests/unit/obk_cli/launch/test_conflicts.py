@@ -22,7 +22,7 @@ from obk_cli.launch.conflicts import (
     watching_publishers,
     watching_types,
 )
-from obk_cli.launch.events import InputEvent, UnknownPublisherSeen
+from obk_cli.launch.events import InputEvent, UnknownPublisherFound
 from obk_cli.plan.plan import Endpoint, Plan
 from obk_cli.ros.graph import OWN_DISCOVERY_S, UNNAMED
 from obk_cli.ros.publisher import ALLOWED_PUBLISHER, is_allowed_publisher
@@ -97,7 +97,7 @@ def test_for_a_real_robot_the_look_is_as_long_as_it_takes() -> None:
 def test_one_that_is_found_late_is_told() -> None:
     heard: SimpleQueue[InputEvent] = SimpleQueue()
     with watching_publishers(PLAN, Graph(("/ctrl", "/teleop")), heard.put):  # type: ignore[arg-type]
-        assert heard.get(timeout=20) == UnknownPublisherSeen(topic="/ctrl", node="/teleop")
+        assert heard.get(timeout=20) == UnknownPublisherFound(topic="/ctrl", node="/teleop")
 
 
 def test_one_without_a_name_yet_is_no_stranger_once_our_nodes_have_started() -> None:
@@ -116,7 +116,7 @@ def test_a_command_that_is_let_publish_after_the_start_is_no_stranger(
         graph = Graph(("/ctrl", f"/{ALLOWED_PUBLISHER}_{pid}"))
         # It began before this launch: whom it was to move is another matter.
         with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
-            assert isinstance(heard.get(timeout=20), UnknownPublisherSeen)
+            assert isinstance(heard.get(timeout=20), UnknownPublisherFound)
         monkeypatch.setattr(conflicts, "since_boot_s", lambda: 0.0)
         graph = Graph(*graph.strangers)
         with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]

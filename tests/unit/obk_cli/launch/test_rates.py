@@ -16,8 +16,8 @@ from obk_cli.launch.events import (
     RateMoved,
     RatesReported,
     StateSeen,
-    StatusAsked,
-    StopAsked,
+    StatusRequested,
+    StopRequested,
     VideoReported,
 )
 from obk_cli.plan.plan import Origin, Promise
@@ -157,7 +157,7 @@ def test_a_node_that_is_not_active_promises_nothing() -> None:
 
 def test_on_the_way_down_nothing_is_promised() -> None:
     world = World(plan=PROMISED, strict_rates=True, later=seconds(KEPT))
-    world.later += [lambda: world.inbox.extend([StopAsked(reason="enough"), BROKEN])]
+    world.later += [lambda: world.inbox.extend([StopRequested(reason="enough"), BROKEN])]
     assert world.run(duration_s=None).exit_code == 0
     assert told_of_rates(world) == []
 
@@ -193,9 +193,9 @@ def test_a_rate_without_a_place_in_the_config_is_told_without() -> None:
 def test_who_asks_for_the_status_is_told_the_rates_of_active_nodes() -> None:
     answers: list[StackStatus] = []
     world = World(plan=PROMISED, later=seconds(KEPT, OFF))
-    world.later += [StatusAsked(reply=answers.append)]
+    world.later += [StatusRequested(reply=answers.append)]
     world.later += [StateSeen(node=CONTROLLER, state="inactive", transition="deactivate")]
-    world.later += [StatusAsked(reply=answers.append)]
+    world.later += [StatusRequested(reply=answers.append)]
     world.run(duration_s=5)
     rates_of = [{n.node: n.rates for n in answer.nodes}[CONTROLLER] for answer in answers]
     assert rates_of == [OFF.rates, ()]

@@ -2,7 +2,7 @@
 
 import os
 
-from obk_cli.monitor.observers import OwnCost, ProcessLoads
+from obk_cli.monitor.observers import OwnCpuUse, ProcessLoads
 
 
 def test_a_process_is_looked_at_and_one_that_is_gone_is_left_out() -> None:
@@ -16,6 +16,6 @@ def test_a_process_is_looked_at_and_one_that_is_gone_is_left_out() -> None:
 
 
 def test_working_costs_more_than_nothing() -> None:
-    cost = OwnCost()
+    cost = OwnCpuUse()
     sum(range(1_000_000))
     assert cost.percent() > 0
