@@ -1,7 +1,7 @@
 """The live table of a running stack in a terminal, drawn by textual.
 
-Takes views from a thread that watches, shows them, and hands the user's wishes to a function that
-carries them out, in a thread too: the screen waits for nobody.
+A thread that follows the stack delivers views. Transitions that the user requests run in another
+thread, so the screen never waits.
 """
 
 import asyncio
@@ -63,7 +63,7 @@ HELP: Final = (
 
 
 class ViewReceived(Message):
-    """A view has come; None: nothing runs."""
+    """A new view; None: no stack is running."""
 
     def __init__(self, view: StackView | None) -> None:
         self.view = view
@@ -71,7 +71,7 @@ class ViewReceived(Message):
 
 
 class FollowFailed(Message):
-    """Watching cannot go on."""
+    """The stack cannot be followed any further."""
 
     def __init__(self, error: Exception) -> None:
         self.error = error
@@ -79,7 +79,7 @@ class FollowFailed(Message):
 
 
 class ChangeProgress(Message):
-    """A wish was carried out, or was not."""
+    """A requested transition started, ended or failed."""
 
     def __init__(self, text: str, *, is_done: bool) -> None:
         self.text = text
@@ -91,11 +91,11 @@ def run_monitor(follower: Views, change: Change) -> None:
     """Show the live table until the user quits.
 
     Args:
-        follower: gives the views.
+        follower: delivers the views.
         change: carries transitions out.
 
     Raises:
-        Exception: watching cannot go on: what the watcher raised, or a change that is no ObkError.
+        Exception: the follower raised it, or a transition raised one that is no ObkError.
     """
     app = MonitorApp(follower, change)
     error = app.run()
@@ -133,10 +133,10 @@ class MonitorApp(App[Exception | None]):
     ]
 
     def __init__(self, follower: Views, change: Change) -> None:
-        """Make it; nothing is watched before it runs.
+        """Make the app; it follows nothing before it runs.
 
         Args:
-            follower: gives the views.
+            follower: delivers the views.
             change: carries transitions out.
         """
         super().__init__()
@@ -148,7 +148,7 @@ class MonitorApp(App[Exception | None]):
         self._chosen = ""
         """The full name of a node; empty: the stack."""
         self._to_confirm: tuple[StackView, str, tuple[str, ...]] | None = None
-        """A stack as it was seen, a key and nodes that wait for the user's yes."""
+        """A stack, a key and nodes that wait for the user's confirmation."""
         self._is_busy = False
         self._part = ""
         self._shows_help = False
@@ -164,7 +164,7 @@ class MonitorApp(App[Exception | None]):
         yield Static(Text(KEYS), id="keys")
 
     def on_mount(self) -> None:
-        """Begin to watch."""
+        """Start to follow the stack."""
         for number in (signal.SIGTERM, signal.SIGHUP):
             asyncio.get_running_loop().add_signal_handler(number, self.exit)
         self.set_focus(None)
@@ -176,12 +176,12 @@ class MonitorApp(App[Exception | None]):
         self.call_after_refresh(self._draw)
 
     def stop_following(self) -> None:
-        """Wait until the watching thread has let go of ROS."""
+        """Wait until the following thread has left ROS."""
         self._follower.stop()
         self._thread.join()
 
     def on_view_received(self, message: ViewReceived) -> None:
-        """Show a view; what was seen last of a stack that has ended stays."""
+        """Show a view; the last view of a stack that has ended stays."""
         self._has_received = True
         is_ended = self._view is not None and self._view.has_ended
         if message.view is not None and (self._view is None or is_ended):
@@ -197,7 +197,7 @@ class MonitorApp(App[Exception | None]):
         self.exit(message.error)
 
     def on_change_progress(self, message: ChangeProgress) -> None:
-        """Show how a wish was carried out."""
+        """Show the progress of a requested transition."""
         self._is_busy = not message.is_done
         self._show_message(message.text)
 
@@ -209,7 +209,7 @@ class MonitorApp(App[Exception | None]):
         self._draw()
 
     def action_ask(self, key: str) -> None:
-        """Ask whether transitions are really meant."""
+        """Ask the user to confirm transitions."""
         view = self._view
         if not self._has_received:
             return  # the first line says so
@@ -222,7 +222,7 @@ class MonitorApp(App[Exception | None]):
         self._show_message(f"{', '.join(VERBS[key])} {who}{moves}?  y / n")
 
     def action_confirm(self) -> None:
-        """Carry out what was asked."""
+        """Request the confirmed transitions."""
         if self._to_confirm is None:
             return
         (view, key, nodes), self._to_confirm = self._to_confirm, None
@@ -232,13 +232,13 @@ class MonitorApp(App[Exception | None]):
         ).start()
 
     def action_drop(self) -> None:
-        """Do not."""
+        """Cancel the question."""
         if self._to_confirm is not None:
             self._to_confirm = None
             self._show_message("")
 
     def action_leave(self) -> None:
-        """Leave whatever is open: question, help, filter, choice of a node."""
+        """Close what is open: question, help, filter, selection of a node."""
         box = self.query_one("#filter", Input)
         if box.display:
             box.value = ""
@@ -250,7 +250,7 @@ class MonitorApp(App[Exception | None]):
         self._draw()
 
     def action_filter(self) -> None:
-        """Let the user write what log lines are to have in them."""
+        """Let the user type the text that log lines must contain."""
         box = self.query_one("#filter", Input)
         box.display = True
         box.focus()

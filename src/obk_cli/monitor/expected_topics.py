@@ -1,4 +1,4 @@
-"""Which topics, rates and real-time factor a plan promises, for comparison with what runs."""
+"""The topics, rates and real-time factors that a plan expects, to compare with a running stack."""
 
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -30,7 +30,7 @@ class RealtimeFactors:
     """The real-time factors of the simulated robots of one stack."""
 
     def __init__(self, simulated: Collection[str], ask: AskFactor) -> None:
-        """Begin with none.
+        """Know no factor yet.
 
         Args:
             simulated: full names of the robots.
@@ -42,7 +42,7 @@ class RealtimeFactors:
 
     @property
     def factors(self) -> Mapping[str, float]:
-        """Full name -> factor of the robots that are configured and have told."""
+        """Full name -> factor of the configured robots that have answered."""
         return dict(self._known)
 
     def take_event(self, _received_ns: int, event: bytes) -> None:
@@ -51,7 +51,7 @@ class RealtimeFactors:
             self._known.clear()
 
     def query_missing(self, nodes: Iterable[NodeStatus]) -> None:
-        """Ask the robots that are configured by now and have not told yet."""
+        """Ask the configured robots whose factor is not known yet."""
         for node in nodes:
             is_configured = node.state in (INACTIVE, ACTIVE)
             if node.node in self._simulated and is_configured and node.node not in self._known:
@@ -61,7 +61,7 @@ class RealtimeFactors:
         try:
             value = self._ask(node).value
         except CommandFailedError:
-            return  # it is asked again with the next look
+            return  # asked again by the next call
         if isinstance(value, int | float):
             self._known[node] = float(value)
 
@@ -80,7 +80,7 @@ class PlannedTopic:
     msg_type: str | None
     """Full; None: only the code knows it."""
     wanted_hz: float | None
-    """The sum of what its publishers promise, in wall time; None: one of them promises nothing."""
+    """The sum of its publishers' expected rates, in wall time; None: one of them has none."""
     publishers: tuple[str, ...]
     """Full names of nodes."""
     made_from: tuple[str, ...]
@@ -94,7 +94,7 @@ def planned_topics(
 
     Args:
         plan: a whole stack.
-        factors: full name -> real-time factor of simulated robots, where they have told.
+        factors: full name -> real-time factor of simulated robots, as far as known.
     """
     clock = _clock_factor(plan, factors)
     kinds: dict[str, str | None] = {}
@@ -130,7 +130,7 @@ def simulated_robots(plan: Plan) -> tuple[str, ...]:
 
 
 def _clock_factor(plan: Plan, factors: Mapping[str, float]) -> float:
-    """The speed of `/clock`; 0 where nobody knows it: no robot is simulated, or several differ."""
+    """The speed of `/clock`; 0 if unknown: no robot is simulated, or several differ."""
     simulated = (process for process in plan.processes if process.model)
     factors_found = {_factor_of(process, 0.0, factors) for process in simulated}
     return factors_found.pop() if len(factors_found) == 1 else 0.0
@@ -140,7 +140,7 @@ def _factor_of(process: Process, clock: float, factors: Mapping[str, float]) -> 
     """How fast the time passes in which a node keeps its rates, over wall time; 0: not known."""
     if process.model:
         planned = process.parameters.get(REALTIME_FACTOR, 1.0)
-        # A robot refuses what is no number, and its speed is not known then.
+        # A robot rejects what is no number; its factor is unknown then.
         own = float(planned) if isinstance(planned, int | float) else 0.0
         return factors.get(process.full_name, own)
     return clock if process.parameters.get("use_sim_time") else 1.0

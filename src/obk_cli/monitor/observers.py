@@ -37,18 +37,18 @@ __all__ = ["LocalObserver", "OwnCpuUse", "ProcessLoads", "RemoteObserver"]
 
 LINES: Final = 200
 ANSWER_S: Final = 0.2
-"""For a robot's word on its speed: others are not kept waiting [s]."""
+"""For a robot's reply; longer would delay the other nodes [s]."""
 
 
 class LocalObserver:
-    """Looks at one stack; call `turn` again and again, and `view` when something is to be shown."""
+    """Observes one stack of this host: call `turn` repeatedly, and `view` to read the result."""
 
     def __init__(self, folder: Path, run: Run, participant: RosParticipant) -> None:
-        """Listen to the topics of the run's plan.
+        """Subscribe to the topics of the run's plan.
 
         Args:
             folder: the run's.
-            run: what it tells.
+            run: its description.
             participant: a participant in its domain.
         """
         self._folder = folder
@@ -65,7 +65,7 @@ class LocalObserver:
             self._watch.watch_parameter_events(self._factors.take_event)
         self._cost = OwnCpuUse()
         self._last_nodes = tuple(_unreported(run))
-        """What the launcher said last of its nodes."""
+        """The nodes as the launcher reported them last."""
 
     def turn(self) -> None:
         """Count what has come; returns after 20 ms."""
@@ -101,7 +101,7 @@ class LocalObserver:
         )
 
     def _update_expected_rates(self, status: StackStatus) -> None:
-        """Want the rates that go with the speeds at which robots are simulated by now."""
+        """Update the expected rates if the real-time factors of simulated robots have changed."""
         before = self._factors.factors
         self._factors.query_missing(status.nodes)
         if self._factors.factors != before:
@@ -119,7 +119,7 @@ class LocalObserver:
 
 
 def _unreported(run: Run) -> Iterator[NodeStatus]:
-    """The nodes of a run whose launcher has not told of them."""
+    """The nodes of a run whose launcher has not reported them yet."""
     for name in run.all_nodes:
         yield NodeStatus(
             node=name,
@@ -134,7 +134,7 @@ def _unreported(run: Run) -> Iterator[NodeStatus]:
 
 
 def _with_unknown_state(node: NodeStatus) -> NodeStatus:
-    """A node of which the launcher tells nothing now: its process may go on as it was."""
+    """A node that the launcher does not report now; its process may still be running."""
     return replace(node, state=UNKNOWN if node.state else "", hangs=False, rates=())
 
 
@@ -165,10 +165,10 @@ OF_EVERY_NODE: Final = ("/rosout", "/parameter_events", "/diagnostics")
 
 
 class RemoteObserver:
-    """Looks at all nodes of a ROS domain; used like a `LocalObserver`."""
+    """Observes all nodes of a ROS domain; used like a `LocalObserver`."""
 
     def __init__(self, participant: RosParticipant) -> None:
-        """Begin to look.
+        """Observe nothing yet.
 
         Args:
             participant: a participant in the domain.
@@ -242,7 +242,7 @@ class RemoteObserver:
         )
 
     def _state(self, node: str) -> str:
-        """What it answered last; empty where it has none, or never answered."""
+        """Its last reply; empty if it has no life cycle or never replied."""
         service = f"{node}/get_state"
         if GET_STATE not in self._participant.services_of(node).get(service, ()):
             return ""
@@ -262,7 +262,7 @@ def _is_of_every_node(topic: str) -> bool:
 
 
 def _is_observer(node: str) -> bool:
-    """Whether it is one of those who look into the stack as this one does."""
+    """Whether a node belongs to a command that observes, like this one."""
     return node.startswith(OF_OBSERVERS)
 
 

@@ -1,7 +1,7 @@
-"""Which stack is watched, and its views in a row: until it ends, and from when another one begins.
+"""Follow a stack: one view after another until it ends, then the next stack that starts.
 
-In: where to look. Out: a `StackView` each period, None while nothing runs. ROS is loaded when the
-first view is asked for, in the thread that asks.
+In: which stack. Out: a `StackView` each period, None while no stack is running. ROS is loaded with
+the first view, in the thread that requests it.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,9 +25,9 @@ from obk_cli.runs.registry import live_folders
 __all__ = ["StackFollower", "StackSelector"]
 
 QUIET_S: Final = 0.3
-"""In which no more nodes are told of where those of another host are looked for [s]."""
+"""Without a new node, discovery of another host counts as complete [s]."""
 SLICE_S: Final = 0.1
-"""In which a watcher that is to stop does so [s]."""
+"""Within which a follower stops [s]."""
 
 
 class Observer(Protocol):
@@ -38,17 +38,17 @@ class Observer(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StackSelector:
-    """What a user wants to watch."""
+    """Which stack the user wants to follow."""
 
     environment: RosEnvironment
-    """As it was found: watching puts one of its own into effect."""
+    """As found; following puts another one into effect."""
     domain: int | None = None
-    """None: that of ROS_DOMAIN_ID, else of the stack."""
+    """None: that of ROS_DOMAIN_ID, otherwise that of the stack."""
     run: str | None = None
-    """A config's name or a run folder's; None: whatever runs there."""
+    """Name of a config or a run folder; None: any."""
 
     def graph_target(self) -> GraphTarget:
-        """Where it is now."""
+        """The ROS domain of the stack, and the runs in it."""
         if self.run is None or self.domain is not None:
             return target_of(self.environment, self.domain)
         live = live_folders(runs_folder(self.environment.variables))
@@ -56,7 +56,7 @@ class StackSelector:
         return target_of(self.environment, next(domains, None))
 
     def no_nodes_error(self) -> CommandFailedError:
-        """The error that nothing of what is meant runs."""
+        """The error for a stack that is not running."""
         graph_target = self.graph_target()
         names = sorted({run.name for run in graph_target.runs.values()})
         if self.run is None or not names:
@@ -67,7 +67,7 @@ class StackSelector:
         )
 
     def find_run(self, graph_target: GraphTarget) -> tuple[Path, Run] | None:
-        """The run there that is meant; None: no launcher of this host runs one.
+        """The selected run in the domain; None: no launcher of this host runs it.
 
         Raises:
             MisuseError: several stacks run there, and none was named.
@@ -81,7 +81,7 @@ class StackSelector:
                 f"several stacks run in the ROS domain {graph_target.domain}: {', '.join(names)}",
                 help="choose one with `--run NAME`",
             )
-        # Two launchers of one config: its devices. Whoever leads knows of all nodes.
+        # Two launchers of one config: its devices. The leading one knows all nodes.
         return max(runs, key=lambda one: one[1].leads, default=None)
 
     def change(self, view: StackView, verb: str, nodes: tuple[str, ...]) -> ChangeAnswer:
@@ -104,7 +104,7 @@ class StackSelector:
 
 
 class StackFollower:
-    """Watches one stack at a time."""
+    """Follows one stack at a time."""
 
     def __init__(
         self,
@@ -113,13 +113,13 @@ class StackFollower:
         period_s: float,
         on_turn: Callable[[RosParticipant], None] = lambda _: None,
     ) -> None:
-        """Begin with nothing.
+        """Follow nothing yet.
 
         Args:
-            target: what to watch.
+            target: which stack.
             with_types: makes the message types of a place's stacks known to this process.
             period_s: between two views [s].
-            on_turn: is called several times a second with the participant that watches.
+            on_turn: called several times a second with the participant.
         """
         self._target = target
         self._with_types = with_types
@@ -135,8 +135,8 @@ class StackFollower:
         """A view each period, None while nothing runs; without end unless it is stopped.
 
         Raises:
-            CommandFailedError: there is no ROS.
-            MisuseError: several stacks may be meant.
+            CommandFailedError: ROS is missing.
+            MisuseError: several stacks match.
         """
         while not self._stop.is_set():
             graph_target = self._target.graph_target()
@@ -159,7 +159,7 @@ class StackFollower:
                     return
 
     def _follow_graph(self, graph_target: GraphTarget) -> Iterator[StackView | None]:
-        """Of nodes without a launcher here, until one begins."""
+        """Views of nodes without a launcher on this host, until one starts."""
         with open_participant(self._with_types(graph_target).environment) as participant:
             participant.settle((), QUIET_S, self._period_s)
             observer = RemoteObserver(participant)

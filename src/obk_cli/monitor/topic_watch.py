@@ -1,7 +1,7 @@
-"""Topics that are counted: how often, how late and how many messages come, held against a plan.
+"""Measure the rates and ages of a stack's topics and compare them with its plan.
 
-In: the topics that are wanted, a participant. Out: a `TopicView` of each. No message is
-deserialized. A topic whose type the plan does not tell is listened to when its publisher is there.
+In: the topics to measure, a participant. Out: a `TopicView` of each. No message is deserialized. If
+the plan does not name a topic's type, the subscription waits for its publisher.
 """
 
 import struct
@@ -37,7 +37,7 @@ class MessageAgeMeter:
     """Keeps the stamps and delays of a topic's newest messages."""
 
     def __init__(self, window_s: float) -> None:
-        """Begin with none.
+        """Measure over a window.
 
         Args:
             window_s: how far back figures go [s].
@@ -105,7 +105,7 @@ class MessageAgeMeter:
 WINDOW_S: Final = 2.0
 """How far back rates go: a topic that is throttled is marked within this [s]."""
 TURN_S: Final = 0.02
-"""Between two looks at what has come: fewer looks cost less [s]."""
+"""Between two polls of the subscriptions; fewer polls cost less [s]."""
 PERIODS: Final = 5
 """That a slow topic's window holds."""
 FOUND_S: Final = 0.5
@@ -122,7 +122,7 @@ class TopicWatch:
     """Counts the messages of topics; call `turn_for` again and again."""
 
     def __init__(self, participant: RosParticipant) -> None:
-        """Begin with no topic.
+        """Measure no topic yet.
 
         Args:
             participant: a participant.
@@ -136,7 +136,7 @@ class TopicWatch:
         """The newest that came."""
 
     def set_topics(self, topics: Iterable[PlannedTopic]) -> None:
-        """Show these, in this order; counting goes on where it is done already."""
+        """Measure these topics, shown in this order; topics measured already keep their figures."""
         self._topics = {topic.name: topic for topic in topics}
         for name in [name for name in self._age_meters if name not in self._topics]:
             self._meter.drop(name)
@@ -146,11 +146,11 @@ class TopicWatch:
                 self._subscribe_planned(topic, topic.msg_type)
 
     def watch_realtime_factor(self, topic: str) -> None:
-        """Listen to what a simulator says of its speed."""
+        """Subscribe to the real-time factor that a simulator publishes."""
         self._meter.add(topic, RTF_TYPE, find_type(RTF_TYPE), self._take_rtf)
 
     def watch_parameter_events(self, on_event: Watch) -> None:
-        """Listen to what nodes say of their parameters."""
+        """Subscribe to the parameter events of all nodes."""
         self._meter.add(EVENTS, EVENTS_TYPE, find_type(EVENTS_TYPE), on_event)
 
     def turn(self) -> None:
@@ -167,7 +167,7 @@ class TopicWatch:
         """The topics as they are now.
 
         Args:
-            active: full names of the nodes that are.
+            active: full names of the active nodes.
         """
         rates = self._meter.rates()
         return tuple(self._view(topic, rates, active) for topic in self._topics.values())
@@ -194,7 +194,7 @@ class TopicWatch:
         )
 
     def _is_expected(self, topic: PlannedTopic, active: Collection[str]) -> bool:
-        """Whether its publishers are active, and have been listened to for long enough."""
+        """Whether its publishers are active, and have been measured for long enough."""
         if topic.name not in self._age_meters or not topic.publishers:
             return False
         now = monotonic_s()
@@ -208,7 +208,7 @@ class TopicWatch:
         try:
             self._subscribe(topic, msg_type, find_type(msg_type))
         except CommandFailedError:
-            return  # not built here: told by its publisher, it is counted all the same
+            return  # not built here: subscribed once its publisher names the type
 
     def _subscribe_discovered(self, topic: PlannedTopic, found: TopicInfo) -> None:
         if len(found.msg_types) != 1 or not found.publishers:
@@ -229,7 +229,7 @@ class TopicWatch:
         self._expected_since[topic.name] = monotonic_s()
 
     def _take_rtf(self, _received_ns: int, data: bytes) -> None:
-        if len(data) >= _RTF.size:  # else it is no such message
+        if len(data) >= _RTF.size:  # otherwise it is no such message
             (self.realtime_factor,) = _RTF.unpack_from(data)
 
 

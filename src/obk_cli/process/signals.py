@@ -15,13 +15,13 @@ _END_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextmanager
 def handle_end_signals(on_signal: Callable[[signal.Signals], None]) -> Iterator[None]:
-    """While entered, SIGINT, SIGTERM and SIGHUP are heard; only from the main thread.
+    """While entered, handle SIGINT, SIGTERM and SIGHUP; only from the main thread.
 
-    Where SIGHUP was ignored before, as `nohup` has it, a terminal that closes ends nothing. SIGINT
-    is heard all the same: shells ignore it for whatever they start in the background.
+    SIGHUP stays ignored if it was ignored before, as by `nohup`. SIGINT is handled even then,
+    because shells ignore it for programs that they start in the background.
 
     Args:
-        on_signal: takes a signal, in whatever the main thread is doing.
+        on_signal: takes a signal; it interrupts the main thread anywhere.
     """
 
     def handle(number: int, _frame: FrameType | None) -> None:
@@ -51,7 +51,7 @@ def freeze(pid: int) -> None:
 
 
 def thaw(pid: int) -> None:
-    """Have a frozen process go on, and all that it started."""
+    """Resume a frozen process and all that it started."""
     for process in _family(pid):
         with suppress(psutil.Error):
             process.resume()

@@ -35,7 +35,7 @@ RETRY_S = 0.1
 """Until an orphan whose environment was not readable yet is checked again [s]."""
 LARGEST_PACKET = 1 << 16
 START_MARK = "OBK_START"
-"""The variable by which it is known which of the warden's starts a process comes from."""
+"""The environment variable that names the start from which a process descends."""
 SWEEPER = Path(__file__).with_name("shared_memory.py")
 
 
@@ -48,7 +48,7 @@ class Warden:
         self._pid = os.getpid()
         self._pids: dict[int, str] = {}
         self._starts: dict[int, str] = {}
-        """Process -> what stands in its `START_MARK`, and in those that it starts."""
+        """Process -> its `START_MARK`, which the processes that it starts inherit."""
         self._ended_starts: set[str] = set()
         """The starts whose process has ended."""
         self._terminated: set[int] = set()
@@ -57,7 +57,7 @@ class Warden:
         """Whether the environment of an orphan was not readable yet."""
         self._count = 0
         self.ends_cleanly = False
-        """Whether the launcher said that it is through."""
+        """Whether the launcher sent `end`."""
 
     def serve(self) -> None:
         """Answer requests until the launcher's end of the socket closes."""
@@ -177,7 +177,7 @@ class Warden:
         try:
             self._link.send(json.dumps(event).encode())
         except OSError:
-            # The launcher is gone; the closed socket is seen in `serve`.
+            # The launcher has ended; `serve` notices the closed socket.
             return
 
 

@@ -1,8 +1,8 @@
-"""Who is in the ROS graph: nodes by their names, publishers by their topics.
+"""Read the ROS graph: nodes by name, publishers and subscriptions by topic.
 
-What is found is what DDS has told by now. A participant is found by its next announcement: after
-0.2 s for obk's nodes, which announce themselves often (`dds_localhost.xml`), and after up to 3.1 s
-for others, whose announcements come every 3 s unless somebody has set another period.
+The graph holds what DDS has discovered so far. A participant is found by its next announcement:
+after 0.2 s for obk's nodes, which announce themselves often (`dds_localhost.xml`), and after up to
+3.1 s for others, whose announcements come every 3 s unless another period is set.
 """
 
 import time
@@ -33,7 +33,7 @@ OWN_DISCOVERY_S: Final = 0.4
 FOREIGN_DISCOVERY_S: Final = 3.3
 """How long any node may take to be found, with the middleware's own settings [s]."""
 UNNAMED: Final = "(a participant without a node's name)"
-"""A publisher of another DDS program, or of a node whose name was not told yet."""
+"""A publisher of another DDS program, or of a node whose name is not known yet."""
 GET_STATE: Final = "lifecycle_msgs/srv/GetState"
 NAME_UNKNOWN: Final = "_NODE_NAME_UNKNOWN_"
 POLL_S: Final = 0.01
@@ -109,11 +109,11 @@ class RosGraph:
         return tuple(sorted(found()))
 
     def topic_types(self) -> Mapping[str, Sequence[str]]:
-        """Topic -> the full types that its ends have, of whomever they are."""
+        """Topic -> the full types that its ends have, of any node."""
         return dict(self._node.get_topic_names_and_types())
 
     def ends_of_type(self, topic: str, msg_type: str) -> tuple[str, ...]:
-        """Full names of the nodes that publish or hear a topic by this type."""
+        """Full names of the nodes that publish or subscribe to a topic with this type."""
         node = self._node
         ends = (
             *node.get_publishers_info_by_topic(topic),
@@ -139,7 +139,7 @@ def _name_of(end: Any) -> str:
 
 
 def full_name(name: str, namespace: str) -> str:
-    """A node's name in the graph, `/ns/name`; empty where the middleware was not told it."""
+    """A node's name in the graph, `/ns/name`; empty if the middleware does not know it."""
     return "" if name == NAME_UNKNOWN else f"{namespace.rstrip('/')}/{name}"
 
 
@@ -153,7 +153,7 @@ class End:
     """One publisher or subscription of a topic."""
 
     node: str
-    """Full name; empty where it was not told."""
+    """Full name; empty if unknown."""
     role: Role
     msg_type: str
     """Full, `pkg/msg/Name`."""
@@ -180,7 +180,7 @@ class TopicInfo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraphSnapshot:
-    """All that a node has been told of by now."""
+    """The graph as a node has discovered it so far."""
 
     nodes: tuple[str, ...] = ()
     """Full names; a name that two nodes have stands twice."""
@@ -189,7 +189,7 @@ class GraphSnapshot:
     """Full name -> types (`pkg/srv/Name`)."""
 
     def topic(self, name: str) -> TopicInfo:
-        """The topic of a name, without ends where nobody has it."""
+        """The topic of a name, without ends if it does not exist."""
         empty = TopicInfo(name=name, msg_types=())
         return next((topic for topic in self.topics if topic.name == name), empty)
 
@@ -222,7 +222,7 @@ def special_services(services: Mapping[str, tuple[str, ...]]) -> Mapping[str, tu
 
 
 def incompatible_ends(topic: TopicInfo) -> Iterator[str]:
-    """Sentences on ends that do not hear each other: types that differ, QoS that asks too much."""
+    """Sentences on publishers and subscriptions with incompatible types or QoS."""
     for publisher in topic.publishers:
         for subscription in topic.subscriptions:
             who = f"{subscription.node or 'a node'} does not hear {publisher.node or 'a node'}: "

@@ -176,11 +176,11 @@ class NodeParameters:
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        told = self._told(names)
-        if len(told) != len(names):
+        values = self._values(names)
+        if len(values) != len(names):
             # Where one has no value, rclpy's nodes tell of none; so each is asked for.
-            told = [next(iter(self._told([name])), None) for name in names]
-        return {name: _parameter(value) for name, value in zip(names, told, strict=True)}
+            values = [next(iter(self._values([name])), None) for name in names]
+        return {name: _parameter(value) for name, value in zip(names, values, strict=True)}
 
     def declared_kind(self, name: str) -> str:
         """The type that a parameter is declared with, also where it has no value.
@@ -206,7 +206,7 @@ class NodeParameters:
         result = client.call(request, self._timeout_s).results[0]
         return None if result.successful else str(result.reason) or "it gave no reason"
 
-    def _told(self, names: Sequence[str]) -> Sequence[Any]:
+    def _values(self, names: Sequence[str]) -> Sequence[Any]:
         response = self._ask("GetParameters", "get_parameters", names=list(names))
         values: Sequence[Any] = response.values
         return values

@@ -1,6 +1,6 @@
-"""Rates of many topics at once, from messages as they are sent: nothing is deserialized.
+"""Measure the rates of many topics at once from serialized messages.
 
-One thread calls `turn` again and again: whatever has come is counted, every 5 ms unless told
+One thread calls `turn` again and again: what has arrived is counted, every 5 ms unless set
 otherwise. For live tables and for single measurements alike.
 """
 
@@ -68,7 +68,7 @@ class Meter:
         self._lost: deque[int] = deque(maxlen=MOST_KEPT)
         self._tally = DropCounter()
         self.publishers = 0
-        """How many there are now; set by whoever knows."""
+        """The number of publishers now; set by the caller."""
         self.bytes = 0
         """Of all messages."""
 
@@ -102,10 +102,10 @@ class Meter:
         seen = len(times)
         lost = self._tally.dropped if self.publishers <= 1 else None
         age_s = (now_ns - times[-1]) * _NS if times else None
-        told = TopicRate(count=self.count, lost=lost, seen=seen, window_s=0.0, age_s=age_s)
+        without_rate = TopicRate(count=self.count, lost=lost, seen=seen, window_s=0.0, age_s=age_s)
         span_ns = times[-1] - times[0] if seen > 1 else 0
         if span_ns <= 0:
-            return told
+            return without_rate
         intervals = sorted(map(sub, islice(times, 1, None), times))
         mean_ns = span_ns / (seen - 1)
         off = sorted(abs(interval - mean_ns) for interval in intervals)
@@ -114,7 +114,7 @@ class Meter:
         come = sum(self._sizes) - self._sizes[0]
         published = seen - 1 + self._lost[-1] - self._lost[0]
         return replace(
-            told,
+            without_rate,
             window_s=span_ns * _NS,
             rate_hz=published / (span_ns * _NS),
             min_s=intervals[0] * _NS,
@@ -154,7 +154,7 @@ class RosMeter:
         """Begin with no topic.
 
         Args:
-            participant: whose participant listens.
+            participant: the participant that subscribes.
             window_s: how far back figures go [s].
             turn_s: between two looks at what has come [s]; times are the middleware's all the same.
         """
@@ -243,7 +243,7 @@ class _Counted:
         self._first_ns: int | None = None
 
     def is_old(self, received_ns: int, published_ns: int) -> bool:
-        """Whether it was published before anybody listened here.
+        """Whether it was published before this subscription existed.
 
         Such messages come all at once, as if the rate were higher. A publisher's clock may be
         behind: so this ends soon after the first message.

@@ -48,7 +48,7 @@ class OfferedQos:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RequestedQos:
-    """What a subscription asks for."""
+    """The quality of service that a subscription requests."""
 
     is_reliable: bool = True
     is_transient_local: bool = False
@@ -56,7 +56,7 @@ class RequestedQos:
 
 
 def requested_qos(offers: Collection[OfferedQos], *, is_light: bool = False) -> RequestedQos:
-    """The most that all of them have to offer; without any, what Obelisk's nodes offer.
+    """The strongest that all publishers offer; without publishers, what Obelisk's nodes offer.
 
     Args:
         offers: one for each publisher.
@@ -99,7 +99,7 @@ class DropCounter:
 
 
 class RawSubscription:
-    """One topic that is listened to."""
+    """A raw subscription to one topic."""
 
     def __init__(
         self, node: Any, name: str, msg_type: str, python_type: Any, *, is_light: bool = False
@@ -114,7 +114,7 @@ class RawSubscription:
             is_light: cost the publishers little; see `requested_qos`.
 
         Raises:
-            CommandFailedError: messages of the class cannot be heard here.
+            CommandFailedError: messages of the class cannot be received here.
         """
         from rclpy.impl.implementation_singleton import rclpy_implementation
         from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -138,16 +138,16 @@ class RawSubscription:
         self._subscription = self._subscribe()
 
     def learn(self) -> None:
-        """Learn of publishers."""
+        """Check the publishers."""
         with self._node:
-            told = self._functions.rclpy_get_publishers_info_by_topic(self._node, self.name, False)
-        ends = [self._end(**info) for info in told]
+            infos = self._functions.rclpy_get_publishers_info_by_topic(self._node, self.name, False)
+        ends = [self._end(**info) for info in infos]
         self.publishers = len(ends)
         self.offers = tuple(offered_qos(end.qos_profile) for end in ends)
         self.hashes = tuple(str(end.topic_type_hash) for end in ends)
 
     def refresh(self) -> None:
-        """Learn of publishers, and subscribe anew where what they offer asks for it.
+        """Check the publishers, and subscribe again if their QoS requires it.
 
         Not while what has come is being taken.
         """
@@ -175,7 +175,7 @@ class RawSubscription:
             yield taken
 
     def close(self) -> None:
-        """Listen no more."""
+        """Unsubscribe."""
         self._subscription.destroy_when_not_in_use()
 
     def _subscribe(self) -> Any:
@@ -255,22 +255,22 @@ def serialized(
     Raises:
         CommandFailedError: none came in time.
     """
-    heard = looked = time.monotonic()
+    last_received = last_refresh = time.monotonic()
     while True:
         for data, info in raw.take():
             drops.take(info["publication_sequence_number"], raw.publishers)
-            heard = time.monotonic()
+            last_received = time.monotonic()
             yield data
         now = time.monotonic()
-        if now > heard + timeout_s and (each or not drops.count):
+        if now > last_received + timeout_s and (each or not drops.count):
             raise CommandFailedError(
                 f"no message came on {raw.name} within {timeout_s:g} s",
                 help=f"it has {with_number(raw.publishers, 'publisher')}: "
                 f"`obk topic info {raw.name}` shows them, `obk lifecycle get` whether their nodes "
                 "are active",
             )
-        if now > looked + REFRESH_S:
-            looked = now
+        if now > last_refresh + REFRESH_S:
+            last_refresh = now
             raw.refresh()
         time.sleep(POLL_S)
 

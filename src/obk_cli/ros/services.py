@@ -1,4 +1,4 @@
-"""Service calls from a bare participant: asked, then polled for; each has a deadline.
+"""Call services from a bare participant: send, then poll until a deadline.
 
 A request to a node that dies is never answered, and the answer of one that was not told of the
 client yet is lost. So questions are asked again, and before anything else one is asked.
@@ -16,7 +16,7 @@ __all__ = ["ServiceClient"]
 
 POLL_S: Final = 0.001
 ASK_AGAIN_S: Final = 0.5
-"""The first answer to a client is lost if the node was not told of the client by then [s]."""
+"""The first answer to a client is lost if the node has not discovered the client by then [s]."""
 KNOWN_S: Final = 2.0
 """For a node to be found and to answer that it knows a client; it may have no time for that [s]."""
 QUESTIONS: Final = {
@@ -88,9 +88,9 @@ class ServiceClient:
         )
 
     def _wait_until_discovered(self, end: float) -> None:
-        """Have the server's node told of this client, as far as it can be asked, until a time.
+        """Wait until the server's node has discovered this client, as far as it can be checked.
 
-        Nodes are told of clients in order: one that answers a later client knows this one too.
+        Nodes discover clients in order: one that answers a later client knows this one too.
         """
         until = min(end, time.monotonic() + KNOWN_S)
         # A service may be found before its node's name is.
@@ -106,7 +106,7 @@ class ServiceClient:
             client.call(kind.Request(), until - time.monotonic(), is_question=True)
 
     def _node(self) -> str | None:
-        """The full name of the server's node, once it is told of."""
+        """The full name of the server's node, once it is discovered."""
         participant = self._participant
         return next(
             (node for node in participant.nodes() if self._name in participant.services_of(node)),

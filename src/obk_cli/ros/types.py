@@ -26,7 +26,7 @@ __all__ = [
 
 
 def require_message(python_type: Any) -> None:
-    """Make sure that messages of a class can be sent and heard.
+    """Make sure that messages of a class can be sent and received.
 
     Raises:
         CommandFailedError: they cannot.
@@ -91,7 +91,7 @@ def find_type(name: str) -> Any:
 def _import_section(package: str, section: str) -> ModuleType:
     """Import the messages of a package, and nothing else that goes by such a name.
 
-    Names come from whoever is in the ROS graph, and importing a module runs it.
+    Names come from any node in the ROS graph, and importing a module runs it.
 
     Raises:
         ImportError: there is no package with such messages.
@@ -271,7 +271,7 @@ def _make_opaque(name: str, type_hash: str) -> Any:
         (type,),
         {
             "_TYPE_SUPPORT": capsule(ctypes.addressof(support), None, None),
-            # rclpy wants them to be there; nobody converts a message that stays serialized.
+            # rclpy requires them; a message that stays serialized is never converted.
             **dict.fromkeys(CONVERSIONS, NotImplemented),
             "kept": (support, special, callbacks, its_hash, give_hash, finds),
         },
@@ -288,7 +288,7 @@ def _parts(name: str) -> list[str]:
 
 
 def _digest(type_hash: str) -> bytes:
-    """The 32 bytes of a hash; zeros where none is told, as by an older ROS 2."""
+    """The 32 bytes of a hash; zeros if there is none, as with an older ROS 2."""
     is_told = type_hash.startswith(HASH_PREFIX)
     return bytes.fromhex(type_hash.removeprefix(HASH_PREFIX)) if is_told else bytes(32)
 
