@@ -232,9 +232,9 @@ class CpuFacts:
     load: float
     """Processes that wanted to run in the last minute, on average."""
     governors: Mapping[str, int]
-    """Frequency governor -> how many processors have it; empty where the kernel tells none."""
+    """Frequency governor -> how many processors have it; empty if the kernel reports none."""
     clock: str
-    """The kernel's clock source, empty where it tells none."""
+    """The kernel's clock source, empty if it reports none."""
     clock_read_ns: float
     """What reading the clock takes [ns]."""
 

@@ -138,7 +138,7 @@ def _draw(back_end: str) -> DrawingTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisplayFacts:
-    """What DISPLAY and WAYLAND_DISPLAY name, and whether anybody answers there."""
+    """What DISPLAY and WAYLAND_DISPLAY name, and whether a server answers there."""
 
     names: tuple[str, ...]
     """Such as `DISPLAY=:0`; empty where neither is set."""

@@ -64,7 +64,7 @@ NOTHING: Final = NodeEnds(publishes={}, subscribes={}, services={})
 
 
 def ask_launcher(folders: Collection[Path]) -> "LauncherGraph | None":
-    """The graph as the first of these runs' launchers tells it; None: none of them does."""
+    """The graph as reported by the first of these runs' launchers that answers; None: none does."""
     for folder in folders:
         known = _graph(folder)
         if known is not None:
@@ -73,7 +73,7 @@ def ask_launcher(folders: Collection[Path]) -> "LauncherGraph | None":
 
 
 class LauncherGraph:
-    """The graph by a launcher's word."""
+    """The graph as a launcher reports it."""
 
     def __init__(self, folder: Path, known: KnownGraph) -> None:
         """Start with what the launcher knows now.
@@ -111,7 +111,7 @@ class LauncherGraph:
         return self._known.graph.topic(name)
 
     def graph(self) -> GraphSnapshot:
-        """All that was told."""
+        """The whole graph."""
         return self._known.graph
 
     def settle(self, expected: Collection[str], _quiet_s: float, timeout_s: float) -> bool:
@@ -120,10 +120,10 @@ class LauncherGraph:
         return bool(self.wait_for(lambda: wanted <= set(self.nodes()) or None, timeout_s))
 
     def rest(self, seconds: float) -> None:
-        """Return at once: the launcher was told of others long ago."""
+        """Return at once: the launcher has discovered the other nodes long ago."""
 
     def wait_for(self, probe: Callable[[], T | None], timeout_s: float) -> T | None:
-        """What a probe finds, asked again and again; None: nothing in time."""
+        """Poll a probe until it finds something; None: nothing in time."""
         end = time.monotonic() + timeout_s
         while (found := probe()) is None and time.monotonic() < end:
             time.sleep(POLL_S)
@@ -235,9 +235,9 @@ def open_graph(
         CommandFailedError: no launcher answers, and there is no rclpy, or it does not start.
     """
     is_ours = node is None or len(matching_names(node, target.nodes)) == 1
-    told = ask_launcher(target.runs) if is_ours else None
-    if told is not None:
-        yield told
+    launcher_graph = ask_launcher(target.runs) if is_ours else None
+    if launcher_graph is not None:
+        yield launcher_graph
         return
 
     from obk_cli.ros.parameters import MODULES
@@ -270,7 +270,7 @@ Reply = GraphReply | NamesReply | ValuesReply | KindReply | ReasonReply | Failed
 
 
 class GraphService:
-    """Answers with what one node knows."""
+    """Answers questions about the graph and parameters as one node sees them."""
 
     def __init__(self, participant: RosParticipant) -> None:
         """Serve questions.

@@ -34,13 +34,13 @@ if TYPE_CHECKING:
 __all__ = ["NodeSelection", "change_states", "node_states", "possible_transitions"]
 
 LAUNCHES_OWN_S: Final = 60.0
-"""What a launch's own limit is taken for: whoever asks does not know it [s]."""
+"""Assumed for a launch's own limit, which the client does not know [s]."""
 MARGIN_S: Final = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeSelection:
-    """What a user wants to know about, or change."""
+    """Which nodes a user queries or changes, and the timeout."""
 
     names: tuple[str, ...] = ()
     """Nodes, full or in short, or sections; none: all."""
@@ -134,9 +134,9 @@ NOTHING_S: Final = 2.0
 QUIET_S: Final = 1.0
 """After the last one that was found; of a stack, half of the nodes would be a wrong answer [s]."""
 ANSWER_S: Final = 2.0
-"""For a node's state where nothing else is said [s]."""
+"""Default timeout for a node's state [s]."""
 TRANSITION_S: Final = 10.0
-"""For one node's transition where nothing else is said [s]."""
+"""Default timeout for one node's transition [s]."""
 UP: Final = ("configure", "activate")
 NODE_NAME: Final = "obk_lifecycle"
 
@@ -161,7 +161,7 @@ def _states_in_graph(
     Args:
         environment: of ROS.
         search: which nodes.
-        timeout_s: for those that are known to run, and for each node's answer [s]; None: not said.
+        timeout_s: for running nodes, and for each node's answer [s]; None: the default.
 
     Raises:
         CommandFailedError: there is no such node, or no ROS.
@@ -185,7 +185,7 @@ def _change_in_graph(
         transition: `activate`, ...
         search: which nodes.
         timeout_s: for those that are known to run, and for each node's answer and transition [s];
-            None: not said.
+            None: the default.
 
     Raises:
         CommandFailedError: there is no such node, or no ROS.

@@ -1,4 +1,4 @@
-"""One node as the graph, its services and its launcher tell of it."""
+"""Show nodes, topics and services of a ROS graph as text and as data."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -43,9 +43,9 @@ class NodeInfo:
     subscribes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     services: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     parameters: int | None = None
-    """How many; None: it does not tell."""
+    """How many; None: no answer."""
     state: str | None = None
-    """Of its life cycle; None: it has none, or does not tell."""
+    """Of its life cycle; None: it has none, or does not answer."""
     status: NodeStatus | None = None
     """What its launcher says, where that runs here."""
     run: str | None = None
@@ -91,7 +91,7 @@ def _state(source: GraphSource, node: str, timeout_s: float) -> str | None:
     from obk_cli.ros.services import ServiceClient
     from obk_cli.ros.types import find_type
 
-    if not isinstance(source, RosParticipant):  # a launcher has told all that it knows
+    if not isinstance(source, RosParticipant):  # the launcher has reported all that it knows
         return None
     kind = find_type(GET_STATE)
     try:
@@ -110,7 +110,7 @@ def _parameters(source: GraphSource, node: str, timeout_s: float) -> int | None:
         return None
 
 
-UNNAMED = "(a node whose name was not told)"
+UNNAMED = "(a node without a known name)"
 
 
 def topics_text(graph: GraphSnapshot) -> Iterator[str]:
@@ -169,7 +169,7 @@ def topic_data(topic: TopicInfo) -> dict[str, Any]:
 
 def _row(end: End) -> tuple[str, ...]:
     qos = end.qos
-    # What a node keeps is not told over the network: zero stands for that.
+    # The depth of a queue is not announced over the network: zero stands for that.
     depth = f" {qos.depth}" if qos.depth else ""
     history = f"{qos.history}{depth}" if qos.history != "unknown" else ""
     words = (qos.reliability, qos.durability, history, *_times(end))
@@ -235,7 +235,7 @@ def node_text(seen: NodeInfo) -> Iterator[str]:
     if seen.status is not None:
         yield f"  run {plain(seen.run or '')}, {status_text(seen.status)}"
     asked = f"{seen.node}/list_parameters" in seen.services
-    unknown = "no answer" if asked else "it tells of none"
+    unknown = "no answer" if asked else "it reports none"
     yield f"  parameters: {unknown if seen.parameters is None else seen.parameters}"
     own = special_services(seen.services)
     for title, names in (

@@ -1,4 +1,4 @@
-"""What a command publishes, and the checks before: topic, type, subscribers, no robot is moved."""
+"""Check what `obk topic pub` publishes: topic, type, subscribers, and that it moves no robot."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Publication:
-    """What a user wants to have published."""
+    """What the user wants to publish."""
 
     topic: str
     """Full name, or the end of one."""
@@ -53,13 +53,13 @@ class Published:
     """Full name."""
     count: int
     is_confirmed: bool
-    """Whether all who hear the topic reliably have the last message."""
+    """Whether all reliable subscriptions have the last message."""
 
 
 def topic_to_publish(
     source: "GraphSource", target: GraphTarget, publication: Publication
 ) -> tuple[TopicInfo, str]:
-    """The topic and its full type; one that nobody has yet needs a full name and a type.
+    """The topic and its full type; a new one needs a full name and a type.
 
     Raises:
         CommandFailedError: there is none of that name, or it has another type.
@@ -86,14 +86,14 @@ def wait_for_subscribers(
     publication: Publication,
     count: Callable[[], int],
 ) -> None:
-    """Wait until as many hear a topic as the publication wants.
+    """Wait until a topic has as many subscriptions as the publication requires.
 
     Args:
         source: the graph.
         name: full, of the topic.
         msg_type: full, of what is published.
         publication: what is wanted.
-        count: how many hear it by now.
+        count: returns the number of subscriptions.
 
     Raises:
         CommandFailedError: they do not come in time, or all that are there want another type.
@@ -114,7 +114,7 @@ def wait_for_subscribers(
 
 
 def refuse_robot_commands(topic: TopicInfo, target: GraphTarget) -> None:
-    """Have nothing published where a robot listens.
+    """Reject a publication on a topic that a robot subscribes to.
 
     Raises:
         CommandFailedError: one does.
@@ -132,12 +132,12 @@ def _require_type(topic: TopicInfo, msg_type: str) -> None:
     if others and len(others) == len(topic.subscriptions):
         raise CommandFailedError(
             f"{topic.name} is of the type {others[0]}, not {msg_type}",
-            help="nobody would hear the messages",
+            help="no subscription would receive the messages",
         )
 
 
 def robots_commanded_by(topic: TopicInfo, plans: Iterable[Plan]) -> tuple[str, ...]:
-    """Full names of the robots that listen to a topic.
+    """Full names of the robots that subscribe to a topic.
 
     Args:
         topic: with its ends.

@@ -83,7 +83,7 @@ def _near(name: str, known: Collection[str]) -> str | None:
 
 
 OTHER_NODES_QUIET_S: Final = 1.0
-"""In which nothing is told any more, where it is not known who is there [s]."""
+"""Without a change, the graph is complete if no nodes are expected [s]."""
 FOREIGN_NODES_S: Final = 3.3
 """Within which also nodes that announce themselves every 3 s have done so [s]."""
 
@@ -91,13 +91,13 @@ FOREIGN_NODES_S: Final = 3.3
 def settle(
     source: "GraphSource", target: "GraphTarget", timeout_s: float, *, wait_s: float | None = None
 ) -> None:
-    """Wait until the graph is told of.
+    """Wait until the graph is discovered.
 
     Args:
         source: the graph.
         target: whose nodes are known to run.
         timeout_s: how long to wait for these, or where there are none for any [s].
-        wait_s: since the beginning, for nodes that nobody here knows of [s].
+        wait_s: since the start, for nodes not started by obk [s].
 
     Raises:
         CommandFailedError: there is no node at all.
@@ -116,7 +116,7 @@ def find_topic(
     *,
     is_published: bool = True,
 ) -> TopicInfo:
-    """A topic that somebody has.
+    """A topic that some node has.
 
     Args:
         source: the graph.
@@ -180,15 +180,15 @@ def the_type(kind: Kind, name: str, types: Collection[str]) -> str:
     """The one type of a topic or service.
 
     Raises:
-        CommandFailedError: nobody tells one, or nodes do not agree.
+        CommandFailedError: no node has one, or nodes have different ones.
     """
     if len(types) != 1:
-        told = " and ".join(types) or "none"
+        listed = " and ".join(types) or "none"
         raise CommandFailedError(
-            f"the {kind} {name} has the types {told}",
-            help="`obk topic info` tells whose; one of them has to give way"
+            f"the {kind} {name} has the types {listed}",
+            help="run `obk topic info` to see which nodes; rename one of the topics"
             if kind == "topic"
-            else "`--type` names the one that is meant",
+            else "choose one with `--type`",
         )
     return next(iter(types))
 

@@ -1,4 +1,4 @@
-"""Where a command looks: a ROS domain, and the stacks of this host that run in it."""
+"""The ROS domain that a command observes, and the stacks of this host that run in it."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -17,12 +17,12 @@ __all__ = ["NO_NODES_S", "GraphTarget", "find_message_types", "target_of", "with
 
 DOMAIN: Final = "ROS_DOMAIN_ID"
 NO_NODES_S: Final = 1.0
-"""After which there is nobody: longer than nodes that obk started take to be found [s]."""
+"""After which no node is running; discovery of nodes started by obk takes less [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraphTarget:
-    """A ROS domain, and what this host's run folders tell of it."""
+    """A ROS domain, and the runs of this host in it."""
 
     environment: RosEnvironment
     runs: Mapping[Path, Run]
@@ -42,11 +42,11 @@ class GraphTarget:
 
     @property
     def topics(self) -> Mapping[str, str | None]:
-        """The topics of the runs' plans, with their types where the plans tell."""
+        """The topics of the runs' plans, with their types as far as the plans have them."""
         return {name: kind for folder in self.runs for name, kind in run_topics(folder).items()}
 
     def modules(self, topics: Iterable[str]) -> tuple[str, ...]:
-        """The Python modules in which the types of these topics are, as far as the plans tell."""
+        """The Python modules of these topics' types, as far as the plans have them."""
         planned = self.topics
         names = (name for topic in topics for name in matching_names(topic, planned))
         types = (kind for name in names if (kind := planned[name]))
@@ -73,9 +73,9 @@ class GraphTarget:
             help=(
                 f"in other domains there are: {', '.join(others)}; use `--domain`, see `obk ps`"
                 if others
-                else "start a stack with `obk launch`; nodes that obk did not start tell of "
-                "themselves every 3 s, `--timeout 5` waits for them; a stack on another host needs "
-                "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET here and there"
+                else "start a stack with `obk launch`; nodes not started by obk announce "
+                "themselves every 3 s; wait for them with `--timeout 5`; a stack on another host "
+                "needs ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET on both hosts"
             ),
         )
 
@@ -89,7 +89,7 @@ def target_of(
         environment: of ROS, as the user has it.
         domain: as the user names it; None: that of ROS_DOMAIN_ID, else that of the stacks of this
             host where all are in one, else 0.
-        no_nodes_s: in which some node has to be found where none is known to run [s].
+        no_nodes_s: timeout to find any node if none is known to run [s].
     """
     variables = environment.variables
     live = live_folders(runs_folder(variables))

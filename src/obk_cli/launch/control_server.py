@@ -193,7 +193,9 @@ class _Server:
 
     async def _answer_on_graph(self, question: msgspec.Raw) -> bytes:
         if self._ask_graph is None:
-            return encode_line(Fault(error="the launcher does not tell of the ROS graph"))
+            return encode_line(
+                Fault(error="the launcher does not answer questions about the ROS graph")
+            )
         answer = self._awaited()
 
         def reply(data: bytes) -> None:

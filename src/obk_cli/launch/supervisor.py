@@ -208,7 +208,7 @@ class Supervisor:
                 reminder = context.loop.now() + REMINDER_S
         silent = self._runner.learn_states(others) if self._run.may_go_on else frozenset()
         for node in sorted(silent):
-            self._run.fail(f"{node}: does not tell its state", node)
+            self._run.fail(f"{node}: does not report its state", node)
         return self._run.may_go_on
 
     def _make(self, transition: Transition) -> bool:
@@ -321,7 +321,7 @@ class Supervisor:
         for node in sorted(self._runner.learn_states(present)):
             silent.add(node)
             if node not in busy and not self._run.force_quit:
-                text = f"{node}: does not tell its state within {limits.answer_s:g} s"
+                text = f"{node}: does not report its state within {limits.answer_s:g} s"
                 self._run.fail(text, node)
         for transition in way_down(ACTIVE):
             if self._run.force_quit:

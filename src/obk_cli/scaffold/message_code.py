@@ -167,7 +167,7 @@ def _stamped(message: MessageType, code: MessageCode | None, stamp: str = _STAMP
 
 
 def has_header(message: MessageType) -> bool:
-    """Whether a message has a stamp: by its definition, else as far as its name tells."""
+    """Whether a message has a stamp: by its definition, otherwise by its name."""
     if message.definition is not None:
         return _HEADER.search(message.definition) is not None
     if message.package in _WITH_HEADER_PACKAGES:

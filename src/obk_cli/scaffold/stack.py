@@ -149,7 +149,7 @@ def choose_nodes(
 
 
 def _fit(nodes: tuple[StackNode, ...]) -> bool:
-    """Whether each message that one of them hears is sent by another, or can be simulated."""
+    """Whether each message that one of them subscribes to is published by another or simulated."""
     stack = StackSketch(name="", nodes=nodes, model=None)
     sent = {topic for node in nodes for topic in _topics(stack, node, "publisher")}
     subscribed = {topic for node in nodes for topic in _topics(stack, node, "subscriber")}
@@ -272,7 +272,7 @@ def _control_type(stack: StackSketch) -> MessageType:
 def _sensor_groups(
     stack: StackSketch, model: Model
 ) -> Iterator[tuple[MessageType, Sequence[ModelSensor]]]:
-    """Each sensor message that a node hears, with the model's sensors for it."""
+    """Each sensor message that a node subscribes to, with the model's sensors for it."""
     subscribed = (
         _message_of(component)
         for node in stack.nodes

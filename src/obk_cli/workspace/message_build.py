@@ -229,7 +229,7 @@ def find_colcon(environment: Mapping[str, str]) -> Path | None:
 
 
 def run_colcon(arguments: Sequence[str], workspace: Path, environment: Mapping[str, str]) -> None:
-    """Run colcon in a workspace to its end; its words go to stderr.
+    """Run colcon in a workspace to its end; its output goes to stderr.
 
     Raises:
         CommandFailedError: it failed.
@@ -423,7 +423,7 @@ def _colcon_prefixes(workspace: Path, names: Sequence[str]) -> tuple[str, ...]:
 def _record(
     survey: Survey, chosen: Sequence[SurveyedPackage], builder: Builder, prefixes: tuple[str, ...]
 ) -> OverlayRecord:
-    """What the new overlay says of itself: of the packages that stay, what the old one said."""
+    """The record of the new overlay; packages that stay keep their entry of the old one."""
     before = read_record(survey.workspace)
     packages = dict(before.packages) if before and before.builder == builder else {}
     known = {one.name for one in survey.packages}

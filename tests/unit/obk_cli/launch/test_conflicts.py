@@ -219,8 +219,8 @@ def test_another_type_is_told_once_with_both_types_and_whose_it_is(
     both = {"/ctrl": [CONTROL, STRING]}
     looks = ({"/ctrl": [CONTROL]}, both, {}, both)
     assert told_of(*looks, monkeypatch=monkeypatch) == [
-        f"warning: /ctrl is a topic of {CONTROL} here, and /a, /b has it as {STRING}: none of "
-        "these messages get through"
+        f"warning: /ctrl has the type {CONTROL} in this stack and {STRING} in /a, /b: "
+        "these nodes do not receive each other's messages"
     ]
 
 
@@ -233,7 +233,7 @@ def test_a_nodes_name_is_waited_for_and_the_type_told_without_it_in_the_end(
     ends: Sequence[tuple[str, ...]], who: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (told,) = told_of({"/ctrl": [CONTROL, STRING]}, monkeypatch=monkeypatch, ends=ends)
-    assert f"and {who} has it as {STRING}" in told
+    assert f"and {STRING} in {who}: " in told
 
 
 def test_other_topics_and_those_without_a_type_in_the_plan_do_not_matter(
