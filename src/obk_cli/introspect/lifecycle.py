@@ -15,32 +15,32 @@ from obk_cli.runs.control_client import ask_change
 from obk_cli.runs.folder import Run, runs_folder
 from obk_cli.runs.lifecycle import TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, Member, NodeStatus, Result
-from obk_cli.runs.registry import live_runs
-from obk_cli.runs.stacks import (
+from obk_cli.runs.registry import (
     NO_ANSWER,
-    Choice,
-    choose_stack,
+    NodeSelection,
     in_tier_order,
+    live_runs,
     live_stacks,
     node_statuses,
-    nodes_meant,
-    runs_meant,
+    select_nodes,
+    select_runs,
+    select_stack,
     stack_nodes,
 )
 
 if TYPE_CHECKING:
     from obk_cli.ros.lifecycle_client import LifecycleClient
 
-__all__ = ["NodeSelection", "change_states", "node_states", "possible_transitions"]
+__all__ = ["LifecycleRequest", "change_states", "node_states", "possible_transitions"]
 
 LAUNCHES_OWN_S: Final = 60.0
-"""Assumed for a launch's own limit, which the client does not know [s]."""
+"""What a launch's own limit is taken for: whoever asks does not know it [s]."""
 MARGIN_S: Final = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NodeSelection:
-    """Which nodes a user queries or changes, and the timeout."""
+class LifecycleRequest:
+    """What a user wants to know about, or change."""
 
     names: tuple[str, ...] = ()
     """Nodes, full or in short, or sections; none: all."""
@@ -50,23 +50,23 @@ class NodeSelection:
     """For one node's answer or transition [s]; None: the launch's own."""
 
 
-def node_states(environment: RosEnvironment, selection: NodeSelection) -> Mapping[str, str]:
+def node_states(environment: RosEnvironment, request: LifecycleRequest) -> Mapping[str, str]:
     """The states of nodes by full name, `no answer` where a node gives none.
 
     Raises:
         CommandFailedError: there is no such run or node, or no ROS.
     """
-    runs = _runs(environment, selection)
-    known = node_statuses(live_stacks(runs), selection.names) if runs else None
+    runs = _runs(environment, request)
+    known = node_statuses(live_stacks(runs), request.names) if runs else None
     if known is not None:
         return {name: _state(known[name]) for name in in_tier_order(known)}
 
-    search = _Search(names=selection.names, expected=_nodes(runs), if_none=_if_none(environment))
-    return _states_in_graph(environment, search, selection.timeout_s)
+    search = _Search(names=request.names, expected=_nodes(runs), if_none=_if_none(environment))
+    return _states_in_graph(environment, search, request.timeout_s)
 
 
 def change_states(
-    environment: RosEnvironment, transition: str, selection: NodeSelection
+    environment: RosEnvironment, transition: str, request: LifecycleRequest
 ) -> ChangeAnswer:
     """Take nodes through a transition.
 
@@ -74,13 +74,13 @@ def change_states(
         CommandFailedError: there is no such run or node, its launcher does not answer, or no ROS.
         MisuseError: nodes of more than one stack may be meant.
     """
-    runs = _runs(environment, selection)
-    choice = choose_stack(live_stacks(runs), selection.names)
+    runs = _runs(environment, request)
+    choice = select_stack(live_stacks(runs), request.names)
     if choice is not None:
-        return _ask_launcher(choice, transition, selection.timeout_s)
+        return _ask_launcher(choice, transition, request.timeout_s)
 
-    search = _Search(names=selection.names, expected=_nodes(runs), if_none=_if_none(environment))
-    return _change_in_graph(environment, transition, search, selection.timeout_s)
+    search = _Search(names=request.names, expected=_nodes(runs), if_none=_if_none(environment))
+    return _change_in_graph(environment, transition, search, request.timeout_s)
 
 
 def possible_transitions(state: str) -> tuple[str, ...]:
@@ -88,15 +88,15 @@ def possible_transitions(state: str) -> tuple[str, ...]:
     return tuple(t.name for t in TRANSITIONS.values() if state in t.starts)
 
 
-def _runs(environment: RosEnvironment, selection: NodeSelection) -> Mapping[Path, Run]:
-    return runs_meant(runs_folder(environment.variables), selection.run, domain=environment.domain)
+def _runs(environment: RosEnvironment, request: LifecycleRequest) -> Mapping[Path, Run]:
+    return select_runs(runs_folder(environment.variables), request.run, domain=environment.domain)
 
 
 def _state(node: NodeStatus) -> str:
     return NO_ANSWER if node.hangs else node.state
 
 
-def _ask_launcher(choice: Choice, transition: str, timeout_s: float | None) -> ChangeAnswer:
+def _ask_launcher(choice: NodeSelection, transition: str, timeout_s: float | None) -> ChangeAnswer:
     stack = choice.stack
     tiers = len({node.section for node in stack.life_cycle_nodes})
     # There and back, tier by tier.
@@ -134,9 +134,9 @@ NOTHING_S: Final = 2.0
 QUIET_S: Final = 1.0
 """After the last one that was found; of a stack, half of the nodes would be a wrong answer [s]."""
 ANSWER_S: Final = 2.0
-"""Default timeout for a node's state [s]."""
+"""For a node's state where nothing else is said [s]."""
 TRANSITION_S: Final = 10.0
-"""Default timeout for one node's transition [s]."""
+"""For one node's transition where nothing else is said [s]."""
 UP: Final = ("configure", "activate")
 NODE_NAME: Final = "obk_lifecycle"
 
@@ -161,7 +161,7 @@ def _states_in_graph(
     Args:
         environment: of ROS.
         search: which nodes.
-        timeout_s: for running nodes, and for each node's answer [s]; None: the default.
+        timeout_s: for those that are known to run, and for each node's answer [s]; None: not said.
 
     Raises:
         CommandFailedError: there is no such node, or no ROS.
@@ -185,7 +185,7 @@ def _change_in_graph(
         transition: `activate`, ...
         search: which nodes.
         timeout_s: for those that are known to run, and for each node's answer and transition [s];
-            None: the default.
+            None: not said.
 
     Raises:
         CommandFailedError: there is no such node, or no ROS.
@@ -222,12 +222,12 @@ def _choose(
     if not search.names:
         return in_tier_order(search.expected) or stack_nodes(found)
     for name in search.names:
-        if not nodes_meant(name, found):
+        if not select_nodes(name, found):
             raise CommandFailedError(
                 f"there is no life-cycle node `{name}` in the ROS domain {environment.domain}",
                 help=did_you_mean(name, found),
             )
-    return in_tier_order({node for name in search.names for node in nodes_meant(name, found)})
+    return in_tier_order({node for name in search.names for node in select_nodes(name, found)})
 
 
 def _ros_state(ros: "LifecycleClient", node: str, timeout_s: float | None) -> str:

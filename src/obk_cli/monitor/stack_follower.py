@@ -12,7 +12,7 @@ from typing import Final, Protocol
 
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.introspect.lifecycle import NodeSelection, change_states
+from obk_cli.introspect.lifecycle import LifecycleRequest, change_states
 from obk_cli.introspect.target import DOMAIN, GraphTarget, target_of
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.observers import LocalObserver, RemoteObserver
@@ -97,7 +97,7 @@ class StackSelector:
         """
         variables = {**self.environment.variables, DOMAIN: str(view.domain)}
         environment = replace(self.environment, variables=variables)
-        return change_states(environment, verb, NodeSelection(names=nodes, run=view.run or None))
+        return change_states(environment, verb, LifecycleRequest(names=nodes, run=view.run or None))
 
     def _matches(self, folder: Path, run: Run) -> bool:
         return self.run in (None, run.name, folder.name)
