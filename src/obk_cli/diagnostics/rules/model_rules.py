@@ -100,9 +100,10 @@ RULES: tuple[Rule, ...] = (
         code="OBK313",
         severity="error",
         title="a ray caster's site or frame is not in the model",
-        cause="Rays start at a site of the model; what they hit is given in the frame of a site, "
-        "body, geom or camera, or in `world`.",
-        cure="Mend `site_name` or `frame`, or add the site to the model.",
+        cause="Rays start at a site of the model. With `points_in: frame`, the points of a cloud "
+        "are given in `frame`: `world`, or a site, body, geom or camera of the model. Without it, "
+        "`frame` is a label.",
+        cure="Correct `site_name` or `frame`, or add the site to the model.",
     ),
     Rule(
         code="OBK314",
