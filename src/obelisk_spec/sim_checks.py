@@ -350,10 +350,10 @@ def _check_viz_geoms(viz_geoms: Mapping[str, Any], facts: ModelFacts) -> Iterato
         if actual is None:
             yield SimFault(
                 code="OBK311",
-                severity="error",
+                severity="warning",
                 path=path,
                 points_at="key",
-                message=f"geom `{name}` is not in the model",
+                message=f"geom `{name}` is not in the model, so it is not shown",
                 help=did_you_mean(name, facts.geoms),
                 meant=sure_name(name, facts.geoms),
             )

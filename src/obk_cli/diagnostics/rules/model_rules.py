@@ -84,10 +84,11 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule(
         code="OBK311",
-        severity="error",
+        severity="warning",
         title="a geom that is not in the model",
-        cause="Every name in `viz_geoms` must be a geom of the model.",
-        cure="Mend the name, or name the geom in the model.",
+        cause="`viz_geoms` names geoms of the model. The simulator logs the others once and shows "
+        "the rest.",
+        cure="Correct the name, or name the geom in the model.",
     ),
     Rule(
         code="OBK312",
