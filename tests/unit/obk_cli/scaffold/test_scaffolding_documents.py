@@ -58,13 +58,10 @@ def test_a_workspace_and_a_node_are_made(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_nodes_go_into_a_config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "src").mkdir()
-    monkeypatch.chdir(tmp_path)
-    example = (ROOT / "examples/dummy/dummy_new.yaml").read_text()
-    renamed = example.replace("/obelisk/dummy", "/arm").replace("config: dummy", "config: arm")
-    (tmp_path / "arm.yaml").write_text(renamed)
-    for file in ("dummy.xml", "dummy_params.txt"):
-        shutil.copy(ROOT / "examples/dummy" / file, tmp_path)
+    copy = tmp_path / "arm"
+    shutil.copytree(ROOT / "examples/arm", copy)
+    there = {folder.name for folder in (copy / "src").iterdir()}
+    monkeypatch.chdir(copy)
     type_all(ADDING_NODES)
-    made = {folder.name for folder in (tmp_path / "src").iterdir()}
+    made = {folder.name for folder in (copy / "src").iterdir()} - there
     assert made == {"balance", "filter", "arm_hardware", "camera"}
