@@ -7,7 +7,7 @@ control without a stamp (zero) is never late.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 import mujoco
@@ -139,9 +139,9 @@ class ControlInbox:
             return False
         return self._accept(control, sent_ns)
 
-    def put(self, control: Any) -> bool:
+    def put(self, control: Iterable[float]) -> bool:
         """Accept or reject numbers for the actuators; returns whether they were accepted."""
-        checked = self._checked("ctrl", control)
+        checked = self._checked("ctrl", list(control))
         if isinstance(checked, str):
             self._rejections.add(checked)
             return False

@@ -8,7 +8,7 @@ simulation time.
 
 import time
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -332,22 +332,21 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         newest = inbox.newest if inbox is not None else None
         return newest.copy() if isinstance(newest, np.ndarray) else data.ctrl.copy()
 
-    def _set_shared_ctrl(self, ctrl: Any) -> bool:
-        """Apply numbers for the actuators at the next step, or reject them.
+    @shared_ctrl.setter
+    def shared_ctrl(self, shared_ctrl: Any) -> None:
+        self._set_shared_ctrl(shared_ctrl)
+
+    def _set_shared_ctrl(self, ctrl: Iterable[float]) -> None:
+        """Apply numbers for the actuators at the next step, or reject and log them.
 
         For an inheriting class whose `apply_control` computes them from a message of any type.
 
         Args:
             ctrl: one number for each actuator of the model.
-
-        Returns:
-            Whether they will be applied.
         """
-        if self._inbox is None:
-            return False
-        is_taken = self._inbox.put(ctrl)
-        self._log_rejections(self._inbox)
-        return is_taken
+        if self._inbox is not None:
+            self._inbox.put(ctrl)
+            self._log_rejections(self._inbox)
 
     def _configured(self) -> Simulation:
         if self._simulation is None:
