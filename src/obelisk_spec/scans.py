@@ -100,6 +100,7 @@ _SCAN: Final = "ObkScan"
 _CLOUD_KEYS: Final = ("points_in", "keep_misses")
 """Keys that decide something only about the points of a cloud."""
 _LENGTH: Final = "a length in metres greater than 0"
+_DIRECTION: Final = ScanKey("three numbers, not all 0", _is_direction)
 _OFFSET: Final = ScanKey("a mapping whose keys are texts", is_mapping)
 SCAN_KEYS: Final[Mapping[str, ScanKey]] = {
     "site_name": ScanKey("the name of a site", is_text, required=True),
@@ -116,7 +117,7 @@ PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
         "resolution": ScanKey(_LENGTH, _is_positive, required=True),
         "size": ScanKey("two lengths in metres", _is_grid, required=True),
         "ordering": _one_of("xy", "yx"),
-        "direction": ScanKey("three numbers, not all 0", _is_direction),
+        "direction": _DIRECTION,
         "values": _one_of("height", "distance"),
     },
     "lidar_scan": {
@@ -127,6 +128,7 @@ PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
             "an angle in degrees greater than 0", _is_positive, required=True
         ),
         "spacing": _one_of("even", "exact"),
+        "direction": _DIRECTION,
     },
     "depth_camera": {
         "width": ScanKey(COUNT_RANGE, is_count, required=True),
@@ -137,6 +139,7 @@ PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
             required=True,
         ),
         "rays_through": _one_of("corners", "centres"),
+        "direction": _DIRECTION,
     },
 }
 OFFSET_KEYS: Final[Mapping[str, ScanKey]] = {
@@ -211,6 +214,8 @@ def _check_pattern(
         yield from _check_ray_count(pattern, path)
         if pattern.get("values") is not None and bare_name(written) != _SCAN:
             yield _no_effect("values", path, f": only an `{_SCAN}` has one value for each ray")
+        if pattern.get("direction") is not None and kind != "height_scan":
+            yield _no_effect("direction", path, f": the rays of a `{kind}` have one each")
     offset = pattern.get("offset")
     if is_mapping(offset):
         yield from _check_keys(offset, "an `offset`", OFFSET_KEYS, (*path, "offset"))

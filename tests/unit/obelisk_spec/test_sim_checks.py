@@ -267,6 +267,8 @@ def test_a_key_selects_a_behaviour(kind: str, pattern: dict[str, Any], more: Any
         ("ObkScan", GRID, {"points_in": "frame"}),
         ("DepthImage", CAMERA, {"keep_misses": True}),
         ("PointCloud2", {**GRID, "values": "height"}, {}),
+        ("ObkScan", {**LIDAR, "direction": [1.0, 0.0, 0.0]}, {}),
+        ("DepthImage", {**CAMERA, "direction": [1.0, 0.0, 0.0]}, {}),
     ],
 )
 def test_a_key_that_the_message_has_no_use_for_has_no_effect(
