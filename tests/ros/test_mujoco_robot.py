@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, ClassVar
@@ -210,6 +211,19 @@ class _TranslatingRobot(ObeliskMujocoRobot):
         return super().apply_control(PositionSetpoint(u_mujoco=[control_msg.v_x]))
 
 
+class _EndlessRobot(_VelocityRobot):
+    """Steps by itself and never reads `simulator_stop`, as existing simulators do."""
+
+    n_u = 1
+
+    def run_simulator(self) -> None:
+        while True:
+            with self.lock:
+                self.mj_data.ctrl[:] = self.shared_ctrl
+            mujoco.mj_step(self.mj_model, self.mj_data)
+            time.sleep(0.001)
+
+
 class _SteppingRobot(_VelocityRobot):
     """Steps by itself."""
 
@@ -220,7 +234,9 @@ class _SteppingRobot(_VelocityRobot):
             mujoco.mj_step(self.mj_model, self.mj_data)
 
 
-@pytest.mark.parametrize("robot", [_VelocityRobot, _TranslatingRobot, _SteppingRobot])
+@pytest.mark.parametrize(
+    "robot", [_VelocityRobot, _TranslatingRobot, _SteppingRobot, _EndlessRobot]
+)
 def test_an_inheriting_robot_reads_control_messages_of_its_own(
     robot: type[ObeliskMujocoRobot],
 ) -> None:
@@ -230,6 +246,8 @@ def test_an_inheriting_robot_reads_control_messages_of_its_own(
         assert request(node, "configure")
         assert request(node, "activate")
         assert node.mj_model.nu == 1
+        eventually(lambda: node.mj_data.time > 0.0, "the first step")
+        assert list(node.shared_ctrl) == [0.5], "the control of the keyframe"
         control = node.create_publisher(VelocityCommand, "/ctrl", 10)
         eventually(lambda: control.get_subscription_count() == 1, "the subscription")
         for number in (0.25, float("nan")):
@@ -237,6 +255,7 @@ def test_an_inheriting_robot_reads_control_messages_of_its_own(
         eventually(lambda: node.mj_data.ctrl[0] == 0.25, "the control")
         eventually(lambda: node.mj_data.time > 0.01, "steps")
         assert list(node.shared_ctrl) == [0.25]
+        assert request(node, "deactivate")
 
 
 def test_a_run_starts_from_the_keyframe_with_its_control() -> None:

@@ -328,6 +328,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         Raises:
             ObeliskError: the node is not configured.
         """
+        self._end_existing_simulator()
         data, inbox = self.mj_data, self._inbox
         newest = inbox.newest if inbox is not None else None
         return newest.copy() if isinstance(newest, np.ndarray) else data.ctrl.copy()
