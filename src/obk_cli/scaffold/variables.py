@@ -4,21 +4,19 @@ Pure: answers in; values and YAML out.
 """
 
 from dataclasses import dataclass
-from obk_cli.scaffold.cpp import cpp_control
-from obk_cli.scaffold.cpp import cpp_estimate
-from obk_cli.scaffold.cpp import cpp_header
-from obk_cli.scaffold.cpp import cpp_type
-from obk_cli.scaffold.kinds import NODE_KINDS
-from obk_cli.scaffold.kinds import SECTIONS
-from obk_cli.scaffold.message_code import LINE_LENGTH
-from obk_cli.scaffold.message_code import control_code
-from obk_cli.scaffold.message_code import estimate_code
-from obk_cli.scaffold.message_code import import_block
-from obk_cli.scaffold.message_code import is_position_control
-from obk_cli.scaffold.message_code import message_imports
-from obk_cli.scaffold.message_code import reading_code
-from obk_cli.scaffold.questions import Answers
-from obk_cli.scaffold.questions import MessageType
+
+from obk_cli.scaffold.cpp import cpp_control, cpp_estimate, cpp_header, cpp_type
+from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
+from obk_cli.scaffold.message_code import (
+    LINE_LENGTH,
+    control_code,
+    estimate_code,
+    import_block,
+    is_position_control,
+    message_imports,
+    reading_code,
+)
+from obk_cli.scaffold.questions import Answers, MessageType
 
 __all__ = [
     "TOPICS_TO_FILL_IN",
