@@ -1,8 +1,10 @@
 """Nodes of the three generations of the Python API on the real rclpy."""
 
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,7 +18,8 @@ from obelisk_py.core.control import ObeliskController
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.node import ObeliskNode
 
-from .stack import parameters, request, spinning
+from .generations import make_stack
+from .stack import DEADLINE_S, launched, parameters, request, spinning
 
 pytestmark = pytest.mark.ros
 
@@ -292,3 +295,26 @@ def test_a_process_with_a_wrong_registration_ends_with_a_sentence() -> None:
     assert "the node cannot be made: register_obk_publisher of the node `arm`: " in ended.stderr
     assert "`msg_type` is 7 (an `int`), expected a message class" in ended.stderr
     assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("robot", "estimation", "control"),
+    [
+        ("first", "first", "first"),
+        ("second", "second", "second"),
+        ("third", "third", "third"),
+        ("first", "second", "third"),
+        ("second", "third", "first"),
+    ],
+)
+def test_nodes_of_every_generation_exchange_messages(
+    tmp_path: Path, robot: str, estimation: str, control: str
+) -> None:
+    config = make_stack(tmp_path, robot=robot, estimation=estimation, control=control)
+    with launched(config) as run:
+        run.wait_for_line("applied 4.0")
+        if robot == "first":
+            run.wait_for_line("obelisk_robot_0 publishes /joints")
+        run.process.send_signal(signal.SIGINT)
+        assert run.process.wait(DEADLINE_S) == 0, run.text
+    assert "Traceback" not in run.text
