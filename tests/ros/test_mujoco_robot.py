@@ -398,3 +398,10 @@ def test_the_module_runs_as_a_process() -> None:
         rclpy.shutdown()
         process.kill()
         process.communicate()
+
+
+def test_a_simulator_with_a_message_type_requires_its_control_subscription() -> None:
+    with spinning(lambda: ObeliskMujocoRobot("robot", PositionSetpoint)) as node:
+        assert not request(node, "configure")
+        assert node.last_fault is not None
+        assert "set the parameter `sub_ctrl_setting`" in node.last_fault.text

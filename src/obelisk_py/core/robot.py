@@ -388,7 +388,7 @@ class ObeliskSimRobot(ObeliskRobot):
         super()._start()
         if self._simulator is None:
             if len(self._shared_ctrl) == 0:
-                self._set_shared_ctrl([0.0] * (getattr(self, "n_u", None) or 0))
+                self._shared_ctrl[:] = [0.0] * (getattr(self, "n_u", None) or 0)
             # A new event for each run, so that an old thread cannot run again.
             self._stop = threading.Event()
             self._simulator = threading.Thread(

@@ -184,7 +184,10 @@ def _setting(component: Component) -> Mapping[str, object]:
 
 def _own_setting(component: Component) -> Mapping[str, object]:
     """A component's entry without the name of the ROS parameter that carries it."""
-    return {key: value for key, value in _setting(component).items() if key != "ros_parameter"}
+    own = {key: value for key, value in _setting(component).items() if key != "ros_parameter"}
+    depth = own.get("history_depth")
+    # Existing nodes convert its text with `int`, which rejects `10.0`.
+    return {**own, "history_depth": int(depth)} if isinstance(depth, float) else own
 
 
 def _callback_groups(node: Node) -> Mapping[str, object]:

@@ -148,6 +148,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, ctrl_msg_type, **kwargs)
+        # The control subscription is required, with and without a message type.
+        self._has_message_types = False
         self.declare_parameter(PARAMETER, "")
         self.declare_parameter(KEYFRAME, "")
         # A config may write 0 or 1 as well as 0.5.
