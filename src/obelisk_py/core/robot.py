@@ -388,6 +388,7 @@ class ObeliskSimRobot(ObeliskRobot):
         super()._start()
         if self._simulator is None:
             if len(self._shared_ctrl) == 0:
+                # Not by `_set_shared_ctrl`: an inheriting class may take that for a command.
                 self._shared_ctrl[:] = [0.0] * (getattr(self, "n_u", None) or 0)
             # A new event for each run, so that an old thread cannot run again.
             self._stop = threading.Event()
