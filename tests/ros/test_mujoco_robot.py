@@ -1,32 +1,43 @@
 """The simulator as a node on the real rclpy: what it takes, what it publishes, how it fails."""
 
+from .stack import DEADLINE_S
+from .stack import DUMMY
+from .stack import eventually
+from .stack import parameters
+from .stack import request
+from .stack import spinning
+from collections.abc import Callable
+from collections.abc import Iterable
+from collections.abc import Iterator
+from contextlib import contextmanager
+from diagnostic_msgs.msg import DiagnosticArray
+import mujoco
+import pytest
+import rclpy
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from typing import Any, ClassVar
-
-import mujoco
-import pytest
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import GetState
-from obelisk_control_msgs.msg import PositionSetpoint, VelocityCommand
-from obelisk_sensor_msgs.msg import JointEncoders, ObkImage, ObkImu, ObkScan, TrueSimState
-from rclpy.qos import QoSProfile
-from rosgraph_msgs.msg import Clock
-from std_msgs.msg import Float64
-from std_srvs.srv import SetBool, Trigger
-from visualization_msgs.msg import MarkerArray
-
+from obelisk_control_msgs.msg import PositionSetpoint
+from obelisk_control_msgs.msg import VelocityCommand
 from obelisk_py.core.exceptions import ObeliskError
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
 from obelisk_py.core.sim.mujoco.viewers import processes
+from obelisk_sensor_msgs.msg import JointEncoders
+from obelisk_sensor_msgs.msg import ObkImage
+from obelisk_sensor_msgs.msg import ObkImu
+from obelisk_sensor_msgs.msg import ObkScan
+from obelisk_sensor_msgs.msg import TrueSimState
 from obelisk_spec.components import format_setting
-
-from .stack import DEADLINE_S, DUMMY, eventually, parameters, request, spinning
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64
+from std_srvs.srv import SetBool
+from std_srvs.srv import Trigger
+from typing import Any
+from typing import ClassVar
+from visualization_msgs.msg import MarkerArray
 
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 
@@ -465,3 +476,10 @@ def test_the_module_runs_as_a_process() -> None:
         rclpy.shutdown()
         process.kill()
         process.communicate()
+
+
+def test_a_simulator_with_a_message_type_requires_its_control_subscription() -> None:
+    with spinning(lambda: ObeliskMujocoRobot("robot", PositionSetpoint)) as node:
+        assert not request(node, "configure")
+        assert node.last_fault is not None
+        assert "set the parameter `sub_ctrl_setting`" in node.last_fault.text
