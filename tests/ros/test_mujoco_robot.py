@@ -1,43 +1,32 @@
 """The simulator as a node on the real rclpy: what it takes, what it publishes, how it fails."""
 
-from .stack import DEADLINE_S
-from .stack import DUMMY
-from .stack import eventually
-from .stack import parameters
-from .stack import request
-from .stack import spinning
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Iterator
-from contextlib import contextmanager
-from diagnostic_msgs.msg import DiagnosticArray
-import mujoco
-import pytest
-import rclpy
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, ClassVar
+
+import mujoco
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import GetState
-from obelisk_control_msgs.msg import PositionSetpoint
-from obelisk_control_msgs.msg import VelocityCommand
-from obelisk_py.core.exceptions import ObeliskError
-from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
-from obelisk_py.core.sim.mujoco.viewers import processes
-from obelisk_sensor_msgs.msg import JointEncoders
-from obelisk_sensor_msgs.msg import ObkImage
-from obelisk_sensor_msgs.msg import ObkImu
-from obelisk_sensor_msgs.msg import ObkScan
-from obelisk_sensor_msgs.msg import TrueSimState
-from obelisk_spec.components import format_setting
+from obelisk_control_msgs.msg import PositionSetpoint, VelocityCommand
+from obelisk_sensor_msgs.msg import JointEncoders, ObkImage, ObkImu, ObkScan, TrueSimState
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
-from std_srvs.srv import SetBool
-from std_srvs.srv import Trigger
-from typing import Any
-from typing import ClassVar
+from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
+
+from obelisk_py.core.exceptions import ObeliskError
+from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
+from obelisk_py.core.sim.mujoco.viewers import processes
+from obelisk_spec.components import format_setting
+
+from .stack import DEADLINE_S, DUMMY, eventually, parameters, request, spinning
 
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 

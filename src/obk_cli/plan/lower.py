@@ -1,43 +1,43 @@
 """Checked config -> plan. Total: a config that passed its checks cannot fail here."""
 
 from collections import Counter
-from collections.abc import Iterator
-from collections.abc import Mapping
-from obelisk_spec.components import CALLBACK_GROUPS_PARAMETER
-from obelisk_spec.components import DEFAULT_HISTORY_DEPTH
-from obelisk_spec.components import SETTING_SUFFIX
-from obelisk_spec.components import format_component_setting
-from obelisk_spec.components import format_setting
+from collections.abc import Iterator, Mapping
+from typing import cast
+
+from obelisk_spec.components import (
+    CALLBACK_GROUPS_PARAMETER,
+    DEFAULT_HISTORY_DEPTH,
+    SETTING_SUFFIX,
+    format_component_setting,
+    format_setting,
+)
 from obelisk_spec.values import ParameterValue
-from obk_cli.config.model import COMPONENT_LISTS
-from obk_cli.config.model import Component
-from obk_cli.config.model import FEEDBACK_TOPIC
-from obk_cli.config.model import FileSearch
-from obk_cli.config.model import JOYSTICK_EXECUTABLE
-from obk_cli.config.model import JOYSTICK_NODE
-from obk_cli.config.model import JOYSTICK_PACKAGE
-from obk_cli.config.model import JOYSTICK_TOPIC
-from obk_cli.config.model import Joystick
-from obk_cli.config.model import Node
-from obk_cli.config.model import Sim
-from obk_cli.config.model import Spanned
-from obk_cli.config.model import Stack
-from obk_cli.config.topology import Direction
-from obk_cli.config.topology import TopicEnd
-from obk_cli.config.topology import absolute_topic
-from obk_cli.config.topology import joystick_ends
-from obk_cli.config.topology import node_ends
-from obk_cli.config.topology import publisher_of_timer
+from obk_cli.config.model import (
+    COMPONENT_LISTS,
+    FEEDBACK_TOPIC,
+    JOYSTICK_EXECUTABLE,
+    JOYSTICK_NODE,
+    JOYSTICK_PACKAGE,
+    JOYSTICK_TOPIC,
+    Component,
+    FileSearch,
+    Joystick,
+    Node,
+    Sim,
+    Spanned,
+    Stack,
+)
+from obk_cli.config.topology import (
+    Direction,
+    TopicEnd,
+    absolute_topic,
+    joystick_ends,
+    node_ends,
+    publisher_of_timer,
+)
 from obk_cli.config.tree import plain_value
 from obk_cli.diagnostics.source import Span
-from obk_cli.plan.plan import Endpoint
-from obk_cli.plan.plan import OnCrash
-from obk_cli.plan.plan import Origin
-from obk_cli.plan.plan import Plan
-from obk_cli.plan.plan import PlannedSensorGroup
-from obk_cli.plan.plan import Process
-from obk_cli.plan.plan import Promise
-from typing import cast
+from obk_cli.plan.plan import Endpoint, OnCrash, Origin, Plan, PlannedSensorGroup, Process, Promise
 
 __all__ = ["DEFAULT_STACK_NAME", "lower_stack"]
 

@@ -6,69 +6,61 @@ Services: `~/reset`, `~/pause`, `~/step`. The stepping thread publishes what is 
 simulation time.
 """
 
-from ament_index_python.packages import PackageNotFoundError
-from ament_index_python.packages import get_package_share_path
+import time
 from array import array
-from builtin_interfaces.msg import Time
-from collections.abc import Callable
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
 import mujoco
 import numpy as np
-import time
+from ament_index_python.packages import PackageNotFoundError, get_package_share_path
+from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
-from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_py.core.exceptions import ObeliskError
+from obelisk_sensor_msgs.msg import TrueSimState
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle.publisher import LifecyclePublisher
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64
+
+from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameters import Getter
 from obelisk_py.core.rate_monitor.counting import TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
 from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.actuation import WhenStale
-from obelisk_py.core.sim.mujoco.control import ControlInbox
-from obelisk_py.core.sim.mujoco.control import make_inbox
-from obelisk_py.core.sim.mujoco.loading import check_keyframe
-from obelisk_py.core.sim.mujoco.loading import load_model
-from obelisk_py.core.sim.mujoco.outputs import OutputContext
-from obelisk_py.core.sim.mujoco.outputs import no_rate_monitor
-from obelisk_py.core.sim.mujoco.outputs import outputs_of
+from obelisk_py.core.sim.mujoco.control import ControlInbox, make_inbox
+from obelisk_py.core.sim.mujoco.loading import check_keyframe, load_model
+from obelisk_py.core.sim.mujoco.outputs import OutputContext, no_rate_monitor, outputs_of
 from obelisk_py.core.sim.mujoco.sensors.kind import WORLD
-from obelisk_py.core.sim.mujoco.sim_config import PARAMETER
-from obelisk_py.core.sim.mujoco.sim_config import REALTIME_FACTOR
-from obelisk_py.core.sim.mujoco.sim_config import read_block
-from obelisk_py.core.sim.mujoco.sim_config import realtime_factor_of
+from obelisk_py.core.sim.mujoco.sim_config import (
+    PARAMETER,
+    REALTIME_FACTOR,
+    read_block,
+    realtime_factor_of,
+)
 from obelisk_py.core.sim.mujoco.simulation import Simulation
-from obelisk_py.core.sim.mujoco.step_queue import StepQueue
-from obelisk_py.core.sim.mujoco.step_queue import StepResult
-from obelisk_py.core.sim.mujoco.step_queue import make_step_services
-from obelisk_py.core.sim.mujoco.stepper import StepReport
-from obelisk_py.core.sim.mujoco.stepper import Stepper
-from obelisk_py.core.sim.mujoco.stepper import TimedOutput
-from obelisk_py.core.sim.mujoco.stepping import MonotonicClock
-from obelisk_py.core.sim.mujoco.stepping import NS_PER_S
-from obelisk_py.core.sim.mujoco.stepping import Pace
-from obelisk_py.core.sim.mujoco.stepping import SampleTimes
-from obelisk_py.core.sim.mujoco.viewers.processes import PARAMETERS
-from obelisk_py.core.sim.mujoco.viewers.processes import requested_viewers
-from obelisk_py.core.sim.mujoco.viewers.processes import viewer_outputs
-from obelisk_py.core.sim.mujoco.viewers.video import VIDEO_PARAMETERS
-from obelisk_py.core.sim.mujoco.viewers.video import VideoDiagnostics
-from obelisk_py.core.sim.mujoco.viewers.video import requested_video
-from obelisk_py.core.sim.mujoco.viewers.video import video_outputs
+from obelisk_py.core.sim.mujoco.step_queue import StepQueue, StepResult, make_step_services
+from obelisk_py.core.sim.mujoco.stepper import Stepper, StepReport, TimedOutput
+from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, MonotonicClock, Pace, SampleTimes
+from obelisk_py.core.sim.mujoco.viewers.processes import (
+    PARAMETERS,
+    requested_viewers,
+    viewer_outputs,
+)
+from obelisk_py.core.sim.mujoco.viewers.video import (
+    VIDEO_PARAMETERS,
+    VideoDiagnostics,
+    requested_video,
+    video_outputs,
+)
 from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Severity
-from obelisk_sensor_msgs.msg import TrueSimState
 from obelisk_spec.runtime_protocol import STEPS
 from obelisk_spec.video import VideoStatus
-from pathlib import Path
-from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.lifecycle import LifecycleState
-from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.lifecycle.publisher import LifecyclePublisher
-from rosgraph_msgs.msg import Clock
-from std_msgs.msg import Float64
-from typing import Any
-from typing import Final
 
 __all__ = ["ObeliskMujocoRobot", "StateCopy", "TrueStateReader"]
 
