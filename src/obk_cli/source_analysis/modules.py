@@ -28,6 +28,7 @@ __all__ = [
     "Value",
     "at_top_level",
     "dotted_name",
+    "import_origin",
     "message_type",
     "parse_module",
     "span_of",
@@ -65,6 +66,8 @@ class Module:
     name: str
     source: SourceFile
     tree: ast.Module
+    is_package: bool
+    """Whether it is the `__init__` of a package."""
     names: Mapping[str, Binding]
     has_more_names: bool
     """Whether `import *` or `__getattr__` brings names that cannot be seen."""
@@ -148,7 +151,7 @@ def dotted_name(expression: ast.expr, module: Module) -> str | None:
     return ".".join((head, *reversed(parts)))
 
 
-def span_of(node: ast.expr | ast.stmt, source: SourceFile) -> Span:
+def span_of(node: ast.expr | ast.stmt | ast.alias, source: SourceFile) -> Span:
     """The first line of a piece of syntax; AST columns are bytes, ours are characters."""
     line = source.line(node.lineno)
     start = len(line.encode()[: node.col_offset].decode(errors="replace"))
@@ -178,6 +181,7 @@ def parse_module(name: str, found: FoundSource) -> Module:
         name=name,
         source=found.source,
         tree=tree,
+        is_package=found.is_package,
         names=names,
         has_more_names=stars or "__getattr__" in names,
     )
@@ -215,7 +219,7 @@ def _bindings(statement: ast.stmt, module: str, is_package: bool) -> Iterator[tu
                 top = alias.name.partition(".")[0]
                 yield (alias.asname, Imported(alias.name)) if alias.asname else (top, Imported(top))
         case ast.ImportFrom(names=aliases):
-            origin = _origin(statement, module, is_package)
+            origin = import_origin(statement, module, is_package)
             for alias in aliases:
                 yield alias.asname or alias.name, Imported(f"{origin}.{alias.name}")
         case ast.Assign(targets=targets, value=value):
@@ -226,7 +230,7 @@ def _bindings(statement: ast.stmt, module: str, is_package: bool) -> Iterator[tu
             yield name, value
 
 
-def _origin(statement: ast.ImportFrom, module: str, is_package: bool) -> str:
+def import_origin(statement: ast.ImportFrom, module: str, is_package: bool) -> str:
     """The module that `from x import y` names, dots in front resolved."""
     if not statement.level:
         return statement.module or ""
@@ -280,6 +284,11 @@ def value_of(
             if value is UNKNOWN:
                 return UNKNOWN
             return value or value_of(second, module, library, local)
+        case ast.Compare(left=left, ops=[ast.Is() | ast.IsNot() as op], comparators=[right]):
+            values = [value_of(side, module, library, local) for side in (left, right)]
+            if UNKNOWN in values or None not in values:
+                return UNKNOWN
+            return (values[0] is values[1]) is isinstance(op, ast.Is)
         case ast.Name() | ast.Attribute():
             return _named(expression, module, library)
         case _:
