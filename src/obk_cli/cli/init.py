@@ -15,6 +15,7 @@ from obk_cli.cli.new_templates import find_library
 from obk_cli.cli.schema import SCHEMA_PATH
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import resource_folder
+from obk_cli.install_source import read_install_source
 from obk_cli.scaffold.compose import Composition, check_stack, compose_workspace
 from obk_cli.scaffold.describe import file_lines, unified_diff
 from obk_cli.scaffold.kinds import Problem, check_name
@@ -64,7 +65,8 @@ def command(
         raise CommandFailedError(f"{folder} is a symbolic link to {root}, which is not there")
     packages = _check(stack, root)
     library = find_library(templates)
-    files = compose_workspace(stack, packages, library)
+    source = read_install_source().for_other_machines()
+    files = compose_workspace(stack, packages, library, source)
     composition = _with_schema(files, root)
     decisions = carry_out(
         root,

@@ -11,7 +11,7 @@ from obk_cli.cli.add_to import join_wish
 from obk_cli.cli.new_run import Wishes, run_new
 from obk_cli.cli.new_templates import print_kinds
 from obk_cli.errors import MisuseError
-from obk_cli.scaffold.kinds import Language
+from obk_cli.scaffold.kinds import Language, Release
 from obk_cli.scaffold.questions import (
     USUAL_CTRL,
     USUAL_EST,
@@ -65,6 +65,12 @@ SensorMsg = Annotated[
     ),
 ]
 Lang = Annotated[Language, typer.Option("--lang", help="Language of the node.")]
+Obelisk = Annotated[
+    Release,
+    typer.Option(
+        "--obelisk", help="With --lang cpp: release of the C++ library, v0.1 to v0.4 or since 2026."
+    ),
+]
 Dest = Annotated[
     Path | None,
     typer.Option("--dest", help="Folder for the package.", show_default="src/ if there, else ."),
@@ -121,6 +127,7 @@ def new(
 def new_controller(
     name: Name,
     lang: Lang = "py",
+    obelisk: Obelisk = "2026",
     ctrl_msg: CtrlMsg = None,
     est_msg: EstMsg = None,
     dest: Dest = None,
@@ -134,7 +141,12 @@ def new_controller(
 ) -> None:
     """Make a controller: state estimates in, control messages out."""
     question = Question(
-        kind="controller", name=name, language=lang, ctrl_msg=ctrl_msg, est_msg=est_msg
+        kind="controller",
+        name=name,
+        language=lang,
+        release=obelisk,
+        ctrl_msg=ctrl_msg,
+        est_msg=est_msg,
     )
     run_new(
         question,
@@ -157,6 +169,7 @@ def new_controller(
 def new_estimator(
     name: Name,
     lang: Lang = "py",
+    obelisk: Obelisk = "2026",
     est_msg: EstMsg = None,
     sensor_msg: SensorMsg = None,
     dest: Dest = None,
@@ -170,7 +183,12 @@ def new_estimator(
 ) -> None:
     """Make an estimator: sensor messages in, state estimates out."""
     question = Question(
-        kind="estimator", name=name, language=lang, est_msg=est_msg, sensor_msg=sensor_msg
+        kind="estimator",
+        name=name,
+        language=lang,
+        release=obelisk,
+        est_msg=est_msg,
+        sensor_msg=sensor_msg,
     )
     run_new(
         question,
