@@ -178,11 +178,14 @@ def _not_configured(
     rest = "timer_period_sec: ..." if registered.kind == "timer" else "topic: ..."
     line = f"{{{': '.join(registered.written)}, {rest}}}"
     if registered.is_required:
+        # The third generation goes on without it; only its configs write keys alone.
+        goes_on = registered.has_typed_base and not any(c.ros_parameter for c in node.components)
         yield found(
             "OBK405",
             f"class `{code.class_name}` registers the {registered.kind} `{registered.name}`, "
             f"which `{node.node_name}` does not configure",
             executable.span,
+            severity="warning" if goes_on else None,
             help=f"add `{line}` to its `{registered.kind}s`",
             related=(Related(message="in the code", span=registered.span),),
         )

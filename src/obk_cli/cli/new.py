@@ -1,24 +1,28 @@
 """`obk new KIND NAME`: a package that runs, a node more in the one around, or a config."""
 
-from pathlib import Path
-from typing import Annotated, Any, Literal
-
+import json
 import typer
-from typer.core import TyperGroup
-
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.cli.add_to import join_wish
-from obk_cli.cli.new_run import Wishes, run_new
-from obk_cli.cli.new_templates import print_kinds
+from obk_cli.cli.add_to import add_to_options
+from obk_cli.cli.new_run import NewOptions
+from obk_cli.cli.new_run import find_library
+from obk_cli.cli.new_run import run_new
 from obk_cli.errors import MisuseError
-from obk_cli.scaffold.kinds import Language, Release
-from obk_cli.scaffold.questions import (
-    USUAL_CTRL,
-    USUAL_EST,
-    USUAL_OF_SENSOR,
-    USUAL_SENSOR,
-    Question,
-)
+from obk_cli.scaffold.kinds import Language
+from obk_cli.scaffold.kinds import RECIPES
+from obk_cli.scaffold.kinds import Recipe
+from obk_cli.scaffold.kinds import Release
+from obk_cli.scaffold.questions import Question
+from obk_cli.scaffold.questions import USUAL_CTRL
+from obk_cli.scaffold.questions import USUAL_EST
+from obk_cli.scaffold.questions import USUAL_OF_SENSOR
+from obk_cli.scaffold.questions import USUAL_SENSOR
+from obk_cli.scaffold.templates import TemplateLibrary
+from pathlib import Path
+from typer.core import TyperGroup
+from typing import Annotated
+from typing import Any
+from typing import Literal
 
 __all__ = ["app"]
 
@@ -150,13 +154,13 @@ def new_controller(
     )
     run_new(
         question,
-        Wishes(
+        NewOptions(
             dest=dest,
             templates=templates,
             dry_run=dry_run,
             force=force,
             form=format,
-            joining=join_wish(add_to, device, replace),
+            add_to=add_to_options(add_to, device, replace),
         ),
     )
 
@@ -192,13 +196,13 @@ def new_estimator(
     )
     run_new(
         question,
-        Wishes(
+        NewOptions(
             dest=dest,
             templates=templates,
             dry_run=dry_run,
             force=force,
             form=format,
-            joining=join_wish(add_to, device, replace),
+            add_to=add_to_options(add_to, device, replace),
         ),
     )
 
@@ -221,13 +225,13 @@ def new_robot(
     question = Question(kind="robot", name=name, ctrl_msg=ctrl_msg, sensor_msg=sensor_msg)
     run_new(
         question,
-        Wishes(
+        NewOptions(
             dest=dest,
             templates=templates,
             dry_run=dry_run,
             force=force,
             form=format,
-            joining=join_wish(add_to, device, replace),
+            add_to=add_to_options(add_to, device, replace),
         ),
     )
 
@@ -252,13 +256,13 @@ def new_sensor(
     question = Question(kind="sensor", name=name, sensor_msg=sensor_msg)
     run_new(
         question,
-        Wishes(
+        NewOptions(
             dest=dest,
             templates=templates,
             dry_run=dry_run,
             force=force,
             form=format,
-            joining=join_wish(add_to, device, replace),
+            add_to=add_to_options(add_to, device, replace),
         ),
     )
 
@@ -279,7 +283,7 @@ def new_msgs(
     question = Question(kind="msgs", name=name, with_service=srv)
     run_new(
         question,
-        Wishes(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
+        NewOptions(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
     )
 
 
@@ -303,5 +307,40 @@ def new_config(
     question = Question(kind="config", name=name)
     run_new(
         question,
-        Wishes(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
+        NewOptions(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
     )
+
+
+def print_kinds(templates: Path | None, form: Literal["text", "json"]) -> None:
+    """Print a line for each kind and language.
+
+    Raises:
+        CommandFailedError: the user's templates cannot be read.
+    """
+    library = find_library(templates)
+    if form == "json":
+        print(json.dumps([_as_json(recipe, library) for recipe in RECIPES], indent=2))
+        return
+    for recipe in RECIPES:
+        print(f"{recipe.kind:<11} {recipe.language or '-':<4} {recipe.summary}")
+        for layer, places in _places(recipe, library).items():
+            print(f"{'':<17}{layer} ({', '.join(places)})")
+
+
+def _places(recipe: Recipe, library: TemplateLibrary) -> dict[str, list[str]]:
+    """The template folders, each with where its files are from."""
+    places: dict[str, list[str]] = {}
+    for layer in recipe.layers:
+        places[layer] = ["obk"]
+        if library.user is not None and library.has_of_user([layer]):
+            places[layer].append(str(library.user / layer))
+    return places
+
+
+def _as_json(recipe: Recipe, library: TemplateLibrary) -> dict[str, object]:
+    return {
+        "kind": recipe.kind,
+        "language": recipe.language,
+        "summary": recipe.summary,
+        "templates": _places(recipe, library),
+    }

@@ -154,6 +154,8 @@ class CodeComponent:
     """Whether both names are known; else the config may use one that is computed."""
     is_of_library: bool
     """Whether a base class of the run-time library registers it."""
+    has_typed_base: bool = False
+    """Whether that base class received message types, as since the second API generation."""
     span: Span
     """The line of the call."""
 

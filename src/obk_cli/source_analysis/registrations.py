@@ -495,8 +495,12 @@ class _Walk:
         place = (*self._calls, call)
         certain = is_certain and component.is_required
         if place not in self.found.components or certain:
+            types = [v for name, v in scope.local.items() if name.endswith("_msg_type")]
             self.found.components[place] = replace(
-                component, is_required=certain, is_of_library=source.is_of_library
+                component,
+                is_required=certain,
+                is_of_library=source.is_of_library,
+                has_typed_base=source.is_of_library and any(v is not None for v in types),
             )
         if not component.is_named_in_full:
             self.found.knows_components = False
