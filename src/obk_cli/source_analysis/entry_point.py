@@ -104,19 +104,21 @@ def _faults_of_modules(
 ) -> Iterator[Diagnostic]:
     """Imports that fail and names that are not defined, wherever the node's start leads."""
     modules: tuple[Module, ...] = (entry,)
+    failing: tuple[Diagnostic, ...] = ()
     if places is not None:
         modules = imported_modules(entry, function, library, places)
-        yield from check_imports(modules, function, library, places)
+        failing = tuple(check_imports(modules, function, library, places))
+        yield from failing
     sources = lineage.classes if lineage else ()
     for module in dict.fromkeys((*modules, *(s.module for s in sources if not s.is_of_library))):
-        methods = (m for s in sources if s.module is module for m in s.methods())
         starts = function[1] if function[0] is module else ()
-        certain = tuple(check_names(module, (*what_import_runs(module), *starts)))
+        reported = [f.span.text for f in failing if f.span.source is module.source]
+        certain = tuple(check_names(module, (*what_import_runs(module), *starts), reported))
         yield from certain
-        messages = {finding.message for finding in certain}
         # A branch of a method may never run.
-        in_methods = check_names(module, methods, "warning")
-        yield from (finding for finding in in_methods if finding.message not in messages)
+        methods = (m for s in sources if s.module is module for m in s.methods())
+        reported += [finding.span.text for finding in certain]
+        yield from check_names(module, methods, reported, "warning")
 
 
 def _no_function(entry: Module, function: str) -> CodeFault:

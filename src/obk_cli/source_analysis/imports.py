@@ -18,7 +18,6 @@ from obk_cli.source_analysis.modules import (
     import_origin,
     span_of,
 )
-from obk_cli.source_analysis.undefined_names import bound_names
 
 __all__ = ["EntryFunction", "ImportPlaces", "check_imports", "imported_modules"]
 
@@ -141,7 +140,7 @@ def _names_without(
 ) -> frozenset[str] | None:
     """What a module defines, if that can be seen and does not include `wanted`."""
     module = _readable(name, library) if places.is_read(name) else None
-    names = None if module is None else bound_names(module)
+    names = None if module is None else module.bound_names
     if module is None or names is None or wanted in names or wanted.startswith("__"):
         return None
     is_module = module.is_package and places.may_exist(f"{name}.{wanted}")

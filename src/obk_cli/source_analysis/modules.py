@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from typing import Final
 
 from obk_cli.diagnostics.source import SourceFile, Span
@@ -32,9 +33,15 @@ __all__ = [
     "message_type",
     "parse_module",
     "span_of",
+    "stored_names",
     "value_of",
+    "words_in",
 ]
 
+_BIND_UNSEEN = ("exec", "globals", "locals", "vars", "modules", "builtins", "__getattr__")
+"""Names whose use can bind other names of a module."""
+_TYPE_PARAMETERS = ("TypeVar", "ParamSpec", "TypeVarTuple")
+"""Syntax of Python 3.12, `class Filter[T]`."""
 _LONGEST_CHAIN = 20
 """Imports that are followed for one name."""
 
@@ -59,7 +66,7 @@ Binding = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef | ast.expr | Imp
 """What a name of a module stands for; None where it is bound more than once."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Module:
     """One module."""
 
@@ -71,6 +78,13 @@ class Module:
     names: Mapping[str, Binding]
     has_more_names: bool
     """Whether `import *` or `__getattr__` brings names that cannot be seen."""
+
+    @cached_property
+    def bound_names(self) -> frozenset[str] | None:
+        """Every name that is bound in any scope; None if some cannot be seen."""
+        if self.has_more_names or words_in(self.tree) & {*_BIND_UNSEEN}:
+            return None
+        return frozenset(stored_names(self.tree))
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,6 +251,41 @@ def import_origin(statement: ast.ImportFrom, module: str, is_package: bool) -> s
     parts = module.split(".")
     kept = parts[: len(parts) - statement.level + (1 if is_package else 0)]
     return ".".join((*kept, *([statement.module] if statement.module else [])))
+
+
+def stored_names(tree: ast.AST) -> Iterator[str]:
+    """Every name that a piece of syntax binds, in any scope."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Name(id=name, ctx=ast.Store() | ast.Del()):
+                yield name
+            case (
+                ast.ClassDef(name=name)
+                | ast.FunctionDef(name=name)
+                | ast.AsyncFunctionDef(name=name)
+            ):
+                yield name
+            case ast.alias(name=name, asname=asname):
+                yield asname or name.partition(".")[0]
+            case ast.arg(arg=name) | ast.MatchMapping(rest=str(name)):
+                yield name
+            case ast.ExceptHandler(name=str(name)):
+                yield name
+            case ast.MatchAs(name=str(name)) | ast.MatchStar(name=str(name)):
+                yield name
+            case ast.Global(names=names) | ast.Nonlocal(names=names):
+                yield from names
+            case _ if type(node).__name__ in _TYPE_PARAMETERS:
+                yield str(getattr(node, "name", ""))
+
+
+def words_in(tree: ast.AST) -> frozenset[str]:
+    """Every name and attribute that is used."""
+    return frozenset(
+        node.id if isinstance(node, ast.Name) else node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Name | ast.Attribute)
+    )
 
 
 class Unknown(Enum):

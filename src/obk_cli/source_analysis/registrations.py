@@ -361,6 +361,7 @@ class _Walk:
         self._library = library
         self._visited: dict[Function, bool] = {}
         self._calls: tuple[ast.Call, ...] = ()
+        self._helpers: dict[Function, bool] = {}
         self._helper_calls = 0
         self.reaches_library = False
 
@@ -396,10 +397,14 @@ class _Walk:
     def helper(self, name: str, call: ast.Call, scope: Scope, *, is_certain: bool) -> None:
         """A method of the node that is called here; one that registers, with its arguments."""
         reached = self._lineage.method(name)
-        if reached is None or not _takes_names(reached[1]):
-            self.method(name, 0, is_certain=is_certain)
+        if reached is None:
             return
         index, function = reached
+        if function not in self._helpers:
+            self._helpers[function] = _takes_names(function)
+        if not self._helpers[function]:
+            self.method(name, 0, is_certain=is_certain)
+            return
         self._helper_calls += 1
         if call in self._calls or self._helper_calls > _MOST_HELPER_CALLS:
             self._give_up()

@@ -11,10 +11,16 @@ from obelisk_spec.suggestions import ask_for, list_names, near_names
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, Severity, found
 from obk_cli.diagnostics.source import Span
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
-from obk_cli.source_analysis.modules import Module, ModuleLibrary, span_of
+from obk_cli.source_analysis.modules import (
+    Module,
+    ModuleLibrary,
+    at_top_level,
+    span_of,
+    stored_names,
+    words_in,
+)
 
 __all__ = [
-    "bound_names",
     "check_base_constructor",
     "check_callbacks",
     "check_names",
@@ -22,55 +28,19 @@ __all__ = [
     "what_import_runs",
 ]
 
-_BIND_UNSEEN = ("exec", "globals", "locals", "vars", "setattr", "builtins", "__getattr__")
-"""Names whose use can bind other names."""
-_SETS_UNSEEN = (*_BIND_UNSEEN, "__dict__", "__getattribute__", "__setattr__", "update_wrapper")
+_BIND_UNSEEN = ("exec", "globals", "locals", "vars", "modules", "builtins", "__getattr__")
+"""Names whose use can bind other names of a module."""
+_SETS_UNSEEN = (
+    *_BIND_UNSEEN,
+    "setattr",
+    "__dict__",
+    "__getattribute__",
+    "__setattr__",
+    "update_wrapper",
+)
 _OTHER_RUNS = ("TYPE_CHECKING", "version_info", "hexversion", "PY2", "PY3", "platform", "hasattr")
 """Names in the test of an `if` for type checkers, other Pythons and other machines."""
-_TYPE_PARAMETERS = ("TypeVar", "ParamSpec", "TypeVarTuple")
-"""Syntax of Python 3.12, `class Filter[T]`."""
 _ROS_NODE_MODULES = ("rclpy.node", "rclpy.lifecycle.node", "rclpy.lifecycle.managed_entity")
-
-
-def bound_names(module: Module) -> frozenset[str] | None:
-    """Every name that the module binds in any scope; None if some cannot be seen."""
-    if module.has_more_names or _words(module.tree) & {*_BIND_UNSEEN}:
-        return None
-    return frozenset(_stored(module.tree))
-
-
-def _stored(tree: ast.AST) -> Iterator[str]:
-    for node in ast.walk(tree):
-        match node:
-            case ast.Name(id=name, ctx=ast.Store() | ast.Del()):
-                yield name
-            case (
-                ast.ClassDef(name=name)
-                | ast.FunctionDef(name=name)
-                | ast.AsyncFunctionDef(name=name)
-            ):
-                yield name
-            case ast.alias(name=name, asname=asname):
-                yield asname or name.partition(".")[0]
-            case ast.arg(arg=name) | ast.MatchMapping(rest=str(name)):
-                yield name
-            case ast.ExceptHandler(name=str(name)):
-                yield name
-            case ast.MatchAs(name=str(name)) | ast.MatchStar(name=str(name)):
-                yield name
-            case ast.Global(names=names) | ast.Nonlocal(names=names):
-                yield from names
-            case _ if type(node).__name__ in _TYPE_PARAMETERS:
-                yield str(getattr(node, "name", ""))
-
-
-def _words(tree: ast.AST) -> frozenset[str]:
-    """Every name and attribute that is used."""
-    return frozenset(
-        node.id if isinstance(node, ast.Name) else node.attr
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Name | ast.Attribute)
-    )
 
 
 def what_import_runs(module: Module) -> Iterator[ast.AST]:
@@ -96,20 +66,31 @@ def nodes_without_fallback(tree: ast.AST) -> Iterator[ast.AST]:
         left_out = {id(getattr(node, name, None)) for name in ("annotation", "returns")}
         if isinstance(node, ast.Try | ast.TryStar) and node.handlers:
             left_out.update(map(id, (*node.body, *node.handlers, *node.orelse)))
-        elif isinstance(node, ast.If | ast.IfExp) and _words(node.test) & {*_OTHER_RUNS}:
+        elif isinstance(node, ast.If | ast.IfExp) and words_in(node.test) & {*_OTHER_RUNS}:
             left_out.update(map(id, ast.iter_child_nodes(node)))
         children = [child for child in ast.iter_child_nodes(node) if id(child) not in left_out]
         pending += reversed(children)
 
 
 def check_names(
-    module: Module, trees: Iterable[ast.AST], severity: Severity = "error"
+    module: Module,
+    trees: Iterable[ast.AST],
+    reported: Iterable[str] = (),
+    severity: Severity = "error",
 ) -> Iterator[Diagnostic]:
-    """OBK420: the first use, in code that runs, of each name that the module never binds."""
-    bound = bound_names(module)
+    """OBK420: the first use, in code that runs, of each name that the module never binds.
+
+    Args:
+        module: the module.
+        trees: its syntax that runs.
+        reported: misspelt names that are a finding already; those that they mean are none.
+        severity: how much harm the use does.
+    """
+    bound = module.bound_names
     if bound is None:
         return
     seen: set[str] = set()
+    misspelt = tuple(reported)
     uses = (node for tree in trees for node in nodes_without_fallback(tree))
     for use in uses:
         if not isinstance(use, ast.Name) or use.id in bound or use.id in seen:
@@ -117,6 +98,8 @@ def check_names(
         if hasattr(builtins, use.id) or use.id.startswith("_"):
             continue
         seen.add(use.id)
+        if near_names(use.id, misspelt):
+            continue
         classes = [n.name for n in module.tree.body if isinstance(n, ast.ClassDef)]
         near = near_names(use.id, classes) or near_names(use.id, bound)
         is_class = use.id[0].isupper() and classes
@@ -135,12 +118,15 @@ def check_callbacks(
     callbacks: Iterable[tuple[ast.Attribute, Module]], lineage: Lineage, library: ModuleLibrary
 ) -> Iterator[Diagnostic]:
     """OBK424: registered callbacks that are no attribute of the node."""
-    known = _attributes(lineage, library)
-    if known is None:
+    unknown = [c for c in callbacks if lineage.method(c[0].attr) is None]
+    known = _attributes(lineage) if unknown else None
+    unknown = [c for c in unknown if known is not None and c[0].attr not in known]
+    if not unknown:
         return
+    of_ros = frozenset(name for m in _ROS_NODE_MODULES for name in _defined_in(library.module(m)))
     own = {m.name for c in lineage.classes if not c.is_of_library for m in c.methods()}
-    for callback, module in callbacks:
-        if callback.attr not in known:
+    for callback, module in unknown:
+        if callback.attr not in of_ros:
             yield found(
                 "OBK424",
                 f"class `{lineage.classes[0].node.name}` has no method `{callback.attr}`",
@@ -151,21 +137,31 @@ def check_callbacks(
             )
 
 
-def _attributes(lineage: Lineage, library: ModuleLibrary) -> frozenset[str] | None:
-    """Every attribute that the node may have; None if some cannot be seen."""
+def _attributes(lineage: Lineage) -> frozenset[str] | None:
+    """Every attribute that the classes may give the node; None if some cannot be seen."""
     if not lineage.is_whole:
         return None
     names: set[str] = set()
     for source in lineage.classes:
         tree = source.node if source.is_of_library else source.module.tree
-        if source.node.keywords or (not source.is_of_library and _words(tree) & {*_SETS_UNSEEN}):
+        if source.node.keywords or (not source.is_of_library and words_in(tree) & {*_SETS_UNSEEN}):
             return None
-        names.update(_stored(source.node), _attributes_named(tree))
-    for name in _ROS_NODE_MODULES:
-        module = library.module(name)
-        if module is not None:
-            names.update(_stored(module.tree), _attributes_named(module.tree))
+        names.update(_defined_in_class(source.node), _attributes_named(tree))
     return frozenset(names)
+
+
+def _defined_in(module: Module | None) -> Iterator[str]:
+    if module is not None:
+        yield from stored_names(module.tree)
+        yield from _attributes_named(module.tree)
+
+
+def _defined_in_class(node: ast.ClassDef) -> Iterator[str]:
+    for statement in at_top_level(node.body):
+        if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            yield statement.name
+        else:
+            yield from stored_names(statement)
 
 
 def _attributes_named(tree: ast.AST) -> Iterator[str]:
