@@ -1,20 +1,25 @@
 """The Python source behind an executable, found by path: read, never imported or run."""
 
+from collections.abc import Callable
+from collections.abc import Iterable
 import io
 import re
 import sys
 import tokenize
-from collections.abc import Callable, Iterable
-from importlib.machinery import ModuleSpec, PathFinder
+from importlib.machinery import ModuleSpec
+from importlib.machinery import PathFinder
 from importlib.util import find_spec
-from pathlib import Path
-
-from obk_cli.config.environment import CodeFault, Command, NodeCode
+from obk_cli.config.environment import CodeFault
+from obk_cli.config.environment import Command
+from obk_cli.config.environment import NodeCode
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.source_analysis.entry_point import read_node_code
 from obk_cli.source_analysis.imports import ImportPlaces
-from obk_cli.source_analysis.modules import FoundSource, Module, parse_module
+from obk_cli.source_analysis.modules import FoundSource
+from obk_cli.source_analysis.modules import Module
+from obk_cli.source_analysis.modules import parse_module
 from obk_cli.workspace.package_index import PackageIndex
+from pathlib import Path
 
 __all__ = ["NodeSources"]
 
@@ -28,7 +33,7 @@ _LONGEST_SCRIPT_BYTES = 1_000_000
 class NodeSources:
     """Finds and reads the source of nodes.
 
-    `shown` gives the path that a person is told; `note` hears of every file that is looked for,
+    `shown` gives the path to show; `note` gets every file that is looked for,
     before it is read.
     """
 
