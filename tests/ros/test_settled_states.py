@@ -1,33 +1,29 @@
 """What runs agrees with the state, whatever an override forgot, and whichever executor spins."""
 
-from .stack import DEADLINE_S
-from .stack import eventually
-from .stack import parameters
-from .stack import spinning
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 import multiprocessing
-import numpy as np
-import pytest
 import signal
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
 from obelisk_control_msgs.msg import PositionSetpoint
+from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+
 from obelisk_py.core.control import ObeliskController
 from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.node import ObeliskNode
-from obelisk_py.core.robot import ObeliskRobot
-from obelisk_py.core.robot import ObeliskSimRobot
-from pathlib import Path
-from rclpy.executors import Executor
-from rclpy.executors import MultiThreadedExecutor
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.lifecycle import LifecycleState
-from rclpy.lifecycle import TransitionCallbackReturn
-from rclpy.parameter import Parameter
-from typing import Any
+from obelisk_py.core.robot import ObeliskRobot, ObeliskSimRobot
+
+from .stack import DEADLINE_S, eventually, parameters, spinning
 
 pytestmark = pytest.mark.ros
 
