@@ -144,7 +144,8 @@ def _attributes(lineage: Lineage) -> frozenset[str] | None:
     names: set[str] = set()
     for source in lineage.classes:
         tree = source.node if source.is_of_library else source.module.tree
-        if source.node.keywords or (not source.is_of_library and words_in(tree) & {*_SETS_UNSEEN}):
+        used = words_in(tree) | {method.name for method in source.methods()}
+        if source.node.keywords or (not source.is_of_library and used & {*_SETS_UNSEEN}):
             return None
         names.update(_defined_in_class(source.node), _attributes_named(tree))
     return frozenset(names)

@@ -1,25 +1,15 @@
 """The answers to what the stages ask: this machine's packages and models."""
 
-from collections.abc import Callable
-from collections.abc import Iterable
-from collections.abc import Mapping
 import os
-from obk_cli.config.environment import Command
-from obk_cli.config.environment import ExecutableMissing
-from obk_cli.config.environment import ModelFault
-from obk_cli.config.environment import ModelRead
-from obk_cli.config.environment import NodeCode
-from obk_cli.diagnostics.source import SourceFile
-from obk_cli.diagnostics.source import Span
-from obk_cli.workspace.model_cache import cache_folder
-from obk_cli.workspace.model_cache import read_model_once
-from obk_cli.workspace.model_reader import MjcfElement
-from obk_cli.workspace.model_reader import has_mujoco
-from obk_cli.workspace.model_reader import mjcf_elements
-from obk_cli.workspace.model_reader import mjcf_files
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+from obk_cli.config.environment import Command, ExecutableMissing, ModelFault, ModelRead, NodeCode
+from obk_cli.diagnostics.source import SourceFile, Span
+from obk_cli.workspace.model_cache import cache_folder, read_model_once
+from obk_cli.workspace.model_reader import MjcfElement, has_mujoco, mjcf_elements, mjcf_files
 from obk_cli.workspace.node_sources import NodeSources
 from obk_cli.workspace.package_index import PackageIndex
-from pathlib import Path
 
 __all__ = ["MachineEnvironment"]
 

@@ -1,25 +1,20 @@
 """The Python source behind an executable, found by path: read, never imported or run."""
 
-from collections.abc import Callable
-from collections.abc import Iterable
 import io
 import re
 import sys
 import tokenize
-from importlib.machinery import ModuleSpec
-from importlib.machinery import PathFinder
+from collections.abc import Callable, Iterable
+from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import find_spec
-from obk_cli.config.environment import CodeFault
-from obk_cli.config.environment import Command
-from obk_cli.config.environment import NodeCode
+from pathlib import Path
+
+from obk_cli.config.environment import CodeFault, Command, NodeCode
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.source_analysis.entry_point import read_node_code
 from obk_cli.source_analysis.imports import ImportPlaces
-from obk_cli.source_analysis.modules import FoundSource
-from obk_cli.source_analysis.modules import Module
-from obk_cli.source_analysis.modules import parse_module
+from obk_cli.source_analysis.modules import FoundSource, Module, parse_module
 from obk_cli.workspace.package_index import PackageIndex
-from pathlib import Path
 
 __all__ = ["NodeSources"]
 
