@@ -82,7 +82,7 @@ def test_a_shell_script_that_runs_a_module_leads_to_it(tmp_path: Path) -> None:
     (scripts / "run").chmod(0o755)
     found = read(tmp_path)
     assert isinstance(found, NodeFacts)
-    assert found.class_name == "JointEncodersPassthroughEstimator"
+    assert found.class_name == "TypedEstimator"
 
 
 @pytest.mark.parametrize("content", [b"\x7fELF\x00\x01", b"#!/bin/sh\nexec ./other\n"])

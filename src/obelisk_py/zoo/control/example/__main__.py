@@ -1,8 +1,22 @@
 """Runs `ExamplePositionSetpointController` as a process."""
 
+from obelisk_control_msgs.msg import PositionSetpoint
+from obelisk_estimator_msgs.msg import EstimatedState
+
+from obelisk_py.core.control import ObeliskController
 from obelisk_py.core.utils.ros import spin_obelisk
 from obelisk_py.zoo.control.example.example_position_setpoint_controller import (
     ExamplePositionSetpointController,
 )
 
-spin_obelisk(None, ExamplePositionSetpointController)
+
+class TypedController(ExamplePositionSetpointController):
+    """Names its message types: existing configs of this executable leave them out."""
+
+    def __init__(self, node_name: str = "example_position_setpoint_controller") -> None:
+        """Make the node; the listing's constructor would leave the types to the config."""
+        ObeliskController.__init__(self, node_name, PositionSetpoint, EstimatedState)
+
+
+if __name__ == "__main__":
+    spin_obelisk(None, TypedController)
