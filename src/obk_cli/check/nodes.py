@@ -91,8 +91,11 @@ def _check_twice(node: Node) -> Iterator[Diagnostic]:
             continue
         yield found(
             "OBK108",
-            f"{component.kind} `{component.identity}` of `{node.node_name}` is configured twice",
+            f"{component.kind} `{component.identity}` of `{node.node_name}` is configured twice, "
+            "and this entry is ignored",
             component.name.span,
+            severity="warning",
+            help="remove it, or give it the name of the component that you meant",
             related=(Related(message="the first time", span=first.name.span),),
         )
 

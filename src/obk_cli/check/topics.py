@@ -157,7 +157,7 @@ def _clash(one: TopicEnd, other: TopicEnd) -> bool:
 
 
 def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
-    """No node publishes a topic twice; of two types, and of one component, that is told already."""
+    """No node publishes a topic twice; `check_types` reports two types."""
     for _, ends in context.topology.by_node:
         firsts: dict[str, TopicEnd] = {}
         for end in ends:
@@ -165,7 +165,6 @@ def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
                 continue
             first = firsts.setdefault(end.topic, end)
             is_told = len({first.known_type, end.known_type} - {None}) > 1
-            is_told |= end.component is not None and first.component == end.component
             if first is not end and not is_told:
                 yield found(
                     "OBK214",

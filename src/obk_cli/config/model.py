@@ -122,6 +122,8 @@ class Component:
     max_age_s: Spanned[float] | None = None
     """How old a robot's newest command may become [s]."""
     stale_action: Spanned[str] | None = None
+    is_unused: bool = False
+    """Whether no node reads it: an earlier entry has its name, or it is the hardware's only."""
 
     @property
     def name(self) -> Spanned[str] | None:
@@ -234,6 +236,11 @@ class Node:
     tf_prefix: Spanned[str] | None = None
     params_file: FileSearch | None = None
     urdf_file: FileSearch | None = None
+
+    @property
+    def used_components(self) -> tuple[Component, ...]:
+        """The components that the node reads."""
+        return tuple(component for component in self.components if not component.is_unused)
 
     @property
     def node_name(self) -> str:

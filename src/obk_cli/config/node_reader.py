@@ -38,7 +38,7 @@ from obk_cli.config.model import (
     Sim,
     Spanned,
 )
-from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, kind_of
+from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
 __all__ = ["LOG_LEVELS", "read_node"]
@@ -157,7 +157,7 @@ def _with_newer_names(tree: TreeMap, faults: Faults) -> tuple[tuple[TreeMap, ...
     if entry is None or (isinstance(entry.value, TreeScalar) and entry.value.value is None):
         return (), tree
     items = read_items("sensor_settings", entry.value, faults)
-    groups = tuple(_renamed(group, faults) for group in items)
+    groups = tuple(_with_whole_depth(_renamed(group, faults)) for group in items)
     new = replace(entry, value=TreeList(groups, entry.value.span))
     return groups, replace(tree, entries=tuple(new if e is entry else e for e in tree))
 
@@ -212,12 +212,34 @@ def _read_viz_geoms(fields: Fields, faults: Faults) -> None:
 
 
 def read_components(node: Fields, faults: Faults) -> tuple[Component, ...]:
-    """All components of a node, publishers first."""
-    return tuple(
-        _read_component(tree, kind, faults)
-        for key, kind in COMPONENT_LISTS.items()
-        for tree in node.maps(key)
-    )
+    """All components of a node, publishers first; of two with one name the first is used."""
+    seen: set[tuple[ComponentKind, str | None]] = set()
+    components: list[Component] = []
+    for key, kind in COMPONENT_LISTS.items():
+        for tree in node.maps(key):
+            component = _read_component(_with_whole_depth(tree), kind, faults)
+            same = (kind, component.identity)
+            components.append(replace(component, is_unused=same in seen))
+            if component.identity is not None:
+                seen.add(same)
+    return tuple(components)
+
+
+def _with_whole_depth(tree: TreeMap) -> TreeMap:
+    """The mapping with a `history_depth` of `10.0` read as 10, in its `qos` too."""
+
+    def whole(entry: Entry) -> Entry:
+        value = entry.value
+        if entry.key == "qos" and isinstance(value, TreeMap):
+            return replace(entry, value=_with_whole_depth(value))
+        if entry.key != "history_depth" or not isinstance(value, TreeScalar):
+            return entry
+        depth = value.value
+        if not isinstance(depth, float) or not depth.is_integer():
+            return entry
+        return replace(entry, value=replace(value, value=int(depth)))
+
+    return replace(tree, entries=tuple(map(whole, tree)))
 
 
 def _read_component(tree: TreeMap, kind: ComponentKind, faults: Faults) -> Component:

@@ -147,7 +147,7 @@ def joystick_ends(joystick: Joystick) -> Iterator[TopicEnd]:
 def node_ends(node: Node) -> Iterator[TopicEnd]:
     """The ends of one node: its components', and its sensor groups' if it simulates."""
     timers = timers_of(node)
-    for component in node.components:
+    for component in node.used_components:
         if component.kind == "timer" or component.topic is None:
             continue
         period = sending_period_s(component, timers)
@@ -174,7 +174,7 @@ def node_ends(node: Node) -> Iterator[TopicEnd]:
 
 def timers_of(node: Node) -> Mapping[str | None, Spanned[float] | None]:
     """The periods [s] of a node's timers by their identity."""
-    return {c.identity: c.timer_period_s for c in node.components if c.kind == "timer"}
+    return {c.identity: c.timer_period_s for c in node.used_components if c.kind == "timer"}
 
 
 def sending_period_s(

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import cast
 
 from obelisk_spec.components import DEFAULT_HISTORY_DEPTH, SETTING_SUFFIX, format_setting
-from obelisk_spec.values import ParameterValue
+from obelisk_spec.values import ParameterValue, is_none
 from obk_cli.config.model import (
     COMPONENT_LISTS,
     FEEDBACK_TOPIC,
@@ -30,6 +30,7 @@ __all__ = ["DEFAULT_STACK_NAME", "lower_stack"]
 DEFAULT_STACK_NAME = "obelisk"
 _SIM_DEFAULTS = {"num_steps_per_viz": 8}
 _LEFT_OUT = ("non_obelisk", "callback_key")
+_LEFT_OUT_OF_TIMERS = (*_LEFT_OUT, "history_depth")
 _SETTING_ORDER = ("key", "ros_parameter", "topic", "msg_type", "history_depth", "timer_period_sec")
 
 
@@ -69,7 +70,7 @@ def _lower_node(node: Node) -> Process:
 
 
 def _promises(node: Node) -> Iterator[Promise]:
-    periods = [(c.identity, c.timer_period_s) for c in node.components if c.kind == "timer"]
+    periods = [(c.identity, c.timer_period_s) for c in node.used_components if c.kind == "timer"]
     if node.runs_simulation:
         groups = (group for sim in node.sims for group in sim.sensor_groups)
         periods += [(absolute_topic(group.topic.value, node), group.period_s) for group in groups]
@@ -115,7 +116,7 @@ def _parameters(node: Node) -> Iterator[tuple[str, ParameterValue]]:
     """All ROS parameters of a node: the settings of its components, then the user's own."""
     for name, component in _component_parameters(node).items():
         yield name, format_setting(_setting(component))
-    if node.components or node.callback_groups:
+    if node.used_components or node.callback_groups:
         yield "obelisk_settings", format_setting(_all_settings(node))
     if node.params_path is not None:
         yield "params_path", _path(node.params_file, node.params_path.value)
@@ -132,8 +133,8 @@ def _parameters(node: Node) -> Iterator[tuple[str, ParameterValue]]:
 
 def _component_parameters(node: Node) -> Mapping[str, Component]:
     """The ROS parameter of each component; two that have only a key in common have none."""
-    taken = {c.ros_parameter.value for c in node.components if c.ros_parameter}
-    names = [(_parameter_name(component), component) for component in node.components]
+    taken = {c.ros_parameter.value for c in node.used_components if c.ros_parameter}
+    names = [(_parameter_name(component), component) for component in node.used_components]
     by_key = Counter(name for name, component in names if component.ros_parameter is None)
     return {
         name: component
@@ -163,19 +164,20 @@ def _setting(component: Component) -> Mapping[str, object]:
     filled = {"key": component.identity, "ros_parameter": _parameter_name(component), **written}
     if component.kind != "timer" and component.qos.history_depth is None:
         filled.setdefault("history_depth", DEFAULT_HISTORY_DEPTH)
+    left_out = _LEFT_OUT_OF_TIMERS if component.kind == "timer" else _LEFT_OUT
     ordered = (*_SETTING_ORDER, *(key for key in filled if key not in _SETTING_ORDER))
     return {
         key: filled[key]
         for key in ordered
         if filled.get(key) is not None
-        and key not in _LEFT_OUT
-        and not (key == "callback_group" and filled[key] == "None")
+        and key not in left_out
+        and not (key == "callback_group" and is_none(filled[key]))
     }
 
 
 def _all_settings(node: Node) -> Mapping[str, object]:
     settings: dict[str, object] = {
-        key: [dict(_setting(c)) for c in node.components if c.kind == kind]
+        key: [dict(_setting(c)) for c in node.used_components if c.kind == kind]
         for key, kind in COMPONENT_LISTS.items()
     }
     settings["callback_groups"] = {
@@ -189,7 +191,8 @@ def _sim_setting(sim: Sim) -> Mapping[str, object]:
     block = {
         key: value
         for key, value in sim.block.items()
-        if value not in (None, "None", _SIM_DEFAULTS.get(key)) and key != "ros_parameter"
+        if value not in (None, _SIM_DEFAULTS.get(key)) and not is_none(value)
+        if key != "ros_parameter"
     }
     if sim.model is not None:
         block["model_xml_path"] = _path(sim.model, sim.model.written.value)

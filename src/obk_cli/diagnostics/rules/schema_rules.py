@@ -61,9 +61,9 @@ RULES: tuple[Rule, ...] = (
         code="OBK108",
         severity="error",
         title="one component is configured twice",
-        cause="Two entries of a node name the same component, or two `sim` blocks the same "
-        "parameter; only one could count.",
-        cure="Remove one, or give it the name of the component that was meant.",
+        cause="Two entries of a node name the same component: the node uses the first and ignores "
+        "the others, which is a warning. Two `sim` blocks for the same parameter are an error.",
+        cure="Remove one, or give it the name of the component that you meant.",
     ),
     Rule(
         code="OBK109",
