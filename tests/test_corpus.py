@@ -10,6 +10,7 @@ import pytest
 
 from obk_cli.compiler import Options, compile_config
 from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.workspace.config_files import configs_that_include
 from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 
@@ -37,28 +38,20 @@ EXPECTED: dict[str, list[str]] = {
         "dummy_composed_robot_sim.yaml 42:18 OBK204",
     ],
     "field/config/dummy_composed_base.yaml": [
-        "4:1 OBK201",
+        "1:1 OBK016",
         "5:10 OBK401",
         "7:18 OBK404",
-        "14:16 OBK204",
         "15:9 OBK507",
         "16:9 OBK507",
         "32:10 OBK401",
-        "42:16 OBK203",
         "51:1 OBK401",
     ],
     "field/config/dummy_composed_robot_sim.yaml": [
-        "2:1 OBK201",
-        "2:1 OBK201",
+        "1:1 OBK016",
         "4:10 OBK401",
-        "13:16 OBK203",
         "15:9 OBK507",
         "16:9 OBK507",
-        "23:18 OBK204",
         "24:15 OBK215",
-        "29:18 OBK204",
-        "36:18 OBK204",
-        "42:18 OBK204",
     ],
     "field/config/dummy_cpp.yaml": [
         "3:10 OBK401",
@@ -150,7 +143,12 @@ def findings(name: str) -> list[Diagnostic]:
     path = CORPUS / name
     environment = MachineEnvironment(path.parent, path.parent, {})
     environment.packages = PackageIndex(workspaces=(CORPUS / "field",), prefixes=())
-    options = Options(variables={}, working_folder=path.parent, environment=environment)
+    options = Options(
+        variables={},
+        working_folder=path.parent,
+        environment=environment,
+        including=configs_that_include,
+    )
     return list(compile_config(str(path), options).diagnostics)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 
 from obk_cli.check.context import CheckContext
 from obk_cli.config.model import Node, Spanned
-from obk_cli.config.topology import TopicEnd
+from obk_cli.config.topology import OUTSIDE, TopicEnd
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
 __all__ = ["check_control_topics", "check_loop", "check_periods", "check_timers"]
@@ -27,14 +27,18 @@ def check_loop(context: CheckContext) -> Iterator[Diagnostic]:
     for end in ends:
         if end.direction == "publishes":
             senders[end.topic].add(end.owner)
+    # What comes from outside the stack may come from the robot.
     reached = {node.full_name for s in ("robot", "sensing") for node in context.stack.section(s)}
+    reached.add(OUTSIDE)
     for before, section, what in _HOPS:
         nodes = list(context.stack.section(section))
         everyone = {node.full_name for node in nodes}
         earlier = {node.full_name for name in before for node in context.stack.section(name)}
+        has_earlier = bool(earlier)
+        earlier.add(OUTSIDE)
         heard = [e for e in ends if e.section == section and e.direction == "subscribes"]
         linked = _reached(heard, senders, reached)
-        if everyone and earlier and not linked and all(e.topic in senders for e in heard):
+        if everyone and has_earlier and not linked and all(e.topic in senders for e in heard):
             is_near = bool(_reached(heard, senders, earlier))
             yield found(
                 "OBK209",
@@ -44,7 +48,7 @@ def check_loop(context: CheckContext) -> Iterator[Diagnostic]:
                 nodes[0].span,
                 help="the loop is robot -> estimation -> control -> robot",
             )
-        reached = linked or everyone
+        reached = {OUTSIDE, *(linked or everyone)}
 
 
 def _reached(heard: list[TopicEnd], senders: Mapping[str, set[str]], start: set[str]) -> set[str]:

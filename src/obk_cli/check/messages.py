@@ -34,6 +34,9 @@ def check_message_types(context: CheckContext) -> Iterator[Diagnostic]:
         for component in node.components
         if component.msg_type is not None
     }
+    for topic in context.stack.external_topics:
+        if topic.msg_type is not None:
+            yield from _check(topic.msg_type, context.environment)
     for node in context.stack.nodes:
         for component in node.components:
             if component.msg_type is not None:

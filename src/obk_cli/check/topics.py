@@ -5,8 +5,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 
-from obelisk_spec.names import bare_name, resolve_msg_type, topic_name_fault
-from obelisk_spec.suggestions import comparable, sure_name
+from obelisk_spec.names import (
+    OBELISK_MESSAGES,
+    bare_name,
+    resolve_msg_type,
+    topic_name_fault,
+)
+from obelisk_spec.suggestions import comparable, list_names, sure_name
 from obk_cli.check.context import CheckContext
 from obk_cli.config.fixes import respell
 from obk_cli.config.model import Qos, Spanned, Stack
@@ -16,6 +21,8 @@ from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 __all__ = ["check_dangling", "check_doubles", "check_qos", "check_types"]
 
 _MOST_SHOWN = 3
+_MOST_LISTED = 8
+_OF_OBELISK = tuple(f"{package}/" for package in OBELISK_MESSAGES)
 _MOST_COMPARED = 20_000
 """Pairs of names; once as many are compared, what dangles is told without a suggestion."""
 
@@ -28,17 +35,24 @@ def check_dangling(context: CheckContext) -> Iterator[Diagnostic]:
     compared = 0
     lost = _types_of_lost_publishers(context.stack, ends)
     suggested: set[str] = set()
+    unmatched: list[TopicEnd] = []
     for end in ends:
         if end.direction == "publishes" or end.is_optional or end.topic in published:
             continue
         if not lost.isdisjoint((end.msg_type, None)):
             continue
-        candidates = _candidates(end, publishers) if compared < _MOST_COMPARED else []
+        is_compared = compared < _MOST_COMPARED
+        candidates = _candidates(end, publishers) if is_compared else []
         compared += len(candidates)
         near = _nearest(end, candidates)
+        if is_compared and not near:
+            unmatched.append(end)
+            continue
         suggested.update(other.topic for other in near)
         alone = bool(near) and len(subscribed[end.topic]) == 1
         yield _dangling(end, near, sure_name(end.topic, published) if alone else None)
+    if unmatched:
+        yield _not_published(unmatched)
     for topic, (first, *_others) in published.items():
         is_for_outside = first.section == "viz" or first.is_optional
         if topic not in subscribed and topic not in suggested and not is_for_outside:
@@ -81,6 +95,28 @@ def _dangling(end: TopicEnd, near: list[TopicEnd], meant: str | None) -> Diagnos
     )
 
 
+def _not_published(ends: Sequence[TopicEnd]) -> Diagnostic:
+    """One warning for all topics that resemble none: they probably come from outside the stack."""
+    topics = list(dict.fromkeys(end.topic for end in ends))
+    owners = list(dict.fromkeys(end.owner for end in ends))
+    subscribe = "subscribe" if len(owners) > 1 else "subscribes"
+    return found(
+        "OBK203",
+        f"nothing in the config publishes {list_names(topics, most=_MOST_LISTED)}, to which "
+        f"{list_names(owners, most=_MOST_SHOWN)} {subscribe}",
+        ends[0].span,
+        severity="warning",
+        help="if nodes outside the stack publish "
+        + ("it" if len(topics) == 1 else "them")
+        + f", add `external_topics: [{', '.join(topics[:_MOST_LISTED])}"
+        + (", ...]`" if len(topics) > _MOST_LISTED else "]`"),
+        related=(
+            Related(message=f"`{end.topic}` is subscribed to here", span=end.span)
+            for end in ends[1:_MOST_LISTED]
+        ),
+    )
+
+
 _ByType = Mapping[str | None, Mapping[str, list[TopicEnd]]]
 
 
@@ -117,14 +153,21 @@ def _of_types(end: TopicEnd, publishers: _ByType, kinds: Iterable[str | None]) -
 
 
 def _nearest(end: TopicEnd, candidates: Iterable[TopicEnd]) -> list[TopicEnd]:
-    """Those that may be meant: of the same type, or much the same name."""
+    """Those that may be meant: of the same type, or much the same name.
+
+    A type of ROS's own says little: an `Image` may be one of any number of cameras.
+    """
     likeness = {other.topic: (_likeness(other, end), other) for other in candidates}
     close = [
         (ratio, other)
         for ratio, other in likeness.values()
-        if ratio > 0.8 or (end.msg_type and may_be_one(end.msg_type, other.msg_type))
+        if ratio > 0.8 or (_is_telling(end.msg_type) and may_be_one(end.msg_type, other.msg_type))
     ]
     return [other for _, other in sorted(close, key=lambda pair: -pair[0])][:_MOST_SHOWN]
+
+
+def _is_telling(msg_type: str | None) -> bool:
+    return msg_type is not None and msg_type.startswith(_OF_OBELISK)
 
 
 def _likeness(one: TopicEnd, other: TopicEnd) -> float:
@@ -184,11 +227,18 @@ def check_qos(context: CheckContext) -> Iterator[Diagnostic]:
     for policy in _POLICIES:
         weak: dict[str, list[TopicEnd]] = defaultdict(list)
         for end in ends:
+            if end.is_external:
+                continue  # its quality of service is not known
             if end.direction == "publishes" and policy.of(end, policy.offered) == policy.weak:
                 weak[end.topic].append(end)
         for end in ends:
             wants = policy.of(end, policy.wanted)
-            if end.direction == "subscribes" and end.topic in weak and wants == policy.strong:
+            if (
+                not end.is_external
+                and end.direction == "subscribes"
+                and end.topic in weak
+                and wants == policy.strong
+            ):
                 yield _qos_differs(end, weak[end.topic], policy)
 
 
@@ -309,12 +359,12 @@ def _differs(end: TopicEnd, others: Sequence[TopicEnd]) -> Diagnostic:
     """A finding at `end`, whose type is not that of the others."""
     own, wanted = end.known_type or "", others[0].known_type or ""
     is_alias = may_be_one(own, wanted)
-    who = f"`{others[0].owner}` {_VERBS[others[0].direction]} it"
+    who = f"{others[0].who} {_VERBS[others[0].direction]} it"
     if (others[0].owner, others[0].direction) == (end.owner, end.direction):
         who = "and elsewhere"
     return found(
         "OBK205",
-        f"`{end.owner}` {_VERBS[end.direction]} `{end.topic}` as {_short(own)}, {who} "
+        f"{end.who} {_VERBS[end.direction]} `{end.topic}` as {_short(own)}, {who} "
         f"as {_short(wanted)}",
         end.type_span or end.span,
         severity="warning" if is_alias else None,

@@ -26,6 +26,7 @@ from obk_cli.diagnostics.source import Span
 
 __all__ = [
     "COMPONENT_KEYS",
+    "EXTERNAL_TOPIC_KEYS",
     "JOYSTICK_KEYS",
     "NODE_KEYS",
     "OBK_KEYS",
@@ -51,7 +52,15 @@ __all__ = [
 ]
 
 SECTION_KEYS: Final = ("control", "estimation", "robot", "sensing", "viz", "joystick")
-RESERVED_KEYS: Final = ("config", "include", *SECTION_KEYS, "vars", "version", "obk")
+RESERVED_KEYS: Final = (
+    "config",
+    "include",
+    *SECTION_KEYS,
+    "external_topics",
+    "vars",
+    "version",
+    "obk",
+)
 
 NODE_KEYS: Final = (
     "pkg",
@@ -135,6 +144,7 @@ JOYSTICK_KEYS: Final = (
     "coalesce_interval_ms",
 )
 OBK_KEYS: Final = ("ignore",)
+EXTERNAL_TOPIC_KEYS: Final = ("msg_type", "direction")
 RAY_CASTER_KEYS: Final = ("site_name", "geom_groups", "pattern", "scan_config", "max_distance")
 
 OLDER_KEYS: Final[Mapping[str, str]] = {"sensor_type": "msg_type"}

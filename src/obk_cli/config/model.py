@@ -33,6 +33,7 @@ __all__ = [
     "CallbackGroup",
     "Component",
     "ComponentKind",
+    "ExternalTopic",
     "FileSearch",
     "Joystick",
     "Node",
@@ -294,6 +295,25 @@ class Joystick:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ExternalTopic:
+    """A topic that nodes outside the stack publish or subscribe to."""
+
+    topic: Spanned[str]
+    msg_type: Spanned[str] | None = None
+    direction: Spanned[str] | None = None
+    """What those nodes do, `published` or `subscribed`; None: either."""
+
+    @property
+    def name(self) -> str:
+        """The topic's name in the ROS graph."""
+        return "/" + self.topic.value.lstrip("/")
+
+    def may_be(self, direction: str) -> bool:
+        """Whether a node outside may have that end of the topic."""
+        return self.direction is None or self.direction.value == direction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Stack:
     """A whole config."""
 
@@ -301,6 +321,7 @@ class Stack:
     nodes: tuple[Node, ...]
     span: Span
     joysticks: tuple[Joystick, ...] = ()
+    external_topics: tuple[ExternalTopic, ...] = ()
     ignored_codes: tuple[Spanned[str], ...] = ()
 
     def section(self, section: str) -> Iterator[Node]:

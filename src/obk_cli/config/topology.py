@@ -14,6 +14,7 @@ from obk_cli.config.model import (
     FEEDBACK_TOPIC,
     JOYSTICK_TOPIC,
     Component,
+    ExternalTopic,
     Joystick,
     Node,
     Qos,
@@ -24,6 +25,7 @@ from obk_cli.config.model import (
 from obk_cli.diagnostics.source import Span
 
 __all__ = [
+    "OUTSIDE",
     "Direction",
     "TopicEnd",
     "Topology",
@@ -38,6 +40,8 @@ __all__ = [
 
 Direction = Literal["publishes", "subscribes"]
 
+OUTSIDE = "outside the stack"
+"""Owner of the ends of external topics."""
 _TYPE_OF_STANDARD = {"pub_true_sim_state": "obelisk_sensor_msgs/msg/TrueSimState"}
 _ONE_SEED_NAME = {
     "obelisk_sensor_msgs/msg/JointEncoders",
@@ -70,6 +74,16 @@ class TopicEnd:
     """Whether the end has its use although nobody is at the other."""
 
     @property
+    def is_external(self) -> bool:
+        """Whether a node outside the stack has this end."""
+        return self.owner == OUTSIDE
+
+    @property
+    def who(self) -> str:
+        """The owner, as the subject of a sentence."""
+        return "a node outside the stack" if self.is_external else f"`{self.owner}`"
+
+    @property
     def known_type(self) -> str | None:
         """The type that runs: the code's where it can be read, else the config's."""
         return self.code_type or self.msg_type
@@ -80,7 +94,7 @@ class Topology:
     """Every end of every topic of a stack, prepared once for all checks."""
 
     ends: tuple[TopicEnd, ...]
-    """Node by node, then the joysticks'."""
+    """Node by node, then the joysticks', then those outside the stack."""
     by_node: tuple[tuple[Node, tuple[TopicEnd, ...]], ...]
     """Each node with its ends; two nodes may have one name by mistake."""
     published: Mapping[str, tuple[TopicEnd, ...]]
@@ -94,6 +108,7 @@ class Topology:
         by_node = tuple((node, tuple(node_ends(node))) for node in stack.nodes)
         ends = [end for _, of_node in by_node for end in of_node]
         ends += [end for joystick in stack.joysticks for end in joystick_ends(joystick)]
+        ends += [end for topic in stack.external_topics for end in _external_ends(topic)]
         return cls(
             ends=tuple(ends),
             by_node=by_node,
@@ -142,6 +157,25 @@ def joystick_ends(joystick: Joystick) -> Iterator[TopicEnd]:
             span=topic.span,
             is_optional=True,
         )
+
+
+def _external_ends(topic: ExternalTopic) -> Iterator[TopicEnd]:
+    ends: tuple[tuple[Direction, str], ...] = (
+        ("publishes", "published"),
+        ("subscribes", "subscribed"),
+    )
+    for direction, word in ends:
+        if topic.may_be(word):
+            yield TopicEnd(
+                direction=direction,
+                topic=topic.name,
+                msg_type=resolve_msg_type(topic.msg_type.value) if topic.msg_type else None,
+                owner=OUTSIDE,
+                section="external_topics",
+                span=topic.topic.span,
+                type_span=topic.msg_type.span if topic.msg_type else None,
+                is_optional=True,
+            )
 
 
 def node_ends(node: Node) -> Iterator[TopicEnd]:

@@ -40,6 +40,7 @@ def lower_stack(stack: Stack) -> Plan:
     return Plan(
         name=stack.name.value if stack.name else DEFAULT_STACK_NAME,
         processes=(*(_lower_node(node) for node in stack.nodes), *joysticks),
+        external_topics=tuple(t.name for t in stack.external_topics if t.may_be("published")),
     )
 
 

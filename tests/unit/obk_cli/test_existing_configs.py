@@ -1,14 +1,17 @@
 """Configs that are valid for the reference compile: what is harmless is at most a warning."""
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
 from obelisk_spec.components import parse_component_setting
+from obk_cli.cli.main import main
 from obk_cli.compiler import Options, Outcome, compile_config
 from obk_cli.plan.plan import Plan, Process
+from obk_cli.workspace.config_files import configs_that_include
 
 CONFIG = """\
 config: d
@@ -109,3 +112,97 @@ def test_an_empty_list_takes_the_place_of_the_included_one(tmp_path: Path) -> No
     emptied = compiled(tmp_path, outer, {"inner.yaml": inner})
     assert found(emptied) == []
     assert "timer_ctrl_setting" not in process(emptied, "control").parameters
+
+
+@pytest.mark.parametrize("section", ["control", "estimation", "robot"])
+def test_a_stack_may_lack_a_section(tmp_path: Path, section: str) -> None:
+    outcome = compiled(tmp_path, CONFIG.replace(f"{section}:\n", "sensing:\n"))
+    assert "info OBK201" in found(outcome)
+    assert outcome.diagnostics[0].message == f"the stack has no node in `{section}`"
+
+
+OUTSIDE = CONFIG.replace(
+    "subscribers: [{key: sub_sensor, ",
+    "subscribers: [{key: sub_map, topic: /map, msg_type: nav_msgs/OccupancyGrid}, "
+    "{key: sub_pose, topic: /mocap/pose, msg_type: PoseStamped}, {key: sub_sensor, ",
+)
+
+
+def test_topics_from_outside_are_one_warning(tmp_path: Path) -> None:
+    outcome = compiled(tmp_path, OUTSIDE)
+    (finding,) = outcome.diagnostics
+    assert (finding.code, finding.severity) == ("OBK203", "warning")
+    assert "`external_topics: [/map, /mocap/pose]`" in (finding.help or "")
+    assert outcome.plan is not None
+    listed = compiled(tmp_path, OUTSIDE + "external_topics: [/map, /mocap/pose]\n")
+    assert found(listed) == []
+    assert listed.plan is not None
+    assert listed.plan.external_topics == ("/map", "/mocap/pose")
+
+
+def test_external_topics_of_an_included_file_are_merged_by_name(tmp_path: Path) -> None:
+    inner = OUTSIDE + "external_topics: {/map: , /mocap/pose: {direction: subscribed}}\n"
+    outer = "include: inner.yaml\nexternal_topics: {/mocap/pose: {direction: published}}\n"
+    assert found(compiled(tmp_path, inner)) == ["warning OBK203"]
+    assert found(compiled(tmp_path, outer, {"inner.yaml": inner})) == []
+
+
+def test_a_topic_that_is_read_outside_is_no_loose_end(tmp_path: Path) -> None:
+    unread = CONFIG.replace(
+        "publishers: [{key: pub_est,",
+        "publishers: [{key: pub_path, topic: /path, msg_type: nav_msgs/Path}, {key: pub_est,",
+    )
+    assert found(compiled(tmp_path, unread)) == ["info OBK204"]
+    known = "external_topics: {/path: {direction: subscribed}}\n"
+    assert found(compiled(tmp_path, unread + known)) == []
+
+
+def test_a_loop_may_be_closed_outside(tmp_path: Path) -> None:
+    text = CONFIG.replace("key: sub_sensor, topic: /joint_encoders", "key: sub_sensor, topic: /x")
+    text = text.replace("ObkJointEncoders}]\nrobot", "PoseStamped}]\nrobot")
+    assert "external_topics: [/x]" not in text
+    assert found(compiled(tmp_path, text + "external_topics: [/x]\n")) == ["info OBK204"]
+
+
+FRAGMENT = CONFIG[: CONFIG.index("robot:\n")] + "robot: {name: arm, respawn: true}\n"
+
+
+def test_a_fragment_is_checked_for_what_it_contains(tmp_path: Path) -> None:
+    (tmp_path / "src").mkdir()
+    alone = compiled(tmp_path, FRAGMENT)
+    assert "error OBK102" in found(alone)
+    rest = "robot: {name: arm, pkg: demo, executable: r}\n"
+    (tmp_path / "stack.yaml").write_text(f"include: c.yaml\n{rest}")
+    options = Options(
+        variables={},
+        working_folder=tmp_path,
+        ignore=("OBK401", "OBK402"),
+        including=configs_that_include,
+    )
+    fragment = compile_config(str(tmp_path / "c.yaml"), options)
+    assert found(fragment) == ["info OBK016"]
+    assert fragment.plan is None
+    (tmp_path / "c.yaml").write_text(FRAGMENT.replace("executable: c", "excutable: c"))
+    faulty = compile_config(str(tmp_path / "c.yaml"), options)
+    assert found(faulty) == ["info OBK016", "error OBK101"]
+
+
+def test_the_external_topics_of_the_document_are_those_of_the_warning(
+    tmp_path: Path, repository: Path
+) -> None:
+    document = (repository / "docs/how-to/from-ros.md").read_text()
+    listings = re.findall(r"```yaml\n(external_topics:.*?)```", document, re.DOTALL)
+    assert len(listings) == 2
+    for listing in listings:
+        assert found(compiled(tmp_path, OUTSIDE + listing)) == []
+
+
+@pytest.mark.parametrize("spelling", ["key", "seed"])
+def test_migrate_keeps_external_topics(tmp_path: Path, spelling: str) -> None:
+    path = tmp_path / "c.yaml"
+    topics = "external_topics:\n  /map: {direction: published}  # the map server\n"
+    path.write_text(CONFIG + topics)
+    with pytest.raises(SystemExit) as ended:
+        main(["migrate", str(path), "--to", spelling, "--write"])
+    assert ended.value.code == 0
+    assert topics in path.read_text()

@@ -7,10 +7,12 @@ __all__ = ["RULES"]
 RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK201",
-        severity="error",
-        title="a required section has no node",
-        cause="Every stack needs a controller, an estimator and a robot.",
-        cure="Add a node to the section, or include the file that has it.",
+        severity="info",
+        title="a section has no node",
+        cause="Most stacks have a controller, an estimator and a robot. A stack without any node "
+        "is an error.",
+        cure="Nothing, if the stack does without it. Otherwise add a node to the section, or "
+        "include the file that has it.",
     ),
     Rule(
         code="OBK202",
@@ -24,8 +26,12 @@ RULES: tuple[Rule, ...] = (
         code="OBK203",
         severity="error",
         title="a subscriber without a publisher",
-        cause="Nothing in the config publishes the topic, so the subscriber would wait for ever.",
-        cure="Mend the topic; if a node outside the config publishes it, silence the rule.",
+        cause="Nothing in the config publishes the topic, so the subscriber would wait for ever. "
+        "It is an error if the config publishes a topic of a similar name, or one of the same "
+        "Obelisk message. The other topics are probably published outside the stack: one warning "
+        "lists them.",
+        cure="Correct the topic, or add it to `external_topics` if a node outside the stack "
+        "publishes it.",
     ),
     Rule(
         code="OBK204",

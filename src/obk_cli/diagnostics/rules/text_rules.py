@@ -109,4 +109,13 @@ RULES: tuple[Rule, ...] = (
         "one whose findings leave no config to go on with, so it has no effect.",
         cure="Mend the code; the beginning of codes, such as `OBK4`, stands for all of them.",
     ),
+    Rule(
+        code="OBK016",
+        severity="info",
+        title="a fragment that another config includes",
+        cause="Another config of the workspace includes this file, so `obk validate` does not "
+        "report what the file lacks: keys, nodes, publishers and subscribers that the other "
+        "config may have.",
+        cure="Validate the config that includes it.",
+    ),
 )
