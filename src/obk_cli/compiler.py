@@ -123,14 +123,14 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
     including = _including(source.path, causes, options)
     if including:
         causes = tuple(_of_fragment(causes, source, including))
-    heard = in_order(silence(causes, codes))
-    is_stack = stack is not None and worst(heard) != "error" and not including
+    reported = in_order(silence(causes, codes))
+    is_stack = stack is not None and worst(reported) != "error" and not including
     plan = lower_stack(stack) if stack is not None and is_stack else None
     return Outcome(
         path=source.path,
         plan=plan,
         config=stack,
-        diagnostics=counted(heard),
+        diagnostics=counted(reported),
         environment=environment,
     )
 

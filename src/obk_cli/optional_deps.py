@@ -63,7 +63,10 @@ def no_ros(why: object) -> CommandFailedError:
 
 
 def _install(extra: str) -> str:
-    return f"`pip install 'obelisk-cli[{extra}]'`"
+    # Read for an error only: the metadata of distributions takes long to import.
+    from obk_cli.install_source import install_command
+
+    return f"`{install_command(extra)}`"
 
 
 _INFO = re.compile(r"([^-]+)-(.+?)(?:-py[\d.]+)?\.(?:dist|egg)-info")

@@ -84,7 +84,6 @@ def test_what_has_no_effect_does_not_reach_the_node(tmp_path: Path) -> None:
     text = CONFIG.replace("0.01}", "0.01, history_depth: 10, callback_group: none}")
     assert setting(compiled(tmp_path, text), "control", "timer_ctrl_setting") == {
         "key": "timer_ctrl",
-        "ros_parameter": "timer_ctrl_setting",
         "timer_period_sec": 0.01,
     }
 

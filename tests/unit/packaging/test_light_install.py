@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.cli.commands import VERBS
+from obk_cli.install_source import install_command
 
 LIGHT = {
     "init": ["my_robot"],
@@ -96,7 +97,7 @@ def test_a_command_that_needs_one_says_which_and_how(
     extra, _ = NEEDS[verb]
     assert (code, out) == (1, "")
     assert err.startswith("error: ")
-    assert f"help: `pip install 'obelisk-cli[{extra}]'` brings it" in err
+    assert f"help: `{install_command(extra)}` brings it" in err
 
 
 def test_the_document_tells_the_same(repository: Path) -> None:
