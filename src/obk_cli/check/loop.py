@@ -126,7 +126,7 @@ def _periods(node: Node) -> Iterator[tuple[str, Spanned[float]]]:
     for component in node.components:
         if component.timer_period_s is not None:
             yield f"timer `{component.identity}` runs", component.timer_period_s
-    for sim in node.sims:
+    for sim in node.used_sims:
         for group in sim.sensor_groups:
             if group.period_s is not None:
                 yield f"`{group.topic.value}` is published", group.period_s

@@ -71,6 +71,22 @@ def _wanted(stack: Stack) -> Iterator[tuple[Spanned[str], Spanned[str]]]:
 
 
 def _no_executable(answer: ExecutableMissing, place: Span) -> Diagnostic:
+    if answer.not_executable is not None:
+        return found(
+            "OBK402",
+            f"`{answer.executable}` of package `{answer.package}` exists but is not executable",
+            place,
+            help=f"run `chmod +x {answer.not_executable}`",
+        )
+    if answer.declared_in is not None:
+        return found(
+            "OBK402",
+            f"`{answer.executable}` of package `{answer.package}` is declared in "
+            f"{answer.declared_in.name} but not built",
+            place,
+            help=f"run `colcon build --packages-select {answer.package}` and source "
+            "`install/setup.bash`",
+        )
     return found(
         "OBK402",
         f"package `{answer.package}` has no executable `{answer.executable}`",
@@ -101,7 +117,7 @@ def _no_package(
 def check_files(context: CheckContext) -> Iterator[Diagnostic]:
     """Files that are handed to nodes."""
     for node in context.stack.nodes:
-        in_sims = (("config_path", file) for sim in node.sims for file in sim.files)
+        in_sims = (("config_path", file) for sim in node.used_sims for file in sim.files)
         for key, search in (("params_path", node.params_file), *in_sims):
             if search is not None and search.found is None:
                 yield _no_file(key, search)

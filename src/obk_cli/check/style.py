@@ -47,7 +47,7 @@ def check_homes(context: CheckContext) -> Iterator[Diagnostic]:
 
 def _path_spans(node: Node) -> Iterator[Span]:
     written = [node.params_path, node.urdf]
-    for sim in node.sims:
+    for sim in node.used_sims:
         written += [sim.model_xml_path, *sim.config_paths]
     yield from (path.span for path in written if path is not None)
     yield from (parameter.span for parameter in node.params if isinstance(parameter.value, str))
@@ -81,7 +81,7 @@ def _written_defaults(node: Node) -> Iterator[tuple[TreeMap, Entry]]:
         qos = component.tree.get("qos")
         if qos is not None and isinstance(qos.value, TreeMap):
             yield from _equal(qos.value, _QOS_DEFAULTS)
-    for sim in node.sims:
+    for sim in node.used_sims:
         yield from _equal(sim.tree, _SIM_DEFAULTS)
         for group in _groups(sim):
             yield from _equal(group, _GROUP_DEFAULTS)

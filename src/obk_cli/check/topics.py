@@ -311,6 +311,8 @@ def check_types(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def _check_topic(ends: Sequence[TopicEnd]) -> Iterator[Diagnostic]:
+    if _is_old_name(ends):
+        return
     known = {end.code_type for end in ends if end.code_type is not None}
     right = _agreed(known) or _most_common(ends)
     publishers = [end for end in ends if end.direction == "publishes"]
@@ -320,6 +322,13 @@ def _check_topic(ends: Sequence[TopicEnd]) -> Iterator[Diagnostic]:
     if not told:
         for side in (publishers, subscribers):
             yield from _against_own_side(side, right)
+
+
+def _is_old_name(ends: Sequence[TopicEnd]) -> bool:
+    """Whether the types differ only by the seeds' name of one, at ends that ignore it."""
+    binding = {end.known_type for end in ends if not end.ignores_type}
+    first = ends[0].known_type
+    return len(binding) <= 1 and all(may_be_one(first, end.known_type) for end in ends)
 
 
 def _against_other_side(
@@ -359,6 +368,7 @@ def _differs(end: TopicEnd, others: Sequence[TopicEnd]) -> Diagnostic:
     """A finding at `end`, whose type is not that of the others."""
     own, wanted = end.known_type or "", others[0].known_type or ""
     is_alias = may_be_one(own, wanted)
+    is_note = end.ignores_type or all(other.ignores_type for other in others)
     who = f"{others[0].who} {_VERBS[others[0].direction]} it"
     if (others[0].owner, others[0].direction) == (end.owner, end.direction):
         who = "and elsewhere"
@@ -367,8 +377,8 @@ def _differs(end: TopicEnd, others: Sequence[TopicEnd]) -> Diagnostic:
         f"{end.who} {_VERBS[end.direction]} `{end.topic}` as {_short(own)}, {who} "
         f"as {_short(wanted)}",
         end.type_span or end.span,
-        severity="warning" if is_alias else None,
-        help=_help(own, wanted, others, is_alias=is_alias),
+        severity="warning" if is_alias or is_note else None,
+        help=_help(own, wanted, others, is_alias=is_alias, is_note=is_note),
         related=(
             Related(
                 message=_said_of(other, end),
@@ -385,11 +395,15 @@ def _said_of(other: TopicEnd, end: TopicEnd) -> str:
     return "the publisher" if other.direction == "publishes" else "the subscriber"
 
 
-def _help(own: str, wanted: str, others: Iterable[TopicEnd], *, is_alias: bool) -> str | None:
+def _help(
+    own: str, wanted: str, others: Iterable[TopicEnd], *, is_alias: bool, is_note: bool
+) -> str | None:
     by_code = next((other for other in others if other.code_type is not None), None)
     if by_code is not None:
         verb = "publishes" if by_code.direction == "publishes" else "takes"
         return f"the code of `{by_code.owner}` {verb} {_short(wanted)}"
+    if is_note:
+        return "a C++ node ignores `msg_type`: write here what its code has"
     if is_alias:
         return f"write {_short(own)} at both ends, unless the node's code takes {_short(wanted)}"
     return None

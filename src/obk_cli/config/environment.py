@@ -59,6 +59,10 @@ class ExecutableMissing:
     searched: tuple[str, ...]
     available: tuple[str, ...] = ()
     """Executables that the package does have."""
+    not_executable: Path | None = None
+    """A file of that name without the execute bit."""
+    declared_in: Path | None = None
+    """The CMakeLists.txt that declares it; it is not built."""
     left_out: Path | None = None
     """A folder with a package of that name, within one that is not searched."""
 
@@ -115,6 +119,9 @@ class Environment(Protocol):
 
     def read_node_code(self, package: str, executable: str) -> "NodeFacts | CodeFault | None":
         """What the Python source of an executable says, None where that cannot be known."""
+
+    def is_cpp(self, package: str, executable: str) -> bool:
+        """Whether an executable is in C++, as far as that can be known."""
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         """The facts of a model, None where MuJoCo is not installed."""

@@ -28,6 +28,7 @@ __all__ = [
     "JOYSTICK_TOPIC",
     "NODE_SECTIONS",
     "ONE_DEVICE",
+    "PARAMS_PACKAGE",
     "SIMULATOR_EXECUTABLE",
     "SIM_PARAMETER",
     "CallbackGroup",
@@ -59,6 +60,9 @@ NODE_SECTIONS = ("control", "estimation", "robot", "sensing")
 
 ONE_DEVICE = "onboard"
 """The device of a config whose sections stand at the top level."""
+
+PARAMS_PACKAGE = "params_path_pkg"
+"""The parameter that names the package whose share folder holds the file of `params_path`."""
 
 SIM_PARAMETER = f"mujoco{SETTING_SUFFIX}"
 """The ROS parameter of a `sim` block that names none."""
@@ -114,6 +118,8 @@ class Component:
     key: Spanned[str] | None = None
     topic: Spanned[str] | None = None
     msg_type: Spanned[str] | None = None
+    ignores_type: bool = False
+    """Whether the node is in C++, where the code alone decides on the type."""
     code_type: str | None = None
     """The full message type that the node's code gives it, where that is known."""
     history_depth: Spanned[int] | None = None
@@ -239,6 +245,14 @@ class Node:
     urdf_file: FileSearch | None = None
 
     @property
+    def params_package(self) -> Spanned[str] | None:
+        """The package that holds `params_path`: the parameter `params_path_pkg`, else its own."""
+        package = next((p for p in self.params if p.name == PARAMS_PACKAGE), None)
+        if package is None or not isinstance(package.value, str):
+            return self.pkg
+        return Spanned(package.value, package.span)
+
+    @property
     def used_components(self) -> tuple[Component, ...]:
         """The components that the node reads."""
         return tuple(component for component in self.components if not component.is_unused)
@@ -264,9 +278,15 @@ class Node:
         return self.executable is not None and self.executable.value == SIMULATOR_EXECUTABLE
 
     @property
+    def used_sims(self) -> tuple[Sim, ...]:
+        """The `sim` blocks that `is_simulated: false` does not leave unused."""
+        is_used = self.is_simulated is None or self.is_simulated.value
+        return self.sims if is_used else ()
+
+    @property
     def runs_simulation(self) -> bool:
         """Whether a simulator stands in for the robot."""
-        return bool(self.sims) and (self.is_simulated is None or self.is_simulated.value)
+        return bool(self.used_sims)
 
 
 JOYSTICK_PACKAGE = "joy"

@@ -314,6 +314,9 @@ def read_node(tree: TreeMap, section: str, device: str, index: int, faults: Faul
     fields = Fields(tree, f"a node of `{section}`", keys, faults)
     own_device = fields.text("device")
     is_robot, is_viz = section == "robot", section == "viz"
+    is_simulated = fields.boolean("is_simulated") if is_robot else None
+    is_used = is_simulated is None or is_simulated.value
+    of_sims = faults if is_used else []  # a block that is not used does no harm
     return Node(
         section=section,
         device=own_device.value if own_device else device,
@@ -332,8 +335,8 @@ def read_node(tree: TreeMap, section: str, device: str, index: int, faults: Faul
         log_level=fields.one_of("log_level", LOG_LEVELS),
         respawn=fields.boolean("respawn"),
         on_crash=fields.one_of("on_crash", _ON_CRASH),
-        is_simulated=fields.boolean("is_simulated") if is_robot else None,
-        sims=tuple(read_sim(sim, faults) for sim in fields.maps("sim")) if is_robot else (),
+        is_simulated=is_simulated,
+        sims=tuple(read_sim(sim, of_sims) for sim in fields.maps("sim")) if is_robot else (),
         robot_pkg=check_package(fields.no_or_text("robot_pkg"), faults) if is_viz else None,
         urdf=fields.text("urdf") if is_viz else None,
         robot_topic=check_topic(fields.text("robot_topic"), faults) if is_viz else None,

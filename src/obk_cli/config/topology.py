@@ -65,6 +65,8 @@ class TopicEnd:
     span: Span
     """The topic as written."""
     type_span: Span | None = None
+    ignores_type: bool = False
+    """Whether `msg_type` is only a note: the node is in C++."""
     code_type: str | None = None
     """The type that the node's source says, where that can be read; it is what runs."""
     qos: Qos = Qos()  # noqa: RUF009  (frozen)
@@ -194,6 +196,7 @@ def node_ends(node: Node) -> Iterator[TopicEnd]:
             section=node.section,
             span=component.topic.span,
             type_span=component.msg_type.span if component.msg_type else None,
+            ignores_type=component.ignores_type,
             code_type=component.code_type,
             qos=component.qos,
             rate_hz=1 / period.value if period else None,

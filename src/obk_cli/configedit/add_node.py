@@ -80,6 +80,12 @@ class PlannedEnvironment:
             return None
         return self.current.read_node_code(package, executable)
 
+    def is_cpp(self, package: str, executable: str) -> bool:
+        """Whether an executable is in C++."""
+        if (package, executable) == (self.package, self.executable):
+            return False
+        return self.current.is_cpp(package, executable)
+
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         """The facts of a model."""
         return self.current.read_model(path)

@@ -130,7 +130,7 @@ def _parameters(node: Node) -> Iterator[tuple[str, ParameterValue]]:
         yield "obelisk_settings", format_setting(_all_settings(node))
     if node.params_path is not None:
         yield "params_path", _path(node.params_file, node.params_path.value)
-    for sim in node.sims:
+    for sim in node.sims if node.runs_simulation else (s for s in node.sims if s.is_sound):
         yield sim.parameter, format_setting(_sim_setting(sim))
     if node.urdf is not None:
         yield "urdf_path", _path(node.urdf_file, node.urdf.value)

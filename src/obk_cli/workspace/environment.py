@@ -16,7 +16,7 @@ from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.workspace.model_cache import cache_folder, read_model_once
 from obk_cli.workspace.model_reader import MjcfElement, has_mujoco, mjcf_elements, mjcf_files
 from obk_cli.workspace.node_sources import NodeSources
-from obk_cli.workspace.package_index import PackageIndex
+from obk_cli.workspace.package_index import PackageIndex, is_native
 
 __all__ = ["MachineEnvironment"]
 
@@ -83,6 +83,15 @@ class MachineEnvironment:
                 self._node_sources.read(command) if isinstance(command, Command) else None
             )
         return self._codes[key]
+
+    def is_cpp(self, package: str, executable: str) -> bool:
+        """Whether an executable is in C++: built, declared, or in a package of that name."""
+        command = self.find_executable(package, executable)
+        if isinstance(command, ExecutableMissing):
+            return command.declared_in is not None or (
+                not command.package_found and package.endswith("_cpp")
+            )
+        return command.module is None and is_native(Path(command.arguments[0]))
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         """The facts of a model, None without MuJoCo."""

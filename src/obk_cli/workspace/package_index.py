@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
+from typing import Final
 
 from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
 from obk_cli.config.environment import UNSEARCHED, Command, ExecutableMissing
@@ -24,6 +25,7 @@ from obk_cli.workspace.overlay import overlay_prefixes
 __all__ = [
     "PackageIndex",
     "find_workspace",
+    "is_native",
     "is_workspace",
     "owner_of_module",
     "owner_of_package",
@@ -34,6 +36,10 @@ __all__ = [
 _SKIPPED = {*UNSEARCHED, "node_modules", "site-packages", "__pycache__"}
 _NAME = re.compile(r"<name>\s*([^<\s]+)\s*</name>")
 _PACKAGE_FILES = ("package.xml", "setup.py", "setup.cfg", "pyproject.toml")
+_ELF: Final = b"\x7fELF"
+_CMAKE_COMMENT: Final = re.compile(r"#.*")
+_CMAKE_PROJECT: Final = re.compile(r"\bproject\s*\(\s*\"?([\w.-]+)", re.IGNORECASE)
+_CMAKE_EXECUTABLE: Final = re.compile(r"\badd_executable\s*\(\s*\"?([\w.${}-]+)", re.IGNORECASE)
 _DEEPEST = 6
 """Folders below a workspace in which a package may lie."""
 
@@ -206,9 +212,21 @@ class PackageIndex:
             executable=executable,
             package_found=is_found,
             left_out=None if is_found else self.left_out_packages.get(package),
+            not_executable=self._without_execute_bit(package, executable),
+            declared_in=_cmake_that_declares(source, executable) if source else None,
             searched=self.searched(),
             available=tuple(sorted({*in_source, *scripts, *installed, *programs})),
         )
+
+    def _without_execute_bit(self, package: str, executable: str) -> Path | None:
+        """A program of that name that cannot be run."""
+        source = self.source_packages.get(package)
+        folders = (
+            *([source / "scripts"] if source else []),
+            *(prefix / "lib" / package for prefix in self.prefixes),
+        )
+        programs = (folder / executable for folder in folders)
+        return next((program for program in programs if os.path.isfile(program)), None)  # noqa: PTH113
 
     def _source_scripts(self, package: str) -> Mapping[str, Path]:
         """Programs in the `scripts` folder of a source package."""
@@ -246,6 +264,32 @@ def _is_folder(path: Path) -> bool:
 
 def _program_command(program: Path, found_in: str) -> Command:
     return Command(arguments=(str(program),), found_in=found_in, module=module_run_by(program))
+
+
+def is_native(program: Path) -> bool:
+    """Whether a program is machine code, as compilers of C++ write it."""
+    try:
+        with program.open("rb") as file:
+            return file.read(len(_ELF)) == _ELF
+    except OSError:
+        return False
+
+
+def _cmake_that_declares(package: Path, executable: str) -> Path | None:
+    """The CMakeLists.txt of a package's sources, if it declares an executable of that name."""
+    path = package / "CMakeLists.txt"
+    if not path.is_file():  # a pipe or a device might never end
+        return None
+    try:
+        text = _CMAKE_COMMENT.sub("", path.read_text(encoding="utf-8", errors="replace"))
+    except OSError:
+        return None
+    project = _CMAKE_PROJECT.search(text)
+    names = (
+        name.replace("${PROJECT_NAME}", project[1] if project else package.name)
+        for name in _CMAKE_EXECUTABLE.findall(text)
+    )
+    return path if executable in names else None
 
 
 def _is_program(path: Path) -> bool:

@@ -33,5 +33,8 @@ class Nowhere:
     def model_line(self, path: Path, line: int) -> Span:
         raise AssertionError
 
+    def is_cpp(self, package: str, executable: str) -> bool:
+        return False
+
     def model_element(self, path: Path, kind: str, name: str) -> None:
         return None

@@ -205,3 +205,129 @@ def test_migrate_keeps_external_topics(tmp_path: Path, spelling: str) -> None:
         main(["migrate", str(path), "--to", spelling, "--write"])
     assert ended.value.code == 0
     assert topics in path.read_text()
+
+
+SIM = CONFIG[: CONFIG.index("  executable: r\n")] + (
+    "  executable: hardware\n"
+    "  is_simulated: false\n"
+    "  publishers: [{key: pub_sensor, topic: /joint_encoders, msg_type: ObkJointEncoders}]\n"
+    "  subscribers: [{key: sub_ctrl, topic: /ctrl, msg_type: PositionSetpoint}]\n"
+    "  sim: {model_xml_path: /home/ada/no.xml, num_steps_per_viz: 0, sensor_setings: 1}\n"
+)
+
+
+def test_a_sim_block_that_is_not_used_is_reported_once(tmp_path: Path) -> None:
+    outcome = compiled(tmp_path, SIM)
+    assert found(outcome) == ["info OBK506"]
+    assert outcome.plan is not None
+    used = found(compiled(tmp_path, SIM.replace("is_simulated: false", "is_simulated: true")))
+    assert {"error OBK101", "error OBK104"} <= set(used)
+
+
+PACKAGE = "<package><name>{0}</name></package>"
+SIMULATOR = (
+    "import sys\n"
+    "from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot\n"
+    "from obelisk_py.core.utils.ros import spin_obelisk\n"
+    "def main():\n    spin_obelisk(sys.argv, ObeliskMujocoRobot)\n"
+)
+
+
+def workspace(folder: Path) -> Mapping[str, str]:
+    """The files of a workspace: a simulator in Python, a package in C++, a share folder."""
+    (folder / "src").mkdir(exist_ok=True)
+    return {
+        "src/sim/package.xml": PACKAGE.format("sim"),
+        "src/sim/setup.py": "from setuptools import setup\nsetup(entry_points={'console_scripts':"
+        " ['obelisk_mujoco_robot = sim.main:main']})\n",
+        "src/sim/sim/main.py": SIMULATOR,
+        "src/sim/sim/__init__.py": "",
+        "src/cpp/package.xml": PACKAGE.format("cpp"),
+        "src/cpp/CMakeLists.txt": "project(cpp)\n# add_executable(old old.cpp)\n"
+        "add_executable(est est.cpp)\nadd_executable(${PROJECT_NAME}_node node.cpp)\n",
+        "src/cpp/scripts/script": "#!/usr/bin/env python3\n",
+        "src/shared/package.xml": PACKAGE.format("shared"),
+        "src/shared/gains/ctrl.yaml": "kp: 1\n",
+    }
+
+
+def compiled_here(folder: Path, text: str) -> Outcome:
+    for name, content in {"c.yaml": text, **workspace(folder)}.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(content)
+    options = Options(variables={}, working_folder=folder, ignore=("OBK401",))
+    return compile_config(str(folder / "c.yaml"), options)
+
+
+SIMULATED = CONFIG.replace(
+    "  pkg: demo\n  executable: r\n",
+    "  pkg: sim\n  executable: obelisk_mujoco_robot\n  is_simulated: true\n"
+    "  sim: {model_xml_path: m.xml, sensor_settings: [{topic: /joint_encoders, dt: 0.01, "
+    "msg_type: ObkJointEncoders, sensor_names: {angle: jointpos}}]}\n",
+)
+MODEL = (
+    '<mujoco><worldbody><body><joint name="j" type="hinge"/><geom size="1"/></body></worldbody>'
+    '<actuator><motor joint="j"/></actuator>'
+    '<sensor><jointpos name="angle" joint="j"/></sensor></mujoco>'
+)
+
+
+@pytest.mark.mujoco
+def test_a_simulator_ignores_what_only_the_hardware_has(tmp_path: Path) -> None:
+    (tmp_path / "m.xml").write_text(MODEL)
+    outcome = compiled_here(tmp_path, SIMULATED)
+    assert found(outcome) == ["info OBK406"]
+    (topic,) = process(outcome, "robot").publishes
+    assert topic.topic == "/joint_encoders"
+    misspelt = compiled_here(tmp_path, SIMULATED.replace("key: sub_ctrl", "key: sub_ctlr"))
+    assert "error OBK406" in found(misspelt)
+
+
+def test_a_cpp_node_ignores_the_type(tmp_path: Path) -> None:
+    cpp = CONFIG.replace("pkg: demo\n  executable: e", "pkg: cpp\n  executable: est")
+    stale = cpp.replace("/joint_encoders, msg_type: Obk", "/joint_encoders, msg_type: ", 1)
+    unknown = cpp.replace("/joint_encoders, msg_type: Obk", "/joint_encoders, msg_type: My", 1)
+    other = cpp.replace("msg_type: ObkJointEncoders", "msg_type: ObkImu", 1)
+    not_built = "error OBK402"
+    assert found(compiled_here(tmp_path, cpp)) == [not_built]
+    assert found(compiled_here(tmp_path, stale)) == [not_built]
+    assert found(compiled_here(tmp_path, unknown)) == [not_built, "info OBK115"]
+    assert found(compiled_here(tmp_path, other)) == [not_built, "warning OBK205"]
+    in_python = unknown.replace("pkg: cpp", "pkg: demo")
+    assert "error OBK115" in found(compiled_here(tmp_path, in_python))
+
+
+@pytest.mark.parametrize(
+    ("executable", "help"),
+    [
+        ("est", "run `colcon build --packages-select cpp` and source `install/setup.bash`"),
+        ("cpp_node", "run `colcon build --packages-select cpp` and source `install/setup.bash`"),
+        ("script", "run `chmod +x {}/src/cpp/scripts/script`"),
+    ],
+)
+def test_an_executable_that_is_not_ready_has_its_command(
+    tmp_path: Path, executable: str, help: str
+) -> None:
+    text = CONFIG.replace("pkg: demo\n  executable: e", f"pkg: cpp\n  executable: {executable}")
+    (fault,) = compiled_here(tmp_path, text).diagnostics
+    assert (fault.code, fault.help) == ("OBK402", help.format(tmp_path))
+    (tmp_path / "src/cpp/scripts/script").chmod(0o755)
+
+
+def test_what_a_comment_declares_is_no_executable(tmp_path: Path) -> None:
+    text = CONFIG.replace("pkg: demo\n  executable: e", "pkg: cpp\n  executable: old")
+    (fault,) = compiled_here(tmp_path, text).diagnostics
+    assert fault.code == "OBK402"
+    assert "colcon" not in (fault.help or "")
+
+
+def test_params_path_is_found_in_the_package_that_params_names(tmp_path: Path) -> None:
+    text = CONFIG.replace(
+        "executable: c\n",
+        "executable: c\n    params_path: gains/ctrl.yaml\n    params: {params_path_pkg: shared}\n",
+    )
+    outcome = compiled_here(tmp_path, text)
+    assert found(outcome) == []
+    expected = str(tmp_path / "src/shared/gains/ctrl.yaml")
+    assert process(outcome, "control").parameters["params_path"] == expected
+    assert "warning OBK404" in found(compiled_here(tmp_path, text.replace("ctrl.y", "no.y")))

@@ -225,7 +225,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK115",
         severity="error",
         title="an unknown message type",
-        cause="No Obelisk message and no common ROS one has this name.",
+        cause="No Obelisk message and no common ROS one has this name. It is an info for a node in "
+        "C++, which ignores `msg_type`.",
         fix="Correct the name, or write the package too, `my_msgs/MyMessage`.",
     ),
     Rule(

@@ -45,7 +45,8 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="publisher and subscriber of different types",
         cause="ROS connects the ends of a topic only where their message types are the same, and a "
-        "process cannot have two types on one topic.",
+        "process cannot have two types on one topic. It is a warning if one of the nodes is in "
+        "C++, where the code decides and `msg_type` is only a note.",
         fix="Make the types the same, or use two topics.",
     ),
     Rule(
