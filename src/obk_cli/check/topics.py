@@ -1,4 +1,4 @@
-"""OBK203 to OBK206, OBK214: what is published and subscribed to, and whether the ends fit."""
+"""OBK203 to OBK206, OBK214, OBK218: what is published and subscribed to, and what fits."""
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -18,10 +18,12 @@ from obk_cli.config.model import Qos, Spanned, Stack
 from obk_cli.config.topology import Direction, TopicEnd, may_be_one
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
-__all__ = ["check_dangling", "check_doubles", "check_qos", "check_types"]
+__all__ = ["check_dangling", "check_doubles", "check_qos", "check_sensor_topics", "check_types"]
 
 _MOST_SHOWN = 3
 _MOST_LISTED = 8
+_OF_MANY = ("/tf", "/tf_static", "/diagnostics", "/rosout")
+"""Topics that any number of nodes publish."""
 _OF_OBELISK = tuple(f"{package}/" for package in OBELISK_MESSAGES)
 _MOST_COMPARED = 20_000
 """Pairs of names; once as many are compared, what dangles is told without a suggestion."""
@@ -56,7 +58,8 @@ def check_dangling(context: CheckContext) -> Iterator[Diagnostic]:
     for topic, (first, *_others) in published.items():
         is_for_outside = first.section == "viz" or first.is_optional
         if topic not in subscribed and topic not in suggested and not is_for_outside:
-            yield found("OBK204", f"nothing in the config reads `{topic}`", first.span)
+            message = f"nothing in the config reads `{topic}`"
+            yield found("OBK204", message, first.span, related=first.renamed)
 
 
 def _types_of_lost_publishers(stack: Stack, ends: Iterable[TopicEnd]) -> set[str | None]:
@@ -88,8 +91,9 @@ def _dangling(end: TopicEnd, near: list[TopicEnd], meant: str | None) -> Diagnos
         end.span,
         help=_suggestion(end, near),
         related=(
-            Related(message=f"`{other.topic}` is published here", span=other.span)
-            for other in near[:1]
+            *end.renamed,
+            *(Related(message=f"`{o.topic}` is published here", span=o.span) for o in near[:1]),
+            *(place for o in near[:1] for place in o.renamed),
         ),
         fix=respell(end.span, end.topic, meant) if meant and is_sure else (),
     )
@@ -111,8 +115,15 @@ def _not_published(ends: Sequence[TopicEnd]) -> Diagnostic:
         + f", add `external_topics: [{', '.join(topics[:_MOST_LISTED])}"
         + (", ...]`" if len(topics) > _MOST_LISTED else "]`"),
         related=(
-            Related(message=f"`{end.topic}` is subscribed to here", span=end.span)
-            for end in ends[1:_MOST_LISTED]
+            *ends[0].renamed,
+            *(
+                place
+                for end in ends[1:_MOST_LISTED]
+                for place in (
+                    Related(message=f"`{end.topic}` is subscribed to here", span=end.span),
+                    *end.renamed,
+                )
+            ),
         ),
     )
 
@@ -214,7 +225,33 @@ def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
                     f"`{end.owner}` publishes `{end.topic}` twice",
                     end.span,
                     help="give it a topic of its own",
-                    related=(Related(message="the first time", span=first.span),),
+                    related=(
+                        Related(message="the first time", span=first.span),
+                        *first.renamed,
+                        *end.renamed,
+                    ),
+                )
+
+
+def check_sensor_topics(context: CheckContext) -> Iterator[Diagnostic]:
+    """No two nodes publish one sensor's topic; `check_types` reports two types."""
+    for topic, ends in context.topology.published.items():
+        measured = [end for end in ends if end.section in ("robot", "sensing")]
+        if topic in _OF_MANY or len({end.known_type for end in measured} - {None}) > 1:
+            continue
+        for end in measured[1:]:
+            if end.owner != measured[0].owner:
+                yield found(
+                    "OBK218",
+                    f"both `{measured[0].owner}` and `{end.owner}` publish the sensor topic "
+                    f"`{topic}`",
+                    end.span,
+                    help="give one of them another topic",
+                    related=(
+                        Related(message="the other one", span=measured[0].span),
+                        *measured[0].renamed,
+                        *end.renamed,
+                    ),
                 )
 
 
@@ -287,11 +324,14 @@ def _qos_differs(end: TopicEnd, others: list[TopicEnd], policy: _Policy) -> Diag
         help=f"let the publisher offer `{policy.strong}`, or the subscriber ask for "
         f"`{policy.weak}`",
         related=(
-            Related(
-                message="the publisher" if other is first else "another one",
-                span=offered.span if (offered := policy.written(other.qos)) else other.span,
-            )
-            for other in others[:_MOST_SHOWN]
+            *(
+                Related(
+                    message="the publisher" if other is first else "another one",
+                    span=offered.span if (offered := policy.written(other.qos)) else other.span,
+                )
+                for other in others[:_MOST_SHOWN]
+            ),
+            *(place for e in (end, *others[:_MOST_SHOWN]) for place in e.renamed),
         ),
     )
 
@@ -311,7 +351,7 @@ def check_types(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def _check_topic(ends: Sequence[TopicEnd]) -> Iterator[Diagnostic]:
-    if _is_old_name(ends):
+    if _is_old_name(ends) or _is_code_alone(ends):
         return
     known = {end.code_type for end in ends if end.code_type is not None}
     right = _agreed(known) or _most_common(ends)
@@ -322,6 +362,14 @@ def _check_topic(ends: Sequence[TopicEnd]) -> Iterator[Diagnostic]:
     if not told:
         for side in (publishers, subscribers):
             yield from _against_own_side(side, right)
+
+
+def _is_code_alone(ends: Sequence[TopicEnd]) -> bool:
+    """Whether the config gives one type, and only code has another: OBK407 reports that."""
+    return len({end.msg_type for end in ends} - {None}) == 1 and any(
+        end.code_type is not None and end.type_span is not None and end.code_type != end.msg_type
+        for end in ends
+    )
 
 
 def _is_old_name(ends: Sequence[TopicEnd]) -> bool:
@@ -380,11 +428,11 @@ def _differs(end: TopicEnd, others: Sequence[TopicEnd]) -> Diagnostic:
         severity="warning" if is_alias or is_note else None,
         help=_help(own, wanted, others, is_alias=is_alias, is_note=is_note),
         related=(
-            Related(
-                message=_said_of(other, end),
-                span=other.type_span or other.span,
-            )
-            for other in others[:_MOST_SHOWN]
+            *(
+                Related(message=_said_of(other, end), span=other.type_span or other.span)
+                for other in others[:_MOST_SHOWN]
+            ),
+            *(place for e in (end, *others[:_MOST_SHOWN]) for place in e.renamed),
         ),
     )
 

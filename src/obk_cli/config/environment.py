@@ -105,6 +105,9 @@ class Environment(Protocol):
     def find_package_share(self, name: str) -> Path | None:
         """The folder that holds a package's data, None if there is no such package."""
 
+    def manifest_fault(self, package: str) -> "CodeFault | None":
+        """Why the package.xml of a package in source cannot be read; None if it can."""
+
     def package_names(self) -> tuple[str, ...]:
         """Every package that is there."""
 

@@ -40,6 +40,7 @@ __all__ = [
     "Node",
     "Parameter",
     "Qos",
+    "Remapping",
     "SensorGroup",
     "Sim",
     "Spanned",
@@ -169,6 +170,15 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Remapping:
+    """A name of a node that ROS replaces."""
+
+    old: str
+    new: str
+    span: Span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SensorGroup:
     """Sensors of the model that are published together."""
 
@@ -230,7 +240,7 @@ class Node:
     params: tuple[Parameter, ...] = ()
     callback_groups: tuple[CallbackGroup, ...] = ()
     components: tuple[Component, ...] = ()
-    remappings: tuple[tuple[str, str], ...] = ()
+    remappings: tuple[Remapping, ...] = ()
     env: tuple[tuple[str, str], ...] = ()
     log_level: Spanned[str] | None = None
     respawn: Spanned[bool] | None = None

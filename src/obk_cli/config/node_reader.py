@@ -34,6 +34,7 @@ from obk_cli.config.model import (
     Node,
     Parameter,
     Qos,
+    Remapping,
     SensorGroup,
     Sim,
     Spanned,
@@ -344,7 +345,7 @@ def read_node(tree: TreeMap, section: str, device: str, index: int, faults: Faul
     )
 
 
-def _read_remappings(fields: Fields, faults: Faults) -> tuple[tuple[str, str], ...]:
+def _read_remappings(fields: Fields, faults: Faults) -> tuple[Remapping, ...]:
     """`{from: to}`, or a list of `from:=to`."""
     entry = fields.entry("remappings")
     if entry is None:
@@ -363,7 +364,7 @@ def _read_remappings(fields: Fields, faults: Faults) -> tuple[tuple[str, str], .
         if ":" not in old.value and not old.value.startswith("__"):
             check_topic(old, faults)
         check_topic(new, faults)
-    return tuple((old.value, new.value) for old, new in pairs)
+    return tuple(Remapping(old=old.value, new=new.value, span=new.span) for old, new in pairs)
 
 
 def _read_remapping(item: Tree, faults: Faults) -> tuple[Spanned[str], Spanned[str]] | None:

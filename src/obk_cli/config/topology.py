@@ -18,10 +18,12 @@ from obk_cli.config.model import (
     Joystick,
     Node,
     Qos,
+    Remapping,
     SensorGroup,
     Spanned,
     Stack,
 )
+from obk_cli.diagnostics.diagnostic import Related
 from obk_cli.diagnostics.source import Span
 
 __all__ = [
@@ -72,8 +74,18 @@ class TopicEnd:
     qos: Qos = Qos()  # noqa: RUF009  (frozen)
     rate_hz: float | None = None
     component: str | None = None
+    remapping: Remapping | None = None
+    """What gave the topic its name, if it is not the written one."""
     is_optional: bool = False
     """Whether the end has its use although nobody is at the other."""
+
+    @property
+    def renamed(self) -> tuple[Related, ...]:
+        """The place of the remapping, for findings about the topic."""
+        if self.remapping is None:
+            return ()
+        message = f"`{self.remapping.old}` is remapped to `{self.remapping.new}` here"
+        return (Related(message=message, span=self.remapping.span),)
 
     @property
     def is_external(self) -> bool:
@@ -201,6 +213,7 @@ def node_ends(node: Node) -> Iterator[TopicEnd]:
             qos=component.qos,
             rate_hz=1 / period.value if period else None,
             component=component.identity,
+            remapping=_remapping_of(_in_namespace(component.topic.value, node), node),
         )
     if node.runs_simulation:
         for sim in node.sims:
@@ -239,6 +252,7 @@ def _sensor_end(group: SensorGroup, node: Node) -> TopicEnd:
         span=group.topic.span,
         type_span=group.msg_type.span if group.msg_type else None,
         rate_hz=1 / group.period_s.value if group.period_s else None,
+        remapping=_remapping_of(_in_namespace(group.topic.value, node), node),
     )
 
 
@@ -248,8 +262,12 @@ def absolute_topic(topic: str, node: Node) -> str:
     Of several remappings the first holds, in whichever spelling it names the topic.
     """
     name = _in_namespace(topic, node)
-    targets = (to for old, to in node.remappings if _in_namespace(old, node) == name)
-    return _in_namespace(next(targets, topic), node)
+    remapping = _remapping_of(name, node)
+    return name if remapping is None else _in_namespace(remapping.new, node)
+
+
+def _remapping_of(name: str, node: Node) -> Remapping | None:
+    return next((r for r in node.remappings if _in_namespace(r.old, node) == name), None)
 
 
 def _in_namespace(topic: str, node: Node) -> str:

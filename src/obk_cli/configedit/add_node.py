@@ -56,6 +56,10 @@ class PlannedEnvironment:
         """The folder that holds a package's data."""
         return self.current.find_package_share(name)
 
+    def manifest_fault(self, package: str) -> CodeFault | None:
+        """Why the package.xml of a package cannot be read."""
+        return self.current.manifest_fault(package)
+
     def package_names(self) -> tuple[str, ...]:
         """Every package, the new one too."""
         return tuple(sorted({*self.current.package_names(), self.package}))

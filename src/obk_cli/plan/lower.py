@@ -64,7 +64,7 @@ def _lower_node(node: Node) -> Process:
         executable=node.executable.value,
         origin=_origin(node.span),
         parameters=dict(_parameters(node)),
-        remappings=node.remappings,
+        remappings=tuple((remapping.old, remapping.new) for remapping in node.remappings),
         env=dict(node.env),
         log_level=node.log_level.value if node.log_level else None,
         publishes=_endpoints(ends, "publishes"),

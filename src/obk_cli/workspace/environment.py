@@ -49,6 +49,32 @@ class MachineEnvironment:
         """The folder that holds a package's data."""
         return self.packages.find_package_share(name)
 
+    def manifest_fault(self, package: str) -> CodeFault | None:
+        """Why the package.xml of a package in source cannot be read."""
+        folder = self.packages.source_packages.get(package)
+        if folder is None:
+            return None
+        path = folder / "package.xml"
+        self._note_all([path])
+        source = self._source(path)
+        from xml.parsers import expat  # seldom needed
+
+        parser = expat.ParserCreate()
+        elements: list[str] = []
+        parser.StartElementHandler = lambda name, _: elements.append(name)
+        try:
+            parser.Parse(path.read_bytes(), True)
+        except expat.ExpatError as error:
+            place = Span.at(source, error.lineno, error.offset + 1)
+            reason = expat.ErrorString(error.code)
+            return CodeFault(message=f"is not XML: {reason}", place=source.path, span=place)
+        except OSError:
+            return None
+        if "name" in elements:
+            return None
+        start = Span.at(source, 1, 1)
+        return CodeFault(message="has no `<name>`", place=source.path, span=start)
+
     def package_names(self) -> tuple[str, ...]:
         """Every package that is there."""
         return self.packages.package_names()

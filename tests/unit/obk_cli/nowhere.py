@@ -12,6 +12,9 @@ class Nowhere:
     def find_package_share(self, name: str) -> Path | None:
         return None
 
+    def manifest_fault(self, package: str) -> None:
+        return None
+
     def package_names(self) -> tuple[str, ...]:
         return ()
 

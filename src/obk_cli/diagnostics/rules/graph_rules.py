@@ -133,4 +133,20 @@ RULES: tuple[Rule, ...] = (
         "often written where 500 Hz are meant.",
         fix="Write the period, `0.002` for 500 Hz; silence the rule if it is to be so long.",
     ),
+    Rule(
+        code="OBK218",
+        severity="warning",
+        title="two nodes publish one sensor topic",
+        cause="A subscriber gets the messages of both in turn, as if one sensor jumped between two "
+        "values.",
+        fix="Give each sensor its own topic, or remove one of the publishers.",
+    ),
+    Rule(
+        code="OBK220",
+        severity="warning",
+        title="a period 1000 times longer than all others",
+        cause="`2` is often written where `0.002` is meant. It is an info for a timer of your own, "
+        "which may be slow on purpose.",
+        fix="Write the decimals; silence the rule if the period is right.",
+    ),
 )

@@ -99,4 +99,12 @@ RULES: tuple[Rule, ...] = (
         fix="Write the value as the code declares it, or declare the parameter with "
         "`ParameterDescriptor(dynamic_typing=True)`.",
     ),
+    Rule(
+        code="OBK414",
+        severity="error",
+        title="a malformed package.xml",
+        cause="The file is not well-formed XML, or it has no `<name>`; colcon does not build such "
+        "a package, and other tools do not find it.",
+        fix="Correct package.xml at the place that is shown.",
+    ),
 )
