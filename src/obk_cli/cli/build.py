@@ -18,9 +18,9 @@ from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.terminal import visible
 from obk_cli.workspace.message_build import (
+    BuildCallbacks,
     BuildOptions,
-    Built,
-    Listener,
+    BuildResult,
     build_workspace,
     survey_of,
 )
@@ -72,7 +72,7 @@ def _short(path: Path) -> str:
 
 @contextmanager
 def showing_progress(*, is_terminal: bool) -> Iterator[Callable[[Progress], None]]:
-    """While entered, what is given is shown on stderr; on a terminal nothing of it is left."""
+    """Show progress on stderr while entered; on a terminal it is cleared at the end."""
     if not is_terminal:
         yield _print_step
         return
@@ -165,15 +165,15 @@ def command(
 
 
 class _DefinitionsWrongError(CommandFailedError):
-    """What was said of the definitions, and the same as values."""
+    """Message definitions are wrong; holds the problems as values."""
 
     def __init__(self, message: str, problems: Sequence[DefinitionProblem]) -> None:
         super().__init__(message)
         self.problems = problems
 
 
-def build_shown(workspace: Path, options: BuildOptions, *, colour: bool) -> Built:
-    """Build a workspace, the advance shown on stderr.
+def build_shown(workspace: Path, options: BuildOptions, *, colour: bool) -> BuildResult:
+    """Build a workspace, with the progress on stderr.
 
     Raises:
         CommandFailedError: it cannot be built, or was interrupted; what is wrong with definitions
@@ -181,7 +181,7 @@ def build_shown(workspace: Path, options: BuildOptions, *, colour: bool) -> Buil
     """
     is_terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
     with _as_command_error(colour=colour), showing_progress(is_terminal=is_terminal) as show:
-        return build_workspace(workspace, options, Listener(on_progress=show, on_note=_note))
+        return build_workspace(workspace, options, BuildCallbacks(on_progress=show, on_note=_note))
 
 
 @contextmanager
@@ -221,7 +221,7 @@ def _data(problem: DefinitionProblem) -> dict[str, object]:
     }
 
 
-def _result(built: Built) -> dict[str, object]:
+def _result(built: BuildResult) -> dict[str, object]:
     return {
         "workspace": str(built.workspace),
         "overlay": str(built.overlay),
@@ -235,7 +235,7 @@ def _result(built: Built) -> dict[str, object]:
     }
 
 
-def _result_lines(built: Built) -> Iterator[str]:
+def _result_lines(built: BuildResult) -> Iterator[str]:
     if not (built.built or built.unchanged or built.installed or built.removed):
         yield f"{built.workspace} has no message packages; `obk new msgs my_msgs` makes one"
         return
@@ -257,7 +257,7 @@ def on_overlays(
     """The packages for a config in `folder`, and the environment in which nodes find them.
 
     Message packages are up to date, and this process finds them too. With `may_build` off, what is
-    missing or stale is told on stderr. `color` is the word of the option.
+    missing or stale is reported on stderr. `color` is the value of the option.
 
     Raises:
         CommandFailedError: a package cannot be compiled.

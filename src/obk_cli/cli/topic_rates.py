@@ -38,7 +38,7 @@ DELAY_EXAMPLE = "Example: obk topic delay est --duration 5"
 REPORT_S: Final = 1.0
 """Between two reports [s]."""
 POLL_S: Final = 0.001
-"""Delays are small: nobody waits longer than this for a message [s]."""
+"""Period of polling, small against the delays that are measured [s]."""
 
 DurationOption = Annotated[
     float | None, typer.Option(help="Seconds after which to end, with one report.")
@@ -86,15 +86,15 @@ def _measure_rates(
 ) -> "Mapping[str, TopicRate]":
     """Measure rates; without a duration, report them each second until Ctrl-C."""
     from obk_cli.introspect.resolve import find_topic, the_type
-    from obk_cli.ros.participant import open_look
+    from obk_cli.ros.participant import open_participant
     from obk_cli.ros.rate_meter import RosMeter
     from obk_cli.ros.types import raw_type
 
-    with open_look(target.environment, target.modules(topics)) as look:
-        meter = RosMeter(look, duration_s or window_s)
+    with open_participant(target.environment, target.modules(topics)) as participant:
+        meter = RosMeter(participant, duration_s or window_s)
         for topic in topics:
-            seen = find_topic(look, target, topic, timeout_s)
-            msg_type = the_type("topic", seen.name, seen.heard_types)
+            seen = find_topic(participant, target, topic, timeout_s)
+            msg_type = the_type("topic", seen.name, seen.published_types)
             hashes = (end.type_hash for end in seen.publishers)
             meter.add(seen.name, msg_type, raw_type(msg_type, hashes))
         with _report_on_interrupt(lambda: _print_rates(meter.rates(), is_json=is_json)):
@@ -119,7 +119,7 @@ def delay(
     """Measure how long messages were on their way, by the stamps in their headers.
 
     From the stamp to the receipt by the middleware here. Stamps of another clock, such as a
-    simulator's, tell only how much later than the quickest message the others came.
+    simulator's, show only how much later than the fastest message the others arrived.
     """
     is_json = wants_json(format)
     require_positive("--duration", duration, "seconds")
@@ -141,17 +141,17 @@ def _measure_delay(
     """Measure delays; without a duration, report them each second until Ctrl-C."""
     from obk_cli.introspect.resolve import find_topic, the_type
     from obk_cli.ros.latency import DelayMeter, stamp_of
-    from obk_cli.ros.participant import open_look
+    from obk_cli.ros.participant import open_participant
     from obk_cli.ros.raw_subscription import arrived
     from obk_cli.ros.types import fields_of, find_type, short_type
 
     needs = ("rclpy.serialization", *target.modules([topic]))
-    with open_look(target.environment, needs) as look:
-        seen = find_topic(look, target, topic, timeout_s)
-        msg_type = the_type("topic", seen.name, seen.heard_types)
+    with open_participant(target.environment, needs) as participant:
+        seen = find_topic(participant, target, topic, timeout_s)
+        msg_type = the_type("topic", seen.name, seen.published_types)
         python_type = find_type(msg_type)
         stamp = stamp_of(short_type(msg_type), fields_of)
-        raw = look.listen(seen.name, msg_type, python_type)
+        raw = participant.subscribe(seen.name, msg_type, python_type)
         meter = DelayMeter(window)
         start = reported = time.monotonic()
 
@@ -172,7 +172,7 @@ def _measure_delay(
 
 @contextmanager
 def _report_on_interrupt(report: Callable[[], None]) -> Iterator[None]:
-    """Ctrl-C is how measuring ends: what came since the last report is told, too."""
+    """Report once more on Ctrl-C, which is how measuring ends."""
     try:
         yield
     except KeyboardInterrupt:
@@ -221,7 +221,7 @@ SILENT_S: Final = 1.0
 
 
 def rate_text(rate: TopicRate) -> str:
-    """What was measured of a topic, for a person."""
+    """The measured rate of a topic as text."""
     age_s = rate.age_s or 0.0
     if rate.rate_hz is None:
         few = ("no message yet", "one message")
@@ -243,12 +243,12 @@ def rate_text(rate: TopicRate) -> str:
 
 
 def rate_data(topic: str, rate: TopicRate) -> dict[str, Any]:
-    """What was measured of a topic, for a program."""
+    """The measured rate of a topic as JSON data."""
     return {"topic": topic, **asdict(rate)}
 
 
 def delay_text(delay: Delay) -> str:
-    """The delays of a topic, for a person."""
+    """The delays of a topic as text."""
     clock = f"the stamps are of another clock, {delay.pace:.3g} times as fast"
     zero = f"  (above the quickest: {clock})" if delay.is_relative else ""
     return (
@@ -258,7 +258,7 @@ def delay_text(delay: Delay) -> str:
 
 
 def delay_data(topic: str, delay: Delay) -> dict[str, Any]:
-    """The delays of a topic, for a program."""
+    """The delays of a topic as JSON data."""
     return {"topic": topic, **asdict(delay)}
 
 

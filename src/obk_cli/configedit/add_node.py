@@ -333,7 +333,7 @@ def find_replaced(stack: Stack, section: str, name: str) -> Node | Rejected:
 
 
 def _choose_device(tree: TreeMap, stack: Stack, name: str | None) -> str | Rejected:
-    """The device that is wanted, or the only one."""
+    """The device of that name; without a name, the only one."""
     here = (entry.key for entry in devices_of(tree))
     known = list(dict.fromkeys((*here, *(node.device for node in stack.nodes)))) or [ONE_DEVICE]
     if name in known:

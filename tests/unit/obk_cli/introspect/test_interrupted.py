@@ -7,14 +7,14 @@ from typing import Any, Final
 
 import pytest
 
-from obk_cli.cli.topic_rates import _count, _heard
+from obk_cli.cli.topic_rates import _measure_delay, _measure_rates
 from obk_cli.introspect import resolve
 from obk_cli.ros import latency
 from obk_cli.ros import participant as ros_look
 from obk_cli.ros import rate_meter as ros_meter
 from obk_cli.ros import raw_subscription as ros_listen
 from obk_cli.ros import types as ros_types
-from obk_cli.ros.graph import TopicSeen
+from obk_cli.ros.graph import TopicInfo
 from obk_cli.ros.rate_meter import TopicRate
 
 PLACE: Final[Any] = SimpleNamespace(environment=None, modules=lambda _: ())
@@ -37,9 +37,9 @@ class Interrupted:
 
 @pytest.fixture(autouse=True)
 def _topic(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = TopicSeen(name="/est", msg_types=("p/msg/M",))
-    look = SimpleNamespace(listen=lambda *_: None)
-    monkeypatch.setattr(ros_look, "open_look", lambda *_: nullcontext(look))
+    seen = TopicInfo(name="/est", msg_types=("p/msg/M",))
+    look = SimpleNamespace(subscribe=lambda *_: None)
+    monkeypatch.setattr(ros_look, "open_participant", lambda *_: nullcontext(look))
     monkeypatch.setattr(resolve, "find_topic", lambda *_: seen)
     for name in ("find_type", "raw_type"):
         monkeypatch.setattr(ros_types, name, lambda *_: object)
@@ -51,7 +51,7 @@ def test_the_rate_since_the_last_report_is_told(
     monkeypatch.setattr(ros_meter, "RosMeter", Interrupted)
     for duration_s in (None, 60.0):
         with pytest.raises(KeyboardInterrupt):
-            _count(PLACE, ["est"], 10.0, duration_s, 5.0, is_json=False)
+            _measure_rates(PLACE, ["est"], 10.0, duration_s, 5.0, is_json=False)
         assert capsys.readouterr().out.startswith("/est     20.00 Hz ")
 
 
@@ -65,5 +65,5 @@ def test_the_delay_since_the_last_report_is_told(
     monkeypatch.setattr(ros_listen, "arrived", arrived)
     monkeypatch.setattr(latency, "stamp_of", lambda *_: lambda message: message)
     with pytest.raises(KeyboardInterrupt):
-        _heard(PLACE, "est", 10, None, 5.0, is_json=False)
+        _measure_delay(PLACE, "est", 10, None, 5.0, is_json=False)
     assert capsys.readouterr().out.startswith("mean 2.000 ms ")

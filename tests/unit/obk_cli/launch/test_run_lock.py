@@ -218,12 +218,12 @@ def test_whoever_replaces_ends_the_other_launcher_first(tmp_path: Path) -> None:
     ("end", "sentence"),
     [
         (
-            "still there",
+            "running",
             rf"the stack `s` in the ROS domain 80 does not end \(process {PID}\)",
         ),
         ("ended", "the stack `s` is started again and again from elsewhere"),
     ],
-    ids=("still there", "another one by then"),  # the process's number is another in each worker
+    ids=("running", "another one by then"),  # the process's number is another in each worker
 )
 def test_who_cannot_replace_another_says_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, sentence: str
@@ -264,9 +264,9 @@ def test_why_a_run_could_not_begin_stands_in_its_folder(tmp_path: Path) -> None:
         locked_run(PLAN, environment, OPTIONS) as lock,
         Output(lock.folder, Shown(), voice, ()),
     ):
-        raise CommandFailedError("somebody else moves the robot", help="end that")
+        raise CommandFailedError("another node moves the robot", help="end that")
     (folder,) = (tmp_path / "runs").glob("s_*")
     told = cast(dict[str, Any], json.loads((folder / "run.json").read_text()))
-    assert (told["exit_code"], told["cause"]) == (1, "somebody else moves the robot")
+    assert (told["exit_code"], told["cause"]) == (1, "another node moves the robot")
     assert told["ended"] is not None
-    assert (folder / "launch.log").read_text() == "failed: somebody else moves the robot\n"
+    assert (folder / "launch.log").read_text() == "failed: another node moves the robot\n"

@@ -12,7 +12,7 @@ import pytest
 from obk_cli.cli import stop
 from obk_cli.cli.main import main
 from obk_cli.introspect import lifecycle
-from obk_cli.launch.events import StopAsked
+from obk_cli.launch.events import StopRequested
 from obk_cli.process.identity import this_process
 from obk_cli.runs import orphans as leftovers
 from obk_cli.runs import registry
@@ -167,7 +167,7 @@ def test_stop_ends_the_only_stack(parent: Path, capsys: pytest.CaptureFixture[st
     with fake_stack(parent, STATES) as stack:
         assert obk("stop") == 0
         assert capsys.readouterr().out == "dummy: ended\n"
-        assert stack.heard == [StopAsked(reason="asked by `obk stop`")]
+        assert stack.heard == [StopRequested(reason="asked by `obk stop`")]
         assert obk("stop") == 1
     assert capsys.readouterr().err.startswith("error: no stack runs on this host")
 
@@ -198,7 +198,7 @@ def test_two_stacks_of_one_name_are_told_apart_by_their_folders(
 def test_a_stack_that_does_not_end_is_told(
     parent: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stop, "end_launcher", lambda *_, **__: "still there")
+    monkeypatch.setattr(stop, "end_launcher", lambda *_, **__: "running")
     with fake_stack(parent, STATES):
         assert obk("stop", "--timeout", "2") == 1
     assert capsys.readouterr().err == (

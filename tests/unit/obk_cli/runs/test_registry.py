@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.launch.control_server import serve_control
-from obk_cli.launch.events import StopAsked
+from obk_cli.launch.events import StopRequested
 from obk_cli.process.identity import start_s
 from obk_cli.runs import registry
 from obk_cli.runs.control_client import ANSWER_S
@@ -56,7 +56,7 @@ def test_a_launcher_that_was_stopped_goes_on_to_its_end(tmp_path: Path) -> None:
 
 def test_a_launcher_that_does_not_end_is_left_or_killed_as_asked(tmp_path: Path) -> None:
     with launcher(IGNORE, tmp_path) as (process, run):
-        assert end_launcher(tmp_path, run, reason="test", timeout_s=0.01) == "still there"
+        assert end_launcher(tmp_path, run, reason="test", timeout_s=0.01) == "running"
         assert process.poll() is None
         assert end_launcher(tmp_path, run, reason="test", timeout_s=0.01, may_kill=True) == "killed"
         assert process.wait(DEADLINE_S) == -signal.SIGKILL
@@ -76,7 +76,7 @@ def test_a_launcher_that_answers_is_asked_and_not_signalled(
 
         with serve_control(tmp_path, hear):
             assert end_launcher(tmp_path, run, reason="test") == "ended"
-        assert heard == [StopAsked(reason="test")]
+        assert heard == [StopRequested(reason="test")]
         assert process.poll() is None
 
 
