@@ -25,9 +25,7 @@ def check_sim_blocks(context: CheckContext) -> Iterator[Diagnostic]:
         is_off = node.is_simulated is not None and not node.is_simulated.value
         if not node.is_simulator:
             if node.sims and is_off:
-                message = (
-                    "`sim` has no effect: `is_simulated: false` leaves it unused, and unchecked"
-                )
+                message = "`sim` has no effect: `is_simulated: false` leaves it unused"
                 yield found("OBK506", message, node.sims[0].span)
             continue
         if node.is_simulated is not None and is_off:
