@@ -136,8 +136,10 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
 
 
 def _including(path: str, faults: Iterable[Diagnostic], options: Options) -> tuple[str, ...]:
-    """The configs that include a file; looked for only if that would change its findings."""
-    if path.startswith("<") or not any(fault.code in _OF_FRAGMENTS for fault in faults):
+    """The configs that include a file; looked for only if it seems to lack something."""
+    lacks = (f for f in faults if f.code in _OF_FRAGMENTS)
+    is_whole = all(f.severity == "info" and f.code != "OBK201" for f in lacks)
+    if path.startswith("<") or is_whole:
         return ()
     return options.including(path)
 
