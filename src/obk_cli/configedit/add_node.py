@@ -18,7 +18,7 @@ from obk_cli.config.environment import (
     ExecutableMissing,
     ModelFault,
     ModelRead,
-    NodeFacts,
+    NodeCode,
 )
 from obk_cli.config.model import ONE_DEVICE, Node, Stack
 from obk_cli.config.tree import Tree, TreeMap, plain_value
@@ -78,7 +78,7 @@ class PlannedEnvironment:
             return Command(arguments=(), found_in="what is being made")
         return self.current.find_executable(package, executable)
 
-    def read_node_code(self, package: str, executable: str) -> NodeFacts | CodeFault | None:
+    def read_node_code(self, package: str, executable: str) -> NodeCode | None:
         """What the Python source of an executable says."""
         if (package, executable) == (self.package, self.executable):
             return None

@@ -10,7 +10,7 @@ from obk_cli.config.environment import (
     ExecutableMissing,
     ModelFault,
     ModelRead,
-    NodeFacts,
+    NodeCode,
 )
 from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.workspace.model_cache import cache_folder, read_model_once
@@ -43,7 +43,7 @@ class MachineEnvironment:
         self._elements: dict[Path, dict[tuple[str, str], MjcfElement]] = {}
         self._sources: dict[Path, SourceFile] = {}
         self._commands: dict[tuple[str, str], Command | ExecutableMissing] = {}
-        self._codes: dict[tuple[str, str], NodeFacts | CodeFault | None] = {}
+        self._codes: dict[tuple[str, str], NodeCode | None] = {}
 
     def find_package_share(self, name: str) -> Path | None:
         """The folder that holds a package's data."""
@@ -97,7 +97,7 @@ class MachineEnvironment:
             self._commands[key] = self.packages.find_executable(package, executable)
         return self._commands[key]
 
-    def read_node_code(self, package: str, executable: str) -> NodeFacts | CodeFault | None:
+    def read_node_code(self, package: str, executable: str) -> NodeCode | None:
         """What the Python source of an executable says."""
         key = (package, executable)
         if key not in self._codes:
