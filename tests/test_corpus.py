@@ -10,6 +10,7 @@ import pytest
 
 from obk_cli.compiler import Options, compile_config
 from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.workspace.config_files import configs_that_include
 from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 
@@ -28,7 +29,6 @@ EXPECTED: dict[str, list[str]] = {
         "dummy_composed_base.yaml 15:9 OBK507",
         "dummy_composed_base.yaml 16:9 OBK507",
         "dummy_composed_base.yaml 32:10 OBK401",
-        "dummy_composed_base.yaml 43:19 OBK205",
         "dummy_composed_base.yaml 51:1 OBK401",
         "dummy_composed_robot_sim.yaml 4:10 OBK401",
         "dummy_composed_robot_sim.yaml 24:15 OBK215",
@@ -37,28 +37,20 @@ EXPECTED: dict[str, list[str]] = {
         "dummy_composed_robot_sim.yaml 42:18 OBK204",
     ],
     "field/config/dummy_composed_base.yaml": [
-        "4:1 OBK201",
+        "1:1 OBK016",
         "5:10 OBK401",
         "7:18 OBK404",
-        "14:16 OBK204",
         "15:9 OBK507",
         "16:9 OBK507",
         "32:10 OBK401",
-        "42:16 OBK203",
         "51:1 OBK401",
     ],
     "field/config/dummy_composed_robot_sim.yaml": [
-        "2:1 OBK201",
-        "2:1 OBK201",
+        "1:1 OBK016",
         "4:10 OBK401",
-        "13:16 OBK203",
         "15:9 OBK507",
         "16:9 OBK507",
-        "23:18 OBK204",
         "24:15 OBK215",
-        "29:18 OBK204",
-        "36:18 OBK204",
-        "42:18 OBK204",
     ],
     "field/config/dummy_cpp.yaml": [
         "3:10 OBK401",
@@ -66,7 +58,6 @@ EXPECTED: dict[str, list[str]] = {
         "13:9 OBK507",
         "14:9 OBK507",
         "31:10 OBK401",
-        "43:19 OBK205",
         "53:10 OBK401",
         "74:15 OBK215",
         "79:18 OBK204",
@@ -96,7 +87,7 @@ EXPECTED: dict[str, list[str]] = {
         "24:10 OBK401",
         "45:10 OBK401",
         "55:16 OBK204",
-        "60:9 OBK101",
+        "60:9 OBK506",
         "76:15 OBK215",
         "81:18 OBK204",
         "88:18 OBK204",
@@ -110,10 +101,7 @@ EXPECTED: dict[str, list[str]] = {
         "51:27 OBK216",
         "71:19 OBK115",
         "123:16 OBK204",
-        "147:14 OBK503",
-        "148:20 OBK504",
-        "152:25 OBK318",
-        "192:15 OBK215",
+        "146:9 OBK506",
         "208:12 OBK401",
         "211:13 OBK404",
         "218:11 OBK506",
@@ -150,7 +138,12 @@ def findings(name: str) -> list[Diagnostic]:
     path = CORPUS / name
     environment = MachineEnvironment(path.parent, path.parent, {})
     environment.packages = PackageIndex(workspaces=(CORPUS / "field",), prefixes=())
-    options = Options(variables={}, working_folder=path.parent, environment=environment)
+    options = Options(
+        variables={},
+        working_folder=path.parent,
+        environment=environment,
+        including=configs_that_include,
+    )
     return list(compile_config(str(path), options).diagnostics)
 
 

@@ -188,7 +188,8 @@ def _plain(type_: str, value: Schema, kinds: Schema) -> str:
             return "`true`, `false`"
         case "integer":
             return f"whole number{_bounds(value)}"
-    return f"number{_bounds(value)}"
+    whole = "whole " if value.get("multipleOf") == 1 else ""
+    return f"{whole}number{_bounds(value)}"
 
 
 def _bounds(value: Schema) -> str:

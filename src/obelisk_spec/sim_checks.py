@@ -313,7 +313,7 @@ def check_sim(
         faults += check_group_rule(group, path, facts)
         if facts is not None:
             faults += check_group_against_model(group, path, facts)
-            faults += _check_period(group, path, _time_step(block, facts))
+            faults += _check_period(group, path, block, facts)
     if facts is not None:
         faults += _check_viz_geoms(block.get("viz_geoms") or {}, facts)
         faults += _check_keyframe(parameters, facts)
@@ -328,9 +328,12 @@ def _time_step(block: Mapping[str, Any], facts: ModelFacts) -> float:
 
 
 def _check_period(
-    group: Mapping[str, Any], path: SimPath, time_step_s: float
+    group: Mapping[str, Any], path: SimPath, block: Mapping[str, Any], facts: ModelFacts
 ) -> Iterator[SimFault]:
-    if group["dt"] < time_step_s * (1 - 1e-9):
+    """A period below the step, unless `_check_size_and_step` reports that step."""
+    time_step_s = _time_step(block, facts)
+    is_reported = time_step_s > _COARSE_TIME_STEP_S or not _is_faster(group, facts.timestep)
+    if _is_faster(group, time_step_s) and not is_reported:
         yield SimFault(
             code="OBK215",
             severity="warning",
@@ -339,6 +342,10 @@ def _check_period(
             f"{time_step_s:g} s, so it is published every step",
             help=f"write `dt: {time_step_s:g}` or a multiple of it",
         )
+
+
+def _is_faster(group: Mapping[str, Any], time_step_s: float) -> bool:
+    return bool(group["dt"] < time_step_s * (1 - 1e-9))
 
 
 def _check_viz_geoms(viz_geoms: Mapping[str, Any], facts: ModelFacts) -> Iterator[SimFault]:
@@ -394,22 +401,37 @@ def _check_size_and_step(block: Mapping[str, Any], facts: ModelFacts) -> Iterato
             help=f"leave `n_u` out or write {facts.actuators}",
         )
     written = block.get("time_step")
-    if written is not None and abs(written - facts.timestep) > 1e-12:
+    step_s = _time_step(block, facts)
+    is_other = written is not None and abs(written - facts.timestep) > 1e-12
+    if step_s > _COARSE_TIME_STEP_S:
+        model_step = f", the model has {facts.timestep:g} s" if is_other else ""
+        yield SimFault(
+            code="OBK316",
+            severity="warning",
+            path=("time_step",) if written is not None else ("model_xml_path",),
+            message=f"a simulation step of {step_s:g} s is likely to be unstable{model_step}"
+            f"{_published_every_step(block, step_s, 0.0)}",
+            help=f"most models need {_COARSE_TIME_STEP_S:g} s or less",
+        )
+    elif written is not None and is_other:
         yield SimFault(
             code="OBK504",
             severity="warning",
             path=("time_step",),
             message=f"`time_step` is {written:g} s, the model says {facts.timestep:g} s; the "
-            "config wins",
+            "config wins"
+            f"{_published_every_step(block, step_s, facts.timestep)}",
             help="the original Obelisk ignores `time_step`; leave it out to use the model's step",
             element=("option", ""),
         )
-    step_s = _time_step(block, facts)
-    if step_s > _COARSE_TIME_STEP_S:
-        yield SimFault(
-            code="OBK316",
-            severity="warning",
-            path=("time_step",) if written is not None else ("model_xml_path",),
-            message=f"a simulation step of {step_s:g} s is likely to be unstable",
-            help=f"most models need {_COARSE_TIME_STEP_S:g} s or less",
-        )
+
+
+def _published_every_step(block: Mapping[str, Any], step_s: float, own_step_s: float) -> str:
+    """The sensor groups that are faster than the step, but not than the model's own."""
+    groups = block.get("sensor_settings") or ()
+    topics = [
+        group["topic"]
+        for group in groups
+        if _is_faster(group, step_s) and not _is_faster(group, own_step_s)
+    ]
+    return f"; {list_names(topics, most=3)} would be published every step" if topics else ""

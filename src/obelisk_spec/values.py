@@ -13,6 +13,7 @@ __all__ = [
     "ParameterValue",
     "is_count",
     "is_mapping",
+    "is_none",
     "is_number",
     "is_period",
     "is_text",
@@ -74,6 +75,11 @@ def is_period(value: object) -> TypeGuard[int | float]:
 def is_text(value: object) -> TypeGuard[str]:
     """Whether it is a non-empty string."""
     return isinstance(value, str) and bool(value)
+
+
+def is_none(value: object) -> bool:
+    """Whether it is the word `None` in any case, by which a config says "nothing"."""
+    return isinstance(value, str) and value.lower() == "none"
 
 
 def is_mapping(value: object) -> TypeGuard[Mapping[str, object]]:

@@ -5,10 +5,11 @@ The library entry for everything that needs a config: the command line, the laun
 
 from bisect import bisect_left, insort
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from obelisk_spec.suggestions import list_names
 from obk_cli.check import check_stack
 from obk_cli.config.environment import Environment
 from obk_cli.config.loader import ConfigFiles, load_config
@@ -22,8 +23,8 @@ from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.files import STANDARD_INPUT, read_bytes
 from obk_cli.plan.lower import lower_stack
 from obk_cli.plan.plan import Plan
+from obk_cli.workspace.config_files import did_you_mean_config
 from obk_cli.workspace.environment import MachineEnvironment
-from obk_cli.workspace.package_index import did_you_mean_config
 
 __all__ = ["Options", "Outcome", "compile_config", "compile_source"]
 
@@ -31,6 +32,8 @@ _LOSES_TEXT = frozenset(f"OBK{number:03}" for number in (2, 3, 6, 7, 8, 9, 10, 1
 """Faults after which part of the config cannot be checked."""
 _OF_WHOLE_NODES = ("OBK207", "OBK208", "OBK306", "OBK307", "OBK405")
 """Findings about what a node lacks: it may stand under a key that was written twice."""
+_OF_FRAGMENTS = (*_OF_WHOLE_NODES, "OBK102", "OBK201", "OBK203", "OBK204", "OBK209", "OBK321")
+"""Findings about what a file lacks: the config that includes it may have that."""
 _FOLLOWS: Mapping[str, str | tuple[str, ...]] = {
     "OBK011": "OBK",
     "OBK109": ("OBK203", "OBK204"),
@@ -56,11 +59,13 @@ class Options:
     """What a config file holds, or why it cannot be read."""
     meant: Callable[[str], str | None] = did_you_mean_config
     """What may be meant by the path of a file that cannot be read, as a help line."""
+    including: Callable[[str], tuple[str, ...]] = lambda _: ()
+    """The configs that include a file; if there are any, it is checked as a fragment."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """The result of compiling a config; the plan is None if it has errors."""
+    """The result of compiling a config; the plan is None if it has errors or is a fragment."""
 
     path: str
     plan: Plan | None
@@ -114,8 +119,13 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
     ignored += stack.ignored_codes if stack is not None else ()
     faults += check_ignores(files.sources, ignored)
     codes = [code.value for code in ignored]
-    reported = in_order(silence(tuple(_causes(faults, are_whole=files.are_whole)), codes))
-    plan = lower_stack(stack) if stack is not None and worst(reported) != "error" else None
+    causes = tuple(_causes(faults, are_whole=files.are_whole))
+    including = _including(source.path, causes, options)
+    if including:
+        causes = tuple(_of_fragment(causes, source, including))
+    reported = in_order(silence(causes, codes))
+    is_stack = stack is not None and worst(reported) != "error" and not including
+    plan = lower_stack(stack) if stack is not None and is_stack else None
     return Outcome(
         path=source.path,
         plan=plan,
@@ -123,6 +133,29 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
         diagnostics=counted(reported),
         environment=environment,
     )
+
+
+def _including(path: str, faults: Iterable[Diagnostic], options: Options) -> tuple[str, ...]:
+    """The configs that include a file; looked for only if it seems to lack something."""
+    lacks = (f for f in faults if f.code in _OF_FRAGMENTS)
+    is_whole = all(f.severity == "info" and f.code != "OBK201" for f in lacks)
+    if path.startswith("<") or is_whole:
+        return ()
+    return options.including(path)
+
+
+def _of_fragment(
+    faults: Iterable[Diagnostic], source: SourceFile, including: Sequence[str]
+) -> Iterator[Diagnostic]:
+    yield found(
+        "OBK016",
+        f"{list_names(including, most=3)} "
+        f"{'includes' if len(including) == 1 else 'include'} this file: it is checked as a "
+        "fragment, for what it contains and not for what it lacks",
+        Span.at(source, 1, 1),
+        help=f"`obk validate {including[0]}` checks the whole stack",
+    )
+    yield from (fault for fault in faults if fault.code not in _OF_FRAGMENTS)
 
 
 def _causes(faults: tuple[Diagnostic, ...], *, are_whole: bool) -> Iterator[Diagnostic]:

@@ -15,6 +15,7 @@ from obk_cli.compiler import Options, Outcome, compile_config
 from obk_cli.diagnostics.rules import RULES
 from obk_cli.report.formats import report_sarif
 from obk_cli.report.text import report_text
+from obk_cli.workspace.config_files import configs_that_include
 from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 
@@ -55,6 +56,7 @@ def compile_case(path: Path, monkeypatch: pytest.MonkeyPatch) -> Outcome:
         working_folder=path.parent,
         overrides=overrides,
         environment=environment,
+        including=configs_that_include,
     )
     return compile_config(path.name, options)
 

@@ -75,10 +75,12 @@ def folder(tmp_path: Path) -> Path:
 
 
 def whole(listing: Any) -> dict[str, Any]:
-    """A config: the listing, or the dummy's with what the listing adds to its robot."""
+    """A config: the listing, or the dummy's with what the listing adds to it or its robot."""
     if isinstance(listing, dict) and "robot" in listing and "estimation" in listing:
         return listing
     stack: dict[str, Any] = yaml.safe_load((DUMMY / "dummy_new.yaml").read_text())
+    if isinstance(listing, dict) and "external_topics" in listing:
+        return {**stack, **listing}
     robot = stack["robot"]
     if isinstance(listing, dict) and "robot" in listing:
         more = listing["robot"][0] if isinstance(listing["robot"], list) else listing["robot"]

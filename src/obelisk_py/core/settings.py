@@ -28,7 +28,7 @@ from obelisk_spec.components import (
 )
 from obelisk_spec.names import topic_name_fault
 from obelisk_spec.suggestions import with_article
-from obelisk_spec.values import COUNT_RANGE, is_count
+from obelisk_spec.values import COUNT_RANGE, is_count, is_none
 
 __all__ = [
     "NodeSettings",
@@ -217,6 +217,8 @@ def topic_settings(component: RegisteredComponent, raw: Mapping[str, Any]) -> To
     if not isinstance(qos, Mapping):
         raise ObeliskConfigError(f"the {component}: `qos` is {qos!r}, expected a mapping")
     depth = qos.get("history_depth", raw.get("history_depth", DEFAULT_HISTORY_DEPTH))
+    if isinstance(depth, float) and depth.is_integer():
+        depth = int(depth)
     if not is_count(depth):
         raise ObeliskConfigError(
             f"the {component}: `history_depth` is {depth!r}, expected {COUNT_RANGE}"
@@ -291,7 +293,7 @@ def _policy(
 
 def _named(value: Any) -> str | None:
     # The language writes the string `None` for "not given".
-    return None if value in (None, "", "None") else str(value)
+    return None if value in (None, "") or is_none(value) else str(value)
 
 
 def _entries(value: Any, kind: ComponentKind) -> tuple[Mapping[str, Any], ...]:

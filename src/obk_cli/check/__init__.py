@@ -7,6 +7,7 @@ from obk_cli.check.context import CheckContext
 from obk_cli.check.loop import (
     check_control_topics,
     check_loop,
+    check_outliers,
     check_periods,
     check_timers,
 )
@@ -17,10 +18,16 @@ from obk_cli.check.nodes import (
     check_node_names,
     check_required_sections,
 )
-from obk_cli.check.packages import check_executables, check_files
+from obk_cli.check.packages import check_executables, check_files, check_manifests
 from obk_cli.check.simulation import check_controls, check_models, check_sim_blocks
 from obk_cli.check.style import check_defaults, check_homes
-from obk_cli.check.topics import check_dangling, check_doubles, check_qos, check_types
+from obk_cli.check.topics import (
+    check_dangling,
+    check_doubles,
+    check_qos,
+    check_sensor_topics,
+    check_types,
+)
 from obk_cli.check.watchdog import check_watchdogs
 from obk_cli.config.environment import Environment
 from obk_cli.config.model import Stack
@@ -39,15 +46,18 @@ CHECKS: tuple[Check, ...] = (
     check_types,
     check_qos,
     check_doubles,
+    check_sensor_topics,
     check_control_topics,
     check_timers,
     check_periods,
+    check_outliers,
     check_watchdogs,
     check_models,
     check_sim_blocks,
     check_controls,
     check_executables,
     check_files,
+    check_manifests,
     check_code,
     check_homes,
     check_defaults,

@@ -17,7 +17,7 @@ from obk_cli.config.environment import (
     kind_of_value,
 )
 from obk_cli.config.fixes import append_to
-from obk_cli.config.model import Component, Node, Parameter, Spanned
+from obk_cli.config.model import PARAMS_PACKAGE, Component, Node, Parameter, Spanned
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.edits import Edit
 
@@ -90,6 +90,10 @@ def _check_components(
     node: Node, executable: Spanned[str], code: NodeFacts
 ) -> Iterator[Diagnostic]:
     matched, only_config, only_code = _matched(node, code)
+    of_hardware = [c for c in only_config if c.is_unused]
+    if of_hardware and node.runs_simulation:
+        only_config = [c for c in only_config if not c.is_unused]
+        yield _of_hardware(of_hardware, node)
     has_settings = any(p.name == _SETTINGS for p in node.params)
     for component, registered in matched:
         yield from _check_type(component, registered, code)
@@ -139,6 +143,18 @@ def _nearest(component: Component, candidates: Sequence[CodeComponent]) -> CodeC
         return max(SequenceMatcher(None, name, other).ratio() for other in candidate.names)
 
     return max(same_kind, key=likeness, default=None)
+
+
+def _of_hardware(components: Sequence[Component], node: Node) -> Diagnostic:
+    names = [component.name for component in components if component.name is not None]
+    return found(
+        "OBK406",
+        f"the simulator `{node.node_name}` ignores {list_names(name.value for name in names)}",
+        names[0].span,
+        severity="info",
+        help="leave it if the hardware uses it",
+        related=(Related(message="ignored too", span=name.span) for name in names[1:]),
+    )
 
 
 def _not_registered(
@@ -282,7 +298,8 @@ def _check_parameters(node: Node, code: NodeFacts) -> Iterator[Diagnostic]:
         if declared is not None:
             yield from _check_kind(parameter, declared, code)
         elif code.knows_parameters and not (
-            parameter.name in _OF_EVERY_NODE or parameter.name.startswith(_PREFIXES_OF_EVERY_NODE)
+            parameter.name in (*_OF_EVERY_NODE, PARAMS_PACKAGE)
+            or parameter.name.startswith(_PREFIXES_OF_EVERY_NODE)
         ):
             yield _undeclared(parameter, code)
 

@@ -1,14 +1,15 @@
-"""OBK209 to OBK211, OBK216: the loop robot -> estimation -> control -> robot, and its pace."""
+"""OBK209 to OBK211, OBK216, OBK220: the loop robot -> estimation -> control, and its pace."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 
+from obelisk_spec.components import standard_component
 from obk_cli.check.context import CheckContext
 from obk_cli.config.model import Node, Spanned
-from obk_cli.config.topology import TopicEnd
+from obk_cli.config.topology import OUTSIDE, TopicEnd
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
-__all__ = ["check_control_topics", "check_loop", "check_periods", "check_timers"]
+__all__ = ["check_control_topics", "check_loop", "check_outliers", "check_periods", "check_timers"]
 
 _HOPS = (
     (("robot", "sensing"), "estimation", "the robot or a sensor"),
@@ -18,6 +19,9 @@ _HOPS = (
 
 _LEAST_RATE, _MOST_RATE = 10.0, 100_000.0
 """A period [s] between them is more likely to be a rate [Hz]."""
+_OUTLIER = 1000
+_LEAST_PERIODS = 3
+"""Fewer periods have no usual one."""
 
 
 def check_loop(context: CheckContext) -> Iterator[Diagnostic]:
@@ -27,14 +31,18 @@ def check_loop(context: CheckContext) -> Iterator[Diagnostic]:
     for end in ends:
         if end.direction == "publishes":
             senders[end.topic].add(end.owner)
+    # What comes from outside the stack may come from the robot.
     reached = {node.full_name for s in ("robot", "sensing") for node in context.stack.section(s)}
+    reached.add(OUTSIDE)
     for before, section, what in _HOPS:
         nodes = list(context.stack.section(section))
         everyone = {node.full_name for node in nodes}
         earlier = {node.full_name for name in before for node in context.stack.section(name)}
+        has_earlier = bool(earlier)
+        earlier.add(OUTSIDE)
         heard = [e for e in ends if e.section == section and e.direction == "subscribes"]
         linked = _reached(heard, senders, reached)
-        if everyone and earlier and not linked and all(e.topic in senders for e in heard):
+        if everyone and has_earlier and not linked and all(e.topic in senders for e in heard):
             is_near = bool(_reached(heard, senders, earlier))
             yield found(
                 "OBK209",
@@ -44,7 +52,7 @@ def check_loop(context: CheckContext) -> Iterator[Diagnostic]:
                 nodes[0].span,
                 help="the loop is robot -> estimation -> control -> robot",
             )
-        reached = linked or everyone
+        reached = {OUTSIDE, *(linked or everyone)}
 
 
 def _reached(heard: list[TopicEnd], senders: Mapping[str, set[str]], start: set[str]) -> set[str]:
@@ -74,7 +82,11 @@ def check_control_topics(context: CheckContext) -> Iterator[Diagnostic]:
                     f"both `{first.owner}` and `{other.owner}` publish `{topic}`, which the robot "
                     "obeys",
                     other.span,
-                    related=(Related(message="the other one", span=first.span),),
+                    related=(
+                        Related(message="the other one", span=first.span),
+                        *first.renamed,
+                        *other.renamed,
+                    ),
                 )
 
 
@@ -117,12 +129,41 @@ def check_periods(context: CheckContext) -> Iterator[Diagnostic]:
                 )
 
 
+def check_outliers(context: CheckContext) -> Iterator[Diagnostic]:
+    """No period is 1000 times longer than every other one: its decimals are probably missing."""
+    periods = [
+        (name, period, is_loop)
+        for node in context.stack.nodes
+        for name, period, is_loop in _named_periods(node)
+    ]
+    if len(periods) < _LEAST_PERIODS:
+        return
+    name, longest, is_loop = max(periods, key=lambda period: period[1].value)
+    others = [period.value for _, period, _ in periods if period is not longest]
+    if longest.value < _LEAST_RATE and longest.value >= _OUTLIER * max(others):
+        yield found(
+            "OBK220",
+            f"{name} every {longest.value:g} s, all others at least every {max(others):g} s",
+            longest.span,
+            severity=None if is_loop else "info",
+            help=f"write {longest.value / _OUTLIER:g} if decimals are missing",
+        )
+
+
 def _periods(node: Node) -> Iterator[tuple[str, Spanned[float]]]:
-    """What a node does periodically, as the beginning of a sentence."""
+    return ((name, period) for name, period, _ in _named_periods(node))
+
+
+def _named_periods(node: Node) -> Iterator[tuple[str, Spanned[float], bool]]:
+    """What a node does periodically, as the beginning of a sentence, and whether it is a loop's.
+
+    A timer of the user's own may be as slow as a log.
+    """
     for component in node.components:
         if component.timer_period_s is not None:
-            yield f"timer `{component.identity}` runs", component.timer_period_s
-    for sim in node.sims:
+            is_standard = standard_component(component.identity or "") is not None
+            yield f"timer `{component.identity}` runs", component.timer_period_s, is_standard
+    for sim in node.used_sims:
         for group in sim.sensor_groups:
             if group.period_s is not None:
-                yield f"`{group.topic.value}` is published", group.period_s
+                yield f"`{group.topic.value}` is published", group.period_s, True

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 from typing import Final
 
 from obelisk_spec.names import (
@@ -34,10 +35,15 @@ def check_message_types(context: CheckContext) -> Iterator[Diagnostic]:
         for component in node.components
         if component.msg_type is not None
     }
+    for topic in context.stack.external_topics:
+        if topic.msg_type is not None:
+            yield from _check(topic.msg_type, context.environment)
     for node in context.stack.nodes:
         for component in node.components:
-            if component.msg_type is not None:
-                yield from _check(component.msg_type, context.environment)
+            if component.msg_type is None:
+                continue
+            faults = _check(component.msg_type, context.environment)
+            yield from map(_of_cpp, faults) if component.ignores_type else faults
         if node.pkg is None or node.executable is None:
             continue
         command = (node.pkg.value, node.executable.value)
@@ -45,6 +51,11 @@ def check_message_types(context: CheckContext) -> Iterator[Diagnostic]:
         if isinstance(code, NodeFacts) and command not in told:
             told.add(command)
             yield from _check_code(code, node.executable, context.environment, told=written)
+
+
+def _of_cpp(fault: Diagnostic) -> Diagnostic:
+    message = f"{fault.message}; a C++ node ignores `msg_type`"
+    return replace(fault, severity="info", message=message)
 
 
 def _package(msg_type: str) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 from obelisk_spec.components import component_identity, standard_component
-from obelisk_spec.suggestions import did_you_mean, near_names, sure_name
+from obelisk_spec.suggestions import did_you_mean, list_names, near_names, sure_name
 from obk_cli.check.context import CheckContext
 from obk_cli.config.environment import Environment, NodeFacts
 from obk_cli.config.fixes import respell
@@ -19,19 +19,19 @@ __all__ = [
     "check_required_sections",
 ]
 
-_REQUIRED = (
-    ("control", "a controller"),
-    ("estimation", "an estimator"),
-    ("robot", "a robot, real or simulated"),
-)
+_USUAL = ("control", "estimation", "robot")
 
 
 def check_required_sections(context: CheckContext) -> Iterator[Diagnostic]:
-    """Each required section has a node on some device."""
-    for section, what in _REQUIRED:
-        if next(context.stack.section(section), None) is None:
-            message = f"section `{section}` has no node, a stack needs {what}"
-            yield found("OBK201", message, context.stack.span)
+    """Each section of the usual loop has a node on some device."""
+    stack = context.stack
+    empty = [section for section in _USUAL if next(stack.section(section), None) is None]
+    if not stack.nodes and not any(joystick.on for joystick in stack.joysticks):
+        help = "a stack usually has a controller, an estimator and a robot"
+        yield found("OBK201", "the stack has no node", stack.span, severity="error", help=help)
+    elif empty:
+        message = f"the stack has no node in {list_names(empty)}"
+        yield found("OBK201", message, stack.span)
 
 
 def check_node_names(context: CheckContext) -> Iterator[Diagnostic]:
@@ -91,8 +91,11 @@ def _check_twice(node: Node) -> Iterator[Diagnostic]:
             continue
         yield found(
             "OBK108",
-            f"{component.kind} `{component.identity}` of `{node.node_name}` is configured twice",
+            f"{component.kind} `{component.identity}` of `{node.node_name}` is configured twice, "
+            "and this entry is ignored",
             component.name.span,
+            severity="warning",
+            help="remove it, or give it the name of the component that you meant",
             related=(Related(message="the first time", span=first.name.span),),
         )
 

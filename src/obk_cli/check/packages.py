@@ -1,4 +1,4 @@
-"""OBK401 to OBK404: packages, executables and files that the config names."""
+"""OBK401 to OBK404, OBK414: packages, executables and files that the config names."""
 
 from collections import defaultdict
 from collections.abc import Iterator
@@ -17,7 +17,13 @@ from obk_cli.config.model import (
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import Span
 
-__all__ = ["check_executables", "check_files", "no_such_package", "where_it_is_not"]
+__all__ = [
+    "check_executables",
+    "check_files",
+    "check_manifests",
+    "no_such_package",
+    "where_it_is_not",
+]
 
 
 def where_it_is_not(search: FileSearch) -> str:
@@ -71,6 +77,22 @@ def _wanted(stack: Stack) -> Iterator[tuple[Spanned[str], Spanned[str]]]:
 
 
 def _no_executable(answer: ExecutableMissing, place: Span) -> Diagnostic:
+    if answer.not_executable is not None:
+        return found(
+            "OBK402",
+            f"`{answer.executable}` of package `{answer.package}` exists but is not executable",
+            place,
+            help=f"run `chmod +x {answer.not_executable}`",
+        )
+    if answer.declared_in is not None:
+        return found(
+            "OBK402",
+            f"`{answer.executable}` of package `{answer.package}` is declared in "
+            f"{answer.declared_in.name} but not built",
+            place,
+            help=f"run `colcon build --packages-select {answer.package}` and source "
+            "`install/setup.bash`",
+        )
     return found(
         "OBK402",
         f"package `{answer.package}` has no executable `{answer.executable}`",
@@ -101,7 +123,7 @@ def _no_package(
 def check_files(context: CheckContext) -> Iterator[Diagnostic]:
     """Files that are handed to nodes."""
     for node in context.stack.nodes:
-        in_sims = (("config_path", file) for sim in node.sims for file in sim.files)
+        in_sims = (("config_path", file) for sim in node.used_sims for file in sim.files)
         for key, search in (("params_path", node.params_file), *in_sims):
             if search is not None and search.found is None:
                 yield _no_file(key, search)
@@ -111,6 +133,26 @@ def check_files(context: CheckContext) -> Iterator[Diagnostic]:
                 yield no_such_package(urdf, node.robot_pkg, "description", context.environment)
             else:
                 yield _no_file("urdf", urdf)
+
+
+def check_manifests(context: CheckContext) -> Iterator[Diagnostic]:
+    """The package.xml of every package that the config names can be read."""
+    named: dict[str, Span] = {}
+    for node in context.stack.nodes:
+        of_sims = (sim.robot_pkg for sim in node.used_sims)
+        for package in (node.pkg, node.robot_pkg, *of_sims):
+            if package is not None:
+                named.setdefault(package.value, package.span)
+    for name, span in named.items():
+        fault = context.environment.manifest_fault(name)
+        if fault is not None and fault.span is not None:
+            yield found(
+                "OBK414",
+                f"package.xml of `{name}` {fault.message}",
+                fault.span,
+                help=fault.help,
+                related=(Related(message="the config names the package", span=span),),
+            )
 
 
 def _no_file(key: str, search: FileSearch) -> Diagnostic:

@@ -22,9 +22,13 @@ def check_sim_blocks(context: CheckContext) -> Iterator[Diagnostic]:
     """No block takes the place of another, and the simulator has one."""
     for node in context.stack.section("robot"):
         yield from _check_twice(node)
+        is_off = node.is_simulated is not None and not node.is_simulated.value
         if not node.is_simulator:
+            if node.sims and is_off:
+                message = "`sim` has no effect: `is_simulated: false` leaves it unused"
+                yield found("OBK506", message, node.sims[0].span)
             continue
-        if node.is_simulated is not None and not node.is_simulated.value:
+        if node.is_simulated is not None and is_off:
             yield found(
                 "OBK321",
                 f"`{node.node_name}` is a simulator, and `is_simulated: false` leaves out its "
@@ -38,7 +42,7 @@ def check_sim_blocks(context: CheckContext) -> Iterator[Diagnostic]:
 
 def _check_twice(node: Node) -> Iterator[Diagnostic]:
     seen: dict[str, Sim] = {}
-    for sim in node.sims:
+    for sim in node.used_sims:
         first = seen.setdefault(sim.parameter, sim)
         if first is not sim:
             yield found(
@@ -77,7 +81,7 @@ def check_models(context: CheckContext) -> Iterator[Diagnostic]:
     """Every sound `sim` block, against its model where that can be read."""
     skipped: Span | None = None
     for node in context.stack.nodes:
-        for sim in node.sims:
+        for sim in node.used_sims:
             if not sim.is_sound or sim.model is None:
                 continue
             read = None

@@ -5,6 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 
 from obelisk_spec.components import DEFAULT_HISTORY_DEPTH
+from obelisk_spec.values import is_none
 from obk_cli.check.context import CheckContext
 from obk_cli.config.fixes import remove_entry
 from obk_cli.config.model import Node, Sim
@@ -16,7 +17,8 @@ from obk_cli.diagnostics.source import Span
 __all__ = ["check_defaults", "check_homes"]
 
 _HOME = re.compile(r"""["']?(/home/[^/\s]+|/Users/[^/\s]+|/root)/""")
-_COMPONENT_DEFAULTS = {"history_depth": DEFAULT_HISTORY_DEPTH, "callback_group": "None"}
+_TIMER_DEFAULTS = {"callback_group": "None"}
+_TOPIC_DEFAULTS = {"history_depth": DEFAULT_HISTORY_DEPTH, **_TIMER_DEFAULTS}
 _QOS_DEFAULTS = {
     "reliability": "reliable",
     "durability": "volatile",
@@ -45,7 +47,7 @@ def check_homes(context: CheckContext) -> Iterator[Diagnostic]:
 
 def _path_spans(node: Node) -> Iterator[Span]:
     written = [node.params_path, node.urdf]
-    for sim in node.sims:
+    for sim in node.used_sims:
         written += [sim.model_xml_path, *sim.config_paths]
     yield from (path.span for path in written if path is not None)
     yield from (parameter.span for parameter in node.params if isinstance(parameter.value, str))
@@ -74,11 +76,12 @@ def check_defaults(context: CheckContext) -> Iterator[Diagnostic]:
 
 def _written_defaults(node: Node) -> Iterator[tuple[TreeMap, Entry]]:
     for component in node.components:
-        yield from _equal(component.tree, _COMPONENT_DEFAULTS)
+        is_timer = component.kind == "timer"
+        yield from _equal(component.tree, _TIMER_DEFAULTS if is_timer else _TOPIC_DEFAULTS)
         qos = component.tree.get("qos")
         if qos is not None and isinstance(qos.value, TreeMap):
             yield from _equal(qos.value, _QOS_DEFAULTS)
-    for sim in node.sims:
+    for sim in node.used_sims:
         yield from _equal(sim.tree, _SIM_DEFAULTS)
         for group in _groups(sim):
             yield from _equal(group, _GROUP_DEFAULTS)
@@ -93,7 +96,10 @@ def _groups(sim: Sim) -> Iterator[TreeMap]:
 def _equal(tree: TreeMap, defaults: Mapping[str, object]) -> Iterator[tuple[TreeMap, Entry]]:
     for entry in tree:
         value = entry.value
-        if not isinstance(value, TreeScalar) or isinstance(value.value, bool | None):
+        if not isinstance(value, TreeScalar) or value.value is None:
             continue
-        if defaults.get(entry.key) == value.value:
+        default, written = defaults.get(entry.key), value.value
+        # `8.0` and `true` equal whole numbers, and are reported as invalid.
+        is_same = type(written) is type(default) and written == default
+        if is_same or (default == "None" and is_none(written)):
             yield tree, entry

@@ -1,21 +1,30 @@
-"""OBK203 to OBK206, OBK214: what is published and subscribed to, and whether the ends fit."""
+"""OBK203 to OBK206, OBK214, OBK218: what is published and subscribed to, and what fits."""
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 
-from obelisk_spec.names import bare_name, resolve_msg_type, topic_name_fault
-from obelisk_spec.suggestions import comparable, sure_name
+from obelisk_spec.names import (
+    OBELISK_MESSAGES,
+    bare_name,
+    resolve_msg_type,
+    topic_name_fault,
+)
+from obelisk_spec.suggestions import comparable, list_names, sure_name
 from obk_cli.check.context import CheckContext
 from obk_cli.config.fixes import respell
 from obk_cli.config.model import Qos, Spanned, Stack
 from obk_cli.config.topology import Direction, TopicEnd, may_be_one
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
-__all__ = ["check_dangling", "check_doubles", "check_qos", "check_types"]
+__all__ = ["check_dangling", "check_doubles", "check_qos", "check_sensor_topics", "check_types"]
 
 _MOST_SHOWN = 3
+_MOST_LISTED = 8
+_OF_MANY = ("/tf", "/tf_static", "/diagnostics", "/rosout")
+"""Topics that any number of nodes publish."""
+_OF_OBELISK = tuple(f"{package}/" for package in OBELISK_MESSAGES)
 _MOST_COMPARED = 20_000
 """Pairs of names; once as many are compared, what dangles is told without a suggestion."""
 
@@ -28,21 +37,29 @@ def check_dangling(context: CheckContext) -> Iterator[Diagnostic]:
     compared = 0
     lost = _types_of_lost_publishers(context.stack, ends)
     suggested: set[str] = set()
+    unmatched: list[TopicEnd] = []
     for end in ends:
         if end.direction == "publishes" or end.is_optional or end.topic in published:
             continue
         if not lost.isdisjoint((end.msg_type, None)):
             continue
-        candidates = _candidates(end, publishers) if compared < _MOST_COMPARED else []
+        is_compared = compared < _MOST_COMPARED
+        candidates = _candidates(end, publishers) if is_compared else []
         compared += len(candidates)
         near = _nearest(end, candidates)
+        if is_compared and not near:
+            unmatched.append(end)
+            continue
         suggested.update(other.topic for other in near)
         alone = bool(near) and len(subscribed[end.topic]) == 1
         yield _dangling(end, near, sure_name(end.topic, published) if alone else None)
+    if unmatched:
+        yield _not_published(unmatched)
     for topic, (first, *_others) in published.items():
         is_for_outside = first.section == "viz" or first.is_optional
         if topic not in subscribed and topic not in suggested and not is_for_outside:
-            yield found("OBK204", f"nothing in the config reads `{topic}`", first.span)
+            message = f"nothing in the config reads `{topic}`"
+            yield found("OBK204", message, first.span, related=first.renamed)
 
 
 def _types_of_lost_publishers(stack: Stack, ends: Iterable[TopicEnd]) -> set[str | None]:
@@ -74,10 +91,40 @@ def _dangling(end: TopicEnd, near: list[TopicEnd], meant: str | None) -> Diagnos
         end.span,
         help=_suggestion(end, near),
         related=(
-            Related(message=f"`{other.topic}` is published here", span=other.span)
-            for other in near[:1]
+            *end.renamed,
+            *(Related(message=f"`{o.topic}` is published here", span=o.span) for o in near[:1]),
+            *(place for o in near[:1] for place in o.renamed),
         ),
         fix=respell(end.span, end.topic, meant) if meant and is_sure else (),
+    )
+
+
+def _not_published(ends: Sequence[TopicEnd]) -> Diagnostic:
+    """One warning for all topics that resemble none: they probably come from outside the stack."""
+    topics = list(dict.fromkeys(end.topic for end in ends))
+    owners = list(dict.fromkeys(end.owner for end in ends))
+    subscribe = "subscribe" if len(owners) > 1 else "subscribes"
+    return found(
+        "OBK203",
+        f"nothing in the config publishes {list_names(topics, most=_MOST_LISTED)}, to which "
+        f"{list_names(owners, most=_MOST_SHOWN)} {subscribe}",
+        ends[0].span,
+        severity="warning",
+        help="if nodes outside the stack publish "
+        + ("it" if len(topics) == 1 else "them")
+        + f", add `external_topics: [{', '.join(topics[:_MOST_LISTED])}"
+        + (", ...]`" if len(topics) > _MOST_LISTED else "]`"),
+        related=(
+            *ends[0].renamed,
+            *(
+                place
+                for end in ends[1:_MOST_LISTED]
+                for place in (
+                    Related(message=f"`{end.topic}` is subscribed to here", span=end.span),
+                    *end.renamed,
+                )
+            ),
+        ),
     )
 
 
@@ -117,14 +164,21 @@ def _of_types(end: TopicEnd, publishers: _ByType, kinds: Iterable[str | None]) -
 
 
 def _nearest(end: TopicEnd, candidates: Iterable[TopicEnd]) -> list[TopicEnd]:
-    """Those that may be meant: of the same type, or much the same name."""
+    """Those that may be meant: of the same type, or much the same name.
+
+    A type of ROS's own says little: an `Image` may be one of any number of cameras.
+    """
     likeness = {other.topic: (_likeness(other, end), other) for other in candidates}
     close = [
         (ratio, other)
         for ratio, other in likeness.values()
-        if ratio > 0.8 or (end.msg_type and may_be_one(end.msg_type, other.msg_type))
+        if ratio > 0.8 or (_is_telling(end.msg_type) and may_be_one(end.msg_type, other.msg_type))
     ]
     return [other for _, other in sorted(close, key=lambda pair: -pair[0])][:_MOST_SHOWN]
+
+
+def _is_telling(msg_type: str | None) -> bool:
+    return msg_type is not None and msg_type.startswith(_OF_OBELISK)
 
 
 def _likeness(one: TopicEnd, other: TopicEnd) -> float:
@@ -157,7 +211,7 @@ def _clash(one: TopicEnd, other: TopicEnd) -> bool:
 
 
 def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
-    """No node publishes a topic twice; of two types, and of one component, that is told already."""
+    """No node publishes a topic twice; `check_types` reports two types."""
     for _, ends in context.topology.by_node:
         firsts: dict[str, TopicEnd] = {}
         for end in ends:
@@ -165,14 +219,39 @@ def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
                 continue
             first = firsts.setdefault(end.topic, end)
             is_told = len({first.known_type, end.known_type} - {None}) > 1
-            is_told |= end.component is not None and first.component == end.component
             if first is not end and not is_told:
                 yield found(
                     "OBK214",
                     f"`{end.owner}` publishes `{end.topic}` twice",
                     end.span,
                     help="give it a topic of its own",
-                    related=(Related(message="the first time", span=first.span),),
+                    related=(
+                        Related(message="the first time", span=first.span),
+                        *first.renamed,
+                        *end.renamed,
+                    ),
+                )
+
+
+def check_sensor_topics(context: CheckContext) -> Iterator[Diagnostic]:
+    """No two nodes publish one sensor's topic; `check_types` reports two types."""
+    for topic, ends in context.topology.published.items():
+        measured = [end for end in ends if end.section in ("robot", "sensing")]
+        if topic in _OF_MANY or len({end.known_type for end in measured} - {None}) > 1:
+            continue
+        for end in measured[1:]:
+            if end.owner != measured[0].owner:
+                yield found(
+                    "OBK218",
+                    f"both `{measured[0].owner}` and `{end.owner}` publish the sensor topic "
+                    f"`{topic}`",
+                    end.span,
+                    help="give one of them another topic",
+                    related=(
+                        Related(message="the other one", span=measured[0].span),
+                        *measured[0].renamed,
+                        *end.renamed,
+                    ),
                 )
 
 
@@ -185,11 +264,18 @@ def check_qos(context: CheckContext) -> Iterator[Diagnostic]:
     for policy in _POLICIES:
         weak: dict[str, list[TopicEnd]] = defaultdict(list)
         for end in ends:
+            if end.is_external:
+                continue  # its quality of service is not known
             if end.direction == "publishes" and policy.of(end, policy.offered) == policy.weak:
                 weak[end.topic].append(end)
         for end in ends:
             wants = policy.of(end, policy.wanted)
-            if end.direction == "subscribes" and end.topic in weak and wants == policy.strong:
+            if (
+                not end.is_external
+                and end.direction == "subscribes"
+                and end.topic in weak
+                and wants == policy.strong
+            ):
                 yield _qos_differs(end, weak[end.topic], policy)
 
 
@@ -238,11 +324,14 @@ def _qos_differs(end: TopicEnd, others: list[TopicEnd], policy: _Policy) -> Diag
         help=f"let the publisher offer `{policy.strong}`, or the subscriber ask for "
         f"`{policy.weak}`",
         related=(
-            Related(
-                message="the publisher" if other is first else "another one",
-                span=offered.span if (offered := policy.written(other.qos)) else other.span,
-            )
-            for other in others[:_MOST_SHOWN]
+            *(
+                Related(
+                    message="the publisher" if other is first else "another one",
+                    span=offered.span if (offered := policy.written(other.qos)) else other.span,
+                )
+                for other in others[:_MOST_SHOWN]
+            ),
+            *(place for e in (end, *others[:_MOST_SHOWN]) for place in e.renamed),
         ),
     )
 
@@ -262,6 +351,8 @@ def check_types(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def _check_topic(ends: Sequence[TopicEnd]) -> Iterator[Diagnostic]:
+    if _is_old_name(ends) or _is_code_alone(ends):
+        return
     known = {end.code_type for end in ends if end.code_type is not None}
     right = _agreed(known) or _most_common(ends)
     publishers = [end for end in ends if end.direction == "publishes"]
@@ -271,6 +362,21 @@ def _check_topic(ends: Sequence[TopicEnd]) -> Iterator[Diagnostic]:
     if not told:
         for side in (publishers, subscribers):
             yield from _against_own_side(side, right)
+
+
+def _is_code_alone(ends: Sequence[TopicEnd]) -> bool:
+    """Whether the config gives one type, and only code has another: OBK407 reports that."""
+    return len({end.msg_type for end in ends} - {None}) == 1 and any(
+        end.code_type is not None and end.type_span is not None and end.code_type != end.msg_type
+        for end in ends
+    )
+
+
+def _is_old_name(ends: Sequence[TopicEnd]) -> bool:
+    """Whether the types differ only by the seeds' name of one, at ends that ignore it."""
+    binding = {end.known_type for end in ends if not end.ignores_type}
+    first = ends[0].known_type
+    return len(binding) <= 1 and all(may_be_one(first, end.known_type) for end in ends)
 
 
 def _against_other_side(
@@ -310,22 +416,23 @@ def _differs(end: TopicEnd, others: Sequence[TopicEnd]) -> Diagnostic:
     """A finding at `end`, whose type is not that of the others."""
     own, wanted = end.known_type or "", others[0].known_type or ""
     is_alias = may_be_one(own, wanted)
-    who = f"`{others[0].owner}` {_VERBS[others[0].direction]} it"
+    is_note = end.ignores_type or all(other.ignores_type for other in others)
+    who = f"{others[0].who} {_VERBS[others[0].direction]} it"
     if (others[0].owner, others[0].direction) == (end.owner, end.direction):
         who = "and elsewhere"
     return found(
         "OBK205",
-        f"`{end.owner}` {_VERBS[end.direction]} `{end.topic}` as {_short(own)}, {who} "
+        f"{end.who} {_VERBS[end.direction]} `{end.topic}` as {_short(own)}, {who} "
         f"as {_short(wanted)}",
         end.type_span or end.span,
-        severity="warning" if is_alias else None,
-        help=_help(own, wanted, others, is_alias=is_alias),
+        severity="warning" if is_alias or is_note else None,
+        help=_help(own, wanted, others, is_alias=is_alias, is_note=is_note),
         related=(
-            Related(
-                message=_said_of(other, end),
-                span=other.type_span or other.span,
-            )
-            for other in others[:_MOST_SHOWN]
+            *(
+                Related(message=_said_of(other, end), span=other.type_span or other.span)
+                for other in others[:_MOST_SHOWN]
+            ),
+            *(place for e in (end, *others[:_MOST_SHOWN]) for place in e.renamed),
         ),
     )
 
@@ -336,11 +443,15 @@ def _said_of(other: TopicEnd, end: TopicEnd) -> str:
     return "the publisher" if other.direction == "publishes" else "the subscriber"
 
 
-def _help(own: str, wanted: str, others: Iterable[TopicEnd], *, is_alias: bool) -> str | None:
+def _help(
+    own: str, wanted: str, others: Iterable[TopicEnd], *, is_alias: bool, is_note: bool
+) -> str | None:
     by_code = next((other for other in others if other.code_type is not None), None)
     if by_code is not None:
         verb = "publishes" if by_code.direction == "publishes" else "takes"
         return f"the code of `{by_code.owner}` {verb} {_short(wanted)}"
+    if is_note:
+        return "a C++ node ignores `msg_type`: write here what its code has"
     if is_alias:
         return f"write {_short(own)} at both ends, unless the node's code takes {_short(wanted)}"
     return None

@@ -12,7 +12,7 @@ from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import STANDARD_INPUT, read_bytes, unwritable, write_bytes
-from obk_cli.workspace.package_index import did_you_mean_config
+from obk_cli.workspace.config_files import did_you_mean_config
 
 __all__ = ["EditedFile", "open_for_edit", "print_bytes", "report_diff", "write_edited"]
 

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
@@ -32,6 +32,7 @@ from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseErr
 from obk_cli.files import STANDARD_INPUT
 from obk_cli.report.formats import report_github, report_json, report_sarif
 from obk_cli.report.text import report_text, summary
+from obk_cli.workspace.config_files import configs_that_include
 
 _FORMATS = ("text", "json", "sarif", "github")
 
@@ -72,7 +73,8 @@ def command(
     """
     require_choice("--format", format, _FORMATS)
     _check_together(configs, format, fix=fix, diff=diff, watch=watch)
-    options, colour = make_options(set_, ignore), wants_colour(color)
+    options = replace(make_options(set_, ignore), including=configs_that_include)
+    colour = wants_colour(color)
     if watch:
         _watch(configs, options, colour=colour, verbose=verbose)
         raise typer.Exit(EXIT_DONE)

@@ -63,6 +63,10 @@ class ExecutableMissing:
     searched: tuple[str, ...]
     available: tuple[str, ...] = ()
     """Executables that the package does have."""
+    not_executable: Path | None = None
+    """A file of that name without the execute bit."""
+    declared_in: Path | None = None
+    """The CMakeLists.txt that declares it; it is not built."""
     left_out: Path | None = None
     """A folder with a package of that name, within one that is not searched."""
 
@@ -105,6 +109,9 @@ class Environment(Protocol):
     def find_package_share(self, name: str) -> Path | None:
         """The folder that holds a package's data, None if there is no such package."""
 
+    def manifest_fault(self, package: str) -> "CodeFault | None":
+        """Why the package.xml of a package in source cannot be read; None if it can."""
+
     def package_names(self) -> tuple[str, ...]:
         """Every package that is there."""
 
@@ -119,6 +126,9 @@ class Environment(Protocol):
 
     def read_node_code(self, package: str, executable: str) -> "NodeCode | None":
         """What the Python source of an executable says, None where that cannot be known."""
+
+    def is_cpp(self, package: str, executable: str) -> bool:
+        """Whether an executable is in C++, as far as that can be known."""
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         """The facts of a model, None where MuJoCo is not installed."""

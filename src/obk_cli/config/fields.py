@@ -15,7 +15,7 @@ from obelisk_spec.names import (
     topic_name_fault,
 )
 from obelisk_spec.suggestions import ask_for, list_names, near_names, sure_name
-from obelisk_spec.values import LARGEST_COUNT, LONGEST_PERIOD_S, SHORTEST_PERIOD_S
+from obelisk_spec.values import LARGEST_COUNT, LONGEST_PERIOD_S, SHORTEST_PERIOD_S, is_none
 from obelisk_spec.yaml_core import core_scalar
 from obk_cli.config.fixes import remove_entry, respell
 from obk_cli.config.model import Spanned
@@ -26,6 +26,7 @@ from obk_cli.diagnostics.source import Span
 
 __all__ = [
     "COMPONENT_KEYS",
+    "EXTERNAL_TOPIC_KEYS",
     "JOYSTICK_KEYS",
     "NODE_KEYS",
     "OBK_KEYS",
@@ -51,7 +52,15 @@ __all__ = [
 ]
 
 SECTION_KEYS: Final = ("control", "estimation", "robot", "sensing", "viz", "joystick")
-RESERVED_KEYS: Final = ("config", "include", *SECTION_KEYS, "vars", "version", "obk")
+RESERVED_KEYS: Final = (
+    "config",
+    "include",
+    *SECTION_KEYS,
+    "external_topics",
+    "vars",
+    "version",
+    "obk",
+)
 
 NODE_KEYS: Final = (
     "pkg",
@@ -93,6 +102,7 @@ TIMER_KEYS: Final = (
     "key",
     "timer_period_sec",
     "callback_group",
+    "history_depth",
     "callback_key",
     "non_obelisk",
 )
@@ -121,7 +131,7 @@ SENSOR_GROUP_KEYS: Final = (
     "delay",
     "seed",
 )
-VIZ_KEYS: Final = ("on", "rviz_pkg", "rviz_config", "viz_nodes")
+VIZ_KEYS: Final = ("on", "rviz_pkg", "rviz_config", "viz_nodes", "viz_tool")
 JOYSTICK_KEYS: Final = (
     "on",
     "pub_topic",
@@ -134,12 +144,14 @@ JOYSTICK_KEYS: Final = (
     "coalesce_interval_ms",
 )
 OBK_KEYS: Final = ("ignore",)
+EXTERNAL_TOPIC_KEYS: Final = ("msg_type", "direction")
 RAY_CASTER_KEYS: Final = ("site_name", "geom_groups", "pattern", "scan_config", "max_distance")
 
 OLDER_KEYS: Final[Mapping[str, str]] = {"sensor_type": "msg_type"}
 """Older name of a sensor group's key -> the newer one."""
-NO_EFFECT_KEYS: Final = ("non_obelisk", "callback_key", "impl")
+NO_EFFECT_KEYS: Final = ("non_obelisk", "callback_key", "impl", "viz_tool")
 """Keys of older configs that are read and do nothing."""
+_TIMER_NO_EFFECT_KEYS: Final = (*NO_EFFECT_KEYS, "history_depth")
 
 
 T = TypeVar("T")
@@ -160,17 +172,18 @@ class Fields:
         self._what = what
         self._faults = faults
         known = frozenset(keys)
+        self._no_effect = _TIMER_NO_EFFECT_KEYS if keys is TIMER_KEYS else NO_EFFECT_KEYS
         self._entries = {entry.key: entry for entry in tree if entry.key in known}
         for entry in tree:
             if entry.key not in known:
                 self._unknown(entry, keys)
-            elif entry.key in NO_EFFECT_KEYS:
+            elif entry.key in self._no_effect:
                 message = f"`{entry.key}` has no effect"
                 cure = remove_entry(tree, entry)
                 faults.append(found("OBK506", message, entry.key_span, fix=cure))
 
     def _unknown(self, entry: Entry, keys: tuple[str, ...]) -> None:
-        useful = [key for key in keys if key not in NO_EFFECT_KEYS]
+        useful = [key for key in keys if key not in self._no_effect]
         compared = useful if len(self._faults) < _MOST_COMPARED else []
         near = near_names(entry.key, compared)
         help = f"it takes {list_names(useful, most=20)}"
@@ -214,9 +227,9 @@ class Fields:
         return self._read(key, required, "text", _text)
 
     def no_or_text(self, key: str) -> Spanned[str] | None:
-        """A text; the word `None` counts as not written."""
+        """A text; the word `None`, in any case, counts as not written."""
         text = self.text(key)
-        return None if text is None or text.value == "None" else text
+        return None if text is None or is_none(text.value) else text
 
     def boolean(self, key: str) -> Spanned[bool] | None:
         """`true` or `false`."""

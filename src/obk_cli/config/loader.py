@@ -36,7 +36,8 @@ def merge_trees(inner: Tree, outer: Tree) -> Tree:
             return _merge_maps(inner, outer)
         case ((TreeList() | TreeMap()), (TreeList() | TreeMap())):
             inner_items, outer_items = _as_maps(inner), _as_maps(outer)
-            if inner_items is not None and outer_items is not None:
+            # An empty list takes the place of the inner one.
+            if inner_items is not None and outer_items:
                 return TreeList(_merge_items(inner_items, outer_items), outer.span)
     return outer
 

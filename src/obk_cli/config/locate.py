@@ -37,12 +37,12 @@ def locate_stack(
     stack = locate_files(stack, folder, environment)
     nodes = (_with_code_types(node, environment) for node in stack.nodes)
     stack = replace(stack, nodes=tuple(nodes))
-    if not any(sim.files for node in stack.nodes for sim in node.sims):
+    if not any(sim.files for node in stack.nodes for sim in node.used_sims):
         return stack, ()
     ray_casters = _RayCasters(files)
     nodes = (
         replace(node, sims=tuple(ray_casters.in_sim(sim) for sim in node.sims))
-        if node.sims
+        if node.used_sims
         else node
         for node in stack.nodes
     )
@@ -59,10 +59,35 @@ def locate_files(stack: Stack, folder: Path, environment: Environment) -> Stack:
 def _with_code_types(node: Node, environment: Environment) -> Node:
     if node.pkg is None or node.executable is None or not node.components:
         return node
-    code = environment.read_node_code(node.pkg.value, node.executable.value)
-    if not isinstance(code, NodeFacts):
+    command = (node.pkg.value, node.executable.value)
+    code = environment.read_node_code(*command)
+    if isinstance(code, NodeFacts):
+        of_hardware = _hardware_components(node, code)
+        components = (
+            replace(c, is_unused=True) if c in of_hardware else _with_code_type(c, code)
+            for c in node.components
+        )
+    elif environment.is_cpp(*command):
+        components = (replace(c, ignores_type=True) for c in node.components)
+    else:
         return node
-    return replace(node, components=tuple(_with_code_type(c, code) for c in node.components))
+    return replace(node, components=tuple(components))
+
+
+def _hardware_components(node: Node, code: NodeFacts) -> tuple[Component, ...]:
+    """What a simulator does not register, although its robot's hardware may; no misspellings."""
+    if not (node.is_simulator and node.runs_simulation and code.knows_components):
+        return ()
+    return tuple(
+        component
+        for component in node.components
+        if component.name is not None
+        and code.component_of(component) is None
+        and not near_names(
+            component.name.value,
+            {name for c in code.components if c.kind == component.kind for name in c.names},
+        )
+    )
 
 
 def _with_code_type(component: Component, code: NodeFacts) -> Component:
@@ -83,7 +108,7 @@ class _Search:
         return replace(
             node,
             sims=tuple(self._in_sim(sim) for sim in node.sims),
-            params_file=self._file(node.params_path, node.pkg, ""),
+            params_file=self._file(node.params_path, node.params_package, ""),
             urdf_file=self._file(node.urdf, node.robot_pkg, "urdf"),
         )
 

@@ -28,16 +28,19 @@ __all__ = [
     "JOYSTICK_TOPIC",
     "NODE_SECTIONS",
     "ONE_DEVICE",
+    "PARAMS_PACKAGE",
     "SIMULATOR_EXECUTABLE",
     "SIM_PARAMETER",
     "CallbackGroup",
     "Component",
     "ComponentKind",
+    "ExternalTopic",
     "FileSearch",
     "Joystick",
     "Node",
     "Parameter",
     "Qos",
+    "Remapping",
     "SensorGroup",
     "Sim",
     "Spanned",
@@ -58,6 +61,9 @@ NODE_SECTIONS = ("control", "estimation", "robot", "sensing")
 
 ONE_DEVICE = "onboard"
 """The device of a config whose sections stand at the top level."""
+
+PARAMS_PACKAGE = "params_path_pkg"
+"""The parameter that names the package whose share folder holds the file of `params_path`."""
 
 SIM_PARAMETER = f"mujoco{SETTING_SUFFIX}"
 """The ROS parameter of a `sim` block that names none."""
@@ -113,6 +119,8 @@ class Component:
     key: Spanned[str] | None = None
     topic: Spanned[str] | None = None
     msg_type: Spanned[str] | None = None
+    ignores_type: bool = False
+    """Whether the node is in C++, where the code alone decides on the type."""
     code_type: str | None = None
     """The full message type that the node's code gives it, where that is known."""
     history_depth: Spanned[int] | None = None
@@ -122,6 +130,8 @@ class Component:
     max_age_s: Spanned[float] | None = None
     """How old a robot's newest command may become [s]."""
     stale_action: Spanned[str] | None = None
+    is_unused: bool = False
+    """Whether no node reads it: an earlier entry has its name, or it is the hardware's only."""
 
     @property
     def name(self) -> Spanned[str] | None:
@@ -157,6 +167,15 @@ class Parameter:
     value: ParameterValue
     span: Span
     key_span: Span | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Remapping:
+    """A name of a node that ROS replaces."""
+
+    old: str
+    new: str
+    span: Span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,7 +240,7 @@ class Node:
     params: tuple[Parameter, ...] = ()
     callback_groups: tuple[CallbackGroup, ...] = ()
     components: tuple[Component, ...] = ()
-    remappings: tuple[tuple[str, str], ...] = ()
+    remappings: tuple[Remapping, ...] = ()
     env: tuple[tuple[str, str], ...] = ()
     log_level: Spanned[str] | None = None
     respawn: Spanned[bool] | None = None
@@ -234,6 +253,19 @@ class Node:
     tf_prefix: Spanned[str] | None = None
     params_file: FileSearch | None = None
     urdf_file: FileSearch | None = None
+
+    @property
+    def params_package(self) -> Spanned[str] | None:
+        """The package that holds `params_path`: the parameter `params_path_pkg`, else its own."""
+        package = next((p for p in self.params if p.name == PARAMS_PACKAGE), None)
+        if package is None or not isinstance(package.value, str):
+            return self.pkg
+        return Spanned(package.value, package.span)
+
+    @property
+    def used_components(self) -> tuple[Component, ...]:
+        """The components that the node reads."""
+        return tuple(component for component in self.components if not component.is_unused)
 
     @property
     def node_name(self) -> str:
@@ -256,9 +288,15 @@ class Node:
         return self.executable is not None and self.executable.value == SIMULATOR_EXECUTABLE
 
     @property
+    def used_sims(self) -> tuple[Sim, ...]:
+        """The `sim` blocks that `is_simulated: false` does not leave unused."""
+        is_used = self.is_simulated is None or self.is_simulated.value
+        return self.sims if is_used else ()
+
+    @property
     def runs_simulation(self) -> bool:
         """Whether a simulator stands in for the robot."""
-        return bool(self.sims) and (self.is_simulated is None or self.is_simulated.value)
+        return bool(self.used_sims)
 
 
 JOYSTICK_PACKAGE = "joy"
@@ -287,6 +325,25 @@ class Joystick:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ExternalTopic:
+    """A topic that nodes outside the stack publish or subscribe to."""
+
+    topic: Spanned[str]
+    msg_type: Spanned[str] | None = None
+    direction: Spanned[str] | None = None
+    """What those nodes do, `published` or `subscribed`; None: either."""
+
+    @property
+    def name(self) -> str:
+        """The topic's name in the ROS graph."""
+        return "/" + self.topic.value.lstrip("/")
+
+    def may_be(self, direction: str) -> bool:
+        """Whether a node outside may have that end of the topic."""
+        return self.direction is None or self.direction.value == direction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Stack:
     """A whole config."""
 
@@ -294,6 +351,7 @@ class Stack:
     nodes: tuple[Node, ...]
     span: Span
     joysticks: tuple[Joystick, ...] = ()
+    external_topics: tuple[ExternalTopic, ...] = ()
     ignored_codes: tuple[Spanned[str], ...] = ()
 
     def section(self, section: str) -> Iterator[Node]:

@@ -34,11 +34,12 @@ from obk_cli.config.model import (
     Node,
     Parameter,
     Qos,
+    Remapping,
     SensorGroup,
     Sim,
     Spanned,
 )
-from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, kind_of
+from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
 __all__ = ["LOG_LEVELS", "read_node"]
@@ -157,7 +158,7 @@ def _with_newer_names(tree: TreeMap, faults: Faults) -> tuple[tuple[TreeMap, ...
     if entry is None or (isinstance(entry.value, TreeScalar) and entry.value.value is None):
         return (), tree
     items = read_items("sensor_settings", entry.value, faults)
-    groups = tuple(_renamed(group, faults) for group in items)
+    groups = tuple(_with_whole_depth(_renamed(group, faults)) for group in items)
     new = replace(entry, value=TreeList(groups, entry.value.span))
     return groups, replace(tree, entries=tuple(new if e is entry else e for e in tree))
 
@@ -212,12 +213,34 @@ def _read_viz_geoms(fields: Fields, faults: Faults) -> None:
 
 
 def read_components(node: Fields, faults: Faults) -> tuple[Component, ...]:
-    """All components of a node, publishers first."""
-    return tuple(
-        _read_component(tree, kind, faults)
-        for key, kind in COMPONENT_LISTS.items()
-        for tree in node.maps(key)
-    )
+    """All components of a node, publishers first; of two with one name the first is used."""
+    seen: set[tuple[ComponentKind, str | None]] = set()
+    components: list[Component] = []
+    for key, kind in COMPONENT_LISTS.items():
+        for tree in node.maps(key):
+            component = _read_component(_with_whole_depth(tree), kind, faults)
+            same = (kind, component.identity)
+            components.append(replace(component, is_unused=same in seen))
+            if component.identity is not None:
+                seen.add(same)
+    return tuple(components)
+
+
+def _with_whole_depth(tree: TreeMap) -> TreeMap:
+    """The mapping with a `history_depth` of `10.0` read as 10, in its `qos` too."""
+
+    def whole(entry: Entry) -> Entry:
+        value = entry.value
+        if entry.key == "qos" and isinstance(value, TreeMap):
+            return replace(entry, value=_with_whole_depth(value))
+        if entry.key != "history_depth" or not isinstance(value, TreeScalar):
+            return entry
+        depth = value.value
+        if not isinstance(depth, float) or not depth.is_integer():
+            return entry
+        return replace(entry, value=replace(value, value=int(depth)))
+
+    return replace(tree, entries=tuple(map(whole, tree)))
 
 
 def _read_component(tree: TreeMap, kind: ComponentKind, faults: Faults) -> Component:
@@ -292,6 +315,9 @@ def read_node(tree: TreeMap, section: str, device: str, index: int, faults: Faul
     fields = Fields(tree, f"a node of `{section}`", keys, faults)
     own_device = fields.text("device")
     is_robot, is_viz = section == "robot", section == "viz"
+    is_simulated = fields.boolean("is_simulated") if is_robot else None
+    is_used = is_simulated is None or is_simulated.value
+    of_sims = faults if is_used else []  # a block that is not used does no harm
     return Node(
         section=section,
         device=own_device.value if own_device else device,
@@ -310,8 +336,8 @@ def read_node(tree: TreeMap, section: str, device: str, index: int, faults: Faul
         log_level=fields.one_of("log_level", LOG_LEVELS),
         respawn=fields.boolean("respawn"),
         on_crash=fields.one_of("on_crash", _ON_CRASH),
-        is_simulated=fields.boolean("is_simulated") if is_robot else None,
-        sims=tuple(read_sim(sim, faults) for sim in fields.maps("sim")) if is_robot else (),
+        is_simulated=is_simulated,
+        sims=tuple(read_sim(sim, of_sims) for sim in fields.maps("sim")) if is_robot else (),
         robot_pkg=check_package(fields.no_or_text("robot_pkg"), faults) if is_viz else None,
         urdf=fields.text("urdf") if is_viz else None,
         robot_topic=check_topic(fields.text("robot_topic"), faults) if is_viz else None,
@@ -319,7 +345,7 @@ def read_node(tree: TreeMap, section: str, device: str, index: int, faults: Faul
     )
 
 
-def _read_remappings(fields: Fields, faults: Faults) -> tuple[tuple[str, str], ...]:
+def _read_remappings(fields: Fields, faults: Faults) -> tuple[Remapping, ...]:
     """`{from: to}`, or a list of `from:=to`."""
     entry = fields.entry("remappings")
     if entry is None:
@@ -338,7 +364,7 @@ def _read_remappings(fields: Fields, faults: Faults) -> tuple[tuple[str, str], .
         if ":" not in old.value and not old.value.startswith("__"):
             check_topic(old, faults)
         check_topic(new, faults)
-    return tuple((old.value, new.value) for old, new in pairs)
+    return tuple(Remapping(old=old.value, new=new.value, span=new.span) for old, new in pairs)
 
 
 def _read_remapping(item: Tree, faults: Faults) -> tuple[Spanned[str], Spanned[str]] | None:

@@ -1,11 +1,12 @@
 """The whole config: its name, its devices in either spelling, its sections."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from obelisk_spec.suggestions import did_you_mean, list_names, near_names, sure_name
 from obk_cli.config.fields import (
+    EXTERNAL_TOPIC_KEYS,
     JOYSTICK_KEYS,
     OBK_KEYS,
     RAY_CASTER_KEYS,
@@ -23,6 +24,7 @@ from obk_cli.config.fixes import respell
 from obk_cli.config.model import (
     NODE_SECTIONS,
     ONE_DEVICE,
+    ExternalTopic,
     Joystick,
     Node,
     Parameter,
@@ -58,6 +60,7 @@ def read_stack(tree: Tree) -> tuple[Stack | None, tuple[Diagnostic, ...]]:
         nodes=tuple(reader.nodes),
         span=top.start,
         joysticks=tuple(reader.joysticks),
+        external_topics=tuple(_read_external_topics(top, faults)),
         ignored_codes=_read_ignored(top, faults),
     )
     return stack, tuple(faults)
@@ -122,6 +125,51 @@ def _read_ignored(top: Fields, faults: Faults) -> tuple[Spanned[str], ...]:
     items = entry.value.items if isinstance(entry.value, TreeList) else (entry.value,)
     codes = (read_text("a code of `ignore`", item, faults) for item in items)
     return tuple(code for code in codes if code is not None)
+
+
+def _read_external_topics(top: Fields, faults: Faults) -> Iterator[ExternalTopic]:
+    """A list of names, or a mapping of names to what is known of the topic."""
+    entry = top.entry("external_topics")
+    if entry is None:
+        return
+    match entry.value:
+        case TreeMap() as topics:
+            for named in topics:
+                yield _read_external_topic(named, faults)
+        case TreeList(items=items):
+            for item in items:
+                name = read_text("a topic of `external_topics`", item, faults)
+                if name is not None:
+                    yield ExternalTopic(topic=_external_name(name, faults))
+        case other:
+            message = (
+                f"`external_topics` is {kind_of(other)}, expected a list of topics or a mapping"
+            )
+            faults.append(found("OBK103", message, other.span))
+
+
+def _external_name(name: Spanned[str], faults: Faults) -> Spanned[str]:
+    if name.value.startswith("~"):
+        message = f"`{name.value}` cannot be an external topic: `~` stands for a node of the stack"
+        faults.append(found("OBK109", message, name.span))
+    else:
+        check_topic(name, faults)
+    return name
+
+
+def _read_external_topic(named: Entry, faults: Faults) -> ExternalTopic:
+    name = _external_name(Spanned(named.key, named.key_span), faults)
+    topic = ExternalTopic(topic=name)
+    if isinstance(named.value, TreeScalar) and named.value.value is None:
+        return topic
+    if not isinstance(named.value, TreeMap):
+        message = f"external topic `{named.key}` is {kind_of(named.value)}, expected a mapping"
+        help = "write `{msg_type: ...}`, or nothing"
+        faults.append(found("OBK103", message, named.value.span, help=help))
+        return topic
+    fields = Fields(named.value, "an external topic", EXTERNAL_TOPIC_KEYS, faults)
+    direction = fields.one_of("direction", ("published", "subscribed"))
+    return replace(topic, msg_type=fields.text("msg_type"), direction=direction)
 
 
 def _read_joystick_params(fields: Fields) -> tuple[Parameter, ...]:

@@ -14,16 +14,20 @@ from obk_cli.config.model import (
     FEEDBACK_TOPIC,
     JOYSTICK_TOPIC,
     Component,
+    ExternalTopic,
     Joystick,
     Node,
     Qos,
+    Remapping,
     SensorGroup,
     Spanned,
     Stack,
 )
+from obk_cli.diagnostics.diagnostic import Related
 from obk_cli.diagnostics.source import Span
 
 __all__ = [
+    "OUTSIDE",
     "Direction",
     "TopicEnd",
     "Topology",
@@ -39,6 +43,8 @@ __all__ = [
 
 Direction = Literal["publishes", "subscribes"]
 
+OUTSIDE = "outside the stack"
+"""Owner of the ends of external topics."""
 _TYPE_OF_STANDARD = {"pub_true_sim_state": "obelisk_sensor_msgs/msg/TrueSimState"}
 _ONE_SEED_NAME = {
     "obelisk_sensor_msgs/msg/JointEncoders",
@@ -62,13 +68,35 @@ class TopicEnd:
     span: Span
     """The topic as written."""
     type_span: Span | None = None
+    ignores_type: bool = False
+    """Whether `msg_type` is only a note: the node is in C++."""
     code_type: str | None = None
     """The type that the node's source says, where that can be read; it is what runs."""
     qos: Qos = Qos()  # noqa: RUF009  (frozen)
     rate_hz: float | None = None
     component: str | None = None
+    remapping: Remapping | None = None
+    """What gave the topic its name, if it is not the written one."""
     is_optional: bool = False
     """Whether the end has its use although nobody is at the other."""
+
+    @property
+    def renamed(self) -> tuple[Related, ...]:
+        """The place of the remapping, for findings about the topic."""
+        if self.remapping is None:
+            return ()
+        message = f"`{self.remapping.old}` is remapped to `{self.remapping.new}` here"
+        return (Related(message=message, span=self.remapping.span),)
+
+    @property
+    def is_external(self) -> bool:
+        """Whether a node outside the stack has this end."""
+        return self.owner == OUTSIDE
+
+    @property
+    def who(self) -> str:
+        """The owner, as the subject of a sentence."""
+        return "a node outside the stack" if self.is_external else f"`{self.owner}`"
 
     @property
     def known_type(self) -> str | None:
@@ -81,7 +109,7 @@ class Topology:
     """Every end of every topic of a stack, prepared once for all checks."""
 
     ends: tuple[TopicEnd, ...]
-    """Node by node, then the joysticks'."""
+    """Node by node, then the joysticks', then those outside the stack."""
     by_node: tuple[tuple[Node, tuple[TopicEnd, ...]], ...]
     """Each node with its ends; two nodes may have one name by mistake."""
     published: Mapping[str, tuple[TopicEnd, ...]]
@@ -95,6 +123,7 @@ class Topology:
         by_node = tuple((node, tuple(node_ends(node))) for node in stack.nodes)
         ends = [end for _, of_node in by_node for end in of_node]
         ends += [end for joystick in stack.joysticks for end in joystick_ends(joystick)]
+        ends += [end for topic in stack.external_topics for end in _external_ends(topic)]
         return cls(
             ends=tuple(ends),
             by_node=by_node,
@@ -145,10 +174,29 @@ def joystick_ends(joystick: Joystick) -> Iterator[TopicEnd]:
         )
 
 
+def _external_ends(topic: ExternalTopic) -> Iterator[TopicEnd]:
+    ends: tuple[tuple[Direction, str], ...] = (
+        ("publishes", "published"),
+        ("subscribes", "subscribed"),
+    )
+    for direction, word in ends:
+        if topic.may_be(word):
+            yield TopicEnd(
+                direction=direction,
+                topic=topic.name,
+                msg_type=resolve_msg_type(topic.msg_type.value) if topic.msg_type else None,
+                owner=OUTSIDE,
+                section="external_topics",
+                span=topic.topic.span,
+                type_span=topic.msg_type.span if topic.msg_type else None,
+                is_optional=True,
+            )
+
+
 def node_ends(node: Node) -> Iterator[TopicEnd]:
     """The ends of one node: its components', and its sensor groups' if it simulates."""
     timers = timers_of(node)
-    for component in node.components:
+    for component in node.used_components:
         if component.kind == "timer" or component.topic is None:
             continue
         period = sending_period_s(component, timers)
@@ -161,10 +209,12 @@ def node_ends(node: Node) -> Iterator[TopicEnd]:
             section=node.section,
             span=component.topic.span,
             type_span=component.msg_type.span if component.msg_type else None,
+            ignores_type=component.ignores_type,
             code_type=component.code_type,
             qos=component.qos,
             rate_hz=1 / period.value if period else None,
             component=component.identity,
+            remapping=_remapping_of(_in_namespace(component.topic.value, node), node),
         )
     if node.runs_simulation:
         for sim in node.sims:
@@ -175,7 +225,7 @@ def node_ends(node: Node) -> Iterator[TopicEnd]:
 
 def timers_of(node: Node) -> Mapping[str | None, Spanned[float] | None]:
     """The periods [s] of a node's timers by their identity."""
-    return {c.identity: c.timer_period_s for c in node.components if c.kind == "timer"}
+    return {c.identity: c.timer_period_s for c in node.used_components if c.kind == "timer"}
 
 
 def sending_period_s(
@@ -208,6 +258,7 @@ def _sensor_end(group: SensorGroup, node: Node) -> TopicEnd:
         span=group.topic.span,
         type_span=group.msg_type.span if group.msg_type else None,
         rate_hz=1 / group.period_s.value if group.period_s else None,
+        remapping=_remapping_of(_in_namespace(group.topic.value, node), node),
     )
 
 
@@ -217,8 +268,12 @@ def absolute_topic(topic: str, node: Node) -> str:
     Of several remappings the first holds, in whichever spelling it names the topic.
     """
     name = _in_namespace(topic, node)
-    targets = (to for old, to in node.remappings if _in_namespace(old, node) == name)
-    return _in_namespace(next(targets, topic), node)
+    remapping = _remapping_of(name, node)
+    return name if remapping is None else _in_namespace(remapping.new, node)
+
+
+def _remapping_of(name: str, node: Node) -> Remapping | None:
+    return next((r for r in node.remappings if _in_namespace(r.old, node) == name), None)
 
 
 def _in_namespace(topic: str, node: Node) -> str:

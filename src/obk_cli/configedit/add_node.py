@@ -12,6 +12,7 @@ from pathlib import Path
 from obelisk_spec.suggestions import did_you_mean, list_names
 from obk_cli.compiler import Options, Outcome, compile_source
 from obk_cli.config.environment import (
+    CodeFault,
     Command,
     Environment,
     ExecutableMissing,
@@ -55,6 +56,10 @@ class PlannedEnvironment:
         """The folder that holds a package's data."""
         return self.current.find_package_share(name)
 
+    def manifest_fault(self, package: str) -> CodeFault | None:
+        """Why the package.xml of a package cannot be read."""
+        return self.current.manifest_fault(package)
+
     def package_names(self) -> tuple[str, ...]:
         """Every package, the new one too."""
         return tuple(sorted({*self.current.package_names(), self.package}))
@@ -78,6 +83,12 @@ class PlannedEnvironment:
         if (package, executable) == (self.package, self.executable):
             return None
         return self.current.read_node_code(package, executable)
+
+    def is_cpp(self, package: str, executable: str) -> bool:
+        """Whether an executable is in C++."""
+        if (package, executable) == (self.package, self.executable):
+            return False
+        return self.current.is_cpp(package, executable)
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         """The facts of a model."""

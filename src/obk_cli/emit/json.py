@@ -16,7 +16,7 @@ __all__ = ["emit_graph_json", "emit_plan"]
 
 
 def emit_plan(plan: Plan) -> str:
-    """The text of a plan: `name`, and `processes` in the order of the config."""
+    """The text of a plan: `name`, `processes` in the order of the config, `external_topics`."""
     return _json_text(asdict(plan))
 
 

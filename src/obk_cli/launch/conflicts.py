@@ -94,9 +94,10 @@ def watching_publishers(
 
 
 def control_topics(plan: Plan) -> tuple[str, ...]:
-    """The topics that the robots of a plan subscribe to."""
+    """The topics that the robots of a plan subscribe to, and nodes outside do not publish."""
     robots = (node for node in plan.processes if node.section == "robot")
-    return tuple(dict.fromkeys(end.topic for robot in robots for end in robot.subscribes))
+    topics = dict.fromkeys(end.topic for robot in robots for end in robot.subscribes)
+    return tuple(topic for topic in topics if topic not in plan.external_topics)
 
 
 def has_hardware(plan: Plan) -> bool:

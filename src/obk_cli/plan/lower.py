@@ -11,7 +11,7 @@ from obelisk_spec.components import (
     format_component_setting,
     format_setting,
 )
-from obelisk_spec.values import ParameterValue
+from obelisk_spec.values import ParameterValue, is_none
 from obk_cli.config.model import (
     COMPONENT_LISTS,
     FEEDBACK_TOPIC,
@@ -44,6 +44,7 @@ __all__ = ["DEFAULT_STACK_NAME", "lower_stack"]
 DEFAULT_STACK_NAME = "obelisk"
 _SIM_DEFAULTS = {"num_steps_per_viz": 8}
 _LEFT_OUT = ("non_obelisk", "callback_key")
+_LEFT_OUT_OF_TIMERS = (*_LEFT_OUT, "history_depth")
 _SETTING_ORDER = ("key", "ros_parameter", "topic", "msg_type", "history_depth", "timer_period_sec")
 
 
@@ -53,6 +54,7 @@ def lower_stack(stack: Stack) -> Plan:
     return Plan(
         name=stack.name.value if stack.name else DEFAULT_STACK_NAME,
         processes=(*(_lower_node(node) for node in stack.nodes), *joysticks),
+        external_topics=tuple(t.name for t in stack.external_topics if t.may_be("published")),
     )
 
 
@@ -70,7 +72,7 @@ def _lower_node(node: Node) -> Process:
         executable=node.executable.value,
         origin=_origin(node.span),
         parameters=dict(_parameters(node)),
-        remappings=node.remappings,
+        remappings=tuple((remapping.old, remapping.new) for remapping in node.remappings),
         env=dict(node.env),
         log_level=node.log_level.value if node.log_level else None,
         publishes=_endpoints(ends, "publishes"),
@@ -84,7 +86,7 @@ def _lower_node(node: Node) -> Process:
 
 def _promises(node: Node, ends: tuple[TopicEnd, ...]) -> Iterator[Promise]:
     sent = {end.component: end.topic for end in ends if end.direction == "publishes"}
-    for timer in (c for c in node.components if c.kind == "timer"):
+    for timer in (c for c in node.used_components if c.kind == "timer"):
         if timer.identity and timer.timer_period_s is not None:
             topic = sent.get(publisher_of_timer(timer.identity))
             yield _promise(timer.identity, timer.timer_period_s, topic)
@@ -140,11 +142,11 @@ def _parameters(node: Node) -> Iterator[tuple[str, ParameterValue]]:
     groups = _callback_groups(node)
     if groups:
         yield CALLBACK_GROUPS_PARAMETER, format_component_setting(groups)
-    if node.components or node.callback_groups:
+    if node.used_components or node.callback_groups:
         yield "obelisk_settings", format_setting(_all_settings(node))
     if node.params_path is not None:
         yield "params_path", _path(node.params_file, node.params_path.value)
-    for sim in node.sims:
+    for sim in node.sims if node.runs_simulation else (s for s in node.sims if s.is_sound):
         yield sim.parameter, format_setting(_sim_setting(sim))
     if node.urdf is not None:
         yield "urdf_path", _path(node.urdf_file, node.urdf.value)
@@ -157,8 +159,8 @@ def _parameters(node: Node) -> Iterator[tuple[str, ParameterValue]]:
 
 def _component_parameters(node: Node) -> Mapping[str, Component]:
     """The ROS parameter of each component; two that have only a key in common have none."""
-    taken = {c.ros_parameter.value for c in node.components if c.ros_parameter}
-    names = [(_parameter_name(component), component) for component in node.components]
+    taken = {c.ros_parameter.value for c in node.used_components if c.ros_parameter}
+    names = [(_parameter_name(component), component) for component in node.used_components]
     by_key = Counter(name for name, component in names if component.ros_parameter is None)
     return {
         name: component
@@ -188,13 +190,14 @@ def _setting(component: Component) -> Mapping[str, object]:
     filled = {"key": component.identity, "ros_parameter": _parameter_name(component), **written}
     if component.kind != "timer" and component.qos.history_depth is None:
         filled.setdefault("history_depth", DEFAULT_HISTORY_DEPTH)
+    left_out = _LEFT_OUT_OF_TIMERS if component.kind == "timer" else _LEFT_OUT
     ordered = (*_SETTING_ORDER, *(key for key in filled if key not in _SETTING_ORDER))
     return {
         key: filled[key]
         for key in ordered
         if filled.get(key) is not None
-        and key not in _LEFT_OUT
-        and not (key == "callback_group" and filled[key] == "None")
+        and key not in left_out
+        and not (key == "callback_group" and is_none(filled[key]))
     }
 
 
@@ -212,7 +215,7 @@ def _callback_groups(node: Node) -> Mapping[str, object]:
 
 def _all_settings(node: Node) -> Mapping[str, object]:
     settings: dict[str, object] = {
-        key: [dict(_setting(c)) for c in node.components if c.kind == kind]
+        key: [dict(_setting(c)) for c in node.used_components if c.kind == kind]
         for key, kind in COMPONENT_LISTS.items()
     }
     settings["callback_groups"] = _callback_groups(node)
@@ -224,7 +227,8 @@ def _sim_setting(sim: Sim) -> Mapping[str, object]:
     block = {
         key: value
         for key, value in sim.block.items()
-        if value not in (None, "None", _SIM_DEFAULTS.get(key)) and key != "ros_parameter"
+        if value not in (None, _SIM_DEFAULTS.get(key)) and not is_none(value)
+        if key != "ros_parameter"
     }
     if sim.model is not None:
         block["model_xml_path"] = _path(sim.model, sim.model.written.value)

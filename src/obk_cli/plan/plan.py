@@ -118,6 +118,8 @@ class Plan:
 
     name: str
     processes: tuple[Process, ...]
+    external_topics: tuple[str, ...] = ()
+    """Topics that nodes outside the stack publish."""
 
     @property
     def tiers(self) -> tuple[tuple[Process, ...], ...]:

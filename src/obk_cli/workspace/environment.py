@@ -4,12 +4,19 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from obk_cli.config.environment import Command, ExecutableMissing, ModelFault, ModelRead, NodeCode
+from obk_cli.config.environment import (
+    CodeFault,
+    Command,
+    ExecutableMissing,
+    ModelFault,
+    ModelRead,
+    NodeCode,
+)
 from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.workspace.model_cache import cache_folder, read_model_once
 from obk_cli.workspace.model_reader import MjcfElement, has_mujoco, mjcf_elements, mjcf_files
 from obk_cli.workspace.node_sources import NodeSources
-from obk_cli.workspace.package_index import PackageIndex
+from obk_cli.workspace.package_index import PackageIndex, is_native
 
 __all__ = ["MachineEnvironment"]
 
@@ -41,6 +48,32 @@ class MachineEnvironment:
     def find_package_share(self, name: str) -> Path | None:
         """The folder that holds a package's data."""
         return self.packages.find_package_share(name)
+
+    def manifest_fault(self, package: str) -> CodeFault | None:
+        """Why the package.xml of a package in source cannot be read."""
+        folder = self.packages.source_packages.get(package)
+        if folder is None:
+            return None
+        path = folder / "package.xml"
+        self._note_all([path])
+        source = self._source(path)
+        from xml.parsers import expat  # seldom needed
+
+        parser = expat.ParserCreate()
+        elements: list[str] = []
+        parser.StartElementHandler = lambda name, _: elements.append(name)
+        try:
+            parser.Parse(path.read_bytes(), True)
+        except expat.ExpatError as error:
+            place = Span.at(source, error.lineno, error.offset + 1)
+            reason = expat.ErrorString(error.code)
+            return CodeFault(message=f"is not XML: {reason}", place=source.path, span=place)
+        except OSError:
+            return None
+        if "name" in elements:
+            return None
+        start = Span.at(source, 1, 1)
+        return CodeFault(message="has no `<name>`", place=source.path, span=start)
 
     def package_names(self) -> tuple[str, ...]:
         """Every package that is there."""
@@ -76,6 +109,15 @@ class MachineEnvironment:
                 self._node_sources.read(command) if isinstance(command, Command) else None
             )
         return self._codes[key]
+
+    def is_cpp(self, package: str, executable: str) -> bool:
+        """Whether an executable is in C++: built, declared, or in a package of that name."""
+        command = self.find_executable(package, executable)
+        if isinstance(command, ExecutableMissing):
+            return command.declared_in is not None or (
+                not command.package_found and package.endswith("_cpp")
+            )
+        return command.module is None and is_native(Path(command.arguments[0]))
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         """The facts of a model, None without MuJoCo."""

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Final
 
 from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
-from obelisk_spec.suggestions import list_names, near_names
 from obk_cli.config.environment import UNSEARCHED, Command, ExecutableMissing
-from obk_cli.files import SHARED_FOLDER_BITS, STANDARD_INPUT, is_untrusted
+from obk_cli.files import SHARED_FOLDER_BITS, is_untrusted
 from obk_cli.workspace.entry_points import (
     EntryPoint,
     installed_console_scripts,
@@ -25,8 +24,8 @@ from obk_cli.workspace.overlay import overlay_prefixes
 
 __all__ = [
     "PackageIndex",
-    "did_you_mean_config",
     "find_workspace",
+    "is_native",
     "is_workspace",
     "owner_of_module",
     "owner_of_package",
@@ -37,6 +36,10 @@ __all__ = [
 _SKIPPED = {*UNSEARCHED, "node_modules", "site-packages", "__pycache__"}
 _NAME = re.compile(r"<name>\s*([^<\s]+)\s*</name>")
 _PACKAGE_FILES = ("package.xml", "setup.py", "setup.cfg", "pyproject.toml")
+_ELF: Final = b"\x7fELF"
+_CMAKE_COMMENT: Final = re.compile(r"#.*")
+_CMAKE_PROJECT: Final = re.compile(r"\bproject\s*\(\s*\"?([\w.-]+)", re.IGNORECASE)
+_CMAKE_EXECUTABLE: Final = re.compile(r"\badd_executable\s*\(\s*\"?([\w.${}-]+)", re.IGNORECASE)
 _DEEPEST = 6
 """Folders below a workspace in which a package may lie."""
 
@@ -209,9 +212,21 @@ class PackageIndex:
             executable=executable,
             package_found=is_found,
             left_out=None if is_found else self.left_out_packages.get(package),
+            not_executable=self._without_execute_bit(package, executable),
+            declared_in=_cmake_that_declares(source, executable) if source else None,
             searched=self.searched(),
             available=tuple(sorted({*in_source, *scripts, *installed, *programs})),
         )
+
+    def _without_execute_bit(self, package: str, executable: str) -> Path | None:
+        """A program of that name that cannot be run."""
+        source = self.source_packages.get(package)
+        folders = (
+            *([source / "scripts"] if source else []),
+            *(prefix / "lib" / package for prefix in self.prefixes),
+        )
+        programs = (folder / executable for folder in folders)
+        return next((program for program in programs if os.path.isfile(program)), None)  # noqa: PTH113
 
     def _source_scripts(self, package: str) -> Mapping[str, Path]:
         """Programs in the `scripts` folder of a source package."""
@@ -249,6 +264,32 @@ def _is_folder(path: Path) -> bool:
 
 def _program_command(program: Path, found_in: str) -> Command:
     return Command(arguments=(str(program),), found_in=found_in, module=module_run_by(program))
+
+
+def is_native(program: Path) -> bool:
+    """Whether a program is machine code, as compilers of C++ write it."""
+    try:
+        with program.open("rb") as file:
+            return file.read(len(_ELF)) == _ELF
+    except OSError:
+        return False
+
+
+def _cmake_that_declares(package: Path, executable: str) -> Path | None:
+    """The CMakeLists.txt of a package's sources, if it declares an executable of that name."""
+    path = package / "CMakeLists.txt"
+    if not path.is_file():  # a pipe or a device might never end
+        return None
+    try:
+        text = _CMAKE_COMMENT.sub("", path.read_text(encoding="utf-8", errors="replace"))
+    except OSError:
+        return None
+    project = _CMAKE_PROJECT.search(text)
+    names = (
+        name.replace("${PROJECT_NAME}", project[1] if project else package.name)
+        for name in _CMAKE_EXECUTABLE.findall(text)
+    )
+    return path if executable in names else None
 
 
 def _is_program(path: Path) -> bool:
@@ -346,51 +387,3 @@ def owner_of_package(name: str, *, own_folder: Path, index: PackageIndex) -> str
 
 def _inside(path: Path, folder: Path) -> bool:
     return path.resolve().is_relative_to(folder.resolve())
-
-
-_SUFFIXES: Final = (".yaml", ".yml")
-_CONFIG_DEPTH: Final = 3
-"""Folders below the workspace in which a config may lie."""
-_MOST: Final = 1_000
-"""Configs of a workspace that are looked at."""
-
-
-def did_you_mean_config(path: str) -> str | None:
-    """What may be meant by a path where nothing is; None where something is, or nothing is near."""
-    written = Path(path)
-    if path == STANDARD_INPUT or not written.name or os.path.lexists(written):
-        return None
-    here = Path.cwd()
-    beside = sorted(_configs_in(written.parent, 0))
-    near = _near(written, beside)
-    near = near or _near(written, sorted(_configs_in(find_workspace(here), _CONFIG_DEPTH)))
-    if near:
-        shown = (_from(here, config) for config in near)
-        return f"did you mean {' or '.join(f'`{name}`' for name in shown)}?"
-    return f"there is: {list_names(map(str, beside))}" if beside else None
-
-
-def _near(written: Path, configs: list[Path]) -> list[Path]:
-    """The configs whose names, without their endings, are near."""
-    stems = near_names(written.stem, {config.stem for config in configs})
-    return [config for stem in stems for config in configs if config.stem == stem]
-
-
-def _configs_in(folder: Path, deepest: int) -> Iterator[Path]:
-    """At most so many YAML files in a folder, and in those below it."""
-    found = 0
-    for parent, folders, names in os.walk(folder):
-        depth = len(Path(parent).parts) - len(folder.parts)
-        is_deep = depth >= deepest
-        folders[:] = [] if is_deep else [f for f in folders if f[0] != "." and f not in UNSEARCHED]
-        for name in names:
-            if name.endswith(_SUFFIXES) and not name.startswith("."):
-                found += 1
-                if found > _MOST:
-                    return
-                yield Path(parent, name)
-
-
-def _from(here: Path, config: Path) -> str:
-    """The path as one would type it."""
-    return str(config.relative_to(here) if config.is_relative_to(here) else config)

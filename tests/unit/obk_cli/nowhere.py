@@ -12,6 +12,9 @@ class Nowhere:
     def find_package_share(self, name: str) -> Path | None:
         return None
 
+    def manifest_fault(self, package: str) -> None:
+        return None
+
     def package_names(self) -> tuple[str, ...]:
         return ()
 
@@ -32,6 +35,9 @@ class Nowhere:
 
     def model_line(self, path: Path, line: int) -> Span:
         raise AssertionError
+
+    def is_cpp(self, package: str, executable: str) -> bool:
+        return False
 
     def model_element(self, path: Path, kind: str, name: str) -> None:
         return None

@@ -40,8 +40,8 @@ def dangling(count: int) -> str:
     return nodes(
         count,
         lambda i: (
-            f"publishers: [{{key: p, topic: /robot/part_{i}/out, {IMU}}}], "
-            f"subscribers: [{{key: s, topic: /robot/part_{i}/in, {IMU}}}]"
+            f"publishers: [{{key: p, topic: /robot/part_{i}/out, msg_type: ObkImu}}], "
+            f"subscribers: [{{key: s, topic: /robot/part_{i}/in, msg_type: ObkImu}}]"
         ),
     )
 
@@ -62,7 +62,7 @@ def clash() -> str:
     [
         pytest.param(groups(1_000), "OBK207 1000", id="groups-that-are-not-defined"),
         pytest.param(groups(200), "OBK207 1000", id="groups-with-few-defined"),
-        pytest.param(dangling(3_000), "OBK203 1001", id="topics-nobody-publishes"),
+        pytest.param(dangling(3_000), "OBK203 1", id="topics-nobody-publishes"),
         pytest.param(dangling(200), "OBK203 200", id="topics-near-to-two-hundred"),
         pytest.param(clash(), "OBK205 1000", id="types-that-differ"),
         pytest.param(clash(), "OBK206 1000", id="qualities-that-differ"),

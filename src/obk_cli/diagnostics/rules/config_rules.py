@@ -110,6 +110,15 @@ RULES: tuple[Rule, ...] = (
         fix="Correct the code; the beginning of codes, such as `OBK4`, stands for all of them.",
     ),
     Rule(
+        code="OBK016",
+        severity="info",
+        title="a fragment that another config includes",
+        cause="Another config of the workspace includes this file, so `obk validate` does not "
+        "report what the file lacks: keys, nodes, publishers and subscribers that the other "
+        "config may have.",
+        fix="Validate the config that includes it.",
+    ),
+    Rule(
         code="OBK101",
         severity="error",
         title="an unknown key",
@@ -165,9 +174,9 @@ RULES: tuple[Rule, ...] = (
         code="OBK108",
         severity="error",
         title="one component is configured twice",
-        cause="Two entries of a node name the same component, or two `sim` blocks the same "
-        "parameter; only one could count.",
-        fix="Remove one, or give it the name of the component that was meant.",
+        cause="Two entries of a node name the same component: the node uses the first and ignores "
+        "the others, which is a warning. Two `sim` blocks for the same parameter are an error.",
+        fix="Remove one, or give it the name of the component that you meant.",
     ),
     Rule(
         code="OBK109",
@@ -216,7 +225,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK115",
         severity="error",
         title="an unknown message type",
-        cause="No Obelisk message and no common ROS one has this name.",
+        cause="No Obelisk message and no common ROS one has this name. It is an info for a node in "
+        "C++, which ignores `msg_type`.",
         fix="Correct the name, or write the package too, `my_msgs/MyMessage`.",
     ),
     Rule(

@@ -7,10 +7,12 @@ __all__ = ["RULES"]
 RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK201",
-        severity="error",
-        title="a required section has no node",
-        cause="Every stack needs a controller, an estimator and a robot.",
-        fix="Add a node to the section, or include the file that has it.",
+        severity="info",
+        title="a section has no node",
+        cause="Most stacks have a controller, an estimator and a robot. A stack without any node "
+        "is an error.",
+        fix="Nothing, if the stack does without it. Otherwise add a node to the section, or "
+        "include the file that has it.",
     ),
     Rule(
         code="OBK202",
@@ -24,8 +26,12 @@ RULES: tuple[Rule, ...] = (
         code="OBK203",
         severity="error",
         title="a subscriber without a publisher",
-        cause="Nothing in the config publishes the topic, so the subscriber would wait for ever.",
-        fix="Correct the topic; if a node outside the config publishes it, silence the rule.",
+        cause="Nothing in the config publishes the topic, so the subscriber would wait for ever. "
+        "It is an error if the config publishes a topic of a similar name, or one of the same "
+        "Obelisk message. The other topics are probably published outside the stack: one warning "
+        "lists them.",
+        fix="Correct the topic, or add it to `external_topics` if a node outside the stack "
+        "publishes it.",
     ),
     Rule(
         code="OBK204",
@@ -39,7 +45,8 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="publisher and subscriber of different types",
         cause="ROS connects the ends of a topic only where their message types are the same, and a "
-        "process cannot have two types on one topic.",
+        "process cannot have two types on one topic. It is a warning if one of the nodes is in "
+        "C++, where the code decides and `msg_type` is only a note.",
         fix="Make the types the same, or use two topics.",
     ),
     Rule(
@@ -125,5 +132,21 @@ RULES: tuple[Rule, ...] = (
         cause="Periods are in seconds. Ten and more are unusual for a loop or a sensor; `500` is "
         "often written where 500 Hz are meant.",
         fix="Write the period, `0.002` for 500 Hz; silence the rule if it is to be so long.",
+    ),
+    Rule(
+        code="OBK218",
+        severity="warning",
+        title="two nodes publish one sensor topic",
+        cause="A subscriber gets the messages of both in turn, as if one sensor jumped between two "
+        "values.",
+        fix="Give each sensor its own topic, or remove one of the publishers.",
+    ),
+    Rule(
+        code="OBK220",
+        severity="warning",
+        title="a period 1000 times longer than all others",
+        cause="`2` is often written where `0.002` is meant. It is an info for a timer of your own, "
+        "which may be slow on purpose.",
+        fix="Write the decimals; silence the rule if the period is right.",
     ),
 )

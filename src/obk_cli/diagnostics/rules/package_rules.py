@@ -17,8 +17,10 @@ RULES: tuple[Rule, ...] = (
         code="OBK402",
         severity="error",
         title="an executable is not in its package",
-        cause="The package is there, but it has no executable of that name.",
-        fix="Correct the name, or add the entry point to the package.",
+        cause="The package is there, but it has no executable of that name, or none that can run: "
+        "CMakeLists.txt declares it and it is not built, or its file has no execute bit.",
+        fix="Correct the name, or add the entry point to the package. The help has the command "
+        "that builds the package or sets the execute bit.",
     ),
     Rule(
         code="OBK403",
@@ -48,7 +50,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK406",
         severity="error",
         title="a component that no code registers",
-        cause="The node's class has no component of this name, so the entry would have no effect.",
+        cause="The node's class has no component of this name, so the entry would have no effect. "
+        "It is an info if a simulator ignores what only its robot's hardware uses.",
         fix="Write the name that the code registers, or remove the entry.",
     ),
     Rule(
@@ -97,6 +100,14 @@ RULES: tuple[Rule, ...] = (
         "is given an int, `2` for `2.0`, does not start.",
         fix="Write the value as the code declares it, or declare the parameter with "
         "`ParameterDescriptor(dynamic_typing=True)`.",
+    ),
+    Rule(
+        code="OBK414",
+        severity="error",
+        title="a malformed package.xml",
+        cause="The file is not well-formed XML, or it has no `<name>`; colcon does not build such "
+        "a package, and other tools do not find it.",
+        fix="Correct package.xml at the place that is shown.",
     ),
     Rule(
         code="OBK420",

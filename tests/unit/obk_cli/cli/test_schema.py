@@ -20,6 +20,7 @@ TABLES = {
     "component": keys.COMPONENT_KEYS,
     "timer": keys.TIMER_KEYS,
     "qos": keys.QOS_KEYS,
+    "external_topic": keys.EXTERNAL_TOPIC_KEYS,
     "sim": keys.SIM_KEYS,
     "sensor_group": (*keys.SENSOR_GROUP_KEYS, *keys.OLDER_KEYS),
     "field_noise": sensors.FIELD_NOISE_KEYS,

@@ -95,7 +95,7 @@ def test_a_parameter_that_ros_cannot_hold_is_a_finding(value: str) -> None:
 def test_remappings_are_a_mapping_or_a_list() -> None:
     for written in ("{/a: /b}", "['/a:=/b']"):
         stack, faults = read(f"control: {{{NODE}, remappings: {written}}}")
-        assert stack.nodes[0].remappings == (("/a", "/b"),)
+        assert [(r.old, r.new) for r in stack.nodes[0].remappings] == [("/a", "/b")]
         assert faults == []
     assert node_faults("remappings: [/a]") == ["a remapping is the text `/a`, expected `from:=to`"]
 

@@ -1,6 +1,9 @@
 """`obk validate --fix`: what is mended, what is left, and that no file becomes worse."""
 
 import json
+import re
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -244,3 +247,144 @@ def test_a_file_that_is_included_by_two_paths_is_mended_once_and_whole(
     ((_, text),) = fixed.files
     assert text == "estimation:\n  pkg: demo\n  executable: e\n"
     assert "OBK101" not in {f.code for f in fixed.after.diagnostics}
+
+
+BLOCK = """\
+config: d
+control:
+  - pkg: demo
+    executable: c
+    callback_groups:
+      loop: MutuallyExclusiveCallbackGroup
+    publishers:
+      - ros_parameter: pub_ctrl_setting
+        key: pub_ctrl
+        topic: /ctrl
+        msg_type: PositionSetpoint
+        qos:
+          reliability: best_effort
+    subscribers:
+      - key: sub_est
+        topic: /estimate
+        msg_type: EstimatedState
+    timers:
+      - key: timer_ctrl
+        callback_group: loop
+        timer_period_sec: 0.01
+estimation:
+  - pkg: demo
+    executable: e
+    publishers:
+      - key: pub_est
+        topic: /estimate
+        msg_type: EstimatedState
+    subscribers:
+      - key: sub_sensor
+        topic: /joint_encoders
+        msg_type: ObkJointEncoders
+    timers:
+      - key: timer_est
+        timer_period_sec: 0.02
+robot:
+  - pkg: demo
+    executable: r
+    subscribers:
+      - key: sub_ctrl
+        topic: /ctrl
+        msg_type: PositionSetpoint
+        qos:
+          reliability: best_effort
+    sim:
+      - model_xml_path: m.xml
+        sensor_settings:
+          - topic: /joint_encoders
+            dt: 0.02
+            msg_type: ObkJointEncoders
+            sensor_names:
+              angle: jointpos
+"""
+FLOW = """\
+config: d
+control: [{pkg: demo, executable: c,
+  callback_groups: {loop: MutuallyExclusiveCallbackGroup},
+  publishers: [{ros_parameter: pub_ctrl_setting, key: pub_ctrl, topic: /ctrl,
+    msg_type: PositionSetpoint, qos: {reliability: best_effort}}],
+  subscribers: [{key: sub_est, topic: /estimate, msg_type: EstimatedState}],
+  timers: [{key: timer_ctrl, callback_group: loop, timer_period_sec: 0.01}]}]
+estimation: [{pkg: demo, executable: e,
+  publishers: [{key: pub_est, topic: /estimate, msg_type: EstimatedState}],
+  subscribers: [{key: sub_sensor, topic: /joint_encoders, msg_type: ObkJointEncoders}],
+  timers: [{key: timer_est, timer_period_sec: 0.02}]}]
+robot: [{pkg: demo, executable: r,
+  subscribers: [{key: sub_ctrl, topic: /ctrl, msg_type: PositionSetpoint,
+    qos: {reliability: best_effort}}],
+  sim: [{model_xml_path: m.xml, sensor_settings: [{topic: /joint_encoders,
+    dt: 0.02, msg_type: ObkJointEncoders, sensor_names: {angle: jointpos}}]}]}]
+"""
+INSERTED = {
+    "OBK506": "callback_key: x",
+    "OBK507": "callback_group: None",
+}
+RESPELT = {
+    "OBK101": ("executable: c", "excutable: c"),
+    "OBK105": ("best_effort", "best_efort"),
+    "OBK107": ("key: pub_ctrl", "key: pub_ctlr"),
+    "OBK115": ("msg_type: EstimatedState", "msg_type: EstimatedSate"),
+    "OBK203": ("key: sub_est\n        topic: /estimate", "key: sub_est\n        topic: /estimte"),
+    "OBK207": ("group: loop", "group: lop"),
+    "OBK303": ("angle: jointpos", "agnle: jointpos"),
+    "OBK501": (
+        "dt: 0.02\n            msg_type: Obk",
+        "dt: 0.02\n            sensor_type: Obk",
+    ),
+}
+
+
+def flow_of(text: str) -> str:
+    return re.sub(r"\n +", ", ", text)
+
+
+def faulty_texts() -> Iterator[object]:
+    """Each fix, in a config in block style and in one in flow style."""
+    for code, entry in INSERTED.items():
+        wrong = f"{entry}\n        topic: /estimate"
+        yield pytest.param(code, BLOCK, "topic: /estimate", wrong, id=f"{code}-block")
+        yield pytest.param(code, FLOW, "topic: /estimate", flow_of(wrong), id=f"{code}-flow")
+        period = "timer_period_sec: 0.02"
+        timer = f"{entry}\n        {period}"
+        yield pytest.param(code, BLOCK, period, timer, id=f"{code}-block-timer")
+        yield pytest.param(code, FLOW, period, flow_of(timer), id=f"{code}-flow-timer")
+    for code, (right, wrong) in RESPELT.items():
+        yield pytest.param(code, BLOCK, right, wrong, id=f"{code}-block")
+        yield pytest.param(code, FLOW, flow_of(right), flow_of(wrong), id=f"{code}-flow")
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize(("code", "sound", "right", "wrong"), [*faulty_texts()])
+def test_each_fix_is_applied_in_block_and_in_flow_style(
+    tmp_path: Path, code: str, sound: str, right: str, wrong: str
+) -> None:
+    (tmp_path / "m.xml").write_text(
+        '<mujoco><option timestep="0.02"/><worldbody><body><joint name="j" type="hinge"/>'
+        '<geom size="1"/></body></worldbody><actuator><motor joint="j"/></actuator>'
+        '<sensor><jointpos name="angle" joint="j"/></sensor></mujoco>'
+    )
+    assert right in sound
+    path = tmp_path / "c.yaml"
+    path.write_text(sound.replace(right, wrong, 1))
+    fixed = fix(path)
+    assert fixed.refused == ()
+    assert code in {finding.code for finding in fixed.done}
+    ((_, text),) = fixed.files
+    assert text == sound
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize("name", ["dummy.yaml", "dummy_new.yaml"])
+def test_the_fixes_of_the_example_are_applied(tmp_path: Path, repository: Path, name: str) -> None:
+    folder = tmp_path / "dummy"
+    shutil.copytree(repository / "examples" / "dummy", folder)
+    fixed = fix(folder / name)
+    assert fixed.refused == ()
+    fixable = [finding for finding in fixed.after.diagnostics if finding.fix]
+    assert fixable == []

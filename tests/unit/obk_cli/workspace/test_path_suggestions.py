@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.workspace.package_index import did_you_mean_config
+from obk_cli.workspace.config_files import did_you_mean_config
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from obelisk_spec.names import bare_name
 from obelisk_spec.sim_block import check_sim_shape
 from obelisk_spec.sim_checks import check_sim
 from obelisk_spec.suggestions import with_article
-from obelisk_spec.values import PERIOD_RANGE, is_period
+from obelisk_spec.values import PERIOD_RANGE, is_none, is_period
 
 __all__ = [
     "PARAMETER",
@@ -92,7 +92,7 @@ def read_block(text: str) -> Mapping[str, Any]:
 
 def not_given(value: object) -> bool:
     """Whether a value means "not set"; the config language writes `None` for it."""
-    return value in (None, "", "None")
+    return value in (None, "") or is_none(value)
 
 
 def findings_of(

@@ -1,0 +1,97 @@
+"""Find the configs of a workspace that a misspelt path may mean, and those that include a file."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from obelisk_spec.suggestions import list_names, near_names
+from obk_cli.config.environment import UNSEARCHED
+from obk_cli.config.tree import TreeList, TreeMap, TreeScalar
+from obk_cli.config.yaml_parser import decode_source, parse_source
+from obk_cli.diagnostics.diagnostic import Diagnostic
+from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
+from obk_cli.files import STANDARD_INPUT, read_bytes
+from obk_cli.workspace.package_index import find_workspace
+
+__all__ = ["configs_that_include", "did_you_mean_config"]
+
+_SUFFIXES: Final = (".yaml", ".yml")
+_CONFIG_DEPTH: Final = 3
+"""Folders below the workspace in which a config may lie."""
+_MOST: Final = 1_000
+"""Configs of a workspace that are looked at."""
+
+
+def did_you_mean_config(path: str) -> str | None:
+    """What may be meant by a path where nothing is; None where something is, or nothing is near."""
+    written = Path(path)
+    if path == STANDARD_INPUT or not written.name or os.path.lexists(written):
+        return None
+    here = Path.cwd()
+    beside = sorted(_configs_in(written.parent, 0))
+    near = _near(written, beside)
+    near = near or _near(written, sorted(_configs_in(find_workspace(here), _CONFIG_DEPTH)))
+    if near:
+        shown = (_from(here, config) for config in near)
+        return f"did you mean {' or '.join(f'`{name}`' for name in shown)}?"
+    return f"there is: {list_names(map(str, beside))}" if beside else None
+
+
+def _near(written: Path, configs: list[Path]) -> list[Path]:
+    """The configs whose names, without their endings, are near."""
+    stems = near_names(written.stem, {config.stem for config in configs})
+    return [config for stem in stems for config in configs if config.stem == stem]
+
+
+def _configs_in(folder: Path, deepest: int) -> Iterator[Path]:
+    """At most so many YAML files in a folder, and in those below it."""
+    found = 0
+    for parent, folders, names in os.walk(folder):
+        depth = len(Path(parent).parts) - len(folder.parts)
+        is_deep = depth >= deepest
+        folders[:] = [] if is_deep else [f for f in folders if f[0] != "." and f not in UNSEARCHED]
+        for name in names:
+            if name.endswith(_SUFFIXES) and not name.startswith("."):
+                found += 1
+                if found > _MOST:
+                    return
+                yield Path(parent, name)
+
+
+def _from(here: Path, config: Path) -> str:
+    """The path as one would type it."""
+    return str(config.relative_to(here) if config.is_relative_to(here) else config)
+
+
+def configs_that_include(path: str) -> tuple[str, ...]:
+    """The configs of its workspace that include a file, as paths from the present folder."""
+    if path == STANDARD_INPUT:
+        return ()
+    fragment = Path(path).resolve()
+    candidates = dict.fromkeys(
+        (
+            *sorted(_configs_in(fragment.parent, 0)),
+            *sorted(_configs_in(find_workspace(fragment.parent), _CONFIG_DEPTH)),
+        )
+    )
+    here = Path.cwd()
+    return tuple(_from(here, c) for c in candidates if fragment in _included_by(c, fragment.name))
+
+
+def _included_by(config: Path, name: str) -> Iterator[Path]:
+    """The files that a config includes itself; `name` stands in the text of the one looked for."""
+    if not config.is_file() or config.stat().st_size > LONGEST_FILE_BYTES:
+        return
+    data = read_bytes(str(config))
+    if isinstance(data, str) or b"include" not in data or name.encode() not in data:
+        return
+    source = decode_source(str(config), data)
+    tree = None if isinstance(source, Diagnostic) else parse_source(source).tree
+    entry = tree.get("include") if isinstance(tree, TreeMap) else None
+    if entry is None:
+        return
+    items = entry.value.items if isinstance(entry.value, TreeList) else (entry.value,)
+    for item in items:
+        if isinstance(item, TreeScalar) and isinstance(item.value, str):
+            yield Path(os.path.realpath(config.parent / item.value))
