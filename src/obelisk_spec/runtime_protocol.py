@@ -15,6 +15,7 @@ __all__ = [
     "STANDINGS",
     "STEPS",
     "TOLERANCE",
+    "USE_SIM_TIME",
     "Rate",
     "Standing",
     "is_of_the_page",
@@ -23,6 +24,9 @@ __all__ = [
     "rate_name",
     "rate_values",
 ]
+
+USE_SIM_TIME: Final = "use_sim_time"
+"""The ROS parameter by which a node uses simulated time."""
 
 GATE_VARIABLE: Final = "OBK_GATE"
 """The environment variable that names the gate file of preloaded programs.

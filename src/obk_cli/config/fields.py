@@ -133,7 +133,7 @@ JOYSTICK_KEYS: Final = (
     "sticky_buttons",
     "coalesce_interval_ms",
 )
-OBK_KEYS: Final = ("ignore",)
+OBK_KEYS: Final = ("ignore", "use_sim_time")
 RAY_CASTER_KEYS: Final = ("site_name", "geom_groups", "pattern", "scan_config", "max_distance")
 
 OLDER_KEYS: Final[Mapping[str, str]] = {"sensor_type": "msg_type"}

@@ -12,7 +12,7 @@ from obelisk_py.core.rate_monitor.counting import TickCounter
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, Clock, Pace
 
-__all__ = ["StepReport", "Stepper", "TimedOutput", "Times"]
+__all__ = ["StepReport", "Stepper", "TimeOutput", "TimedOutput", "Times"]
 
 LONGEST_BATCH: Final = 32
 """Steps taken in one call where no pace holds them back and nothing is due."""
@@ -42,6 +42,22 @@ class TimedOutput:
     """Called at a reset and before the first step; None where nothing is carried over."""
 
 
+class TimeOutput(Protocol):
+    """Publishes the simulation time."""
+
+    def advance(self) -> None:
+        """Publish the time after steps."""
+
+    def restart(self) -> None:
+        """Publish the time of a reset, which no step may follow for long."""
+
+
+class _NoTimeOutput:
+    def advance(self) -> None: ...
+
+    def restart(self) -> None: ...
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepReport:
     """Figures of a second of wall time."""
@@ -68,6 +84,7 @@ class Stepper:
         warn: Callable[[str], None],
         report: Callable[[StepReport], None],
         ticks: TickCounter | None = None,
+        time_output: TimeOutput | None = None,
     ) -> None:
         """Make a stepper that is not running.
 
@@ -80,6 +97,7 @@ class Stepper:
             warn: called with MuJoCo's warnings.
             report: called about once per second of wall time.
             ticks: counts the steps of `pace`, by `clock`.
+            time_output: publishes the time, before the outputs.
         """
         self._simulation = simulation
         self._pace = pace
@@ -89,9 +107,12 @@ class Stepper:
         self._warn = warn
         self._report = report
         self._ticks = ticks or TickCounter()
+        self._time_output = time_output or _NoTimeOutput()
 
     def begin(self) -> None:
         """Count sample times from the present step, and restart the outputs."""
+        if self._simulation.steps == 0:
+            self._time_output.restart()
         for output in self._outputs:
             output.times.pass_step(self._simulation.steps)
             if self._simulation.steps == 0 and output.restart is not None:
@@ -104,7 +125,7 @@ class Stepper:
             DivergenceError: the state is no longer finite.
         """
         simulation, pace, clock = self._simulation, self._pace, self._clock
-        tick = self._ticks.tick
+        tick, publish_time = self._ticks.tick, self._time_output.advance
         now_ns = clock.now_ns()
         if pace is not None:
             pace.start(now_ns)
@@ -124,6 +145,7 @@ class Stepper:
                 tick(now_ns, now_ns - deadline_ns)
             for warning in simulation.advance(count):
                 self._warn(warning)
+            publish_time()
             if simulation.steps >= due:
                 self._publish_due()
                 due = self._next_due()
@@ -139,6 +161,7 @@ class Stepper:
         self.begin()
         for warning in self._simulation.advance(1):
             self._warn(warning)
+        self._time_output.advance()
         self._publish_due()
 
     def _next_due(self) -> int:
