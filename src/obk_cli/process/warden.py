@@ -3,7 +3,8 @@
 Run as a program of its own (`python -I -S warden.py`), with its standard input one end of a Unix
 socket of packets. Takes JSON requests, gives JSON news (`started`, `ended`). Each request is a file
 of its own, handed over by descriptor, for an environment may be larger than a packet: `start`, with
-a second descriptor for the output, `signal`, and `end` before the last. It is the parent of the
+a second descriptor for the output, `signal`, and `end` before the last. A process may inherit
+descriptors that the warden was started with. It is the parent of the
 nodes and adopts their orphans (child subreaper). When the launcher's end of the socket closes,
 whatever the reason, all of them get SIGTERM, then SIGKILL; after a launcher that did not say `end`
 this process clears shared memory too. Imports the standard library only, so that it is up at once.
@@ -116,6 +117,7 @@ class Warden:
                 stdout=output,
                 stderr=output,
                 start_new_session=True,
+                pass_fds=request["inherited"],
                 preexec_fn=self._in_child,
             )
         except (OSError, ValueError, subprocess.SubprocessError) as error:

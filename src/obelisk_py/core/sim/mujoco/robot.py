@@ -25,6 +25,7 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.publisher import LifecyclePublisher
 from std_msgs.msg import Float64
 
+from obelisk_py.core.clock_page import open_clock_writer
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameters import Getter
@@ -388,6 +389,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             return None
         return SimulationClock(
             self._own_publisher,
+            page=open_clock_writer(),
             rate_hz=clock_rate_hz_of(self.get_parameter(CLOCK_RATE).value),
             time_ns=lambda: simulation.time_ns,
         )

@@ -20,6 +20,13 @@ BATCH_NS: Final = 100_000
 """Wall time that such a batch may take [ns]; a control waits for so long at most."""
 
 
+SHORTEST_SHARE: Final = 0.5
+"""Least time between two steps, as a share of the period, where nodes follow the simulation's time.
+
+In steps that follow at once, to make up for lateness, they would miss most of their ticks.
+"""
+
+
 class Times(Protocol):
     """The steps after which something is published."""
 
@@ -108,6 +115,7 @@ class Stepper:
         self._report = report
         self._ticks = ticks or TickCounter()
         self._time_output = time_output or _NoTimeOutput()
+        self._shortest_share = 0.0 if time_output is None else SHORTEST_SHARE
 
     def begin(self) -> None:
         """Count sample times from the present step, and restart the outputs."""
@@ -127,8 +135,10 @@ class Stepper:
         simulation, pace, clock = self._simulation, self._pace, self._clock
         tick, publish_time = self._ticks.tick, self._time_output.advance
         now_ns = clock.now_ns()
+        shortest_ns = 0
         if pace is not None:
             pace.start(now_ns)
+            shortest_ns = round(pace.period_ns * self._shortest_share)
         self.begin()
         due = self._next_due()
         meter = _Meter(now_ns=now_ns, step_s=simulation.step_s)
@@ -139,7 +149,7 @@ class Stepper:
                 count = min(_next_batch(count, now_ns - before_ns), due - simulation.steps)
             else:
                 deadline_ns = pace.next_deadline_ns(now_ns)
-                now_ns = clock.sleep_until_ns(deadline_ns, stopped)
+                now_ns = clock.sleep_until_ns(max(deadline_ns, now_ns + shortest_ns), stopped)
                 if stopped():
                     break
                 tick(now_ns, now_ns - deadline_ns)
