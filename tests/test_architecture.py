@@ -16,7 +16,7 @@ MODULES = sorted(SOURCE.rglob("*.py"))
 
 LAYERS = (
     ("diagnostics",),
-    ("errors", "clock", "optional_deps", "files", "terminal"),
+    ("errors", "clock", "install_source", "optional_deps", "files", "terminal"),
     ("config",),
     ("source_analysis", "plan", "check", "scaffold", "report", "process"),
     ("emit", "workspace"),

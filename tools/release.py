@@ -18,11 +18,8 @@ PLACES = (
     ("pyproject.toml", r'(?m)^version = "({})"$'),
     ("pyproject.toml", r'"obelisk-interfaces==({})"'),
     ("interfaces/pyproject.toml", r'(?m)^version = "({})"$'),
-    ("interfaces/pyproject.toml", r'"obelisk-cli==({})"'),
     ("interfaces/*/package.xml", r"<version>({})</version>"),
     ("ros_packages/*/package.xml", r"<version>({})</version>"),
-    ("docs/how-to/installing.md", r"(?m)^ +rev: v({})$"),
-    ("docs/how-to/ci.md", r"OWNER/obelisk@v({})"),
 )
 """Files, and where in them the version stands."""
 UNRELEASED = "## [Unreleased]\n"

@@ -1,6 +1,6 @@
-"""Faults of the surroundings, not of the config: a missing file, a bad option.
+"""Errors outside the config, such as a missing file or a bad option, and their exit codes.
 
-They are raised, and the command line turns each into one message and an exit code.
+The command line prints each as one message.
 """
 
 import errno
@@ -18,8 +18,8 @@ __all__ = [
     "CommandFailedError",
     "MisuseError",
     "ObkError",
-    "lack_of",
-    "shadow_of",
+    "pythonpath_shadow",
+    "resource_error",
 ]
 
 EXIT_DONE: Final = 0
@@ -29,7 +29,7 @@ EXIT_INTERRUPTED: Final = 130
 
 
 class ObkError(Exception):
-    """What was asked for cannot be done; the message is for the user."""
+    """A command cannot do its work; the message is for the user."""
 
     exit_code: int = EXIT_FAILED
 
@@ -51,7 +51,7 @@ class CommandFailedError(ObkError):
 
 _MEMORY: Final = "there is not enough memory (see `ulimit -v`)"
 _THREADS: Final = "no more threads or processes can be started (see `ulimit -u`, `ulimit -v`)"
-_LACKS: Final = {
+_RESOURCE_ERRORS: Final = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "this user may use no more of the disk",
     errno.EFBIG: "files may not become so long (see `ulimit -f`)",
@@ -63,11 +63,11 @@ _LACKS: Final = {
 }
 _SOURCE: Final = Path(__file__).absolute().parents[1]
 _NO_THREAD: Final = "can't start new thread"
-"""Python's own words."""
+"""Message of the error that Python raises."""
 
 
-def lack_of(error: BaseException) -> str | None:
-    """What of the machine an error is the lack of; None: it is another error."""
+def resource_error(error: BaseException) -> str | None:
+    """Which resource of the machine is exhausted; None: the error has another cause."""
     match error:
         case MemoryError():
             return _MEMORY
@@ -77,15 +77,15 @@ def lack_of(error: BaseException) -> str | None:
             return "the folder that this was started in is not there any more"
         case BlockingIOError() if hasattr(error, "characters_written"):
             return None  # an output that does not wait
-        case OSError(errno=int() as number) if number in _LACKS:
-            return f"{_place(error)}{_LACKS[number]}"
+        case OSError(errno=int() as number) if number in _RESOURCE_ERRORS:
+            return f"{_place(error)}{_RESOURCE_ERRORS[number]}"
     return None
 
 
-def shadow_of(error: BaseException) -> str | None:
-    """Which file of PYTHONPATH an error comes from, in the place of a library; None: of none.
+def pythonpath_shadow(error: BaseException) -> str | None:
+    """Which file on PYTHONPATH shadows a library and caused an error; None: no such file.
 
-    Other environments put theirs there, and what they hold seldom fits this Python.
+    Other environments add their folders there, and these seldom fit this Python.
     """
     listed = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     folders = [Path(folder).absolute() for folder in listed if folder]
@@ -97,7 +97,7 @@ def shadow_of(error: BaseException) -> str | None:
 
 
 def _files_of(error: BaseException) -> Iterator[str]:
-    """The files that may be at fault: that of a wrong module, that of the line which failed."""
+    """The files that may have caused an error: of the module named, of the line that failed."""
     top = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
     modules = (getattr(error, "obj", None), sys.modules.get(top))
     trace = error.__traceback__

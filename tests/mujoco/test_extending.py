@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ..ros.walkthrough import (  # noqa: TID252 - shared by folders of tests
+from ..documents import (  # noqa: TID252 - shared by folders of tests
     Commands,
     apply,
     steps,
@@ -18,7 +18,6 @@ from ..ros.walkthrough import (  # noqa: TID252 - shared by folders of tests
 pytestmark = [pytest.mark.mujoco, pytest.mark.timeout(400)]
 
 DOCUMENT = Path("docs/extending.md")
-LISTING = re.compile(r"^`(?P<path>\S+)`:\n\n```\w+\n(?P<text>.*?)^```$", re.DOTALL | re.MULTILINE)
 NEEDED = ("src", "schema", "templates", "examples/dummy", "tests/cases", "tests/golden")
 ADDED = "OBK299 or MagneticField or magnetic or csv-dummy/dummy.yaml"
 
@@ -35,10 +34,6 @@ def extended(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
         shutil.copy(repository / file, copy / file)
     for file in ("conftest.py", "groups.py", "test_sensors.py"):
         shutil.copy(repository / "tests/mujoco" / file, copy / "tests/mujoco")
-    for listing in LISTING.finditer((repository / DOCUMENT).read_text()):
-        path = copy / listing["path"]
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(listing["text"])
     for step in steps(repository / DOCUMENT):
         if not isinstance(step, Commands):
             apply(step, copy)

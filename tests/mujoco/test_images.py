@@ -13,7 +13,7 @@ import pytest
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.sim.mujoco.cameras import choose_back_end, open_context, picture_size
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, SensorSource, image
-from obelisk_py.core.utils.msg import multiarray_to_numpy
+from obelisk_py.core.utils.msg import multiarray_to_np
 
 from ..waiting import DEADLINE_S  # noqa: TID252 - shared by folders of tests
 
@@ -99,7 +99,7 @@ def painted(monkeypatch):
 
 
 def _greys(feed):
-    return [multiarray_to_numpy(message.y)[0, 0, 0] for message in feed.messages]
+    return [multiarray_to_np(message.y)[0, 0, 0] for message in feed.messages]
 
 
 def _opened(feed):
@@ -122,10 +122,10 @@ def test_a_camera_sees_colours_where_they_are_or_says_why_it_cannot(scene, feed)
     camera.take()
     camera.take()
     # The third one may be drawn by now; it is waited for by nobody.
-    before, after = (multiarray_to_numpy(message.y) for message in camera.messages[:2])
+    before, after = (multiarray_to_np(message.y) for message in camera.messages[:2])
     assert before.shape == (30, 40, 3)
     assert [dim.label for dim in camera.messages[0].y.layout.dim] == ["height", "width", "channels"]
-    assert [dim.stride for dim in camera.messages[0].y.layout.dim] == [3600, 120, 3]
+    assert [dim.stride for dim in camera.messages[0].y.layout.dim] == [120, 3, 1]
     for place, channel in (((5, 10), 0), ((5, 30), 1), ((25, 20), 2)):
         seen = before[place].astype(int)
         assert seen[channel] > 200, (place, seen)
@@ -159,7 +159,7 @@ def test_a_picture_is_the_one_that_mujocos_own_renderer_draws(feed):
         env={**os.environ, "MUJOCO_GL": choose_back_end()},
         check=True,
     ).stdout
-    assert multiarray_to_numpy(message.y).tobytes() == drawn
+    assert multiarray_to_np(message.y).tobytes() == drawn
 
 
 def test_the_resolution_of_the_model_is_the_size_of_the_picture(scene):

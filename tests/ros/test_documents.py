@@ -1,94 +1,283 @@
-"""Every `obk` command that a document shows does what it is shown for, and `cp` beside it."""
+"""Every command that a page shows, at a real terminal: it does what the page says."""
 
+import os
+import random
 import re
 import shlex
 import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
+from obk_cli.compiler import Options, compile_config
+from obk_cli.plan.plan import Plan
+from obk_cli.workspace.environment import MachineEnvironment
+
+from ..documents import (  # noqa: TID252 - shared by folders of tests
+    PAGES,
+    ROOT,
+    Commands,
+    apply,
+    blocks,
+    missing_lines,
+    page_name,
+    steps,
+)
 from .opengl import require_opengl
-from .stack import calm, launched, obk
+from .stack import calm, obk
+from .user_shell import DEADLINE_S, UserShell, user_shell
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.ros, pytest.mark.mujoco, pytest.mark.timeout(900)]
 
-ROOT = Path(__file__).resolve().parents[2]
-DOCUMENTS = (
-    ROOT / "README.md",
-    ROOT / "examples" / "arm" / "README.md",
-    ROOT / "examples" / "dummy" / "README.md",
-    ROOT / "examples" / "quadruped" / "README.md",
-    ROOT / "docs" / "how-to" / "ci.md",
-    ROOT / "docs" / "how-to" / "from-launch-files.md",
-    ROOT / "docs" / "reference" / "compile.md",
-    ROOT / "docs" / "how-to" / "doctor.md",
-    ROOT / "docs" / "how-to" / "viewing.md",
-    ROOT / "docs" / "how-to" / "looking-into-a-stack.md",
-    ROOT / "docs" / "how-to" / "own-messages.md",
-    ROOT / "docs" / "how-to" / "running.md",
-)
-WHILE_RUNNING = (
-    "lifecycle",
-    "ps",
-    "logs",
-    "stop",
-    "topic",
-    "node",
-    "param",
-    "service",
-    "monitor",
-)
-SHELL_BLOCK = re.compile(r"```sh\n(.*?)```", re.DOTALL)
+ELSEWHERE = {
+    "docs/extending.md": "tests/mujoco/test_extending.py",
+    "docs/how-to/installing.md": "tests/unit/packaging/test_light_install.py",
+    "docs/how-to/rehearsing.md": "tests/ros/test_rehearsal.py",
+    "docs/how-to/two-machines.md": "tests/ros/test_devices.py",
+    "examples/hardware/README.md": "tests/ros/test_hardware_example.py",
+}
+"""Pages that need two terminals, two hosts or a copy of the repository -> the test of each."""
+SLOW = {
+    "docs/how-to/doctor.md",
+    "docs/how-to/looking-into-a-stack.md",
+    "docs/how-to/recording.md",
+    "docs/how-to/running.md",
+    "docs/how-to/viewing.md",
+    "examples/arm/README.md",
+    "examples/dummy/README.md",
+    "examples/quadruped/README.md",
+}
+"""Pages whose commands other tests run as well."""
+TYPED = ("cd", "cp", "kill", "mkdir", "obk", "python")
+"""The programs that are run; `make`, `pip` and `apt` change the machine."""
+ACTIVE = re.compile(r"s\] active$", re.MULTILINE)
+ALONE = ("lifecycle", "logs", "monitor", "node", "param", "ps", "service", "stop", "topic")
+"""Commands for a second terminal: they need a running stack."""
+USUAL_PORT = "47001"
+NOT_HANDED_OUT = range(61_000, 65_536)
+"""Ports that Linux assigns only to programs that ask for them."""
+RECEIVE_ONE = """
+import rclpy
+from my_msgs.msg import Example
+
+rclpy.init()
+node = rclpy.create_node("receiver")
+received = []
+node.create_subscription(Example, "/my_robot/example", received.append, 10)
+while not received:
+    rclpy.spin_once(node)
+assert len(received[0].values) == 1 and received[0].header.stamp.sec > 0
+node.destroy_node()
+rclpy.shutdown()
+"""
 
 
-def commands(document: Path) -> list[list[str]]:
-    """Every `obk` and `cp` command in a document, as words, in its order."""
-    text = "".join(SHELL_BLOCK.findall(document.read_text()))
-    lines = text.replace("\\\n", " ").splitlines()
-    split = [shlex.split(line, comments=True) for line in lines]
-    return [words for words in split if words and Path(words[0]).name in ("obk", "cp")]
+def nothing(_: Path) -> None:
+    """No preparation, no further check."""
 
 
-ROBOTS = {"arm", "quadruped"}
-AT_ONCE = ("README.md", "ci.md", "compile.md", "from-launch-files.md", "own-messages.md")
-"""What `make test` runs; the others launch what these and the tests of stacks launch as well."""
-SHOWN = [
-    pytest.param(
-        document,
-        id=str(document.relative_to(ROOT)),
-        marks=[]
-        if ROBOTS.isdisjoint(document.parts) and document.name in AT_ONCE
-        else pytest.mark.slow,
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """What a page takes for granted, and what is true after its commands."""
+
+    is_calm: bool = True
+    prepare: Callable[[Path], None] = nothing
+    while_active: Callable[[Path], None] = nothing
+    check: Callable[[Path], None] = nothing
+    varying: tuple[tuple[str, str], ...] = ()
+    """Parts of the page that differ from machine to machine, and what is in their place."""
+
+
+def arm_to_extend(folder: Path) -> None:
+    (folder / "src").mkdir()
+    dummy = ROOT / "examples/dummy"
+    text = (dummy / "dummy_new.yaml").read_text()
+    renamed = text.replace("/obelisk/dummy", "/arm").replace("config: dummy", "config: arm")
+    (folder / "arm.yaml").write_text(renamed)
+    for file in ("dummy.xml", "dummy_params.txt"):
+        shutil.copy(dummy / file, folder)
+
+
+def nodes_were_added(folder: Path) -> None:
+    made = {path.name for path in (folder / "src").iterdir()}
+    assert made == {"balance", "filter", "arm_hardware", "camera"}
+
+
+def own_packages(folder: Path) -> None:
+    shutil.copytree(ROOT / "ros_packages", folder / "src")
+
+
+def workspace_was_made(folder: Path) -> None:
+    assert (folder / "my_robot/src/my_controller/package.xml").is_file()
+    page = (ROOT / "docs/how-to/scaffolding.md").read_text()
+    for made in ("src/my_robot_controller", "src/my_robot_estimator", ".vscode", "model"):
+        assert made in page
+        assert (folder / "my_robot" / made).is_dir()
+
+
+def example_is_received(folder: Path) -> None:
+    if not (folder / ".obk/overlay").is_dir():
+        return
+    subprocess.run(
+        [sys.executable, "-c", RECEIVE_ONE],
+        env={**os.environ, "OBK_OVERLAY_PATH": str(folder / ".obk/overlay")},
+        timeout=DEADLINE_S,
+        check=True,
     )
-    for document in DOCUMENTS
-    if commands(document)
-]
 
 
-@pytest.mark.parametrize("document", SHOWN)
-def test_the_commands_of_a_document_work_in_their_order(
-    document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def plan_of(config: Path) -> Plan:
+    environment = MachineEnvironment(config.parent, config.parent, {})
+    options = Options(variables={}, working_folder=config.parent, environment=environment)
+    plan = compile_config(str(config), options).plan
+    assert plan is not None
+    return plan
+
+
+def variants_differ_in_the_robot(folder: Path) -> None:
+    simulated, hardware = (
+        plan_of(folder / "my_robot" / f"{name}.yaml") for name in ("my_robot", "hardware")
+    )
+    (robot,) = (node for node in hardware.processes if node.section == "robot")
+    assert (robot.node, robot.package) == ("obelisk_robot_arm", "my_hardware")
+    assert not {"ic_keyframe", "mujoco_setting"} & robot.parameters.keys()
+    others = [[n for n in p.processes if n.section != "robot"] for p in (simulated, hardware)]
+    assert others[0] == others[1]
+
+
+def free_port() -> str:
+    """The usual port may be another test run's, and what the kernel hands out may come again."""
+    for port in random.sample(NOT_HANDED_OUT, 100):
+        with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
+            line.bind(("127.0.0.1", port))
+            return str(port)
+    raise AssertionError(f"no port of {NOT_HANDED_OUT} is free")
+
+
+def plot_is_a_picture(folder: Path) -> None:
+    assert (folder / "arm.png").read_bytes().startswith(b"\x89PNG")
+
+
+SETUPS = {
+    "docs/how-to/adding-nodes.md": Setup(prepare=arm_to_extend, check=nodes_were_added),
+    "docs/how-to/migrating.md": Setup(prepare=own_packages),
+    "docs/how-to/own-robot.md": Setup(is_calm=False, varying=((USUAL_PORT, free_port()),)),
+    "docs/how-to/recording.md": Setup(is_calm=False, check=plot_is_a_picture),
+    "docs/how-to/scaffolding.md": Setup(check=workspace_was_made),
+    "docs/how-to/variants.md": Setup(check=variants_differ_in_the_robot),
+    "docs/how-to/viewing.md": Setup(
+        varying=((":8080\n", ":...\n"), ("/home/me/arm.mp4, 300 frames, 10.0", "..."))
+    ),
+    "docs/tutorial.md": Setup(while_active=example_is_received),
+}
+"""The pages with a setup of their own; every other one starts beside the examples."""
+
+
+def words_of(line: str) -> list[str]:
+    """A command line without the variables before it."""
+    return re.sub(r"^(\w+=\S* )+", "", line).split()
+
+
+SHOWING = {
+    page_name(page): page for page in PAGES if any(block.kind == "sh" for block in blocks(page))
+}
+
+
+def test_what_is_run_elsewhere_is_a_page_and_a_test() -> None:
+    assert ELSEWHERE.keys() | SLOW | SETUPS.keys() <= SHOWING.keys()
+    for test in ELSEWHERE.values():
+        assert (ROOT / test).is_file()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else [])
+        for name in SHOWING
+        if name not in ELSEWHERE
+    ],
+)
+def test_the_commands_of_a_page_do_what_it_shows(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if any("--render" in words for words in commands(document)):
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    setup = SETUPS.get(name, Setup())
+    text = SHOWING[name].read_text()
+    if "--render" in text and name in SLOW:
         require_opengl()
-    monkeypatch.setenv("OBK_HOME", str(tmp_path / "home"))
-    shutil.copytree(ROOT / "examples", tmp_path / "examples")
-    calm(tmp_path / "examples" / "dummy")
-    shutil.copytree(ROOT / "schema", tmp_path / "schema")
-    monkeypatch.chdir(tmp_path)
-    found = commands(document)
-    launches = [words for words in found if words[1] == "launch"]
-    if not launches and any(words[1] in WHILE_RUNNING for words in found):
-        launches = [["obk", "launch", "examples/dummy/dummy.yaml"]]
-    for words in (w for w in found if w[1] not in ("launch", *WHILE_RUNNING)):
-        if words[0] == "cp":
-            shutil.copytree(words[2], words[3])
-        else:
-            result = obk(*words[1:])
-            assert result.returncode == 0, (words, result.stdout, result.stderr)
-    for launch in launches:
-        with launched(Path(launch[2]), *launch[3:]) as run:
-            for words in (w for w in found if w[1] in WHILE_RUNNING):
-                result = obk(*words[1:])
-                assert result.returncode == 0, (words, result.stderr)
-        assert run.process.returncode == 0, run.text
+    folder = tmp_path / "user"
+    for part in ("examples", "schema"):
+        shutil.copytree(ROOT / part, folder / part)
+    if setup.is_calm:
+        calm(folder / "examples" / "dummy")
+    setup.prepare(folder)
+    page = tmp_path / "page.md"
+    page.write_text(text)
+    for old, new in setup.varying:
+        for path in (page, *(folder / "examples").rglob("*.py")):
+            path.write_text(path.read_text().replace(old, new))
+    path_variable = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    with user_shell(folder, {**os.environ, "PATH": path_variable}) as shell:
+        Walk(page=page, folder=folder, setup=setup, shell=shell).go()
+    setup.check(folder)
+
+
+@dataclass(kw_only=True)
+class Walk:
+    """A user who does what a page shows."""
+
+    page: Path
+    folder: Path
+    setup: Setup
+    shell: UserShell
+
+    def go(self) -> None:
+        """Do every step in its order."""
+        done = steps(self.page)
+        lines = [line for step in done if isinstance(step, Commands) for line in step.lines]
+        beside = [line for line in lines if words_of(line)[:1] == ["obk"] and is_beside(line)]
+        if beside and not any(line.startswith("obk launch") for line in lines):
+            self.enter("obk launch examples/dummy/dummy.yaml", beside)
+        for step in done:
+            if not isinstance(step, Commands):
+                apply(step, self.folder)
+                continue
+            seen = ""
+            for line in step.lines:
+                if words_of(line)[0] not in TYPED or is_beside(line):
+                    continue
+                code = self.enter(line, beside)
+                is_last = line == step.lines[-1]
+                assert code == int(is_last and step.finds_errors), (line, self.shell.seen)
+                seen += self.shell.seen
+            assert not missing_lines(step.shown, seen), seen
+
+    def enter(self, line: str, beside: list[str]) -> int:
+        """Type a line; a launch without an end of its own is interrupted. Returns the exit code."""
+        if line.startswith("cd "):
+            self.folder /= line.removeprefix("cd ")
+        self.shell.enter(line)
+        if line.startswith("obk launch") and "--duration" not in line and "||" not in line:
+            self.shell.wait_for(ACTIVE)
+            self.setup.while_active(self.folder)
+            for other in beside:
+                self.type_elsewhere(other)
+            if not any(other.startswith("obk stop") for other in beside):
+                self.shell.press_ctrl_c()
+        return self.shell.wait_for_prompt()
+
+    def type_elsewhere(self, line: str) -> None:
+        """Run a command in a second terminal."""
+        done = obk(*shlex.split(line)[1:])
+        assert done.returncode == 0, (line, done.stdout, done.stderr)
+
+
+def is_beside(line: str) -> bool:
+    """Whether a command is for a second terminal."""
+    return words_of(line)[1:2] != [] and words_of(line)[1] in ALONE

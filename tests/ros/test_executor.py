@@ -164,7 +164,7 @@ def test_tasks_come_from_any_thread_and_their_result_is_a_future(one: World) -> 
 def test_no_thread_at_all_is_refused() -> None:
     with (
         world() as made,
-        pytest.raises(ValueError, match=r"^num_threads is 0, expected at least 1$"),
+        pytest.raises(ValueError, match="num_threads is 0"),
     ):
         type(made.executor)(0, context=made.context)
 

@@ -108,7 +108,7 @@ def test_a_wrong_default_is_told_with_its_place_and_installs_nothing(
     source: Path, tmp_path: Path
 ) -> None:
     (source / "msg" / "Plan.msg").write_text("uint8 small 256\n")
-    with pytest.raises(DefinitionError, match=r"msg/Plan\.msg:1:13: value '256' .* <= 255"):
+    with pytest.raises(DefinitionError, match=r"msg/Plan\.msg:1:13: .*255"):
         build(
             discover([source]),
             build_dir=tmp_path / "b",
@@ -123,7 +123,7 @@ def test_bad_definitions_are_refused_before_anything_is_generated(
     source: Path, tmp_path: Path
 ) -> None:
     (source / "msg" / "Plan.msg").write_text("int32 short\n")
-    with pytest.raises(DefinitionError, match=r"msg/Plan\.msg:1:7: field `short` is a keyword"):
+    with pytest.raises(DefinitionError, match=r"msg/Plan\.msg:1:7: field `short`"):
         build(
             discover([source]),
             build_dir=tmp_path / "b",
@@ -136,7 +136,7 @@ def test_bad_definitions_are_refused_before_anything_is_generated(
 @pytest.mark.ros
 def test_a_dependency_that_is_nowhere_is_named(source: Path, tmp_path: Path) -> None:
     (source / "package.xml").write_text(MANIFEST.format(extra="<depend>far_msgs</depend>"))
-    with pytest.raises(DependencyError, match="user_msgs depends on far_msgs, found neither"):
+    with pytest.raises(DependencyError, match=r"user_msgs .*far_msgs"):
         build(
             discover([source]),
             build_dir=tmp_path / "b",

@@ -124,11 +124,11 @@ def test_a_type_that_is_not_built_here_is_counted_and_cannot_be_shown() -> None:
         rclpy.try_shutdown()
     assert rate["count"] > 0
     assert rate["mean_bytes"] == len(data)
-    assert "the type nowhere_msgs/msg/Odd is not here" in complaint
+    assert "nowhere_msgs/msg/Odd" in complaint
     assert "`obk build nowhere_msgs`" in complaint
 
 
 def test_types_of_other_dds_programs_and_of_an_older_ros_are_no_fault() -> None:
     assert stand_in("nowhere_msgs/msg/Older", "INVALID").__name__ == "Older"
-    with pytest.raises(CommandFailedError, match="`Odd` is no type of ROS 2"):
+    with pytest.raises(CommandFailedError, match="`Odd`"):
         stand_in("Odd", "")

@@ -40,7 +40,7 @@ def test_bytes_that_are_no_message_are_told_of_and_reach_no_callback(
     one.run_until(lambda: received, "the message behind the wrong one")
     assert received == ["good"]
     told = capfd.readouterr().err
-    assert "dropped a message on `/topic`: 18 bytes are no std_msgs/msg/String" in told
+    assert all(part in told for part in ("`/topic`", "18 bytes", "std_msgs/msg/String"))
 
 
 def test_drops_are_told_now_and_then_of_each_topic_for_itself(
@@ -101,7 +101,7 @@ def test_what_a_field_cannot_hold_is_refused_and_nothing_is_sent(one: World) -> 
     publisher = enabled_publisher(node, String)
     wrong: Any = 3
     with one.spinning():
-        with pytest.raises(ObeliskMsgError, match="`data` of std_msgs/msg/String is 3, expected"):
+        with pytest.raises(ObeliskMsgError, match="`data` of std_msgs/msg/String"):
             publisher.publish(String(data=wrong))
         publisher.publish(String(data="good"))
         eventually(lambda: received and raw, "the message behind the wrong one")

@@ -195,7 +195,7 @@ def test_a_robot_that_receives_only_rejected_commands_logs_an_error(
         active(node)
         node._take_control(PDFeedForward(kp=[1.0, float("nan")]))
         (error,) = node.errors
-        assert "control rejected: `kp[1]` is nan (1x); 1 since the start; nothing else" in error
+        assert "`kp[1]` is nan" in error
         assert node._age.deadline_s is None
 
 
@@ -213,7 +213,7 @@ def test_to_hold_is_only_to_tell() -> None:
     with arm(stale_action="hold", max_age_sec=0.01) as node:
         active(node).publish(COMMAND)
         eventually(lambda: node.told, "what is told")
-        assert "the last one stays (`stale_action: hold`)" in node.told[0]
+        assert "`stale_action: hold`" in node.told[0]
         assert node.applied == [COMMAND]
 
 

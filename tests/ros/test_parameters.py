@@ -179,7 +179,7 @@ def test_a_simulator_takes_only_what_it_could_be_configured_with() -> None:
                 assert request(node, "configure")
                 assert request(node, "activate")
         told = set_each(node, message("viewer", "web"), message("ic_keyframe", "nowhere"))
-        assert told[0] == "`viewer` is read at configure: clean up, set it, configure again"
-        assert "the keyframe `nowhere` is not in the model" in told[1]
+        assert told[0].startswith("`viewer` ")
+        assert "keyframe `nowhere`" in told[1]
         assert (node.state_label, node.last_fault) == ("active", None)
         assert node.get_parameter("realtime_factor").value == 1.0

@@ -109,7 +109,7 @@ def test_a_promise_that_is_not_kept_is_told_with_its_evidence(tmp_path: Path) ->
     assert verdict.seen.startswith("stack down")
     assert any("went down" in fault for fault in verdict.faults)
     assert verdict.run is not None
-    assert "was ended by SIGKILL" in (verdict.run / "launch.log").read_text()
+    assert "SIGKILL" in (verdict.run / "launch.log").read_text()
 
 
 @pytest.mark.slow
@@ -127,7 +127,7 @@ def test_the_command_reports_each_row_and_keeps_out_of_other_domains(
         (verdict,) = told["rows"]
         assert verdict["nodes"] == ["/obelisk_control_0"]
         assert verdict["promised"] == "the others run on"
-        assert f"in the ROS domain {ros_domain}, logs in {tmp_path}" in result.stderr
+        assert f"domain {ros_domain}, logs in {tmp_path}" in result.stderr
         assert result.returncode == (0 if told["ok"] else 1)
         assert not (tmp_path / "home" / "runs").exists()
         return bool(verdict["seen"] == verdict["promised"])

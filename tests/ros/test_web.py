@@ -47,7 +47,7 @@ def served(*options: str, command: Sequence[str] = ("obk", "web")) -> Iterator[s
     assert process.stdout is not None
     try:
         line = process.stdout.readline()
-        assert "the stack is shown at http://127.0.0.1:" in line
+        assert " http://127.0.0.1:" in line
         yield line.split()[-1]
     finally:
         process.send_signal(signal.SIGINT)
@@ -168,7 +168,7 @@ def test_a_port_that_is_taken_is_told() -> None:
             assert answer.status == 200
         refused = obk("web", "--port", port)
         assert refused.returncode == 1
-        assert f"port {port} of 127.0.0.1 cannot be used: Address already in use" in refused.stderr
+        assert f"port {port} of 127.0.0.1" in refused.stderr
 
 
 BROWSER = """\

@@ -1,4 +1,4 @@
-"""Commands that documents and `--help` show: obk knows their options; a test runs documents'."""
+"""Commands that documents and `--help` show: obk knows their options; tests/ros runs them."""
 
 import re
 import shlex
@@ -9,26 +9,22 @@ import pytest
 
 from obk_cli.cli.commands import VERBS, root_command
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGES = sorted(
-    page
-    for page in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/*/README.md"))
-    if page.parent.name != "rules" and "```sh" in page.read_text(encoding="utf-8")
+from ..documents import (  # noqa: TID252 - shared by folders of tests
+    PAGES,
+    ROOT,
+    blocks,
+    page_name,
 )
-BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+
 HELP = ROOT / "docs" / "reference" / "commands.md"
 EXAMPLE = re.compile(r"^  (?:Example:|        ) (obk .+)$", re.MULTILINE)
 ENDS = ("&", "||", "|", ">", "&&")
-RUN_IN_PART = {
-    "docs/how-to/rehearsing.md": "tests/ros/test_rehearsal.py",
-    "examples/hardware/README.md": "tests/ros/test_hardware_example.py",
-}
-"""What would take minutes whole, or two terminals -> the tests that do the same in parts."""
 
 
 def commands(page: Path) -> list[list[str]]:
     """The words of every `obk` command, without what the shell does with it."""
-    lines = "".join(BLOCK.findall(page.read_text())).replace("\\\n", " ").splitlines()
+    text = "".join(block.body for block in blocks(page) if block.kind == "sh")
+    lines = text.replace("\\\n", " ").splitlines()
     split = [shlex.split(line, comments=True) for line in lines]
     return [_of_obk(words) for words in split if words[:1] == ["obk"]]
 
@@ -42,7 +38,7 @@ SHOWING = [page for page in PAGES if commands(page)]
 EXAMPLES = EXAMPLE.findall(HELP.read_text())
 
 
-@pytest.mark.parametrize("page", SHOWING, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", SHOWING, ids=page_name)
 def test_the_command_line_takes_what_a_document_shows(page: Path) -> None:
     for words in commands(page):
         if not words[0].startswith("-"):
@@ -71,16 +67,3 @@ def take(words: list[str]) -> None:
         assert inner is not None, words
         command, words = inner, words[1:]
     command.make_context(command.name, list(words), parent=context)
-
-
-@pytest.mark.parametrize("page", SHOWING, ids=lambda page: str(page.relative_to(ROOT)))
-def test_the_commands_of_a_document_are_run_by_a_test(page: Path) -> None:
-    name = str(page.relative_to(ROOT))
-    if name in RUN_IN_PART:
-        assert (ROOT / RUN_IN_PART[name]).is_file()
-        return
-    parts = re.escape(page.name)
-    if page.parent != ROOT:
-        parts = rf'{re.escape(page.parent.name)}["/ ]+{parts}'
-    others = (path for path in ROOT.glob("tests/**/*.py") if path != Path(__file__))
-    assert any(re.search(parts, path.read_text(encoding="utf-8")) for path in others), name

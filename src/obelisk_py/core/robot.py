@@ -80,6 +80,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         self.register_obk_subscription(
             "sub_ctrl_setting", self._take_control, key="sub_ctrl", msg_type=ctrl_msg_type
         )
+        self._has_message_types = ctrl_msg_type is not None
 
     @abstractmethod
     def apply_control(self, control_msg: ObeliskControlMsg) -> bool | None:

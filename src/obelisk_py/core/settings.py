@@ -18,6 +18,7 @@ from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskMsgError
 from obelisk_py.core.messages import message_class, message_name
 from obelisk_spec.components import (
     CALLBACK_GROUP_TYPES,
+    CALLBACK_GROUPS_PARAMETER,
     CONTROL_SUBSCRIPTION,
     DEFAULT_HISTORY_DEPTH,
     DEFAULT_STALE_ACTION,
@@ -87,8 +88,12 @@ class NodeSettings:
     callback_groups: Mapping[str, str]
 
 
-def parse_node_settings(text: str) -> NodeSettings:
+def parse_node_settings(text: str, groups_text: str = "") -> NodeSettings:
     """Read the ROS parameter `obelisk_settings`; empty text has no settings.
+
+    Args:
+        text: the parameter.
+        groups_text: the parameter `callback_group_settings` of older launchers.
 
     Raises:
         ObeliskConfigError: it is no mapping of lists of mappings, or names an unknown group type.
@@ -97,6 +102,8 @@ def parse_node_settings(text: str) -> NodeSettings:
     groups = block.get("callback_groups") or {}
     if not isinstance(groups, Mapping):
         raise ObeliskConfigError("obelisk_settings: `callback_groups` is not a mapping")
+    where = f"the parameter `{CALLBACK_GROUPS_PARAMETER}`"
+    groups = {**_parsed(parse_component_setting, groups_text, where), **groups}
     for name, kind in groups.items():
         if kind not in CALLBACK_GROUP_TYPES:
             raise ObeliskConfigError(

@@ -16,10 +16,12 @@ from dataclasses import dataclass
 import rclpy
 from rclpy.executors import Executor
 from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from obelisk_py.core.clock_page import ClockPage, open_clock_page
+from obelisk_py.core.exceptions import ObeliskError
 from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.faults import NodeFault
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
@@ -40,6 +42,8 @@ __all__ = [
 
 LONGEST_SPIN_S = 3e8
 """Ten years [s]: without a timeout rclpy's EventsExecutor overflows and runs no callback at all."""
+NODE_LOGGER = "obelisk"
+"""The logger of a process whose node could not be made."""
 STDERR_FD = 2
 
 
@@ -171,6 +175,12 @@ def _spin_alone(request: SpinRequest) -> int:
         try:
             with simulated_time_from(page, executor):
                 node = request.make()
+        except ObeliskError as error:
+            executor.shutdown()
+            # Its message names the mistake; a traceback of the library would hide it.
+            get_logger(NODE_LOGGER).error(f"the node cannot be made: {error}")
+            return 1
+        try:
             died = spin_nodes(executor, [node], signals)
         finally:
             executor.shutdown()

@@ -1,7 +1,6 @@
-"""`obk new ... --add-to CONFIG`: the new node's entry in a config, planned, then written.
+"""`obk new ... --add-to CONFIG`: add the new node to a config.
 
-In: which config, and the answers. Out: the edit, to be written as the last step of making the
-package; a config that cannot take the node stops everything before anything is made.
+The edit is planned first and written last: if the config cannot take the node, nothing is created.
 """
 
 from collections.abc import Mapping
@@ -23,28 +22,30 @@ from obk_cli.scaffold.kinds import SECTIONS
 from obk_cli.scaffold.questions import Answers, Question
 from obk_cli.scaffold.variables import config_snippet
 
-__all__ = ["ConfigEdit", "JoinWish", "add_to_config", "join_wish", "suit_to_config"]
+__all__ = ["AddToOptions", "ConfigEdit", "add_to_config", "add_to_options", "with_config_types"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class JoinWish:
-    """The options about the config."""
+class AddToOptions:
+    """The options `--add-to`, `--device` and `--replace`."""
 
     config: str
     device: str | None = None
     replaces: str | None = None
 
 
-def join_wish(config: str | None, device: str | None, replaces: str | None) -> JoinWish | None:
-    """What the options come to, None where no config is to change.
+def add_to_options(
+    config: str | None, device: str | None, replaces: str | None
+) -> AddToOptions | None:
+    """The options as a value; None if no config is to be changed.
 
     Raises:
-        MisuseError: they do not go together, or the config is the standard input.
+        MisuseError: an option lacks `--add-to`, or the config is the standard input.
     """
     if config == STANDARD_INPUT:
         raise MisuseError("`--add-to -`: a file is changed, so it needs one")
     if config is not None:
-        return JoinWish(config=config, device=device, replaces=replaces)
+        return AddToOptions(config=config, device=device, replaces=replaces)
     for option, value in (("--device", device), ("--replace", replaces)):
         if value is not None:
             raise MisuseError(f"`{option}` says where in a config: give `--add-to CONFIG` too")
@@ -56,7 +57,7 @@ _OPTIONS: Mapping[str, str] = {
     "est": "--est-msg",
     "sensor": "--sensor-msg",
 }
-"""The option that says the type of `pub_ctrl`, `sub_ctrl` and so on."""
+"""The option for the message type of `pub_ctrl`, `sub_ctrl` and so on."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,10 +67,10 @@ class ConfigEdit:
     added: AddedNode
     _file: EditedFile
     _is_built_later: bool
-    """Whether the node's executable is there only after a build."""
+    """Whether the node's executable exists only after a build."""
 
     def write(self) -> None:
-        """Replace the config, once the package is there and the whole is sound with it.
+        """Replace the config once the package exists, if the config has no new errors.
 
         Raises:
             CommandFailedError: it is not, or the file has changed or cannot be written.
@@ -87,8 +88,8 @@ class ConfigEdit:
                 )
         write_edited(self._file, self.added.text)
 
-    def tell(self, *, is_done: bool) -> Added:
-        """What was, or would be, done to the config."""
+    def describe(self, *, is_done: bool) -> Added:
+        """Describe what was, or would be, changed in the config."""
         source, text = self.added.source, self.added.text
         later = "note: until it is built, `obk validate` says that there is no such executable"
         return Added(
@@ -102,41 +103,43 @@ class ConfigEdit:
         )
 
 
-def add_to_config(wish: JoinWish, answers: Answers) -> ConfigEdit:
+def add_to_config(options: AddToOptions, answers: Answers) -> ConfigEdit:
     """The edit that puts the new node into the config; nothing is written.
 
     Raises:
         CommandFailedError: the config cannot be read, or cannot take the node.
     """
-    file = open_for_edit(wish.config)
+    file = open_for_edit(options.config)
     if isinstance(file, Diagnostic):
         print_findings((file,))
-        raise CommandFailedError(f"`{wish.config}` cannot be read; nothing was made")
+        raise CommandFailedError(f"`{options.config}` cannot be read; nothing was made")
     added = add_node(
         file.source,
         read_new_node(SECTIONS[answers.kind], config_snippet(answers)),
         make_options(None, None),
-        device=wish.device,
-        replaces=wish.replaces,
+        device=options.device,
+        replaces=options.replaces,
     )
     if isinstance(added, Rejected):
         raise _failure(added)
     return ConfigEdit(added=added, _file=file, _is_built_later=answers.language == "cpp")
 
 
-def suit_to_config(question: Question, wish: JoinWish, usual: Answers) -> Question:
-    """The question with the message types that were left open as the config has them.
+def with_config_types(question: Question, options: AddToOptions, default: Answers) -> Question:
+    """The question with open message types filled in from the config.
 
-    `usual` is what they would be else. What is wrong with the config is told when the node joins.
+    `default` holds the types otherwise used. Errors in the config are reported by `add_to_config`.
     """
-    file = open_for_edit(wish.config)
+    file = open_for_edit(options.config)
     stack = None
     if not isinstance(file, Diagnostic):
         stack = compile_source(file.source, make_options(None, None)).config
     if stack is None:
         return question
-    new_node = read_new_node(SECTIONS[usual.kind], config_snippet(usual))
-    replaced = find_replaced(stack, new_node.section, wish.replaces) if wish.replaces else None
+    new_node = read_new_node(SECTIONS[default.kind], config_snippet(default))
+    replaced = (
+        find_replaced(stack, new_node.section, options.replaces) if options.replaces else None
+    )
     if isinstance(replaced, Rejected):
         return question
     types = {

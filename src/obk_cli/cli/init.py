@@ -10,11 +10,11 @@ from typing import Annotated, Literal
 
 import typer
 
-from obk_cli.cli.new_run import carry_out, programs, short
-from obk_cli.cli.new_templates import find_library
+from obk_cli.cli.new_run import find_library, programs, short, write_files
 from obk_cli.cli.schema import SCHEMA_PATH
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import resource_folder
+from obk_cli.install_source import read_install_source
 from obk_cli.scaffold.compose import Composition, check_stack, compose_workspace
 from obk_cli.scaffold.describe import file_lines, unified_diff
 from obk_cli.scaffold.kinds import Problem, check_name
@@ -55,8 +55,7 @@ def command(
 ) -> None:
     """Make a workspace: a config, a robot model, a controller, an estimator, tests, checks.
 
-    What is there stays: a file with other content is asked about on a terminal, and refused
-    elsewhere.
+    Existing files are kept. If a file differs, you are asked; without a terminal the command fails.
     """
     root = folder.resolve()
     stack = folder.name if folder.is_symlink() else root.name
@@ -64,16 +63,16 @@ def command(
         raise CommandFailedError(f"{folder} is a symbolic link to {root}, which is not there")
     packages = _check(stack, root)
     library = find_library(templates)
-    files = compose_workspace(stack, packages, library)
+    source = read_install_source().for_other_machines()
+    files = compose_workspace(stack, packages, library, source)
     composition = _with_schema(files, root)
-    decisions = carry_out(
+    decisions = write_files(
         root,
         composition,
         dry_run=dry_run,
         force=False,
         form=format,
-        way_out="choose another folder, or move what is in the way; on a terminal it is asked "
-        "about",
+        remedy="choose another folder, or move what is in the way; on a terminal it is asked about",
     )
     describe = _describe_json if format == "json" else _describe_text
     typer.echo(describe(stack, root, decisions, dry_run=dry_run))

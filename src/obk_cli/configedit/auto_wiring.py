@@ -29,14 +29,14 @@ _SOURCES: Mapping[str, tuple[str, ...]] = {
     "robot": ("control",),
     "sensing": ("robot", "sensing"),
 }
-"""Section -> the sections that its nodes listen to, the likelier first."""
+"""Section -> the sections that its nodes subscribe to, the likelier first."""
 _READERS: Mapping[str, tuple[str, ...]] = {
     "control": ("robot", "control"),
     "estimation": ("control", "estimation"),
     "robot": ("estimation", "control"),
     "sensing": ("estimation", "control"),
 }
-"""Section -> the sections that listen to its nodes."""
+"""Section -> the sections that subscribe to its nodes."""
 _BEFORE: Mapping[str, tuple[str, ...]] = {
     "control": ("estimation",),
     "estimation": ("robot", "sensing"),
@@ -65,7 +65,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Switch:
-    """A reader that listens to another node."""
+    """A subscriber that is wired to another publisher now."""
 
     place: Span
     """The topic that would have to be another."""
@@ -85,8 +85,8 @@ class _Chooser:
         self._node = new_node
         self._name = stack.name.value if stack.name else "stack"
         self._former = tuple(node_ends(replaced)) if replaced else ()
-        gone = replaced.full_name if replaced else None
-        self._ends = tuple(end for end in stack_ends(stack) if end.owner != gone)
+        replaced_name = replaced.full_name if replaced else None
+        self._ends = tuple(end for end in stack_ends(stack) if end.owner != replaced_name)
         self._types: dict[str, str] = {}
         for end in (*self._ends, *self._former):
             if end.known_type is not None:
@@ -102,7 +102,7 @@ class _Chooser:
         chosen = fitting[(former or list(fitting))[0]]
         rest = [topic for topic in fitting if topic != chosen.topic]
         at_the_topic = [other for other in sources if other.topic == chosen.topic]
-        is_weak = any(_says(o.qos.reliability, "best_effort") for o in at_the_topic)
+        is_weak = any(_is_set_to(o.qos.reliability, "best_effort") for o in at_the_topic)
         return self._link(
             end,
             chosen,
@@ -111,7 +111,7 @@ class _Chooser:
         )
 
     def publish(self, end: NewEnd) -> Link | Rejected:
-        """A topic that is read and that nobody publishes; else one of the node's own."""
+        """A topic that has subscribers and no publisher; else one of the node's own."""
         readers = self._others(end, _READERS)
         fitting = _first_by_topic(other for other in readers if self._fits(other, end))
         if not fitting and self._node.section == "control":
@@ -124,24 +124,24 @@ class _Chooser:
             return self._own_topic(end, next(iter(fitting.values()), None))
         rest = [topic for topic in free if topic != chosen]
         reader = fitting.get(chosen) or next(o for o in self._former if o.topic == chosen)
-        is_wanted = any(
-            _says(other.qos.durability, "transient_local")
+        is_latched = any(
+            _is_set_to(other.qos.durability, "transient_local")
             for other in self._ends
             if other.topic == chosen
         )
         return self._link(
             end,
             reader,
-            qos={"durability": "transient_local"} if is_wanted else None,
+            qos={"durability": "transient_local"} if is_latched else None,
             rest=rest,
         )
 
     def _others(self, end: NewEnd, sections: Mapping[str, tuple[str, ...]]) -> list[TopicEnd]:
         """The ends that this one may be added with: by section, then in the config's order."""
-        wanted = sections.get(self._node.section, ())
+        peer_sections = sections.get(self._node.section, ())
         side = _OTHER_SIDE[end.direction]
-        there = [e for e in self._ends if e.direction == side and e.section in wanted]
-        return sorted(there, key=lambda other: wanted.index(other.section))
+        candidates = [e for e in self._ends if e.direction == side and e.section in peer_sections]
+        return sorted(candidates, key=lambda other: peer_sections.index(other.section))
 
     def _fits(self, other: TopicEnd, end: NewEnd) -> bool:
         """Whether the types are one; where none is written, whether the roles are a pair."""
@@ -175,7 +175,7 @@ class _Chooser:
         )
 
     def _own_topic(self, end: NewEnd, rival: TopicEnd | None) -> Link:
-        """A topic beside the one that it would have been, told with how to switch over."""
+        """A topic of its own, with a note on how to switch the subscribers over to it."""
         real, written = self._parents(rival)
         taken = {other.topic for other in self._ends}
         names = (self._node.executable, f"{self._node.executable}_new")
@@ -262,7 +262,7 @@ def _role(component: str) -> str:
     return component.removeprefix("pub_").removeprefix("sub_")
 
 
-def _says(setting: Spanned[str] | None, word: str) -> bool:
+def _is_set_to(setting: Spanned[str] | None, word: str) -> bool:
     return setting is not None and setting.value == word
 
 
@@ -320,7 +320,7 @@ def _tick(
     replaced: Node | None,
     links: Iterable[Link],
 ) -> Tick:
-    """The period of the neighbour's timer, else of what the node hears, else the usual one."""
+    """The period of the neighbour's timer, else of what the node receives, else the usual one."""
     name = identity_of(timer)
     neighbours = stack.section(new_node.section)
     for node in (replaced, *neighbours) if replaced else neighbours:
@@ -328,9 +328,9 @@ def _tick(
             if component.identity == name and component.timer_period_s is not None:
                 period = component.timer_period_s.value
                 return Tick(component=name, period_s=period, origin=f"as `{node.full_name}`")
-    heard = {link.topic for link in links if link.end.direction == "subscribes"}
+    received = {link.topic for link in links if link.end.direction == "subscribes"}
     for end in stack_ends(stack):
-        if end.direction == "publishes" and end.topic in heard and end.rate_hz:
+        if end.direction == "publishes" and end.topic in received and end.rate_hz:
             origin = f"as often as `{end.topic}` comes"
             return Tick(component=name, period_s=round(1 / end.rate_hz, 9), origin=origin)
     usual = timer["timer_period_sec"]
@@ -388,15 +388,17 @@ def matching_types(new_node: NewNode, stack: Stack, replaced: Node | None) -> Ma
 
 def _partners(end: NewEnd, section: str, stack: Stack, replaced: Node | None) -> Iterable[TopicEnd]:
     """The ends that one of the new_node's cannot do without."""
-    hears = end.direction == "subscribes"
-    if not hears and section != "control":
+    is_subscriber = end.direction == "subscribes"
+    if not is_subscriber and section != "control":
         return ()
-    sections = _BEFORE.get(section, ("control",)) if hears else ("robot",)
-    gone = replaced.full_name if replaced else None
+    sections = _BEFORE.get(section, ("control",)) if is_subscriber else ("robot",)
+    replaced_name = replaced.full_name if replaced else None
     return (
         other
         for other in stack_ends(stack)
-        if other.direction != end.direction and other.section in sections and other.owner != gone
+        if other.direction != end.direction
+        and other.section in sections
+        and other.owner != replaced_name
     )
 
 

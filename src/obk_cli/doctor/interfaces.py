@@ -12,6 +12,7 @@ import obk_cli
 from obelisk_spec.names import OBELISK_MESSAGES
 from obk_cli.doctor.child import json_output, python_command, try_program
 from obk_cli.doctor.finding import Finding, error, ok, warning
+from obk_cli.install_source import install_command
 from obk_cli.optional_deps import distribution_version
 from obk_interfaces.errors import BuildToolError
 from obk_interfaces.toolchain import Toolchain, find_toolchain
@@ -43,7 +44,7 @@ class InterfaceFacts:
 
 def judge_interfaces(facts: InterfaceFacts) -> Iterator[Finding]:
     """Report packages that do not load or are out of date."""
-    cure = "make setup" if facts.has_sources else "pip install 'obelisk-cli[ros]'"
+    cure = "make setup" if facts.has_sources else install_command("ros")
     for package, fault in facts.faults.items():
         yield error(f"the messages of {package} cannot be used: {fault}", cure)
     if facts.stale:

@@ -11,6 +11,7 @@ from typing import Final
 
 from obk_cli.doctor.child import Trial, json_output, python_command, try_program
 from obk_cli.doctor.finding import Finding, error, note, ok, warning
+from obk_cli.install_source import install_command
 from obk_cli.optional_deps import distribution_version
 from obk_cli.workspace.model_reader import has_mujoco
 
@@ -60,7 +61,7 @@ def judge_mujoco(facts: MujocoFacts) -> Iterator[Finding]:
     if facts.version is None:
         yield warning(
             "MuJoCo is not installed: no simulation, and models are not checked",
-            "pip install 'obelisk-cli[sim]'",
+            install_command("sim"),
         )
         return
     if not any(tried.has_stepped for tried in facts.back_ends.values()):

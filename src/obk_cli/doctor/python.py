@@ -1,5 +1,6 @@
 """Check `python`: version and environment of the interpreter that runs obk."""
 
+import shlex
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -64,7 +65,7 @@ def judge_python(facts: PythonFacts) -> Iterator[Finding]:
         yield warning(
             f"obk runs from {facts.obk_folder} without being installed: "
             "nodes that import obelisk_py may not find it",
-            "pip install obelisk-cli",
+            f"pip install --editable {shlex.quote(str(Path(facts.obk_folder).parents[1]))}",
         )
     else:
         yield ok(f"obk {facts.obk_version} in {facts.obk_folder}", obk=facts.obk_version)

@@ -13,6 +13,7 @@ from typing import Final
 
 from obk_cli.doctor.finding import Finding, error, note, ok, warning
 from obk_cli.errors import CommandFailedError
+from obk_cli.install_source import install_command
 from obk_cli.optional_deps import distribution_version, distributions_like
 from obk_cli.ros.environment import OUR_RMW, ros_environment
 
@@ -28,7 +29,6 @@ __all__ = [
 ]
 
 
-INSTALL_WHEELS: Final = "pip install 'obelisk-cli[ros]'"
 SOURCE: Final = ". /opt/ros/jazzy/setup.sh"
 OUR_DISTRIBUTION: Final = "jazzy"
 NOTE_CURES: Final = {
@@ -88,7 +88,9 @@ def judge_ros(facts: RosFacts) -> Iterator[Finding]:
     if facts.unlike_pins:
         pairs = facts.unlike_pins.items()
         listed = ", ".join(f"{name} {is_} instead of {pin}" for name, (is_, pin) in pairs)
-        yield warning(f"ROS wheels in other versions than obk requires: {listed}", INSTALL_WHEELS)
+        yield warning(
+            f"ROS wheels in other versions than obk requires: {listed}", install_command("ros")
+        )
 
 
 def _missing(facts: RosFacts) -> Finding:
@@ -96,7 +98,7 @@ def _missing(facts: RosFacts) -> Finding:
     if facts.sourceable:
         return error(checking, f". {facts.sourceable[-1]}", found=facts.sourceable)
     if facts.machine == "x86_64":
-        return error(checking, INSTALL_WHEELS)
+        return error(checking, install_command("ros"))
     return error(
         f"{checking}; there are no ROS wheels for {facts.machine}",
         f"apt install ros-jazzy-ros-base && {SOURCE}",
@@ -127,7 +129,7 @@ def judge_rmw(facts: RmwFacts) -> Iterator[Finding]:
         yield error(facts.domain_fault, "export ROS_DOMAIN_ID=0")
         return
     if not facts.installed:
-        yield error("no ROS middleware (librmw_*.so) is installed", INSTALL_WHEELS)
+        yield error("no ROS middleware (librmw_*.so) is installed", install_command("ros"))
         return
     yield ok(
         f"middleware {facts.used}, ROS domain {facts.domain}, discovery {facts.range}",

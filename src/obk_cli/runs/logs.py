@@ -1,4 +1,4 @@
-"""Log files of runs: which one a name means, its lines, and those that are added."""
+"""Log files of runs: find one by name, read its lines, follow new ones."""
 
 import os
 import time
@@ -9,9 +9,9 @@ from typing import IO, Final
 from obelisk_spec.suggestions import did_you_mean, list_names
 from obk_cli.errors import CommandFailedError
 from obk_cli.runs.folder import config_of, read_run, run_folders
-from obk_cli.runs.stacks import nodes_meant
+from obk_cli.runs.registry import select_nodes
 
-__all__ = ["LAUNCH_LOG", "follow_lines", "last_lines", "log_meant", "read_lines"]
+__all__ = ["LAUNCH_LOG", "find_log", "follow_lines", "last_lines", "read_lines"]
 
 LAUNCH_LOG: Final = "launch.log"
 POLL_S: Final = 0.1
@@ -21,8 +21,8 @@ _MOST: Final = 1 << 20
 """Of the last lines: what the longest may have in all [bytes]."""
 
 
-def log_meant(parent: Path, run: str | None, node: str | None) -> Path:
-    """The path of a log, which may not be there yet.
+def find_log(parent: Path, run: str | None, node: str | None) -> Path:
+    """The path of a log, which may not exist yet.
 
     Args:
         parent: the folder of all runs.
@@ -40,7 +40,7 @@ def log_meant(parent: Path, run: str | None, node: str | None) -> Path:
         )
     named = None if run is None else _folder(folders, run)
     if run is not None and named is None:
-        if node is None and nodes_meant(run, _nodes(folders[0])):
+        if node is None and select_nodes(run, _nodes(folders[0])):
             return _node_log(folders[0], run)
         names = dict.fromkeys(config_of(folder) for folder in folders)
         of_newest = () if node else tuple(map(_short, _nodes(folders[0])))
@@ -69,17 +69,17 @@ def _nodes(folder: Path) -> tuple[str, ...]:
 
 def _node_log(folder: Path, name: str) -> Path:
     known = _nodes(folder)
-    meant = nodes_meant(name, known)
-    if not meant:
+    matching = select_nodes(name, known)
+    if not matching:
         raise CommandFailedError(
             f"the run {folder.name} has no node `{name}`",
             help=did_you_mean(name, map(_short, known)),
         )
-    if len(meant) > 1:
+    if len(matching) > 1:
         raise CommandFailedError(
-            f"`{name}` means several nodes", help=f"name one of {list_names(map(_short, meant))}"
+            f"`{name}` means several nodes", help=f"name one of {list_names(map(_short, matching))}"
         )
-    return folder / f"{meant[0].strip('/').replace('/', '.')}.log"
+    return folder / f"{matching[0].strip('/').replace('/', '.')}.log"
 
 
 def _short(node: str) -> str:
@@ -90,7 +90,7 @@ def read_lines(path: Path) -> Iterator[str]:
     """The lines of a file, without their ends; none where there is no file.
 
     Raises:
-        OSError: it is there and cannot be read.
+        OSError: the file exists and cannot be read.
     """
     try:
         with path.open(encoding="utf-8", errors="replace") as file:
@@ -103,7 +103,7 @@ def last_lines(path: Path, count: int) -> tuple[str, ...]:
     """The last lines of a file, however long it is; fewer where they have 1 MiB and more.
 
     Raises:
-        OSError: it is there and cannot be read.
+        OSError: the file exists and cannot be read.
     """
     try:
         with path.open("rb") as file:
@@ -128,7 +128,7 @@ def follow_lines(path: Path) -> Iterator[str | None]:
     Waits for a file that is not there yet, and goes on with one that takes its place.
 
     Raises:
-        OSError: it is there and cannot be read.
+        OSError: the file exists and cannot be read.
     """
     while True:
         try:

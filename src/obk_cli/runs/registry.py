@@ -1,20 +1,45 @@
-"""Runs whose launcher is alive, and how to end one."""
+"""The run registry: find, select and stop the stacks that are running on this host."""
 
 import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
-from obk_cli.files import is_planted, is_within_planted
+from obelisk_spec.components import TIERS
+from obelisk_spec.suggestions import did_you_mean
+from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.files import is_untrusted, is_within_untrusted
 from obk_cli.process.identity import boot_id, is_process, signal_process, wait_for_ends
-from obk_cli.runs.control_client import ask_stop
+from obk_cli.runs.control_client import ANSWER_S, ask_status, ask_stop
 from obk_cli.runs.folder import Run, read_run, run_folders
-from obk_cli.runs.orphans import end_leftovers, find_leftovers
+from obk_cli.runs.orphans import end_orphans, find_orphans
+from obk_cli.runs.protocol import NodeStatus, StackStatus
 
-__all__ = ["STOP_S", "LauncherEnd", "end_launcher", "is_alive", "live_folders", "live_runs"]
+__all__ = [
+    "NO_ANSWER",
+    "STOP_S",
+    "LauncherEnd",
+    "LiveStack",
+    "NodeSelection",
+    "end_launcher",
+    "in_tier_order",
+    "is_alive",
+    "live_folders",
+    "live_runs",
+    "live_stacks",
+    "node_statuses",
+    "section_of",
+    "select_nodes",
+    "select_runs",
+    "select_stack",
+    "stack_nodes",
+]
 
-LauncherEnd = Literal["ended", "killed", "still there"]
+NO_ANSWER: Final = "no answer"
+"""In place of a node's state."""
+LauncherEnd = Literal["ended", "killed", "running"]
 STOP_S: Final = 15.0
 """How long a stack's way down may take before it counts as stuck [s]."""
 KILL_S: Final = 5.0
@@ -27,66 +52,237 @@ POLL_S: Final = 0.02
 
 
 def is_alive(run: Run) -> bool:
-    """Whether the run's launcher is there and has not brought the run to its end."""
+    """Whether the run's launcher is running and has not recorded its end."""
     if run.ended is not None or run.boot not in ("", boot_id()):
         return False
     return is_process(run.pid, run.started)
 
 
 def live_folders(parent: Path) -> Mapping[Path, Run]:
-    """Folder -> run of this user's launchers that are alive, newest first, in all domains."""
-    if is_within_planted(parent):
+    """Folder -> run of this user's live launchers, newest first, in all ROS domains."""
+    if is_within_untrusted(parent):
         return {}
-    own = (folder for folder in run_folders(parent) if not is_planted(folder))
-    told = ((folder, read_run(folder)) for folder in own)
-    return {folder: run for folder, run in told if run is not None and is_alive(run)}
+    own = (folder for folder in run_folders(parent) if not is_untrusted(folder))
+    runs = ((folder, read_run(folder)) for folder in own)
+    return {folder: run for folder, run in runs if run is not None and is_alive(run)}
 
 
 def live_runs(parent: Path) -> tuple[Run, ...]:
-    """The runs of this machine's launchers that are alive, in every ROS domain."""
+    """This user's runs with a live launcher, in all ROS domains."""
     return tuple(live_folders(parent).values())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveStack:
+    """A running stack, or the part of it that one launcher runs."""
+
+    folder: Path
+    run: Run
+    status: StackStatus | None
+    """None: the launcher does not answer."""
+
+    @property
+    def life_cycle_nodes(self) -> tuple[NodeStatus, ...]:
+        """Those that have states; none where the launcher does not answer."""
+        return tuple(node for node in (self.status.nodes if self.status else ()) if node.state)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeSelection:
+    """Selected nodes of one stack."""
+
+    stack: LiveStack
+    nodes: tuple[str, ...]
+    """Full names; empty: the whole stack."""
+
+
+def live_stacks(runs: Mapping[Path, Run], timeout_s: float = ANSWER_S) -> tuple[LiveStack, ...]:
+    """The stacks of live runs with the status that their launchers report.
+
+    Args:
+        runs: by their folders.
+        timeout_s: for each launcher's answer [s].
+    """
+    return tuple(
+        LiveStack(folder=folder, run=run, status=ask_status(folder, timeout_s))
+        for folder, run in runs.items()
+    )
+
+
+def select_runs(
+    parent: Path, name: str | None = None, *, domain: int | None = None
+) -> Mapping[Path, Run]:
+    """The live runs of this host by name and ROS domain, newest first.
+
+    Args:
+        parent: the folder of all runs.
+        name: a config's name or a run folder's; None: all.
+        domain: of a ROS domain only; None: of all.
+
+    Raises:
+        CommandFailedError: a name is given, and no live run has it.
+    """
+    live = live_folders(parent)
+    candidates = {folder: run for folder, run in live.items() if domain in (None, run.domain)}
+    if name is None:
+        return candidates
+    selected = {
+        folder: run for folder, run in candidates.items() if name in (run.name, folder.name)
+    }
+    if not selected:
+        where = "on this host" if domain is None else f"in the ROS domain {domain} on this host"
+        names = sorted({run.name for run in candidates.values()})
+        raise CommandFailedError(
+            f"no stack `{name}` runs {where}", help=did_you_mean(name, names) or "see `obk ps`"
+        )
+    return selected
+
+
+def node_statuses(
+    stacks: Sequence[LiveStack], names: Sequence[str]
+) -> Mapping[str, NodeStatus] | None:
+    """The status of the named nodes; None if the launchers on this host do not know them all.
+
+    Args:
+        stacks: running on this host.
+        names: as a user gives them; none: all nodes.
+    """
+    if not names and not all(stack.status for stack in stacks):
+        return None
+    known: dict[str, NodeStatus] = {}
+    for stack in stacks:
+        for node in stack.life_cycle_nodes:
+            # Of two launchers of one stack the one that runs the node knows it best.
+            if node.node not in known or node.pid is not None:
+                known[node.node] = node
+    selected = [select_nodes(name, known) for name in names] if names else [tuple(known)]
+    if not all(selected):
+        return None
+    selected_nodes = {node for nodes in selected for node in nodes}
+    return {name: status for name, status in known.items() if name in selected_nodes}
+
+
+def select_stack(stacks: Sequence[LiveStack], names: Sequence[str]) -> NodeSelection | None:
+    """The stack that can change the state of these nodes; None if no launcher here can.
+
+    Args:
+        stacks: running on this host.
+        names: as a user gives them; none: the whole stack.
+
+    Raises:
+        MisuseError: the names match nodes of several stacks.
+    """
+    matching = [
+        selection for stack in stacks if (selection := _selection(stack, names)) is not None
+    ]
+    stack_names = sorted({selection.stack.run.name for selection in matching})
+    if len(stack_names) > 1:
+        raise MisuseError(
+            f"several stacks run in the ROS domain {matching[0].stack.run.domain}: "
+            f"{', '.join(stack_names)}",
+            help="choose one with `--run NAME`, or by its nodes' full names",
+        )
+    # One launcher per device: prefer the one that runs the nodes, then the leading one.
+    best = max(matching, key=_fitness, default=None)
+    return best if best and best.stack.status else None
+
+
+def _selection(stack: LiveStack, names: Sequence[str]) -> NodeSelection | None:
+    if not names:
+        return NodeSelection(stack=stack, nodes=())
+    known = [node.node for node in stack.life_cycle_nodes]
+    selected = [select_nodes(name, known) for name in names]
+    if not all(selected):
+        return None
+    return NodeSelection(stack=stack, nodes=tuple(_in_order_of(known, selected)))
+
+
+def _in_order_of(known: Iterable[str], selected: Iterable[tuple[str, ...]]) -> Iterable[str]:
+    selected_nodes = {node for nodes in selected for node in nodes}
+    return (node for node in known if node in selected_nodes)
+
+
+def _fitness(selection: NodeSelection) -> tuple[bool, bool]:
+    run = selection.stack.run
+    return bool(selection.nodes) and set(selection.nodes) <= set(run.nodes), run.leads
+
+
+def select_nodes(name: str, known: Iterable[str]) -> tuple[str, ...]:
+    """The nodes of a name, full or short (`control_0`), or of a section."""
+    every = tuple(known)
+    if name in every:
+        return (name,)
+    tails = (f"/{name.lstrip('/')}", f"/obelisk_{name.lstrip('/')}")
+    by_name = tuple(node for node in every if node.endswith(tails))
+    return by_name or tuple(node for node in every if section_of(node) == name)
+
+
+def stack_nodes(found: Iterable[str]) -> tuple[str, ...]:
+    """The nodes of a stack among the life-cycle nodes in the ROS graph, in tier order.
+
+    A stack's nodes are named after their sections. If no node is, all nodes are returned.
+    """
+    every = in_tier_order(found)
+    return tuple(node for node in every if section_of(node)) or every
+
+
+def section_of(node: str) -> str | None:
+    """The section in a node's name (`/ns/obelisk_control_0` -> `control`), or None."""
+    parts = node.rpartition("/")[2].split("_")
+    is_ours = len(parts) > 2 and parts[0] == "obelisk" and parts[1] in TIERS
+    return parts[1] if is_ours else None
+
+
+def in_tier_order(nodes: Iterable[str]) -> tuple[str, ...]:
+    """Nodes sorted by the tier in their names, unknown ones last."""
+
+    def rank(node: str) -> tuple[int, str]:
+        section = section_of(node)
+        return (TIERS.index(section) if section else len(TIERS), node)
+
+    return tuple(sorted(nodes, key=rank))
 
 
 def end_launcher(
     folder: Path, run: Run, *, reason: str, timeout_s: float = STOP_S, may_kill: bool = False
 ) -> LauncherEnd:
-    """Ask a launcher to bring its stack down, and wait for its end.
+    """Ask a launcher to shut its stack down, and wait until it has ended.
 
-    Asks over the control socket, else by SIGINT; one that was stopped goes on for that.
+    Asks over the control socket, else by SIGINT; a suspended launcher is resumed first.
 
     Args:
         folder: the run's.
-        run: whose launcher.
-        reason: what the launcher tells its user.
-        timeout_s: for the answer and the way down [s].
-        may_kill: after that, kill the launcher, and what it leaves.
+        run: the run that the folder describes.
+        reason: shown by the launcher.
+        timeout_s: for the answer and the shutdown [s].
+        may_kill: kill the launcher and its processes if it does not end in time.
     """
 
-    def is_there() -> bool:
+    def is_running() -> bool:
         return is_alive(read_run(folder) or run)
 
-    # One that was stopped (Ctrl-Z) has to go on to end anything.
+    # A suspended launcher (Ctrl-Z) could not shut anything down.
     signal_process(run.pid, run.started, signal.SIGCONT)
     end = time.monotonic() + timeout_s
-    # Not sooner: one that is slow to answer would take the signal for impatience, and hurry.
+    # Not sooner: a launcher that is slow to answer would take the signal for a forced quit.
     if not ask_stop(folder, reason, timeout_s / 2):
         signal_process(run.pid, run.started, signal.SIGINT)
-    if _comes_true(lambda: not is_there(), end - time.monotonic()):
+    if _wait_until(lambda: not is_running(), end - time.monotonic()):
         # The run is over; a launcher that is a program of its own is about to go, too.
         wait_for_ends([(run.pid, run.started)], EXIT_S)
         return "ended"
     if not may_kill:
-        return "still there"
+        return "running"
     signal_process(run.pid, run.started, signal.SIGKILL)
-    if not _comes_true(lambda: not is_there(), KILL_S):
-        return "still there"
+    if not _wait_until(lambda: not is_running(), KILL_S):
+        return "running"
     parent = folder.parent
-    _comes_true(lambda: not find_leftovers(parent, run=folder.name), WARDEN_S)
-    end_leftovers(find_leftovers(parent, run=folder.name))
+    _wait_until(lambda: not find_orphans(parent, run=folder.name), WARDEN_S)
+    end_orphans(find_orphans(parent, run=folder.name))
     return "killed"
 
 
-def _comes_true(condition: Callable[[], bool], timeout_s: float) -> bool:
+def _wait_until(condition: Callable[[], bool], timeout_s: float) -> bool:
     end = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > end:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 from typing import Final
 
+from obk_cli.install_source import InstallSource
 from obk_cli.scaffold.kinds import (
     LONGEST_NAME,
     PACKAGE_OF_WORKSPACE_LAYERS,
@@ -133,14 +134,25 @@ def check_stack(
 
 
 def compose_workspace(
-    stack: str, packages: tuple[Answers, ...], library: TemplateLibrary
+    stack: str, packages: tuple[Answers, ...], library: TemplateLibrary, source: InstallSource
 ) -> tuple[RenderedFile, ...]:
-    """All files, by their paths in the workspace.
+    """Return all files, by their paths in the workspace.
+
+    Args:
+        stack: its name.
+        packages: of the workspace's nodes.
+        library: the templates.
+        source: from which the workspace's CI installs obk.
 
     Raises:
         TemplateFaultError: a template cannot be rendered.
     """
-    files = [*render_templates(library.read([WORKSPACE_LAYER]), {"stack": stack})]
+    variables = {
+        "stack": stack,
+        "install": source.pip_install("ros", "sim"),
+        "is_local_source": source.is_local,
+    }
+    files = [*render_templates(library.read([WORKSPACE_LAYER]), variables)]
     for answers in packages:
         templates = library.read(PACKAGE_OF_WORKSPACE_LAYERS[answers.kind])
         package = compose_package(answers, templates, topics=f"/{stack}")

@@ -1,7 +1,7 @@
-"""The fields that pages draw, heard in the thread that watches the stack.
+"""Subscribe to the fields that pages plot, and keep their newest values.
 
-Pages say what they want from threads of their own; what came is kept for a while after the last
-page has gone, so that one that is loaded anew goes on where it was.
+Pages request fields from their own threads; the thread that follows the stack receives messages.
+Values are kept for a while after the last page has closed, so that a reloaded page continues.
 """
 
 import threading
@@ -35,11 +35,11 @@ from obk_cli.ros.types import fields_of, find_type, short_type
 __all__ = [
     "MOST_LINES",
     "SHOWN_S",
-    "Heard",
+    "FieldData",
+    "FieldRequest",
     "Plots",
     "Sample",
     "Trace",
-    "Wish",
     "number_fields",
     "numbers_in",
 ]
@@ -47,19 +47,19 @@ __all__ = [
 SHOWN_S: Final = 30.0
 SAMPLES_HZ: Final = 50
 MOST_LINES: Final = 12
-"""Of one field: more cannot be told apart."""
+"""Lines of one plot: more cannot be distinguished."""
 _NS: Final = 1_000_000_000
 _SLOT_NS: Final = _NS // SAMPLES_HZ
 _DEEPEST: Final = 4
-"""Levels of messages within messages that are offered."""
+"""Deepest nesting of the offered fields."""
 
 Sample = tuple[int, tuple[float | None, ...]]
-"""When it came [ns since 1970], and a value for each label; None: there was none."""
+"""Time of receipt [ns since 1970] and a value for each label; None: no value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wish:
-    """A field that somebody wants to see."""
+class FieldRequest:
+    """A field that a page plots."""
 
     topic: str
     """Full name."""
@@ -68,30 +68,30 @@ class Wish:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Heard:
-    """What came of a field."""
+class FieldData:
+    """The values of a field, or why there are none."""
 
     labels: tuple[str, ...]
     """`q_joints[0]`, ...: in the order of the values."""
     samples: tuple[Sample, ...]
     """Oldest first."""
     fault: str
-    """Why nothing comes; empty: nothing is wrong."""
+    """Why there are no values; empty: no fault."""
 
 
 class Trace:
     """The newest values of one field."""
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Start without values."""
         self.fault = ""
-        """Why nothing comes; empty: nothing is wrong."""
+        """Why there are no values; empty: no fault."""
         self._labels: tuple[str, ...] = ()
         self._samples: deque[Sample] = deque()
         self._slot = -1
 
     def is_due(self, received_ns: int) -> bool:
-        """Whether a message is wanted, or enough came just before it."""
+        """Whether the next sample is due at this time; messages in between are skipped."""
         return received_ns // _SLOT_NS != self._slot
 
     def take(self, received_ns: int, numbers: Mapping[str, float]) -> None:
@@ -104,10 +104,10 @@ class Trace:
         while self._samples[0][0] < received_ns - SHOWN_S * _NS:
             self._samples.popleft()
 
-    def heard(self, after_ns: int) -> Heard:
-        """What came after a time [ns since 1970]."""
+    def data_after(self, after_ns: int) -> FieldData:
+        """The samples after a time [ns since 1970]."""
         new = tuple(sample for sample in self._samples if sample[0] > after_ns)
-        return Heard(labels=self._labels, samples=new, fault=self.fault)
+        return FieldData(labels=self._labels, samples=new, fault=self.fault)
 
 
 def numbers_in(value: Any, field: str) -> dict[str, float]:
@@ -149,11 +149,11 @@ def _number_fields(kind: FieldType, name: str, fields_of: FieldsOf, depth: int) 
 
 
 KEPT_S: Final = 5.0
-"""For which nobody has to want a field before it is forgotten [s]."""
+"""How long a field without pages keeps its subscription [s]."""
 
 
 class _Plot:
-    """A field that is wanted."""
+    """A field with its subscription and the number of pages that plot it."""
 
     def __init__(self) -> None:
         self.trace = Trace()
@@ -164,81 +164,83 @@ class _Plot:
 
 
 class Plots:
-    """The fields that are wanted now."""
+    """The fields that pages plot now."""
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Start without values."""
         self._lock = threading.Lock()
-        self._plots: dict[Wish, _Plot] = {}
+        self._plots: dict[FieldRequest, _Plot] = {}
         self._look: RosLook | None = None
 
     @contextmanager
-    def wanted(self, wishes: Sequence[Wish]) -> Iterator[None]:
-        """While entered, these fields are heard."""
+    def subscribed(self, requests: Sequence[FieldRequest]) -> Iterator[None]:
+        """Subscribe to these fields while entered."""
         with self._lock:
-            for wish in wishes:
-                self._plots.setdefault(wish, _Plot()).pages += 1
+            for request in requests:
+                self._plots.setdefault(request, _Plot()).pages += 1
         try:
             yield
         finally:
             with self._lock:
-                for wish in wishes:
-                    self._plots[wish].pages -= 1
-                    self._plots[wish].left_s = monotonic_s()
+                for request in requests:
+                    self._plots[request].pages -= 1
+                    self._plots[request].left_s = monotonic_s()
 
-    def heard(self, wish: Wish, after_ns: int) -> Heard:
-        """What came of a field that is wanted, after a time [ns since 1970]."""
+    def data_after(self, request: FieldRequest, after_ns: int) -> FieldData:
+        """The data of a subscribed field after a time [ns since 1970]."""
         with self._lock:
-            return self._plots[wish].trace.heard(after_ns)
+            return self._plots[request].trace.data_after(after_ns)
 
     def turn(self, look: RosLook) -> None:
-        """Take what has come, several times a second.
+        """Take the received messages; to be called several times a second.
 
         Args:
             look: a participant in the stack's domain; another one means another stack.
         """
         with self._lock:
-            self._forget()
+            self._drop_unused()
             plots = list(self._plots.items())
             if look is not self._look:
                 self._look = look
                 for _, plot in plots:
                     plot.raw = None
-        for wish, plot in plots:
+        for request, plot in plots:
             try:
-                self._listen(look, wish, plot)
+                self._listen(look, request, plot)
                 if plot.raw is not None and plot.selection is not None:
-                    self._take(wish, plot, plot.raw, plot.selection)
+                    self._take(request, plot, plot.raw, plot.selection)
             except ObkError as error:
                 plot.trace.fault = "; ".join(filter(None, (error.message, error.help)))
 
-    def _forget(self) -> None:
-        gone_s = monotonic_s() - KEPT_S
-        for wish, plot in list(self._plots.items()):
-            if not plot.pages and plot.left_s < gone_s:
+    def _drop_unused(self) -> None:
+        expired_s = monotonic_s() - KEPT_S
+        for request, plot in list(self._plots.items()):
+            if not plot.pages and plot.left_s < expired_s:
                 if plot.raw is not None:
                     plot.raw.close()
-                del self._plots[wish]
+                del self._plots[request]
 
-    def _listen(self, look: RosLook, wish: Wish, plot: _Plot) -> None:
-        """Subscribe as soon as the topic has a type, and learn of other publishers."""
+    def _listen(self, look: RosLook, request: FieldRequest, plot: _Plot) -> None:
+        """Subscribe as soon as the topic has a type, and adapt to new publishers."""
         if plot.raw is not None:
             plot.raw.look()
             return
-        msg_type = next(iter(look.topic(wish.topic).msg_types), None)
+        msg_type = next(iter(look.topic(request.topic).msg_types), None)
         if msg_type is None:
-            plot.trace.fault = "nobody has this topic now"
+            plot.trace.fault = "no node publishes or subscribes to this topic now"
             return
-        plot.selection = parse_selection(wish.field)
+        plot.selection = parse_selection(request.field)
         kind = check_selection(plot.selection, short_type(msg_type), fields_of)
         if isinstance(kind.item if isinstance(kind, ArrayType) else kind, Text):
-            plot.trace.fault = f"`{wish.field}` is text, not numbers"
+            plot.trace.fault = f"`{request.field}` is text, not numbers"
             return
-        plot.raw = look.listen(wish.topic, msg_type, find_type(msg_type))
+        plot.raw = look.listen(request.topic, msg_type, find_type(msg_type))
         plot.trace.fault = ""
 
-    def _take(self, wish: Wish, plot: _Plot, raw: RawTopic, selection: Selection) -> None:
+    def _take(
+        self, request: FieldRequest, plot: _Plot, raw: RawTopic, selection: Selection
+    ) -> None:
         for received_ns, message in arrived(raw, plot.trace.is_due):
-            numbers = numbers_in(selected(message, selection), wish.field)
+            numbers = numbers_in(selected(message, selection), request.field)
             with self._lock:
                 plot.trace.take(received_ns, numbers)

@@ -117,7 +117,7 @@ def test_text_that_is_not_utf8_is_reported_with_its_line(tmp_path: Path) -> None
         interfaces=(Interface(kind="msg", name="A"),),
     )
     (problem,) = check_package(package, {}, Prefixes(layers=(), ros=tmp_path))
-    assert str(problem) == f"{tmp_path}/msg/A.msg:2:1: not UTF-8 text"
+    assert str(problem).startswith(f"{tmp_path}/msg/A.msg:2:1: ")
 
 
 @pytest.mark.parametrize("name", ["A", "AB", "A_B", "A1_2", "A" * 60 + "_B"])

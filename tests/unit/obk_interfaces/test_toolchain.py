@@ -101,7 +101,7 @@ def test_a_missing_compiler_of_the_environment_is_named(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("CC", "/nowhere/cc -m64")
-    with pytest.raises(BuildToolError, match=r"no C compiler found \(CC=/nowhere/cc -m64\)"):
+    with pytest.raises(BuildToolError, match=r"CC=/nowhere/cc -m64"):
         find_compilers()
 
 
@@ -121,5 +121,5 @@ def test_missing_python_headers_name_what_to_install(
     paths = {"include": str(tmp_path), "platinclude": str(tmp_path)}
     monkeypatch.setattr(sysconfig, "get_paths", lambda: paths)
     monkeypatch.setattr(sysconfig, "get_config_var", lambda _: None)
-    with pytest.raises(BuildToolError, match=r"\(Python\.h\) are not in .*apt install python3\.\d"):
+    with pytest.raises(BuildToolError, match=r"Python\.h.*python3\.\d"):
         find_python_headers()

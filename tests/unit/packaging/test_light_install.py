@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.cli.commands import VERBS
+from obk_cli.install_source import install_command
 
 LIGHT = {
     "init": ["my_robot"],
@@ -84,7 +85,7 @@ def test_every_command_is_tried() -> None:
 def test_a_command_that_needs_no_extra(said: Callable[[str], Result], verb: str) -> None:
     code, out, err = said(verb)
     assert "fault of obk" not in err
-    assert "ROS 2 is not here" not in out + err
+    assert "ROS 2 is not available" not in out + err
     assert (code, out != "") == ((1, False) if verb in FAILS_WITHOUT_A_RUN else (0, True)), err
 
 
@@ -96,7 +97,7 @@ def test_a_command_that_needs_one_says_which_and_how(
     extra, _ = NEEDS[verb]
     assert (code, out) == (1, "")
     assert err.startswith("error: ")
-    assert f"help: `pip install 'obelisk-cli[{extra}]'` brings it" in err
+    assert f"help: `{install_command(extra)}` brings it" in err
 
 
 def test_the_document_tells_the_same(repository: Path) -> None:

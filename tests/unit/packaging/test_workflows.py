@@ -15,7 +15,7 @@ WITH_ACTIONS = (
     WORKFLOW,
     "action.yml",
     "docs/how-to/ci.md",
-    "templates/workspace/.github/workflows/check.yaml",
+    "templates/workspace/.github/workflows/check.yaml.jinja",
 )
 USED = re.compile(r"uses: ([\w/-]+)@(\S+)(?: +# (v\S+))?")
 
@@ -49,7 +49,7 @@ def test_an_action_has_one_major_version_wherever_it_is_taken(repository: Path) 
     majors = defaultdict[str, set[str]](set)
     for file in WITH_ACTIONS:
         for name, ref, version in USED.findall((repository / file).read_text()):
-            if not name.startswith("OWNER/"):
+            if name != "ACCOUNT/REPOSITORY":
                 majors[name].add((version or ref).partition(".")[0])
     assert {name: found for name, found in majors.items() if len(found) > 1} == {}
     assert {"actions/checkout", "actions/setup-python"} < majors.keys()

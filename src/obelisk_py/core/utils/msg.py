@@ -1,11 +1,11 @@
 """NumPy arrays to and from `FloatMultiArray` and `UInt8MultiArray`.
 
-The layout is that of std_msgs/MultiArrayLayout: element (i, j, k) stands at
-`data[data_offset + i*dim[1].stride + j*dim[2].stride + k]`, and `dim[n].stride` is the product of
-`dim[n].size` and all sizes behind it.
+Element (i, j, k) is `data[data_offset + dim[0].stride*i + dim[1].stride*j + dim[2].stride*k]`: a
+row-major array of shape (3, 4) has the strides 4 and 1.
 """
 
 from array import array as PythonArray  # noqa: N812  (an argument is called array)
+from collections.abc import Sequence
 from math import prod
 from typing import Any
 
@@ -16,7 +16,7 @@ from std_msgs.msg import MultiArrayDimension, MultiArrayLayout
 
 from obelisk_py.core.exceptions import ObeliskMsgError
 
-__all__ = ["multiarray_from_numpy", "multiarray_to_numpy"]
+__all__ = ["multiarray_to_np", "np_to_multiarray"]
 
 DTYPES: dict[type[Any], np.dtype[Any]] = {
     FloatMultiArray: np.dtype(np.float64),
@@ -24,17 +24,17 @@ DTYPES: dict[type[Any], np.dtype[Any]] = {
 }
 
 
-def multiarray_from_numpy(
+def np_to_multiarray(
     array: NDArray[Any], labels: tuple[str, ...] = ()
 ) -> FloatMultiArray | UInt8MultiArray:
-    """A message that holds an array: `UInt8MultiArray` for bytes, else `FloatMultiArray`.
+    """A message that holds an array: `UInt8MultiArray` for bytes, otherwise `FloatMultiArray`.
 
     Args:
         array: of any shape; real numbers.
         labels: names of the dimensions; without them they are empty.
 
     Raises:
-        ObeliskMsgError: the elements are no real numbers, or the labels do not fit the shape.
+        ObeliskMsgError: the elements are not real numbers, or the labels do not fit the shape.
     """
     if array.dtype.kind not in "fiub":
         raise ObeliskMsgError(f"an array of {array.dtype} cannot be put into a message")
@@ -46,7 +46,7 @@ def multiarray_from_numpy(
             MultiArrayDimension(
                 label=labels[axis] if labels else "",
                 size=size,
-                stride=prod(array.shape[axis:]),
+                stride=prod(array.shape[axis + 1 :]),
             )
             for axis, size in enumerate(array.shape)
         ]
@@ -57,10 +57,13 @@ def multiarray_from_numpy(
     return message
 
 
-def multiarray_to_numpy(message: FloatMultiArray | UInt8MultiArray) -> NDArray[Any]:
+def multiarray_to_np(message: FloatMultiArray | UInt8MultiArray) -> NDArray[Any]:
     """The array that a message holds, as a copy.
 
-    A message without dimensions gives a flat array of all its data.
+    A message without dimensions gives a flat array of all its data. The strides in the comment of
+    std_msgs/MultiArrayLayout, 12 and 4 for the shape (3, 4), are understood where they cannot be
+    meant otherwise: each is at least its size times the next one (the last one: its size), and by
+    the contract the last element would be outside the data.
 
     Returns:
         shape `(dim[0].size, dim[1].size, ...)`.
@@ -69,21 +72,31 @@ def multiarray_to_numpy(message: FloatMultiArray | UInt8MultiArray) -> NDArray[A
         ObeliskMsgError: the message has fewer data than its layout.
     """
     data: NDArray[Any] = np.array(message.data, DTYPES[type(message)])
-    offset, dims = message.layout.data_offset, message.layout.dim
+    dims = message.layout.dim
+    elements = data[message.layout.data_offset :]
     if not dims:
-        return data[offset:]
-    shape = tuple(int(d.size) for d in dims)
-    # The first stride is the whole array's length; between elements the inner ones count.
-    steps = (*(int(d.stride) for d in dims[1:]), 1)
-    last = sum((size - 1) * step for size, step in zip(shape, steps, strict=True))
-    if 0 not in shape and offset + last >= data.size:
-        raise ObeliskMsgError(
-            f"the layout asks for {offset + last + 1} elements (offset {offset}, shape {shape}, "
-            f"strides {steps}) and the message holds {data.size}"
-        )
+        return elements
+    shape = tuple(int(dim.size) for dim in dims)
     if 0 in shape:
         return np.zeros(shape, data.dtype)
+    strides = tuple(int(dim.stride) for dim in dims)
+    enclosing = (*strides[1:], 1)
+    if _extent(shape, strides) > elements.size:
+        layers = zip(shape, strides, enclosing, strict=True)
+        nests = all(outer >= size * inner for size, outer, inner in layers)
+        if not nests or _extent(shape, enclosing) > elements.size:
+            raise ObeliskMsgError(
+                f"the layout asks for {_extent(shape, strides)} elements (shape {shape}, strides "
+                f"{strides}) and the message holds {elements.size} after the offset "
+                f"{message.layout.data_offset}"
+            )
+        strides = enclosing
     view = np.lib.stride_tricks.as_strided(
-        data[offset:], shape, tuple(step * data.itemsize for step in steps), writeable=False
+        elements, shape, tuple(stride * data.itemsize for stride in strides), writeable=False
     )
     return view.copy()
+
+
+def _extent(shape: Sequence[int], strides: Sequence[int]) -> int:
+    """The number of elements from the first to the last one of an array."""
+    return sum((size - 1) * stride for size, stride in zip(shape, strides, strict=True)) + 1

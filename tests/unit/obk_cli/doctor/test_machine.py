@@ -17,6 +17,7 @@ from obk_cli.doctor.mujoco import (
 )
 from obk_cli.doctor.paths import FolderFacts, judge_folders
 from obk_cli.doctor.timing import CpuFacts, RealtimeFacts, judge_cpu, judge_realtime
+from obk_cli.install_source import install_command
 
 from .findings import severities, the_one
 
@@ -88,7 +89,7 @@ def test_a_missing_compiler_is_reported_with_what_to_install() -> None:
 
 def test_a_missing_mujoco_is_reported() -> None:
     found = the_one(judge_mujoco(replace(MUJOCO, version=None)), "warning")
-    assert found.cure == "pip install 'obelisk-cli[sim]'"
+    assert found.cure == install_command("sim")
 
 
 def test_a_mujoco_that_does_not_step_is_an_error() -> None:

@@ -7,6 +7,7 @@ import pytest
 from obk_cli.doctor.interfaces import InterfaceFacts, judge_interfaces
 from obk_cli.doctor.python import PythonFacts, judge_python
 from obk_cli.doctor.ros import RmwFacts, RosFacts, judge_rmw, judge_ros
+from obk_cli.install_source import install_command
 
 from .findings import severities, the_one
 
@@ -62,13 +63,13 @@ def test_the_systems_own_python_is_noted() -> None:
 
 def test_an_obk_that_is_not_installed_is_told() -> None:
     found = the_one(judge_python(replace(PYTHON, obk_version=None)), "warning")
-    assert found.cure == "pip install obelisk-cli"
+    assert found.cure.startswith("pip install --editable ")
 
 
 @pytest.mark.parametrize(
     ("machine", "sourceable", "cure"),
     [
-        ("x86_64", (), "pip install 'obelisk-cli[ros]'"),
+        ("x86_64", (), install_command("ros")),
         ("aarch64", (), "apt install ros-jazzy-ros-base && . /opt/ros/jazzy/setup.sh"),
         ("aarch64", ("/opt/ros/jazzy/setup.sh",), ". /opt/ros/jazzy/setup.sh"),
     ],
@@ -123,7 +124,7 @@ def test_another_middleware_that_works_is_noted() -> None:
 
 
 @pytest.mark.parametrize(
-    ("has_sources", "cure"), [(True, "make setup"), (False, "pip install 'obelisk-cli[ros]'")]
+    ("has_sources", "cure"), [(True, "make setup"), (False, install_command("ros"))]
 )
 def test_messages_that_cannot_be_loaded_are_an_error(has_sources: bool, cure: str) -> None:
     world = replace(

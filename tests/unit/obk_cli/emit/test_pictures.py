@@ -13,6 +13,7 @@ from obk_cli.emit.mermaid import emit_mermaid
 from obk_cli.emit.svg import emit_svg
 from obk_cli.emit.terminal import emit_terminal
 from obk_cli.errors import CommandFailedError
+from obk_cli.install_source import install_command
 from obk_cli.plan.plan import Endpoint, Plan
 from obk_cli.terminal import columns_of, shortened
 
@@ -81,7 +82,7 @@ def test_without_graphviz_a_picture_names_the_extra(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(CommandFailedError) as failed:
         emit_svg(GRAPH)
-    assert "obelisk-cli[graph]" in failed.value.help
+    assert install_command("graph") in failed.value.help
 
 
 def test_a_graphviz_that_fails_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

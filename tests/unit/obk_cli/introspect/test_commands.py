@@ -8,7 +8,7 @@ import pytest
 
 from obk_cli.cli.complete import complete_nodes, complete_topics
 from obk_cli.cli.main import main
-from obk_cli.cli.topic_pub import _type_and_text
+from obk_cli.cli.topic_pub import _split_arguments
 from obk_cli.introspect.target import target_of
 from obk_cli.monitor.stack_follower import Target
 from obk_cli.process.identity import this_process
@@ -131,7 +131,7 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
         ("topic echo est a..b", "`a..b` names no field"),
         ("topic hz est --window 0", "`--window 0`: expected seconds above 0"),
         ("topic hz est --duration -1", "`--duration -1`: expected seconds above 0"),
-        ("topic pub est pkg/msg/State {} {}", "`{}` is too much"),
+        ("topic pub est pkg/msg/State {} {}", "unexpected argument `{}`"),
         ("topic pub est PositionSetpiont {}", "did you mean `PositionSetpoint`"),
         ("topic pub est --rate 0", "`--rate 0`: expected a number above 0"),
         ("param set arm gain [1,a]", "`[1,a]` is no value of a parameter"),
@@ -166,4 +166,4 @@ def test_the_modules_of_a_topics_type_are_known_from_the_plan(home: Path) -> Non
 def test_a_type_to_publish_is_written_as_in_a_config(
     words: str, msg_type: str | None, text: str
 ) -> None:
-    assert _type_and_text(words.split()) == (msg_type, text)
+    assert _split_arguments(words.split()) == (msg_type, text)

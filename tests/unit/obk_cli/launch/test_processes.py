@@ -113,13 +113,15 @@ def test_a_signal_reaches_the_one_that_is_named(bench: MakeBench) -> None:
 
 def test_children_of_a_node_go_with_it(bench: MakeBench) -> None:
     code = (
-        "import subprocess, sys\n"
+        "import subprocess, sys, time\n"
         "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'])\n"
-        "print(child.pid, flush=True)"
+        "print(child.pid, flush=True)\n"
+        "time.sleep(60)"
     )
     run = bench({"a": code})
     run.start("a")
     child = psutil.Process(int(run.line()))
+    run.processes.signal("/a", signal.SIGTERM)
     run.ended()
     child.wait(DEADLINE_S)
 

@@ -15,7 +15,7 @@ from obelisk_sensor_msgs.msg import ObkImage
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.sim.mujoco.cameras import CameraView, choose_back_end
 from obelisk_py.core.sim.mujoco.sensors.kind import Sampler, SensorKind, SensorSource
-from obelisk_py.core.utils.msg import multiarray_from_numpy
+from obelisk_py.core.utils.msg import np_to_multiarray
 from obelisk_spec.suggestions import with_number
 
 __all__ = ["OBK_IMAGE"]
@@ -83,7 +83,7 @@ class _Feed:
 
     def _draw(self) -> None:
         picture = self._view.draw()
-        self._source.deliver(ObkImage(y=multiarray_from_numpy(picture, _AXES)))
+        self._source.deliver(ObkImage(y=np_to_multiarray(picture, _AXES)))
 
     def _leave_out(self) -> None:
         self._left_out += 1

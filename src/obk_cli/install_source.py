@@ -1,0 +1,126 @@
+"""Write the `pip install` command that installs obk from where the running one came from.
+
+Obelisk may be installed from a clone, a git URL, a wheel or an index. A command that names any
+other source than the one in use fails, or installs something else. pip records the source in
+`direct_url.json` (PEP 610).
+"""
+
+import importlib.metadata
+import json
+import shlex
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import unquote, urlsplit, urlunsplit
+
+__all__ = ["InstallSource", "install_command", "read_install_source"]
+
+TOOL: Final = "obelisk-cli"
+MESSAGES: Final = "obelisk-interfaces"
+"""The distribution with the compiled messages, which the extra `ros` needs."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InstallSource:
+    """Where an installed obk came from; all fields empty: from an index."""
+
+    folder: Path | None = None
+    """A clone or an unpacked source distribution."""
+    is_editable: bool = False
+    git: str = ""
+    """`git+URL@COMMIT`."""
+    archive: str = ""
+    """URL of a wheel or a source distribution; a local file is `file:///...`."""
+
+    def pip_install(self, *extras: str) -> str:
+        """Return a command for a POSIX shell that installs obk with these extras."""
+        options = "[" + ",".join(extras) + "]" if extras else ""
+        return shlex.join(("pip", "install", *self._requirements(options, "ros" in extras)))
+
+    def _requirements(self, options: str, has_ros: bool) -> Sequence[str]:
+        if self.git:
+            messages = f"{MESSAGES} @ {self.git}#subdirectory=interfaces"
+            return (f"{TOOL}{options} @ {self.git}", *([messages] if has_ros else ()))
+        if self.folder is not None:
+            editable = ["--editable"] if self.is_editable else []
+            tool = f"{self.folder}{options}"
+            return (*editable, tool, *([f"{self.folder / 'interfaces'}"] if has_ros else ()))
+        if self.archive:
+            local = _local_path(self.archive)
+            # The messages are released beside the tool, and need it to be built.
+            find = ["--find-links", str(local.parent)] if local and has_ros else []
+            return (*find, f"{TOOL}{options} @ {self.archive}")
+        return (f"{TOOL}{options}",)
+
+    def for_other_machines(self) -> "InstallSource":
+        """Return the git URL of a clone whose commit is published; otherwise the source itself."""
+        if self.folder is None:
+            return self
+        unchanged = replace(self, is_editable=False)
+        commit = _git(self.folder, "rev-parse", "HEAD")
+        branches = _git(self.folder, "branch", "--remotes", "--contains", "HEAD")
+        url = _git(self.folder, "config", "--get", "remote.origin.url")
+        # A folder inside another repository has that one's commit.
+        is_clone = _git(self.folder, "rev-parse", "--show-cdup") == "" and commit
+        if not (is_clone and branches and url):
+            return unchanged
+        return InstallSource(git=f"git+{_pip_url(url)}@{commit}")
+
+    @property
+    def is_local(self) -> bool:
+        """Whether only this machine has it."""
+        return self.folder is not None or self.archive.startswith("file:")
+
+
+def install_command(*extras: str) -> str:
+    """Return the command that adds these extras to the running obk, for a POSIX shell."""
+    return read_install_source().pip_install(*extras)
+
+
+def read_install_source() -> InstallSource:
+    """Return where the running obk was installed from."""
+    try:
+        text = importlib.metadata.distribution(TOOL).read_text("direct_url.json")
+    except importlib.metadata.PackageNotFoundError:
+        text = None
+    return parse_direct_url(json.loads(text)) if text else InstallSource()
+
+
+def parse_direct_url(record: dict[str, Any]) -> InstallSource:
+    """Return the source that a `direct_url.json` describes (PEP 610)."""
+    url = str(record["url"])
+    if vcs := record.get("vcs_info"):
+        return InstallSource(git=f"{vcs['vcs']}+{url}@{vcs['commit_id']}")
+    if "dir_info" in record:
+        is_editable = bool(record["dir_info"].get("editable"))
+        return InstallSource(folder=_local_path(url), is_editable=is_editable)
+    return InstallSource(archive=url)
+
+
+def _local_path(url: str) -> Path | None:
+    parts = urlsplit(url)
+    return Path(unquote(parts.path)) if parts.scheme == "file" else None
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    """Return what git prints, None without git or outside a repository."""
+    command = ("git", "-C", str(folder), *arguments)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=10)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+def _pip_url(remote: str) -> str:
+    """Return a remote as pip takes it after `git+`, without a password or token."""
+    if "://" not in remote:
+        host, colon, path = remote.partition(":")
+        is_scp = colon and "/" not in host
+        return f"ssh://{host}/{path}" if is_scp else Path(remote).resolve().as_uri()
+    parts = urlsplit(remote)
+    if parts.scheme == "ssh":
+        return remote
+    return urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))
