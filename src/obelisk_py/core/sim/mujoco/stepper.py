@@ -23,11 +23,9 @@ BATCH_NS: Final = 100_000
 SHORTEST_SHARE: Final = 0.5
 """Least time between two steps, as a share of the period, where nodes follow the simulation's time.
 
-In steps that follow at once, to make up for lateness, they would miss most of their ticks.
+In steps that follow at once, to make up for lateness, they would miss most of their ticks. On a
+machine that is too busy the simulation becomes slower instead, and nodes keep their rates.
 """
-PACED_NS: Final = 10_000_000
-"""Lateness below which this holds [ns]. On a machine that is busier, nodes miss ticks anyway, and a
-simulation that sleeps between late steps would never catch up."""
 
 
 class Times(Protocol):
@@ -152,10 +150,7 @@ class Stepper:
                 count = min(_next_batch(count, now_ns - before_ns), due - simulation.steps)
             else:
                 deadline_ns = pace.next_deadline_ns(now_ns)
-                wake_ns = deadline_ns
-                if now_ns - deadline_ns < PACED_NS:
-                    wake_ns = max(deadline_ns, now_ns + shortest_ns)
-                now_ns = clock.sleep_until_ns(wake_ns, stopped)
+                now_ns = clock.sleep_until_ns(max(deadline_ns, now_ns + shortest_ns), stopped)
                 if stopped():
                     break
                 tick(now_ns, now_ns - deadline_ns)
