@@ -3,8 +3,7 @@
 `python -m benchmarks.clock` from the root of the checkout. The stack of `examples/dummy` (robot,
 estimator and controller at 1 kHz, a process each) runs in turns with wall time, with the clock
 page, and with `/clock` only, as a stack without a page does. Processor time is read from the
-kernel, in percent of one core, over some seconds after the bring-up; rates are those that nodes
-report.
+kernel and divided by the ticks that the node reports: a busy machine changes the number of ticks.
 """
 
 import json
@@ -36,31 +35,43 @@ SOURCES: Final[dict[str, tuple[list[str], list[str]]]] = {
 }
 ROUNDS: Final = 3
 WARM_UP_S: Final = 3.0
-MEASURED_S: Final = 6.0
-NODES: Final = ("robot", "estimation", "control")
+MEASURED_S: Final = 8.0
+TICKS: Final = {"robot": "steps", "estimation": "timer_est", "control": "timer_ctrl"}
+"""Section -> the rate whose ticks are counted; it is reported once a second."""
 
 
 def measure(program: list[str], options: list[str]) -> dict[str, float]:
-    """Processor time of each node [% of a core] and reported rates [Hz] of one run."""
+    """What each node's process takes for a tick or a step [us], and the ticks [Hz], of one run."""
     command = [*program, "launch", str(CONFIG), "--quiet", *options]
     launch = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         stack = _active_stack()
         time.sleep(WARM_UP_S)
         pids = {node["section"]: node["pid"] for node in stack["nodes"]}
-        before = {name: _used_s(pids[name]) for name in NODES}
+        start_s, before = time.monotonic(), _counts(pids)
         time.sleep(MEASURED_S)
-        used = {name: (_used_s(pids[name]) - before[name]) / MEASURED_S * 100 for name in NODES}
-        rates = {
-            f"{rate['name']} [Hz]": rate["measured_hz"]
-            for node in _stacks()[0]["nodes"]
-            for rate in node["rates"]
-            if rate["name"] in ("timer_ctrl", "timer_est", "steps")
-        }
+        took_s, after = time.monotonic() - start_s, _counts(pids)
     finally:
         launch.send_signal(2)
         launch.wait(60)
-    return {**{f"{name} [%]": value for name, value in used.items()}, **rates}
+    figures = {}
+    for section in TICKS:
+        (used_s, ticks), (used_before_s, ticks_before) = after[section], before[section]
+        new = ticks - ticks_before
+        figures[f"{section} [us/tick]"] = (used_s - used_before_s) / new * 1e6
+        figures[f"{section} [Hz]"] = new / took_s
+    return figures
+
+
+def _counts(pids: dict[str, int]) -> dict[str, tuple[float, int]]:
+    """Processor time [s] and ticks of each section."""
+    ticks = {
+        node["section"]: rate["ticks"]
+        for node in _active_stack()["nodes"]
+        for rate in node["rates"]
+        if rate["name"] == TICKS[node["section"]]
+    }
+    return {section: (_used_s(pids[section]), ticks[section]) for section in TICKS}
 
 
 def _used_s(pid: int) -> float:
