@@ -1,7 +1,8 @@
 """Check the settings of a ray caster, and count the rays of its pattern.
 
 Pure; takes the mapping of `scan_config`, or of the file of `config_path`, as plain values. Findings
-have the path into the sim block.
+have the path into the sim block. Counts and defaults are those of the original Obelisk, whose
+patterns are those of Isaac Lab; a key selects each other behaviour.
 """
 
 import math
@@ -9,12 +10,15 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from obelisk_spec.names import bare_name
 from obelisk_spec.sensors import RAY_PATTERNS, GroupRule
 from obelisk_spec.sim_block import SimFault, SimPath
 from obelisk_spec.suggestions import did_you_mean, list_names, with_article
 from obelisk_spec.values import COUNT_RANGE, is_count, is_mapping, is_number, is_text
 
 __all__ = [
+    "DEFAULT_FRAME",
+    "DEFAULT_GROUPS",
     "MOST_RAYS",
     "OFFSET_KEYS",
     "PATTERN_KEYS",
@@ -22,8 +26,12 @@ __all__ = [
     "ScanKey",
     "check_scan",
     "grid_count",
-    "turn_count",
+    "lidar_columns",
+    "points_are_in_frame",
 ]
+
+DEFAULT_FRAME: Final = "world"
+DEFAULT_GROUPS: Final = (0,)
 
 MOST_RAYS: Final = 1_000_000
 """Limit of one pattern; casting more rays takes seconds."""
@@ -47,6 +55,15 @@ def _is_positive(value: object) -> bool:
     return is_number(value) and value > 0
 
 
+def _is_distance(value: object) -> bool:
+    return is_number(value) and value >= 0
+
+
+def _one_of(*words: str) -> ScanKey:
+    expected = ", ".join(f"`{word}`" for word in words[:-1]) + f" or `{words[-1]}`"
+    return ScanKey(expected, lambda value: value in words)
+
+
 def _numbers(count: int) -> Callable[[Any], bool]:
     def is_valid(value: Any) -> bool:
         return (
@@ -58,6 +75,10 @@ def _numbers(count: int) -> Callable[[Any], bool]:
 
 def _is_grid(value: Any) -> bool:
     return _numbers(2)(value) and min(value) >= 0
+
+
+def _is_direction(value: Any) -> bool:
+    return _numbers(3)(value) and any(value)
 
 
 def _is_quaternion(value: Any) -> bool:
@@ -74,21 +95,30 @@ def _is_pinhole(value: Any) -> bool:
     )
 
 
+_CLOUD: Final = "PointCloud2"
+_SCAN: Final = "ObkScan"
+_CLOUD_KEYS: Final = ("points_in", "keep_misses")
+"""Keys that decide something only about the points of a cloud."""
 _LENGTH: Final = "a length in metres greater than 0"
+_DIRECTION: Final = ScanKey("three numbers, not all 0", _is_direction)
 _OFFSET: Final = ScanKey("a mapping whose keys are texts", is_mapping)
 SCAN_KEYS: Final[Mapping[str, ScanKey]] = {
     "site_name": ScanKey("the name of a site", is_text, required=True),
     "pattern": ScanKey("a mapping whose keys are texts", is_mapping, required=True),
     "geom_groups": ScanKey("a list of geom groups", lambda value: isinstance(value, list | tuple)),
     "frame": ScanKey("the name of a frame", is_text),
-    "max_distance": ScanKey(_LENGTH, _is_positive),
+    "points_in": _one_of("site", "frame"),
+    "keep_misses": ScanKey("`true` or `false`", lambda value: isinstance(value, bool)),
+    "max_distance": ScanKey("a length in metres, 0 for no limit", _is_distance),
     "viz_decimation": ScanKey(COUNT_RANGE, is_count),
 }
 PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
     "height_scan": {
         "resolution": ScanKey(_LENGTH, _is_positive, required=True),
         "size": ScanKey("two lengths in metres", _is_grid, required=True),
-        "ordering": ScanKey("`xy` or `yx`", lambda value: value in ("xy", "yx")),
+        "ordering": _one_of("xy", "yx"),
+        "direction": _DIRECTION,
+        "values": _one_of("height", "distance"),
     },
     "lidar_scan": {
         "channels": ScanKey(COUNT_RANGE, is_count, required=True),
@@ -97,6 +127,8 @@ PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
         "horizontal_res": ScanKey(
             "an angle in degrees greater than 0", _is_positive, required=True
         ),
+        "spacing": _one_of("even", "exact"),
+        "direction": _DIRECTION,
     },
     "depth_camera": {
         "width": ScanKey(COUNT_RANGE, is_count, required=True),
@@ -106,6 +138,8 @@ PATTERN_KEYS: Final[Mapping[str, Mapping[str, ScanKey]]] = {
             _is_pinhole,
             required=True,
         ),
+        "rays_through": _one_of("corners", "centres"),
+        "direction": _DIRECTION,
     },
 }
 OFFSET_KEYS: Final[Mapping[str, ScanKey]] = {
@@ -120,17 +154,30 @@ def check_scan(
     """Findings about the ray caster at `path`, in the sensor group of type `written`."""
     yield from _check_keys(scan, "a ray caster", SCAN_KEYS, path)
     if is_count(scan.get("viz_decimation")):
-        yield SimFault(
-            code="OBK506",
-            severity="info",
-            path=(*path, "viz_decimation"),
-            points_at="key",
-            message="`viz_decimation` has no effect",
-        )
+        yield _no_effect("viz_decimation", path)
+    if rule.patterns and bare_name(written) != _CLOUD:
+        for name in _CLOUD_KEYS:
+            if scan.get(name) is not None:
+                yield _no_effect(name, path, f": {with_article(written)} has no points")
     yield from _check_groups(scan.get("geom_groups"), (*path, "geom_groups"))
     pattern = scan.get("pattern")
     if is_mapping(pattern):
         yield from _check_pattern(pattern, written, rule, (*path, "pattern"))
+
+
+def points_are_in_frame(scan: Mapping[str, Any], written: str) -> bool:
+    """Whether a group of type `written` gives points in `frame`, which must be in the model."""
+    return bare_name(written) == _CLOUD and scan.get("points_in") == "frame"
+
+
+def _no_effect(name: str, path: SimPath, reason: str = "") -> SimFault:
+    return SimFault(
+        code="OBK506",
+        severity="info",
+        path=(*path, name),
+        points_at="key",
+        message=f"`{name}` has no effect{reason}",
+    )
 
 
 def _check_groups(groups: object, path: SimPath) -> Iterator[SimFault]:
@@ -165,6 +212,10 @@ def _check_pattern(
     yield from faults
     if not faults:
         yield from _check_ray_count(pattern, path)
+        if pattern.get("values") is not None and bare_name(written) != _SCAN:
+            yield _no_effect("values", path, f": only an `{_SCAN}` has one value for each ray")
+        if pattern.get("direction") is not None and kind != "height_scan":
+            yield _no_effect("direction", path, f": the rays of a `{kind}` have one each")
     offset = pattern.get("offset")
     if is_mapping(offset):
         yield from _check_keys(offset, "an `offset`", OFFSET_KEYS, (*path, "offset"))
@@ -175,13 +226,23 @@ def grid_count(length_m: float, resolution_m: float) -> int:
     return math.floor(length_m / resolution_m + _ROUNDING) + 1
 
 
-def turn_count(span_deg: float, step_deg: float) -> int:
-    """Number of rays in a range of angles: both ends count, but a full turn has its end once."""
-    steps = math.floor(abs(span_deg) / step_deg + _ROUNDING)
-    is_whole = (
-        abs(abs(span_deg) - _TURN_DEG) < _ROUNDING and abs(steps * step_deg - _TURN_DEG) < _ROUNDING
-    )
-    return steps if is_whole else steps + 1
+def lidar_columns(span_deg: float, step_deg: float, *, is_exact: bool) -> tuple[int, float]:
+    """Number of rays of a channel, and the angle between two of them [deg].
+
+    The original counts `ceil(span / step)` rays, spreads them from the first angle to the last,
+    and leaves out the last one of a full turn: 360 by 2 has 179 rays, 360 / 179 degrees apart.
+    `is_exact`: rays are `step_deg` apart, both ends count, and a full turn has its end once.
+    """
+    span_deg = abs(span_deg)
+    is_turn = abs(span_deg - _TURN_DEG) < _ROUNDING
+    if is_exact:
+        steps = math.floor(span_deg / step_deg + _ROUNDING)
+        closes = is_turn and abs(steps * step_deg - _TURN_DEG) < _ROUNDING
+        return (steps if closes else steps + 1), step_deg
+    count = max(1, math.ceil(span_deg / step_deg - _ROUNDING))
+    if count == 1:
+        return 1, step_deg
+    return (count - 1 if is_turn else count), span_deg / (count - 1)
 
 
 def _check_ray_count(pattern: Mapping[str, Any], path: SimPath) -> Iterator[SimFault]:

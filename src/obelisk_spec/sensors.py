@@ -137,9 +137,9 @@ def sensor_group(msg_type: str) -> GroupRule | None:
     return rule if rule.published.startswith(f"{package}/") else None
 
 
-FieldKind = Literal["vector", "rotation", "array"]
+FieldKind = Literal["vector", "rotation", "array", "points"]
 """Three numbers; an orientation, whose noise is a rotation about its three axes [rad]; any number
-of numbers."""
+of numbers; the coordinates of any number of points."""
 
 FIELD_NOISE_KEYS: Final = ("sigma", "bias")
 _AXES: Final = 3
@@ -164,7 +164,7 @@ NOISY_FIELDS: Mapping[str, Mapping[str, FieldKind]] = MappingProxyType(
         "Odometry": {**_POSE_FIELDS, "linear": "vector", "angular": "vector"},
         "ObkForceSensor": {"forces": "array"},
         "ObkScan": _DATA_FIELDS,
-        "PointCloud2": _DATA_FIELDS,
+        "PointCloud2": {"data": "points"},
         "DepthImage": _DATA_FIELDS,
     }
 )
@@ -265,7 +265,7 @@ def _check_field(name: str, noise: object, kind: FieldKind, path: SimPath) -> It
 def _is_amount(value: object, kind: FieldKind, least: float) -> bool:
     if isinstance(value, list | tuple):
         return (
-            kind != "array"
+            kind in ("vector", "rotation")
             and len(value) == _AXES
             and all(is_number(each, least) for each in value)
         )
@@ -278,7 +278,7 @@ def _expected_keys() -> str:
 
 def _expected(kind: FieldKind, key: str) -> str:
     one = "a number of at least 0" if key == "sigma" else "a number"
-    return one if kind == "array" else f"{one}, or three of them"
+    return one if kind in ("array", "points") else f"{one}, or three of them"
 
 
 def _invalid(what: str, expected: str, path: SimPath) -> SimFault:

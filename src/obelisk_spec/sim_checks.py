@@ -9,7 +9,7 @@ from typing import Any
 
 from obelisk_spec.model import ModelFacts, SensorFact
 from obelisk_spec.names import bare_name
-from obelisk_spec.scans import check_scan
+from obelisk_spec.scans import DEFAULT_FRAME, check_scan, points_are_in_frame
 from obelisk_spec.sensors import SENSOR_GROUPS, GroupRule, check_noise, sensor_group
 from obelisk_spec.sim_block import SimFault, SimPath, check_sim_shape
 from obelisk_spec.suggestions import (
@@ -169,7 +169,8 @@ def check_group_against_model(
         if rule.patterns:
             scan, scan_path = group.get("scan_config") or {}, (*path, "scan_config")
             yield from _check_site(scan, scan_path, facts)
-            yield from _check_frame(scan, scan_path, facts)
+            if points_are_in_frame(scan, str(group["msg_type"])):
+                yield from _check_frame(scan, scan_path, facts)
 
 
 def _check_sensor(
@@ -279,7 +280,7 @@ def _check_site(scan: Mapping[str, Any], path: SimPath, facts: ModelFacts) -> It
 
 def _check_frame(scan: Mapping[str, Any], path: SimPath, facts: ModelFacts) -> Iterator[SimFault]:
     frame = scan.get("frame")
-    frames = ("world", *facts.sites, *facts.bodies, *facts.geoms, *facts.cameras)
+    frames = (DEFAULT_FRAME, *facts.sites, *facts.bodies, *facts.geoms, *facts.cameras)
     if isinstance(frame, str) and frame not in frames:
         yield SimFault(
             code="OBK313",
@@ -349,10 +350,10 @@ def _check_viz_geoms(viz_geoms: Mapping[str, Any], facts: ModelFacts) -> Iterato
         if actual is None:
             yield SimFault(
                 code="OBK311",
-                severity="error",
+                severity="warning",
                 path=path,
                 points_at="key",
-                message=f"geom `{name}` is not in the model",
+                message=f"geom `{name}` is not in the model, so it is not shown",
                 help=did_you_mean(name, facts.geoms),
                 meant=sure_name(name, facts.geoms),
             )
@@ -400,6 +401,7 @@ def _check_size_and_step(block: Mapping[str, Any], facts: ModelFacts) -> Iterato
             path=("time_step",),
             message=f"`time_step` is {written:g} s, the model says {facts.timestep:g} s; the "
             "config wins",
+            help="the original Obelisk ignores `time_step`; leave it out to use the model's step",
             element=("option", ""),
         )
     step_s = _time_step(block, facts)

@@ -19,6 +19,12 @@ pytestmark = [pytest.mark.mujoco, pytest.mark.timeout(400)]
 
 DOCUMENT = Path("docs/extending.md")
 NEEDED = ("src", "schema", "templates", "examples/dummy", "tests/cases", "tests/golden")
+ALONE = (
+    "pyproject.toml",
+    "tests/conftest.py",
+    "tests/turns.py",
+    "tests/unit/obk_cli/runs/fake_stack.py",
+)
 ADDED = "OBK299 or MagneticField or magnetic or csv-dummy/dummy.yaml"
 
 
@@ -30,7 +36,8 @@ def extended(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     for folder in NEEDED:
         shutil.copytree(repository / folder, copy / folder, ignore=unwanted)
     (copy / "tests/mujoco").mkdir()
-    for file in ("pyproject.toml", "tests/conftest.py"):
+    for file in ALONE:
+        (copy / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(repository / file, copy / file)
     for file in ("conftest.py", "groups.py", "test_sensors.py"):
         shutil.copy(repository / "tests/mujoco" / file, copy / "tests/mujoco")

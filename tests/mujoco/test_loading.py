@@ -62,7 +62,7 @@ def test_all_findings_are_reported_at_once(load):
             _group(msg_type="GridCells"),
             _group(msg_type="ObkScan", config_path="rays.yaml"),
         ],
-        viz_geoms={"dt": 1.0, "dummy_bx": "box", "dummy_sphere": "box"},
+        viz_geoms={"dt": 1.0, "dummy_sphere": "box"},
     )
     for part in (
         "sensor `joint_pso` is not in the model (did you mean `joint_pos`",
@@ -71,7 +71,6 @@ def test_all_findings_are_reported_at_once(load):
         "a ray caster has no `site_name`",
         "this simulator does not publish `GridCells`; it publishes ObkJointEncoders, ",
         "sensor_settings[4].config_path: `rays.yaml` is not there; looked for ",
-        "geom `dummy_bx` is not in the model",
         "geom `dummy_sphere` is written as `box`, in the model it is a `sphere`",
         "keyframe `stand` is not in the model",
     ):
@@ -185,6 +184,22 @@ def test_a_text_that_is_no_block_is_named(tmp_path, text, part):
 def test_a_period_of_the_geoms_that_is_none_is_named(load, period):
     rejection = _refusal(load, viz_geoms={"dt": period, "dummy_box": "box"})
     assert f"viz_geoms.dt: {period!r}, expected a number of seconds greater than 0" in rejection
+
+
+def test_geoms_that_the_model_lacks_are_logged_once_and_left_out(load):
+    loaded = load(viz_geoms={"dt": 1.0, "dummy_bx": "box", "dummy_box": "box", "rock": "sphere"})
+    assert loaded.config.geoms == {"dummy_box": "box"}
+    assert [warning.partition(" (")[0] for warning in load.warnings] == [
+        f"warning[OBK311]: viz_geoms.{name}: geom `{name}` is not in the model, so it is not shown"
+        for name in ("dummy_bx", "rock")
+    ]
+
+
+def test_a_time_step_that_is_not_the_models_is_used_and_logged(load):
+    loaded = load(time_step=0.0005)
+    assert loaded.model.opt.timestep == 0.0005
+    (warning,) = load.warnings
+    assert warning.startswith("warning[OBK504]: time_step: `time_step` is 0.0005 s, the model ")
 
 
 def test_a_geom_that_no_marker_can_show_is_named(load):

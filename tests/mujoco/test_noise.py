@@ -194,13 +194,16 @@ def test_a_ray_that_hits_nothing_stays_so_with_noise(run):
     assert np.allclose(noisy, clean + 0.5, equal_nan=True)
 
 
-def test_the_points_of_a_cloud_are_disturbed_as_numbers(run):
-    cloud = {**SCAN, "msg_type": "PointCloud2"}
+@pytest.mark.parametrize("keep_misses", [False, True])
+def test_the_points_of_a_cloud_are_disturbed_as_numbers(run, keep_misses):
+    scan = {**SCAN["scan_config"], "keep_misses": keep_misses}
+    cloud = {**SCAN, "msg_type": "PointCloud2", "scan_config": scan}
     clean, noisy = (
-        np.frombuffer(run([group], 1)["/scan"].messages[0].data, np.float32)
+        np.frombuffer(run([group], 2)["/scan"].messages[1].data, np.float32).reshape(-1, 4)
         for group in (cloud, {**cloud, "noise": {"data": {"bias": 0.5}}})
     )
-    assert np.allclose(noisy, clean + np.float32(0.5), equal_nan=True)
+    assert np.allclose(noisy[:, :3], clean[:, :3] + np.float32(0.5), equal_nan=True)
+    assert np.array_equal(noisy[:, 3], clean[:, 3]), "the intensity stays"
 
 
 def test_dropout_leaves_out_its_share(run):

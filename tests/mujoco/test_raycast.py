@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from obelisk_py.core.sim.mujoco.raycast import lay_out, make_caster, typed_ray_caster
+from obelisk_py.core.sim.mujoco.raycast import HeightScan, lay_out, make_caster, typed_ray_caster
 
 from .groups import group, taken
 
@@ -112,15 +112,20 @@ def _same(numbers, wanted):
     assert np.abs(numbers[hits] - wanted[hits]).max() <= SINGLE * max(1.0, wanted[hits].max())
 
 
-@pytest.mark.parametrize("more", [{}, {"max_distance": 0.8}, {"geom_groups": [0]}])
-@pytest.mark.parametrize("pattern", [HEIGHT, LIDAR], ids=["height", "lidar"])
+DISTANCES = {**HEIGHT, "values": "distance"}
+
+
+@pytest.mark.parametrize(
+    "more", [{}, {"max_distance": 0.8}, {"geom_groups": []}, {"max_distance": 0.0}]
+)
+@pytest.mark.parametrize("pattern", [DISTANCES, LIDAR], ids=["height", "lidar"])
 def test_distances_are_those_of_mj_ray(everything, moving, pattern, more):
-    if pattern is HEIGHT and "max_distance" in more:
+    if pattern is DISTANCES and more.get("max_distance"):
         more = {"max_distance": 4.2}
     settings = _settings(pattern, **more)
     site = moving.site("imu")
-    rotation = _level(moving, "imu") if pattern is HEIGHT else site.xmat.reshape(3, 3)
-    groups = np.array([1, 0, 0, 0, 0, 0], np.uint8) if "geom_groups" in more else None
+    rotation = _level(moving, "imu") if pattern is DISTANCES else site.xmat.reshape(3, 3)
+    groups = None if "geom_groups" in more else np.array([1, 0, 0, 0, 0, 0], np.uint8)
     wanted = [
         _mj_ray(
             everything,
@@ -129,17 +134,17 @@ def test_distances_are_those_of_mj_ray(everything, moving, pattern, more):
             direction,
             exclude=everything.body("base").id,
             groups=groups,
-            farthest=more.get("max_distance", math.inf),
+            farthest=more.get("max_distance") or math.inf,
         )
         for start, direction in _own_rays(everything, moving, settings, rotation)
     ]
     message = _sample(everything, moving, "ObkScan", settings)
-    assert message.header.frame_id == "imu"
+    assert message.header.frame_id == "world"
     _same(message.data, wanted)
 
 
 def test_a_depth_camera_tells_the_distance_along_its_axis(everything, moving):
-    settings = _settings(CAMERA)
+    settings = _settings(CAMERA, geom_groups=[], frame="lens")
     rotation = moving.site("imu").xmat.reshape(3, 3)
     turned = np.empty(9)
     mujoco.mju_quat2Mat(turned, np.array(settings.offset_wxyz) / np.linalg.norm([0.9, 0.3]))
@@ -152,13 +157,14 @@ def test_a_depth_camera_tells_the_distance_along_its_axis(everything, moving):
     message = _sample(everything, moving, "DepthImage", settings)
     assert (message.height, message.width, message.encoding) == (12, 16, "32FC1")
     assert message.step == 16 * 4
+    assert message.header.frame_id == "lens", "a label, which the model need not have"
     _same(np.frombuffer(message.data, np.float32), wanted)
 
 
 def test_the_scan_of_a_lidar_as_an_image_has_a_row_for_each_channel(everything, moving):
     image = _sample(everything, moving, "DepthImage", _settings(LIDAR))
     scan = _sample(everything, moving, "ObkScan", _settings(LIDAR))
-    assert (image.height, image.width) == (9, 30)
+    assert (image.height, image.width) == (9, 29)
     assert bytes(image.data) == scan.data.tobytes()
 
 
@@ -186,9 +192,9 @@ def _along_plane_and_ball(start, direction):
 
 
 def test_a_lidar_sees_plane_and_ball_where_they_are(scene, still):
-    fine = {**LIDAR, "channels": 41, "horizontal_res": 2.0, "offset": None}
+    fine = {**LIDAR, "spacing": "exact", "channels": 41, "horizontal_res": 2.0, "offset": None}
     fine["vertical_fov_range"] = [-10.0, 30.0]
-    settings = _settings(fine, site="eye")
+    settings = _settings(fine, site="eye", geom_groups=[0, 1])
     rays = _own_rays(scene, still, settings, np.eye(3))
     wanted = [_along_plane_and_ball(start, direction) for start, direction in rays]
     assert np.isnan(wanted).any()
@@ -200,10 +206,78 @@ def test_a_lidar_sees_plane_and_ball_where_they_are(scene, still):
     _same(np.array(seen)[free], np.array(wanted)[free])
 
 
-def test_a_height_scan_over_a_plane_tells_the_height(scene, still):
-    pattern = {"type": "height_scan", "resolution": 0.25, "size": [1.0, 0.5]}
-    message = _sample(scene, still, "ObkScan", _settings(pattern, site="eye"))
-    assert np.array(message.data) == pytest.approx([1.0] * 15)
+STEPS_SCENE = """
+<mujoco>
+  <worldbody>
+    <geom name="ground" type="plane" pos="0 0 0.2" size="0 0 1"/>
+    <geom name="step" type="box" pos="0.5 0 0.3" size="0.3 2 0.2"/>
+    <geom name="roof" type="box" pos="0 0 3" size="5 5 0.1" group="2"/>
+    <body name="cart" pos="0 0 1.4" euler="10 20 90">
+      <freejoint/>
+      <geom type="sphere" size="0.05"/>
+      <site name="eye"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.fixture
+def steps():
+    """A ground at z = 0.2, a step with its top at z = 0.5 from x = 0.2 to 0.8, a roof above."""
+    model = mujoco.MjModel.from_xml_string(STEPS_SCENE)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+ROW = {"type": "height_scan", "resolution": 0.5, "size": [0.0, 2.0], "direction": None}
+"""Seen from the cart of the steps, whose heading is along y: x = 1.0, 0.5, 0.0, -0.5, -1.0."""
+
+
+@pytest.mark.parametrize(
+    ("more", "wanted"),
+    [
+        ({}, [0.2, 0.5, 0.2, 0.2, 0.2]),
+        ({"values": "height"}, [0.2, 0.5, 0.2, 0.2, 0.2]),
+        ({"values": "distance"}, [1.2, 0.9, 1.2, 1.2, 1.2]),
+        ({"offset": {"pos": [0.0, 0.0, 1.0]}}, [0.2, 0.5, 0.2, 0.2, 0.2]),
+        ({"offset": {"pos": [0.0, 0.0, 1.0]}, "values": "distance"}, [2.2, 1.9, 2.2, 2.2, 2.2]),
+        ({"direction": [0.0, 0.0, -2.0]}, [0.2, 0.5, 0.2, 0.2, 0.2]),
+        ({"direction": [0.0, 0.0, 1.0]}, [math.nan] * 5),
+    ],
+)
+def test_a_height_scan_holds_the_z_of_each_hit(steps, more, wanted):
+    model, data = steps
+    message = _sample(model, data, "ObkScan", _settings({**ROW, **more}, site="eye"))
+    assert list(message.data) == pytest.approx(wanted, nan_ok=True, abs=1e-6)
+
+
+def test_a_height_scan_along_another_direction_still_holds_heights(steps):
+    model, data = steps
+    pattern = {"type": "height_scan", "resolution": 1.0, "size": [0.0, 0.0]}
+    settings = _settings({**pattern, "direction": [0.0, 3.0, -3.0]}, site="eye")
+    caster = make_caster(model, data, settings)
+    caster.cast()
+    assert caster.distances == pytest.approx([1.2 * math.sqrt(2.0)])
+    assert _sample(model, data, "ObkScan", settings).data[0] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(
+    ("groups", "wanted"),
+    [
+        ({}, math.nan),
+        ({"geom_groups": None}, math.nan),
+        ({"geom_groups": [0]}, math.nan),
+        ({"geom_groups": [2]}, 2.9),
+        ({"geom_groups": []}, 2.9),
+    ],
+)
+def test_geoms_of_group_0_are_hit_unless_groups_are_given(steps, groups, wanted):
+    model, data = steps
+    up = {"type": "height_scan", "resolution": 1.0, "size": [0.0, 0.0], "direction": [0, 0, 1]}
+    message = _sample(model, data, "ObkScan", _settings(up, site="eye", **groups))
+    assert message.data[0] == pytest.approx(wanted, nan_ok=True)
 
 
 def test_a_height_scan_stays_level_and_turns_with_the_heading(scene, still):
@@ -259,7 +333,7 @@ def test_a_lidar_runs_to_the_left_within_a_channel_and_up_from_channel_to_channe
         "channels": 3,
         "vertical_fov_range": [-45.0, 45.0],
         "horizontal_fov_range": [-90.0, 90.0],
-        "horizontal_res": 90.0,
+        "horizontal_res": 60.0,
     }
     rays = lay_out(_settings(pattern).pattern)
     half = math.sqrt(0.5)
@@ -270,10 +344,50 @@ def test_a_lidar_runs_to_the_left_within_a_channel_and_up_from_channel_to_channe
     assert rays.directions[3:6] == pytest.approx(np.array([[0, -1, 0], [1, 0, 0], [0, 1, 0]]))
 
 
-def test_a_full_turn_has_no_ray_twice():
-    rays = lay_out(_settings({**LIDAR, "channels": 1, "vertical_fov_range": [0.0, 0.0]}).pattern)
-    assert (rays.rows, rays.columns) == (1, 30)
-    assert len(np.unique(rays.directions.round(9), axis=0)) == 30
+FLAT = {
+    "type": "lidar_scan",
+    "channels": 1,
+    "vertical_fov_range": [0.0, 0.0],
+    "horizontal_fov_range": [0.0, 360.0],
+    "horizontal_res": 2.0,
+}
+
+
+def _angles_deg(pattern):
+    directions = lay_out(_settings(pattern).pattern).directions
+    return np.degrees(np.unwrap(np.arctan2(directions[:, 1], directions[:, 0])))
+
+
+@pytest.mark.parametrize(
+    ("more", "count", "last_deg"),
+    [
+        ({}, 179, 360 - 360 / 179),
+        ({"spacing": "exact"}, 180, 358.0),
+        ({"horizontal_fov_range": [-90.0, 90.0]}, 90, 90.0),
+        ({"horizontal_fov_range": [-90.0, 90.0], "spacing": "exact"}, 91, 90.0),
+        ({"horizontal_fov_range": [90.0, -90.0]}, 90, -90.0),
+        ({"horizontal_fov_range": [0.0, 100.0], "horizontal_res": 30.0}, 4, 100.0),
+        ({"horizontal_fov_range": [0.0, 1.0]}, 1, 0.0),
+    ],
+)
+def test_the_columns_of_a_lidar_are_spread_over_its_range(more, count, last_deg):
+    pattern = {**FLAT, **more}
+    first_deg = pattern["horizontal_fov_range"][0]
+    assert _angles_deg(pattern) == pytest.approx(np.linspace(first_deg, last_deg, count))
+
+
+def test_the_rays_of_a_lidar_meet_a_wall_at_the_angles_of_its_columns():
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><site name="eye" pos="0.5 0 1"/>
+        <geom type="box" pos="3 0 1" size="0.5 40 1"/></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    seen = np.array(_sample(model, data, "ObkScan", _settings(FLAT, site="eye")).data)
+    angles = np.radians(np.arange(179) * 360 / 179)
+    ahead = np.cos(angles) > 0.06
+    assert seen[ahead] == pytest.approx(2.0 / np.cos(angles[ahead]), rel=SINGLE)
+    assert np.isnan(seen[np.cos(angles) <= 0]).all()
 
 
 def test_the_middle_pixel_of_a_camera_looks_along_x_and_the_first_up_to_the_left():
@@ -282,6 +396,7 @@ def test_the_middle_pixel_of_a_camera_looks_along_x_and_the_first_up_to_the_left
         "width": 3,
         "height": 3,
         "intrinsic_matrix": [1.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0],
+        "rays_through": "centres",
     }
     rays = lay_out(_settings(pattern).pattern)
     assert rays.directions[4] == pytest.approx([1.0, 0.0, 0.0])
@@ -289,20 +404,38 @@ def test_the_middle_pixel_of_a_camera_looks_along_x_and_the_first_up_to_the_left
     assert rays.directions[1] == pytest.approx(np.array([1.0, 0.0, 1.0]) / math.sqrt(2))
 
 
-def test_a_pixel_is_where_the_matrix_of_the_camera_puts_its_ray():
-    settings = _settings(CAMERA)
+@pytest.mark.parametrize(
+    ("through", "shift"), [(None, 0.5), ("corners", 0.5), ("centres", 0.0)], ids=str
+)
+def test_a_pixel_is_where_the_matrix_of_the_camera_puts_its_ray(through, shift):
+    settings = _settings({**CAMERA, "rays_through": through})
     forward, left, up = lay_out(settings.pattern).directions.T
     matrix = np.array(CAMERA["intrinsic_matrix"]).reshape(3, 3)
     u, v, w = matrix @ np.stack([-left, -up, forward])
-    assert (u / w).reshape(12, 16) == pytest.approx(np.tile(np.arange(16.0), (12, 1)))
-    assert (v / w).reshape(12, 16) == pytest.approx(np.tile(np.arange(12.0)[:, None], (1, 16)))
+    columns, rows = np.arange(16.0) + shift, np.arange(12.0) + shift
+    assert (u / w).reshape(12, 16) == pytest.approx(np.tile(columns, (12, 1)))
+    assert (v / w).reshape(12, 16) == pytest.approx(np.tile(rows[:, None], (1, 16)))
 
 
-def test_a_lidar_may_turn_to_the_right():
-    pattern = {**LIDAR, "channels": 1, "vertical_fov_range": [0.0, 0.0]}
-    rays = lay_out(_settings({**pattern, "horizontal_fov_range": [90.0, -90.0]}).pattern)
-    assert rays.columns == 16
-    assert rays.directions[[0, 15]] == pytest.approx(np.array([[0, 1, 0], [0, -1, 0]]))
+@pytest.mark.parametrize(("through", "shift"), [(None, 0.5), ("centres", 0.0)], ids=str)
+def test_a_depth_camera_sees_the_ground_where_its_pixels_do(through, shift):
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><site name="eye" pos="0 0 1"/>
+        <geom type="plane" size="0 0 1"/></worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    camera = {
+        "type": "depth_camera",
+        "width": 1,
+        "height": 4,
+        "intrinsic_matrix": [10.0, 0.0, 0.0, 0.0, 10.0, -9.0, 0.0, 0.0, 1.0],
+        "rays_through": through,
+    }
+    message = _sample(model, data, "DepthImage", _settings(camera, site="eye"))
+    # A metre above the ground, row v meets it at a depth of 10 / (v + 9).
+    rows = np.arange(4) + shift
+    assert np.frombuffer(message.data, np.float32) == pytest.approx(10.0 / (rows + 9.0), rel=1e-6)
 
 
 def test_the_own_body_is_not_hit_and_others_of_the_robot_are(scene, still):
@@ -316,55 +449,96 @@ def test_a_site_of_the_world_sees_the_world(scene, still):
     pattern = {"type": "height_scan", "resolution": 1.0, "size": [0.0, 0.0]}
     pattern["offset"] = {"pos": [5.0, 0.0, 0.0]}
     message = _sample(scene, still, "ObkScan", _settings(pattern, site="post"))
-    assert list(message.data) == pytest.approx([1.0])
-
-
-def test_only_geoms_of_the_groups_are_hit(scene, still):
-    ahead = {**LIDAR, "channels": 1, "vertical_fov_range": [0.0, 0.0], "offset": None}
-    pattern = {**ahead, "horizontal_fov_range": [0.0, 0.0]}
-    both = [
-        _sample(scene, still, "ObkScan", _settings(pattern, site="eye", geom_groups=groups)).data[0]
-        for groups in ([1], [0], [])
-    ]
-    assert both[0] == both[2] == pytest.approx(2.45)
-    assert math.isnan(both[1])
+    assert list(message.data) == [0.0]
 
 
 def test_what_is_beyond_the_longest_distance_is_a_miss(scene, still):
-    pattern = {"type": "height_scan", "resolution": 1.0, "size": [0.0, 0.0]}
-    near, far = (
+    pattern = {"type": "height_scan", "resolution": 1.0, "size": [0.0, 0.0], "values": "distance"}
+    near, far, unlimited = (
         _sample(scene, still, "ObkScan", _settings(pattern, site="eye", max_distance=d)).data[0]
-        for d in (0.999, 1.001)
+        for d in (0.999, 1.001, 0.0)
     )
     assert math.isnan(near)
-    assert far == pytest.approx(1.0)
+    assert far == unlimited == pytest.approx(1.0)
     high = {**pattern, "offset": {"pos": [5.0, 0.0, 5000.0]}}
     assert _sample(scene, still, "ObkScan", _settings(high, site="eye")).data[0] == 5001.0
 
 
-@pytest.mark.parametrize("frame", ["world", "toe", "left", "shelf", None])
-@pytest.mark.parametrize("pattern", [HEIGHT, LIDAR], ids=["height", "lidar"])
-def test_the_points_of_a_cloud_are_given_in_the_frame(everything, moving, pattern, frame):
-    settings = _settings(pattern, frame=frame)
-    message = _sample(everything, moving, "PointCloud2", settings)
-    assert message.header.frame_id == (frame or "imu")
-    assert [field.name for field in message.fields] == ["x", "y", "z"]
-    points = np.frombuffer(message.data, np.float32).reshape(-1, 3).astype(np.float64)
-    assert (message.height * message.width, message.point_step) == (len(points), 12)
-    assert message.row_step == 12 * message.width
-    frames = {
-        "world": (np.zeros(3), np.eye(3)),
-        "toe": (moving.site("toe").xpos, moving.site("toe").xmat.reshape(3, 3)),
-        "left": (moving.body("left").xpos, moving.body("left").xmat.reshape(3, 3)),
-        "shelf": (moving.geom("shelf").xpos, moving.geom("shelf").xmat.reshape(3, 3)),
-        None: (moving.site("imu").xpos, moving.site("imu").xmat.reshape(3, 3)),
-    }
-    position, rotation = frames[frame]
-    level = _level(moving, "imu") if pattern is HEIGHT else frames[None][1]
+def _points(message):
+    assert [field.name for field in message.fields] == ["x", "y", "z", "intensity"]
+    assert [field.offset for field in message.fields] == [0, 4, 8, 12]
+    assert message.point_step == 16
+    assert message.row_step == 16 * message.width
+    assert len(message.data) == message.height * message.row_step
+    numbers = np.frombuffer(message.data, np.float32).reshape(-1, 4)
+    assert (numbers[:, 3] == 1.0).all()
+    return numbers[:, :3].astype(np.float64)
+
+
+FRAMES = {
+    "world": lambda _data: (np.zeros(3), np.eye(3)),
+    "toe": lambda data: (data.site("toe").xpos, data.site("toe").xmat.reshape(3, 3)),
+    "left": lambda data: (data.body("left").xpos, data.body("left").xmat.reshape(3, 3)),
+    "shelf": lambda data: (data.geom("shelf").xpos, data.geom("shelf").xmat.reshape(3, 3)),
+    "imu": lambda data: (data.site("imu").xpos, data.site("imu").xmat.reshape(3, 3)),
+}
+
+
+def _hits(everything, moving, settings):
+    """Where the rays end in the world, NaN for a miss."""
+    site = moving.site("imu").xmat.reshape(3, 3)
+    level = _level(moving, "imu") if isinstance(settings.pattern, HeightScan) else site
     rays = _own_rays(everything, moving, settings, level)
     body = everything.body("base").id
-    wanted = [s + d * _mj_ray(everything, moving, s, d, exclude=body) for s, d in rays]
-    _same(points, (np.array(wanted) - position) @ rotation)
+    return np.array([s + d * _mj_ray(everything, moving, s, d, exclude=body) for s, d in rays])
+
+
+@pytest.mark.parametrize("frame", [*FRAMES, None])
+@pytest.mark.parametrize("pattern", [HEIGHT, LIDAR], ids=["height", "lidar"])
+def test_the_points_of_a_cloud_are_given_in_the_frame_that_is_asked_for(
+    everything, moving, pattern, frame
+):
+    settings = _settings(pattern, frame=frame, points_in="frame", keep_misses=True, geom_groups=[])
+    message = _sample(everything, moving, "PointCloud2", settings)
+    assert message.header.frame_id == (frame or "world")
+    position, rotation = FRAMES[frame or "world"](moving)
+    assert not message.is_dense
+    rays = lay_out(settings.pattern)
+    assert (message.height, message.width) == (rays.rows, rays.columns)
+    _same(_points(message), (_hits(everything, moving, settings) - position) @ rotation)
+
+
+@pytest.mark.parametrize("frame", [None, "toe", "no_such_thing"])
+@pytest.mark.parametrize("pattern", [HEIGHT, LIDAR], ids=["height", "lidar"])
+def test_a_cloud_is_of_hits_in_the_frame_of_the_site(everything, moving, pattern, frame):
+    farthest = 4.2 if pattern is HEIGHT else 4.0
+    settings = _settings(pattern, frame=frame, geom_groups=[], max_distance=farthest)
+    message = _sample(everything, moving, "PointCloud2", settings)
+    assert message.header.frame_id == (frame or "world"), "only a label"
+    position, rotation = FRAMES["imu"](moving)
+    hits = _hits(everything, moving, _settings(pattern, geom_groups=[]))
+    caster = make_caster(everything, moving, settings)
+    caster.cast()
+    is_hit = np.isfinite(caster.distances)
+    assert 0 < is_hit.sum() < len(is_hit)
+    assert (message.height, message.width, message.is_dense) == (1, is_hit.sum(), True)
+    _same(_points(message), (hits[is_hit] - position) @ rotation)
+
+
+def test_the_number_of_hits_follows_the_simulation_and_may_be_0(steps):
+    model, data = steps
+    straight_ahead = {**FLAT, "horizontal_fov_range": [-20.0, 20.0]}
+    sampler = group(model, data, "PointCloud2", rays=_settings(straight_ahead, site="eye"))
+    counts = []
+    for z in (0.3, 3.9, 0.4):
+        data.qpos[:7] = [-1.0, 0.0, z, 1.0, 0.0, 0.0, 0.0]
+        mujoco.mj_forward(model, data)
+        message = taken("PointCloud2", sampler)
+        points = _points(message)
+        counts.append(len(points))
+        assert message.width == len(points)
+        assert points[:, 0] == pytest.approx(np.full(len(points), 1.2)), "the step's near side"
+    assert counts == [20, 0, 20]
 
 
 def test_scans_follow_the_simulation(everything, moving):

@@ -1,9 +1,12 @@
 """Nodes of the three generations of the Python API on the real rclpy."""
 
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from typing import Any, cast
 
 import pytest
 from obelisk_control_msgs.msg import PositionSetpoint
@@ -11,12 +14,16 @@ from obelisk_estimator_msgs.msg import EstimatedState
 from obelisk_sensor_msgs.msg import ObkJointEncoders
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from sensor_msgs.msg import Imu
 
 from obelisk_py.core.control import ObeliskController
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.node import ObeliskNode
+from obelisk_py.core.robot import ObeliskSimRobot
 
-from .stack import parameters, request, spinning
+from ..documents import ROOT, blocks  # noqa: TID252 - shared by folders of tests
+from .generations import make_stack
+from .stack import DEADLINE_S, eventually, launched, parameters, request, spinning
 
 pytestmark = pytest.mark.ros
 
@@ -292,3 +299,80 @@ def test_a_process_with_a_wrong_registration_ends_with_a_sentence() -> None:
     assert "the node cannot be made: register_obk_publisher of the node `arm`: " in ended.stderr
     assert "`msg_type` is 7 (an `int`), expected a message class" in ended.stderr
     assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("robot", "estimation", "control"),
+    [
+        ("first", "first", "first"),
+        ("second", "second", "second"),
+        ("third", "third", "third"),
+        ("first", "second", "third"),
+        ("second", "third", "first"),
+    ],
+)
+def test_nodes_of_every_generation_exchange_messages(
+    tmp_path: Path, robot: str, estimation: str, control: str
+) -> None:
+    config = make_stack(tmp_path, robot=robot, estimation=estimation, control=control)
+    with launched(config) as run:
+        run.wait_for_line("applied 4.0")
+        if robot == "first":
+            run.wait_for_line("obelisk_robot_0 publishes /joints")
+        run.process.send_signal(signal.SIGINT)
+        assert run.process.wait(DEADLINE_S) == 0, run.text
+    assert "Traceback" not in run.text
+
+
+def listings(kind: str) -> list[str]:
+    page = ROOT / "docs" / "how-to" / "existing-code.md"
+    return [block.body for block in blocks(page) if block.kind == kind]
+
+
+def page_class(name: str) -> type[Any]:
+    """A class of the page, with what its listing imports."""
+    (listing,) = (text for text in listings("python") if f"class {name}(" in text)
+    names = {**globals(), "Imu": Imu, "time": time, "ObeliskSimRobot": ObeliskSimRobot}
+    exec(listing, names)
+    return cast("type[Any]", names[name])
+
+
+def test_the_pages_controller_is_configured_twice() -> None:
+    methods = dict.fromkeys(("take_imu", "log", "update_x_hat", "compute_control"), callback)
+    balance = type("Balance", (page_class("Balance"),), methods)
+    with spinning(balance) as node:
+        for _ in range(2):
+            assert request(node, "configure"), node.last_fault
+            assert request(node, "cleanup")
+
+
+def test_the_pages_simulator_steps_and_stops() -> None:
+    steps: list[list[float]] = []
+    stepping = {"step": lambda _node, ctrl: steps.append(ctrl)}
+    pendulum = type("Pendulum", (page_class("Pendulum"),), stepping)
+    settings = {"sub_ctrl_setting": "topic:/c,msg_type:PositionSetpoint"}
+    with spinning(lambda: pendulum("pendulum", **parameters(**settings))) as node:
+        assert request(node, "configure")
+        assert request(node, "activate")
+        eventually(lambda: [0.0] in steps, "a step")
+        node.obk_subscriptions["sub_ctrl"].callback(PositionSetpoint(u_mujoco=[1.0]))
+        eventually(lambda: [1.0] in steps, "a step with the command")
+        assert request(node, "deactivate"), node.last_fault
+
+
+def test_the_pages_message_is_the_librarys() -> None:
+    with spinning(lambda: ObeliskNode("arm")) as node:
+        with pytest.raises(ObeliskConfigError) as caught:
+            node.register_obk_publisher("x", msg_type=7)  # type: ignore[arg-type]
+        assert f"{caught.value}\n" in listings("text")
+
+
+def test_the_pages_launch_file_finds_parameters(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "stack.yaml").write_text("control: [{timers: [{key: t, timer_period_sec: 1}]}]\n")
+    monkeypatch.chdir(tmp_path)
+    (listing,) = (text for text in listings("python") if "launch_utils" in text)
+    names: dict[str, Any] = {}
+    exec(listing, names)
+    assert names["parameters"]["t_setting"] == "key:t,timer_period_sec:1"

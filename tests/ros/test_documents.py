@@ -95,18 +95,12 @@ class Setup:
 
 
 def arm_to_extend(folder: Path) -> None:
-    (folder / "src").mkdir()
-    dummy = ROOT / "examples/dummy"
-    text = (dummy / "dummy_new.yaml").read_text()
-    renamed = text.replace("/obelisk/dummy", "/arm").replace("config: dummy", "config: arm")
-    (folder / "arm.yaml").write_text(renamed)
-    for file in ("dummy.xml", "dummy_params.txt"):
-        shutil.copy(dummy / file, folder)
+    shutil.copytree(ROOT / "examples/arm", folder, dirs_exist_ok=True)
 
 
 def nodes_were_added(folder: Path) -> None:
-    made = {path.name for path in (folder / "src").iterdir()}
-    assert made == {"balance", "filter", "arm_hardware", "camera"}
+    packages = {path.name for path in (folder / "src").iterdir()}
+    assert packages == {"arm_py", "balance", "filter", "arm_hardware", "camera"}
 
 
 def own_packages(folder: Path) -> None:

@@ -3,15 +3,17 @@
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, ClassVar
 
+import mujoco
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import GetState
-from obelisk_control_msgs.msg import PositionSetpoint
+from obelisk_control_msgs.msg import PositionSetpoint, VelocityCommand
 from obelisk_sensor_msgs.msg import JointEncoders, ObkImage, ObkImu, ObkScan, TrueSimState
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
@@ -19,6 +21,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
 
+from obelisk_py.core.exceptions import ObeliskError
 from obelisk_py.core.sim.mujoco import ObeliskMujocoRobot
 from obelisk_py.core.sim.mujoco.viewers import processes
 from obelisk_spec.components import format_setting
@@ -84,7 +87,10 @@ UNSTABLE = """
 
 @contextmanager
 def simulator(
-    block: dict[str, Any] | None = None, **settings: Any
+    block: dict[str, Any] | None = None,
+    robot: type[ObeliskMujocoRobot] = ObeliskMujocoRobot,
+    *words: Any,
+    **settings: Any,
 ) -> Iterator[tuple[ObeliskMujocoRobot, Callable[[type[Any], str], list[Any]]]]:
     """A simulator, and a way to collect what is published on a topic."""
     wired = {
@@ -96,7 +102,7 @@ def simulator(
     }
 
     def make() -> ObeliskMujocoRobot:
-        return ObeliskMujocoRobot("sim", **parameters(**wired))
+        return robot("sim", *words, **parameters(**wired))
 
     with spinning(make) as node:
 
@@ -184,11 +190,72 @@ def test_rays_and_pictures_are_published_or_it_is_told_why_there_are_none(
             return
         assert request(node, "activate")
         eventually(lambda: len(heights) > 3 and len(pictures) > 3, "scans and pictures")
-        assert list(heights[0].data) == pytest.approx([1.0] * 9)
+        assert list(heights[0].data) == [0.0] * 9, "the z of the ground"
         assert len(pictures[0].y.data) == 8 * 6 * 3
         assert request(node, "deactivate")
         assert request(node, "cleanup")
         assert not [thread for thread in threading.enumerate() if "camera" in thread.name]
+
+
+class _VelocityRobot(ObeliskMujocoRobot):
+    """Computes the actuators' numbers from a message that the simulator cannot read."""
+
+    def apply_control(self, control_msg: Any) -> None:
+        self._set_shared_ctrl([control_msg.v_x])
+
+
+class _TranslatingRobot(ObeliskMujocoRobot):
+    """Passes a message of its own on as one that the simulator reads."""
+
+    def apply_control(self, control_msg: Any) -> bool:
+        return super().apply_control(PositionSetpoint(u_mujoco=[control_msg.v_x]))
+
+
+class _EndlessRobot(_VelocityRobot):
+    """Steps by itself and never reads `simulator_stop`, as existing simulators do."""
+
+    n_u = 1
+
+    def run_simulator(self) -> None:
+        while True:
+            with self.lock:
+                self.mj_data.ctrl[:] = self.shared_ctrl
+            mujoco.mj_step(self.mj_model, self.mj_data)
+            time.sleep(0.001)
+
+
+class _SteppingRobot(_VelocityRobot):
+    """Steps by itself."""
+
+    def run_simulator(self) -> None:
+        stop = self.simulator_stop
+        while not stop.wait(0.001):
+            self.mj_data.ctrl[:] = self.shared_ctrl
+            mujoco.mj_step(self.mj_model, self.mj_data)
+
+
+@pytest.mark.parametrize(
+    "robot", [_VelocityRobot, _TranslatingRobot, _SteppingRobot, _EndlessRobot]
+)
+def test_an_inheriting_robot_reads_control_messages_of_its_own(
+    robot: type[ObeliskMujocoRobot],
+) -> None:
+    with simulator(None, robot, VelocityCommand, sub_ctrl_setting="topic:/ctrl") as (node, _):
+        with pytest.raises(ObeliskError, match="only while it is configured"):
+            _ = node.mj_model
+        assert request(node, "configure")
+        assert request(node, "activate")
+        assert node.mj_model.nu == 1
+        eventually(lambda: node.mj_data.time > 0.0, "the first step")
+        assert list(node.shared_ctrl) == [0.5], "the control of the keyframe"
+        control = node.create_publisher(VelocityCommand, "/ctrl", 10)
+        eventually(lambda: control.get_subscription_count() == 1, "the subscription")
+        for number in (0.25, float("nan")):
+            control.publish(VelocityCommand(v_x=number))
+        eventually(lambda: node.mj_data.ctrl[0] == 0.25, "the control")
+        eventually(lambda: node.mj_data.time > 0.01, "steps")
+        assert list(node.shared_ctrl) == [0.25]
+        assert request(node, "deactivate")
 
 
 def test_a_run_starts_from_the_keyframe_with_its_control() -> None:
@@ -398,3 +465,10 @@ def test_the_module_runs_as_a_process() -> None:
         rclpy.shutdown()
         process.kill()
         process.communicate()
+
+
+def test_a_simulator_with_a_message_type_requires_its_control_subscription() -> None:
+    with spinning(lambda: ObeliskMujocoRobot("robot", PositionSetpoint)) as node:
+        assert not request(node, "configure")
+        assert node.last_fault is not None
+        assert "set the parameter `sub_ctrl_setting`" in node.last_fault.text

@@ -215,21 +215,23 @@ def _assert_rays(newest: dict[str, Any], model: mujoco.MjModel, data: mujoco.MjD
     site = data.site("imu")
     directions = layout.directions @ site.xmat.reshape(3, 3).T
     body = model.body("base").id
+    groups = np.array([1, 0, 0, 0, 0, 0], np.uint8)
     distances = np.array(
         [
-            mujoco.mj_ray(model, data, site.xpos, direction, None, 1, body, None)
+            mujoco.mj_ray(model, data, site.xpos, direction, groups, 1, body, None)
             for direction in directions
         ]
     )
     distances[distances < 0] = np.nan
-    assert np.isfinite(distances).any()
-    points = site.xpos + distances[:, None] * directions
+    is_hit = np.isfinite(distances)
+    assert is_hit.any()
     image, cloud = (
         np.frombuffer(newest[kind].data, np.float32) for kind in ("DepthImage", "PointCloud2")
     )
     for numbers in (newest["ObkScan"].data, image):
         _near(np.asarray(numbers), distances, tolerance=1e-6)
-    _near(cloud.reshape(-1, 3), points, tolerance=1e-6)
+    points = distances[is_hit, None] * layout.directions[is_hit]
+    _near(cloud.reshape(-1, 4)[:, :3], points, tolerance=1e-6)
 
 
 def _assert_rest(newest: dict[str, Any], data: mujoco.MjData) -> None:

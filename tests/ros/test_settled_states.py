@@ -1,14 +1,17 @@
 """What runs agrees with the state, whatever an override forgot, and whichever executor spins."""
 
+import multiprocessing
 import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from obelisk_control_msgs.msg import PositionSetpoint
 from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
@@ -361,3 +364,48 @@ def test_a_signal_brings_the_node_down_in_order(number: int, tmp_path: Path) -> 
         process.send_signal(number)
         assert process.stdout.read() == "clean\ndown\n"
     assert process.returncode == 0
+
+
+class OlderSimulator(ObeliskSimRobot):
+    """Steps for ever with the shared control, as simulators of the first two generations do."""
+
+    def __init__(self) -> None:
+        super().__init__("older", PositionSetpoint, **parameters(**CONTROL))
+        self.n_u = 2
+        self.seen: list[list[float]] = []
+        self.ends = 0
+
+    def apply_control(self, control_msg: Any) -> None:
+        self._set_shared_ctrl(control_msg.u_mujoco)
+
+    def run_simulator(self) -> None:
+        try:
+            while True:
+                with self.lock:
+                    ctrl = list(self.shared_ctrl)
+                if ctrl not in self.seen:
+                    self.seen.append(ctrl)
+                time.sleep(0.001)
+        finally:
+            self.ends += 1
+
+
+def test_an_existing_simulator_reads_the_shared_control_and_is_ended() -> None:
+    with spun(OlderSimulator) as node:
+        node.trigger_configure()
+        for rounds in (1, 2):
+            node.trigger_activate()
+            eventually(lambda: [0.0, 0.0] in node.seen, "the control before the first command")
+            node.obk_subscriptions["sub_ctrl"].callback(PositionSetpoint(u_mujoco=[1.0, rounds]))
+            eventually(lambda n=rounds: [1.0, n] in node.seen, "the command")
+            assert node.trigger_deactivate() == SUCCESS
+            assert node.ends == rounds
+        assert node.last_fault is None
+
+
+def test_a_simulator_may_bring_its_own_shared_control() -> None:
+    with spun(OlderSimulator) as node:
+        for own in (multiprocessing.Array("d", 2), np.zeros(2)):
+            node.shared_ctrl, node.lock = own, multiprocessing.Lock()
+            node._set_shared_ctrl(np.array([1.0, 2.0]))
+            assert list(node.shared_ctrl) == [1.0, 2.0]

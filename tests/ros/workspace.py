@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-__all__ = ["make_nodes", "make_workspace", "write_files"]
+__all__ = ["MANIFEST", "make_nodes", "make_workspace", "write_files"]
 
 MANIFEST = '<package format="3"><name>{}</name><version>0.1.0</version>{}</package>\n'
 MESSAGES = {

@@ -327,7 +327,7 @@ class ObeliskNode(RateMonitoredNode):
         )
         if self._is_required(component):
             raise ObeliskConfigError(f"the {component} has no settings: set {where}")
-        message = f"the {component} has no settings and is left out: {where} is not set"
+        message = f"the {component} has no settings and is left out; to use it, set {where}"
         if component.required is None:
             self.get_logger().warning(message)
         else:

@@ -1,7 +1,8 @@
 """Type variables over the Obelisk messages, for annotations and for checks at run time."""
 
-from typing import Any, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_args
 
+from lifecycle_msgs.msg import TransitionEvent
 from obelisk_control_msgs.msg import (
     ExecutionFSM,
     PDFeedForward,
@@ -20,8 +21,10 @@ from obelisk_sensor_msgs.msg import (
     TrueSimState,
 )
 from obelisk_std_msgs.msg import FloatMultiArray, UInt8MultiArray
+from rcl_interfaces.msg import Log, ParameterEvent
 
 __all__ = [
+    "ObeliskAllowedMsg",
     "ObeliskControlMsg",
     "ObeliskEstimatorMsg",
     "ObeliskMsg",
@@ -71,6 +74,20 @@ def is_in_bound(type_: type[Any], typevar: TypeVar) -> bool:
     Args:
         type_: the class, `type(msg)`.
         typevar: one of this module's variables.
+
+    Raises:
+        ValueError: the type variable has no bound.
     """
     bound = typevar.__bound__
+    if bound is None:
+        raise ValueError(f"the type variable {typevar} has no bound, expected one with `bound=`")
     return type_ in (get_args(bound) or (bound,))
+
+
+if TYPE_CHECKING:
+    Allowed: TypeAlias = Any
+else:
+    Allowed = ObeliskMsg.__bound__ | Log | ParameterEvent | TransitionEvent
+
+ObeliskAllowedMsg = TypeVar("ObeliskAllowedMsg", bound=Allowed)
+"""The Obelisk messages and those of rclpy's own nodes; kept for existing code."""

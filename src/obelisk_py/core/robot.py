@@ -10,7 +10,8 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from typing import Any, Final
 
 import numpy as np
@@ -276,6 +277,10 @@ class ObeliskSimRobot(ObeliskRobot):
     Registers, both optional, the timer `timer_true_sim_state` -> `publish_true_sim_state` and the
     publisher `pub_true_sim_state`. While the node is active, `run_simulator` runs in a thread of
     its own.
+
+    Existing simulators pass commands by `_set_shared_ctrl(ctrl)` to `run_simulator`, which reads
+    `shared_ctrl` under `lock` in an endless loop. Unless the class reads `simulator_stop`, the next
+    read of `lock` or `shared_ctrl` ends that loop with a `SystemExit` when it is to stop.
     """
 
     def __init__(
@@ -289,8 +294,11 @@ class ObeliskSimRobot(ObeliskRobot):
             kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, ctrl_msg_type, **kwargs)
-        self.simulator_stop = threading.Event()
-        """Set when `run_simulator` is to return."""
+        self._lock: Any = threading.RLock()
+        self._shared_ctrl: Any = []
+        self._stop = threading.Event()
+        self._knows_stop = False
+        """Whether the inheriting class has read `simulator_stop`."""
         self._simulator: threading.Thread | None = None
         self._is_stuck = False
         """Whether `run_simulator` did not return when it had to; that is waited for only once."""
@@ -307,12 +315,55 @@ class ObeliskSimRobot(ObeliskRobot):
             required=False,
         )
 
+    @property
+    def simulator_stop(self) -> threading.Event:
+        """Set when `run_simulator` is to return."""
+        self._knows_stop = True
+        return self._stop
+
     @abstractmethod
     def run_simulator(self) -> None:
         """Step the simulation until `simulator_stop` is set; what it raises fails the node.
 
         Each run has an event of its own: take `self.simulator_stop` once, when it starts.
         """
+
+    @property
+    def lock(self) -> Any:
+        """Held while `shared_ctrl` is read or written; kept for existing simulators."""
+        self._end_existing_simulator()
+        return self._lock
+
+    @lock.setter
+    def lock(self, lock: Any) -> None:
+        self._lock = lock
+
+    @property
+    def shared_ctrl(self) -> Any:
+        """The newest control, a list; kept for existing simulators.
+
+        Before the first command it has `n_u` zeros if the node has an attribute `n_u`.
+        """
+        self._end_existing_simulator()
+        return self._shared_ctrl
+
+    @shared_ctrl.setter
+    def shared_ctrl(self, shared_ctrl: Any) -> None:
+        self._shared_ctrl = shared_ctrl
+
+    def _set_shared_ctrl(self, ctrl: Iterable[float]) -> None:
+        """Replace the content of `shared_ctrl`; kept for existing simulators."""
+        with self._lock:
+            self._shared_ctrl[:] = [float(value) for value in ctrl]
+
+    def _end_existing_simulator(self) -> None:
+        # Existing simulators step for ever, because they ran in a process that was terminated.
+        if (
+            self._stop.is_set()
+            and not self._knows_stop
+            and threading.current_thread() is self._simulator
+        ):
+            raise SystemExit
 
     def publish_true_sim_state(self) -> TrueSimState:
         """Publish the simulator's own state on `pub_true_sim_state`, and return it.
@@ -336,15 +387,19 @@ class ObeliskSimRobot(ObeliskRobot):
     def _start(self) -> None:
         super()._start()
         if self._simulator is None:
+            if len(self._shared_ctrl) == 0:
+                # Not by `_set_shared_ctrl`: an inheriting class may take that for a command.
+                self._shared_ctrl[:] = [0.0] * (getattr(self, "n_u", None) or 0)
             # A new event for each run, so that an old thread cannot run again.
-            self.simulator_stop = threading.Event()
+            self._stop = threading.Event()
             self._simulator = threading.Thread(
-                target=self._simulate, args=[self.simulator_stop], name="simulator", daemon=True
+                target=self._simulate, args=[self._stop], name="simulator", daemon=True
             )
             self._simulator.start()
 
     def _simulate(self, stop: threading.Event) -> None:
-        self.guarded(self.run_simulator)()
+        with suppress(SystemExit):
+            self.guarded(self.run_simulator)()
         if not (stop.is_set() or self.is_failing()):
             self.get_logger().warning(
                 "run_simulator has returned although simulator_stop is not set: it steps no more"
@@ -355,7 +410,7 @@ class ObeliskSimRobot(ObeliskRobot):
         super()._hold(state)
 
     def _stop_simulator(self) -> None:
-        self.simulator_stop.set()
+        self._stop.set()
         if self._simulator is None:
             return
         self._simulator.join(0 if self._is_stuck else LONGEST_STOP_S)

@@ -1,17 +1,20 @@
-"""OBK405 to OBK410, OBK412: what a node's Python source says against what the config says of it."""
+"""OBK405 to OBK410, OBK412, OBK420 to OBK425: a node's Python source against its config."""
 
 from collections.abc import Iterator, Sequence
 from difflib import SequenceMatcher
 
+from obelisk_spec.components import component_identity, component_spellings
 from obelisk_spec.names import resolve_msg_type
 from obelisk_spec.runtime_protocol import USE_SIM_TIME
-from obelisk_spec.suggestions import ask_for, did_you_mean, list_names, near_names, with_article
+from obelisk_spec.suggestions import ask_for, list_names, near_names, there_is, with_article
 from obk_cli.check.context import CheckContext
 from obk_cli.config.environment import (
     CodeComponent,
     CodeFault,
     CodeParameter,
+    KeyUse,
     NodeFacts,
+    SourceFaults,
     kind_of_value,
 )
 from obk_cli.config.fixes import append_to
@@ -29,22 +32,34 @@ _SETTINGS = "obelisk_settings"
 
 def check_code(context: CheckContext) -> Iterator[Diagnostic]:
     """Every node whose source can be read, against it."""
-    told: set[tuple[str, str]] = set()
+    read: set[tuple[str, str]] = set()
+    seen: set[tuple[str, str]] = set()
     for node in context.stack.nodes:
         if node.pkg is None or node.executable is None:
             continue
         command = (node.pkg.value, node.executable.value)
         code = context.environment.read_node_code(*command)
-        if isinstance(code, CodeFault | NodeFacts) and command not in told:
-            told.add(command)
-            yield from _check_source(code, node.executable)
+        if code is None:
+            continue
+        if not isinstance(code, SourceFaults) and command not in read:
+            read.add(command)
+            yield from _check_class(code, node.executable)
+        findings = () if isinstance(code, CodeFault) else code.findings
         if isinstance(code, NodeFacts):
             yield from _check_components(node, node.executable, code)
             yield from _check_parameters(node, code)
+            findings += tuple(_check_keys(node, code))
+        for finding in findings:
+            # Two nodes may import one module. A path of the node's own may lead to any package.
+            cause = (finding.code, finding.message)
+            is_elsewhere = finding.code == "OBK421" and "PYTHONPATH" in dict(node.env)
+            if cause not in seen and not is_elsewhere:
+                seen.add(cause)
+                yield finding
 
 
-def _check_source(code: NodeFacts | CodeFault, executable: Spanned[str]) -> Iterator[Diagnostic]:
-    """What is wrong whatever the config says; told once for an executable."""
+def _check_class(code: NodeFacts | CodeFault, executable: Spanned[str]) -> Iterator[Diagnostic]:
+    """Why no node can be made of it; reported once for an executable."""
     if isinstance(code, CodeFault):
         related = (Related(message="in the source", span=code.span),) if code.span else ()
         yield found(
@@ -76,8 +91,11 @@ def _check_components(
     node: Node, executable: Spanned[str], code: NodeFacts
 ) -> Iterator[Diagnostic]:
     matched, only_config, only_code = _matched(node, code)
+    has_settings = any(p.name == _SETTINGS for p in node.params)
     for component, registered in matched:
         yield from _check_type(component, registered, code)
+        if not has_settings:
+            yield from _check_has_type(component, registered, code)
     if not code.knows_components:
         only_config = []
     for component in only_config:
@@ -85,7 +103,7 @@ def _check_components(
         if meant is not None:
             only_code.remove(meant)
         yield _not_registered(component, meant, code)
-    if any(p.name == _SETTINGS for p in node.params):
+    if has_settings:
         return
     nameless = {c.kind for c in node.components if c.identity is None}
     for registered in only_code:
@@ -161,11 +179,14 @@ def _not_configured(
     rest = "timer_period_sec: ..." if registered.kind == "timer" else "topic: ..."
     line = f"{{{': '.join(registered.written)}, {rest}}}"
     if registered.is_required:
+        # The third generation goes on without it; only its configs write keys alone.
+        goes_on = registered.has_typed_base and not any(c.ros_parameter for c in node.components)
         yield found(
             "OBK405",
             f"class `{code.class_name}` registers the {registered.kind} `{registered.name}`, "
             f"which `{node.node_name}` does not configure",
             executable.span,
+            severity="warning" if goes_on else None,
             help=f"add `{line}` to its `{registered.kind}s`",
             related=(Related(message="in the code", span=registered.span),),
         )
@@ -198,6 +219,55 @@ def _check_type(
             help=f"write `{_shortest(registered.msg_type)}`, or leave `msg_type` out",
             related=(Related(message="in the code", span=registered.span),),
         )
+
+
+def _check_has_type(
+    component: Component, registered: CodeComponent, code: NodeFacts
+) -> Iterator[Diagnostic]:
+    if component.kind == "timer" or component.msg_type or component.tree.get("msg_type"):
+        return
+    if registered.has_type or registered.has_default:
+        return
+    yield found(
+        "OBK425",
+        f"{component.kind} `{component.identity}` has no `msg_type`, neither here nor in class "
+        f"`{code.class_name}`",
+        component.name.span if component.name else component.span,
+        help="add `msg_type: ...`",
+        related=(Related(message="in the code", span=registered.span),),
+    )
+
+
+def _check_keys(node: Node, code: NodeFacts) -> Iterator[Diagnostic]:
+    """Keys that no component of the node has; silent if one may have any name."""
+    if not code.knows_components or any(p.name == _SETTINGS for p in node.params):
+        return
+    # A component of the config that no code registers is a finding of its own.
+    in_config = {
+        (c.kind, spelling)
+        for c in node.components
+        for name in (c.ros_parameter, c.key)
+        if name
+        for spelling in component_spellings(name.value)
+    }
+    for use in code.key_uses:
+        known = [c for c in code.components if c.kind == use.kind]
+        is_known = any(use.key in c.names for c in known) or (use.kind, use.key) in in_config
+        if not is_known:
+            yield _unknown_key(use, code, [component_identity(c.key or c.name) for c in known])
+
+
+def _unknown_key(use: KeyUse, code: NodeFacts, known: Sequence[str]) -> Diagnostic:
+    other = next((c.kind for c in code.components if use.key in c.names), None)
+    near = ask_for(near_names(use.key, known))
+    registers = f"it registers {list_names(known)}" if known else f"it registers no {use.kind}"
+    return found(
+        "OBK423",
+        f"class `{code.class_name}` registers no {use.kind} `{use.key}`",
+        use.span,
+        help=f"the code registers it as a {other}" if other else near or registers,
+        related=(Related(message="the class", span=code.span),),
+    )
 
 
 def _shortest(msg_type: str) -> str:
@@ -249,10 +319,12 @@ def _undeclared(parameter: Parameter, code: NodeFacts) -> Diagnostic:
         for declared in code.parameters
         if declared.name not in settings and declared.name not in ("params_path", _SETTINGS)
     ]
+    near = ask_for(near_names(parameter.name, own))
     return found(
         "OBK409",
         f"class `{code.class_name}` declares no parameter `{parameter.name}`",
         parameter.key_span or parameter.span,
-        help=did_you_mean(parameter.name, own) or "it declares none of its own",
+        severity="warning" if near else "info",
+        help=near or there_is(own) or "it declares none of its own",
         related=(Related(message="the class", span=code.span),),
     )

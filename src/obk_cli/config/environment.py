@@ -11,6 +11,7 @@ from obelisk_spec.components import SETTING_SUFFIX, component_identity, componen
 from obelisk_spec.model import ModelFacts
 from obelisk_spec.suggestions import list_names
 from obk_cli.config.model import Component, ComponentKind
+from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import Span
 
 __all__ = [
@@ -22,10 +23,13 @@ __all__ = [
     "ControlLength",
     "Environment",
     "ExecutableMissing",
+    "KeyUse",
     "MissingMethod",
     "ModelFault",
     "ModelRead",
+    "NodeCode",
     "NodeFacts",
+    "SourceFaults",
     "kind_of_value",
 ]
 
@@ -113,7 +117,7 @@ class Environment(Protocol):
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         """How an executable is started."""
 
-    def read_node_code(self, package: str, executable: str) -> "NodeFacts | CodeFault | None":
+    def read_node_code(self, package: str, executable: str) -> "NodeCode | None":
         """What the Python source of an executable says, None where that cannot be known."""
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
@@ -138,6 +142,8 @@ class CodeComponent:
     key: str | None
     msg_type: str | None
     """Full, None where the config decides or the code computes it."""
+    has_type: bool
+    """Whether the code gives a message type, or may give one that is computed."""
     is_required: bool
     """Whether configure fails without settings; False too where that is not known."""
     is_optional: bool
@@ -148,6 +154,8 @@ class CodeComponent:
     """Whether both names are known; else the config may use one that is computed."""
     is_of_library: bool
     """Whether a base class of the run-time library registers it."""
+    has_typed_base: bool = False
+    """Whether that base class received message types, as since the second API generation."""
     span: Span
     """The line of the call."""
 
@@ -211,6 +219,16 @@ class ControlLength:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class KeyUse:
+    """A component that a method looks up: `self.obk_publishers["pub_ctrl"]`."""
+
+    kind: ComponentKind
+    key: str
+    span: Span
+    """The key."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class NodeFacts:
     """The class that an executable spins."""
 
@@ -226,6 +244,9 @@ class NodeFacts:
     """Whether `parameters` is all there can be."""
     missing_methods: tuple[MissingMethod, ...] = ()
     control_lengths: tuple[ControlLength, ...] = ()
+    key_uses: tuple[KeyUse, ...] = ()
+    findings: tuple[Diagnostic, ...] = ()
+    """What is wrong in the source whatever the config contains."""
     can_damp: bool | None = None
     """Whether a robot implements `apply_damping`; None for other nodes, or if unknown."""
 
@@ -246,3 +267,14 @@ class CodeFault:
     """The file, for the sentence."""
     span: Span | None = None
     help: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceFaults:
+    """Source whose node class is unknown, and what is wrong in it."""
+
+    findings: tuple[Diagnostic, ...]
+
+
+NodeCode = NodeFacts | CodeFault | SourceFaults
+"""What reading the source of an executable can give."""

@@ -31,6 +31,7 @@ __all__ = [
     "joystick_ends",
     "may_be_one",
     "node_ends",
+    "publisher_of_timer",
     "sending_period_s",
     "stack_ends",
     "timers_of",
@@ -184,6 +185,11 @@ def sending_period_s(
     if component.kind != "publisher":
         return None
     return timers.get(f"timer_{(component.identity or '').removeprefix('pub_')}")
+
+
+def publisher_of_timer(timer: str) -> str:
+    """Return the identity of the publisher that sends once in each period of a timer."""
+    return f"pub_{timer.removeprefix('timer_')}"
 
 
 def _component_type(component: Component) -> str | None:

@@ -12,13 +12,12 @@ from pathlib import Path
 from obelisk_spec.suggestions import did_you_mean, list_names
 from obk_cli.compiler import Options, Outcome, compile_source
 from obk_cli.config.environment import (
-    CodeFault,
     Command,
     Environment,
     ExecutableMissing,
     ModelFault,
     ModelRead,
-    NodeFacts,
+    NodeCode,
 )
 from obk_cli.config.model import ONE_DEVICE, Node, Stack
 from obk_cli.config.tree import Tree, TreeMap, plain_value
@@ -74,7 +73,7 @@ class PlannedEnvironment:
             return Command(arguments=(), found_in="what is being made")
         return self.current.find_executable(package, executable)
 
-    def read_node_code(self, package: str, executable: str) -> NodeFacts | CodeFault | None:
+    def read_node_code(self, package: str, executable: str) -> NodeCode | None:
         """What the Python source of an executable says."""
         if (package, executable) == (self.package, self.executable):
             return None

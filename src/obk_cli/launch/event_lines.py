@@ -19,6 +19,7 @@ from obk_cli.launch.events import (
     RateBroken,
     RateKept,
     RateMoved,
+    RatesUnreported,
     Restarted,
     Restarting,
     StackStateChanged,
@@ -109,6 +110,8 @@ class LaunchReport:
                 yield self._after_a_crash(event)
             case RateBroken() | RateKept() | RateMoved():
                 yield from self._rate(event)
+            case RatesUnreported():
+                yield self._paint(_YELLOW, f"  {short_name(event.node)}: {plain(event.how)}")
             case VideoReported():
                 return  # shown at the end of the run
             case _:

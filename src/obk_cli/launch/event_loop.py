@@ -46,6 +46,9 @@ class Lifecycle(Protocol):
     def request(self, node: str, transition: str) -> None:
         """Request a transition of a node; `Answered` follows."""
 
+    def publishes_diagnostics(self, node: str) -> bool:
+        """Whether a node publishes `/diagnostics`, so that it reports the rates that it has."""
+
     def ask_state(self, node: str) -> None:
         """Ask a node for its state; `StateAnswered` follows."""
 

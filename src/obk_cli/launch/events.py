@@ -36,6 +36,7 @@ __all__ = [
     "RateKept",
     "RateMoved",
     "RatesReported",
+    "RatesUnreported",
     "Ready",
     "Restarted",
     "Restarting",
@@ -163,6 +164,8 @@ class RatesReported:
 
     node: str
     rates: tuple[Rate, ...]
+    is_external: bool = False
+    """Whether the launcher measured them on the node's topics."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -303,6 +306,27 @@ class RateBroken:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RatesUnreported:
+    """An active node does not report its rates, as nodes in C++ do not.
+
+    The launcher measures those that a topic shows.
+    """
+
+    node: str
+    measured: tuple[str, ...]
+    """Names of the rates that are measured on topics."""
+    unknown: tuple[str, ...]
+    """Names of the others."""
+
+    @property
+    def how(self) -> str:
+        """What is not known, as a sentence."""
+        unknown = f"; not measured: {', '.join(self.unknown)}" if self.unknown else ""
+        measured = f"; measured on its topics: {', '.join(self.measured)}" if self.measured else ""
+        return f"it does not report its rates{measured}{unknown}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RateKept:
     """A rate that was broken is as expected again."""
 
@@ -361,6 +385,7 @@ OutputEvent = (
     | Restarted
     | GoesOnWithout
     | RateBroken
+    | RatesUnreported
     | RateKept
     | RateMoved
     | WaitingFor

@@ -4,12 +4,19 @@ In: reports of nodes, a second apart, and the time. Out: events, one when a rate
 it is as expected again, and in between when it has moved.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Final
 
 from obelisk_spec.runtime_protocol import Rate
-from obk_cli.launch.events import OutputEvent, RateBroken, RateKept, RateMoved, RatesReported
+from obk_cli.launch.events import (
+    OutputEvent,
+    RateBroken,
+    RateKept,
+    RateMoved,
+    RatesReported,
+    RatesUnreported,
+)
 from obk_cli.launch.stack_state import StackState
 from obk_cli.runs.lifecycle import ACTIVE
 
@@ -24,10 +31,15 @@ MOVED: Final = 0.05
 class RateWatch:
     """Follows the rates of the nodes that run here."""
 
-    def __init__(self, state: StackState) -> None:
+    def __init__(self, state: StackState, publishes_diagnostics: Callable[[str], bool]) -> None:
         self._state = state
+        self._publishes_diagnostics = publishes_diagnostics
         self._received: dict[str, float] = {}
         """When each active node reported last [s]."""
+        self._waiting_since: dict[str, float] = {}
+        """Since when an active node has owed its first report [s]."""
+        self._unreported: set[str] = set()
+        """Active nodes that do not report themselves."""
         self._published: dict[tuple[str, str], Rate] = {}
         """By node and name, the last published rates that are not as expected."""
         self._by_silence: set[tuple[str, str]] = set()
@@ -38,13 +50,18 @@ class RateWatch:
         node = report.node
         if self._state.states.get(node) != ACTIVE:
             return
+        if not report.is_external:
+            self._unreported.discard(node)
+        elif node not in self._unreported:
+            return  # it reports itself by now
         self._received[node] = now
         self._state.rates[node] = report.rates
         for rate in report.rates:
             yield from self._changes(node, rate)
 
     def silence(self, now: float) -> Iterator[OutputEvent]:
-        """The news of active nodes that have stopped reporting."""
+        """The news of active nodes that have stopped reporting, or never began."""
+        yield from self._unreported_rates(now)
         for node, received in list(self._received.items()):
             if self._state.states.get(node) != ACTIVE:
                 self._forget(node)
@@ -58,6 +75,31 @@ class RateWatch:
                 self._state.rates[node] = silent
                 for rate in silent:
                     yield from self._changes(node, rate, now - received)
+
+    def _unreported_rates(self, now: float) -> Iterator[RatesUnreported]:
+        state = self._state
+        for node, process in state.nodes.items():
+            is_expected = process.promises and state.states.get(node) == ACTIVE
+            if not is_expected or node in self._received or not state.is_local(node):
+                self._waiting_since.pop(node, None)
+                if not is_expected:
+                    self._unreported.discard(node)
+            elif node in state.hung or node in state.in_transition:
+                self._waiting_since[node] = now
+            elif (
+                now - self._waiting_since.setdefault(node, now) > SILENT_S
+                and node not in self._unreported
+            ):
+                if self._publishes_diagnostics(node):
+                    # Its report is late, or it has no rates, as a simulator without a fixed pace.
+                    self._waiting_since[node] = now
+                    continue
+                self._unreported.add(node)
+                yield RatesUnreported(
+                    node=node,
+                    measured=tuple(p.name for p in process.promises if p.topic),
+                    unknown=tuple(p.name for p in process.promises if not p.topic),
+                )
 
     def _changes(self, node: str, rate: Rate, silent_s: float = 0.0) -> Iterator[OutputEvent]:
         key = (node, rate.name)

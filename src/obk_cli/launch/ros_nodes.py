@@ -104,6 +104,11 @@ class RosNodes(LifecycleClient):
 
         self._clients.change_state(node, transition).add_done_callback(answer)
 
+    def publishes_diagnostics(self, node: str) -> bool:
+        """Whether a node publishes `/diagnostics`, so that it reports the rates that it has."""
+        ends = self.participant().topic(DIAGNOSTICS_TOPIC).publishers
+        return any(end.node == node for end in ends)
+
     def ask_state(self, node: str) -> None:
         """Ask a node for its state; `StateAnswered` follows unless the node is gone or hangs."""
 

@@ -41,6 +41,7 @@ from obk_cli.launch.events import (
     StackStateChanged,
     StopRequested,
 )
+from obk_cli.launch.external_rates import ExternalRates
 from obk_cli.launch.options import LaunchOptions
 from obk_cli.launch.process_groups import Unit, units_of
 from obk_cli.launch.processes import NodeCommand, ProcessEvent, WardenProcesses
@@ -116,6 +117,8 @@ def run_plan(
         stack.enter_context(watching_types(plan, ros.graph, output.note))
         state_node = StateNode(ros, plan.name, inbox.put, output.note) if share.leads else None
         _serve_others(lock.folder, ros, inbox, output, stack)
+        local = [node for unit in units for node in unit.nodes]
+        external = stack.enter_context(ExternalRates(ros.participant(), local, inbox.put))
         supervisor = Supervisor(
             plan,
             units=units,
@@ -123,7 +126,7 @@ def run_plan(
             lifecycle=ros,
             inbox=inbox,
             clock=monotonic_s,
-            publish=_events(recorder, videos, state_node, output).publish,
+            publish=_events(recorder, videos, external, state_node, output).publish,
             limits=options.limits,
             on_crash=options.on_crash,
             strict_rates=options.strict_rates,
@@ -151,7 +154,11 @@ def _lines(output: Output, recorder: Recorder) -> EventBus[OutputLine]:
 
 
 def _events(
-    recorder: Recorder, videos: VideoReports, state_node: StateNode | None, output: Output
+    recorder: Recorder,
+    videos: VideoReports,
+    external: ExternalRates,
+    state_node: StateNode | None,
+    output: Output,
 ) -> EventBus[OutputEvent]:
     """What the supervisor publishes.
 
@@ -160,6 +167,7 @@ def _events(
     bus = EventBus[OutputEvent]()
     bus.subscribe(recorder.on_event)
     bus.subscribe(videos.on_event)
+    bus.subscribe(external.on_event)
     if state_node is not None:
         bus.subscribe(_shown_by(state_node))
     bus.subscribe(output.event)

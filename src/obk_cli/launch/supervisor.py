@@ -24,6 +24,7 @@ from obk_cli.launch.events import (
     ProcessStarted,
     RateBroken,
     RatesReported,
+    RatesUnreported,
     Ready,
     StateAnswered,
     StateSeen,
@@ -121,7 +122,7 @@ class Supervisor:
         self._control = ProcessControl(self._context)
         self._runner = TransitionRunner(self._context, self._control)
         self._restarts = RestartPolicy(self._context, self._control, self._runner)
-        self._rates = RateWatch(state)
+        self._rates = RateWatch(state, lifecycle.publishes_diagnostics)
         self._strict_rates = strict_rates
         self._changes: deque[ChangeRequested] = deque()
         """Changes that wait to be made."""
@@ -389,7 +390,11 @@ class Supervisor:
         """Publish news of rates; if rates are strict, one that is broken ends the run."""
         for event in events if not self._run.is_going_down else ():
             self._context.publisher.publish(event)
-            if self._strict_rates and isinstance(event, RateBroken):
+            if not self._strict_rates:
+                continue
+            if isinstance(event, RateBroken) or (
+                isinstance(event, RatesUnreported) and event.unknown
+            ):
                 self._run.fail(f"{event.node}: {event.how}", event.node)
 
     # --- input events ---

@@ -26,9 +26,17 @@ from obk_cli.config.model import (
     Joystick,
     Node,
     Sim,
+    Spanned,
     Stack,
 )
-from obk_cli.config.topology import Direction, TopicEnd, absolute_topic, joystick_ends, node_ends
+from obk_cli.config.topology import (
+    Direction,
+    TopicEnd,
+    absolute_topic,
+    joystick_ends,
+    node_ends,
+    publisher_of_timer,
+)
 from obk_cli.config.tree import plain_value
 from obk_cli.diagnostics.source import Span
 from obk_cli.plan.plan import Endpoint, OnCrash, Origin, Plan, PlannedSensorGroup, Process, Promise
@@ -77,19 +85,27 @@ def _lower_node(node: Node) -> Process:
         subscribes=_endpoints(ends, "subscribes"),
         model=next(models, None) if node.runs_simulation else None,
         sensor_groups=tuple(_sensor_groups(node)) if node.runs_simulation else (),
-        promises=tuple(_promises(node)),
+        promises=tuple(_promises(node, ends)),
         on_crash=_on_crash(node),
     )
 
 
-def _promises(node: Node) -> Iterator[Promise]:
-    periods = [(c.identity, c.timer_period_s) for c in node.components if c.kind == "timer"]
+def _promises(node: Node, ends: tuple[TopicEnd, ...]) -> Iterator[Promise]:
+    sent = {end.component: end.topic for end in ends if end.direction == "publishes"}
+    for timer in (c for c in node.components if c.kind == "timer"):
+        if timer.identity and timer.timer_period_s is not None:
+            topic = sent.get(publisher_of_timer(timer.identity))
+            yield _promise(timer.identity, timer.timer_period_s, topic)
     if node.runs_simulation:
-        groups = (group for sim in node.sims for group in sim.sensor_groups)
-        periods += [(absolute_topic(group.topic.value, node), group.period_s) for group in groups]
-    for name, period in periods:
-        if name and period is not None:
-            yield Promise(name=name, period_s=period.value, origin=_origin(period.span))
+        for group in (group for sim in node.sims for group in sim.sensor_groups):
+            topic = absolute_topic(group.topic.value, node)
+            if topic and group.period_s is not None:
+                yield _promise(topic, group.period_s, topic)
+
+
+def _promise(name: str, period: Spanned[float], topic: str | None) -> Promise:
+    origin = _origin(period.span)
+    return Promise(name=name, period_s=period.value, origin=origin, topic=topic)
 
 
 def _on_crash(node: Node) -> OnCrash | None:
@@ -192,7 +208,10 @@ def _setting(component: Component) -> Mapping[str, object]:
 
 def _own_setting(component: Component) -> Mapping[str, object]:
     """A component's entry without the name of the ROS parameter that carries it."""
-    return {key: value for key, value in _setting(component).items() if key != "ros_parameter"}
+    own = {key: value for key, value in _setting(component).items() if key != "ros_parameter"}
+    depth = own.get("history_depth")
+    # Existing nodes convert its text with `int`, which rejects `10.0`.
+    return {**own, "history_depth": int(depth)} if isinstance(depth, float) else own
 
 
 def _callback_groups(node: Node) -> Mapping[str, object]:

@@ -74,6 +74,8 @@ class Promise:
     """Of a sensor group in simulation time [s]."""
     origin: Origin
     """The place of the period."""
+    topic: str | None = None
+    """On which the node publishes once in each period; None: no topic shows this rate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

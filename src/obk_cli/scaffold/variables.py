@@ -187,7 +187,7 @@ def _import_variables(answers: Answers) -> dict[str, object]:
     if answers.kind == "sensor":
         node = tuple(name for name in node if name[0] != _LIFECYCLE)
     own = (f"{answers.package}.{answers.node}", answers.class_name)
-    test = import_block((*messages, (_LIFECYCLE, "TransitionCallbackReturn")))
+    test = import_block((*messages, ("obelisk_py.core.utils.ros", "run_transitions")))
     return {
         "node_imports": import_block(node),
         "test_imports": f"import pytest\nimport rclpy\n{test}\n\n{import_block([own])}",

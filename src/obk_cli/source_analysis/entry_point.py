@@ -5,9 +5,17 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.config.environment import CodeFault, ControlLength, NodeFacts
+from obk_cli.config.environment import CodeFault, NodeCode, NodeFacts, SourceFaults
+from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import Span
-from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage, lineage_of
+from obk_cli.source_analysis.class_hierarchy import ClassSource, Lineage, lineage_of
+from obk_cli.source_analysis.component_use import control_lengths, key_uses
+from obk_cli.source_analysis.imports import (
+    EntryFunction,
+    ImportPlaces,
+    check_imports,
+    imported_modules,
+)
 from obk_cli.source_analysis.modules import (
     Definition,
     LoadModule,
@@ -15,47 +23,17 @@ from obk_cli.source_analysis.modules import (
     ModuleLibrary,
     UnreadableSourceError,
     dotted_name,
-    message_type,
     span_of,
-    value_of,
 )
 from obk_cli.source_analysis.registrations import registrations_of
+from obk_cli.source_analysis.undefined_names import (
+    check_base_constructor,
+    check_callbacks,
+    check_names,
+    what_import_runs,
+)
 
 __all__ = ["read_node_code"]
-
-_FIELDS = ("u_mujoco", "u")
-_PACKAGE = "obelisk_control_msgs/"
-
-
-def control_lengths(lineage: Lineage, library: ModuleLibrary) -> Iterator[ControlLength]:
-    """Every `message.u_mujoco = [...]` with a list of known length."""
-    for source in lineage.classes:
-        if not source.is_of_library:
-            for method in source.methods():
-                yield from _in_method(method, source, library)
-
-
-def _in_method(
-    method: Function, source: ClassSource, library: ModuleLibrary
-) -> Iterator[ControlLength]:
-    messages: set[str] = set()
-    for node in ast.walk(method):
-        match node:
-            case ast.Assign(targets=[ast.Name(id=name)], value=ast.Call(func=made)):
-                made_type = message_type(value_of(made, source.module, library, {})) or ""
-                if made_type.startswith(_PACKAGE):
-                    messages.add(name)
-    for node in ast.walk(method):
-        match node:
-            case ast.Assign(
-                targets=[ast.Attribute(value=ast.Name(id=name), attr=field)],
-                value=ast.List(elts=values) | ast.Tuple(elts=values),
-            ) if field in _FIELDS and name in messages:
-                # An empty list is filled by what follows.
-                if values and not any(isinstance(value, ast.Starred) for value in values):
-                    span = span_of(node, source.module.source)
-                    yield ControlLength(field=field, length=len(values), span=span)
-
 
 _SPIN = "spin_obelisk"
 
@@ -71,41 +49,76 @@ class _Spun:
 
 
 def read_node_code(
-    module: str, function: str | None, load: LoadModule
-) -> NodeFacts | CodeFault | None:
+    module: str,
+    function: str | None,
+    load: LoadModule,
+    places: ImportPlaces | None = None,
+) -> NodeCode | None:
     """What the source behind an entry point says; None where it cannot be known from reading.
 
     Args:
         module: dotted name of the module.
         function: what the entry point calls; None for a module that is run as a program.
         load: gives modules by their dotted names.
+        places: where imported modules are looked for; None: imports are not checked.
     """
     library = ModuleLibrary(load)
     try:
         entry = library.module(module)
-        return None if entry is None else _read(entry, function, library)
+        return None if entry is None else _read(entry, function, library, places)
     except UnreadableSourceError as error:
         return CodeFault(
             message=f"is not Python: {error.message}", place=error.span.path, span=error.span
         )
+    except RecursionError:
+        return None  # an expression of thousands of terms
 
 
 def _read(
-    entry: Module, function: str | None, library: ModuleLibrary
-) -> NodeFacts | CodeFault | None:
-    if function is None:
-        spun = list(_spun_in(entry.tree.body, entry))
-    else:
+    entry: Module, function: str | None, library: ModuleLibrary, places: ImportPlaces | None
+) -> NodeCode | None:
+    runs, module = entry.tree.body, entry
+    if function is not None:
         if function not in entry.names and not entry.has_more_names:
             return _no_function(entry, function)
         definition = library.definition(f"{entry.name}.{function}")
-        if definition is None or isinstance(definition.node, ast.expr | ast.ClassDef):
-            return None
-        spun = list(_spun_in(definition.node.body, definition.module))
-    if len(spun) != 1:
-        return None
-    found = _class_of(spun[0], library)
-    return None if found is None else _node_code(found, library, spun[0].has_arguments)
+        match definition.node if definition else None:
+            case ast.FunctionDef(body=body) | ast.AsyncFunctionDef(body=body) if definition:
+                runs, module = body, definition.module
+            case _:
+                runs = []
+    spun = list(_spun_in(runs, module))
+    found = _class_of(spun[0], library) if len(spun) == 1 else None
+    lineage = lineage_of(found, library) if found else None
+    faults = tuple(_faults_of_modules(entry, (module, runs), lineage, library, places))
+    code = _node_code(lineage, library, spun[0].has_arguments, faults) if lineage else None
+    return code or (SourceFaults(findings=faults) if faults else None)
+
+
+def _faults_of_modules(
+    entry: Module,
+    function: EntryFunction,
+    lineage: Lineage | None,
+    library: ModuleLibrary,
+    places: ImportPlaces | None,
+) -> Iterator[Diagnostic]:
+    """Imports that fail and names that are not defined, wherever the node's start leads."""
+    modules: tuple[Module, ...] = (entry,)
+    failing: tuple[Diagnostic, ...] = ()
+    if places is not None:
+        modules = imported_modules(entry, function, library, places)
+        failing = tuple(check_imports(modules, function, library, places))
+        yield from failing
+    sources = lineage.classes if lineage else ()
+    for module in dict.fromkeys((*modules, *(s.module for s in sources if not s.is_of_library))):
+        starts = function[1] if function[0] is module else ()
+        reported = [f.span.text for f in failing if f.span.source is module.source]
+        certain = tuple(check_names(module, (*what_import_runs(module), *starts), reported))
+        yield from certain
+        # A branch of a method may never run.
+        methods = (m for s in sources if s.module is module for m in s.methods())
+        reported += [finding.span.text for finding in certain]
+        yield from check_names(module, methods, reported, "warning")
 
 
 def _no_function(entry: Module, function: str) -> CodeFault:
@@ -144,12 +157,14 @@ def _class_of(spun: _Spun, library: ModuleLibrary) -> ClassSource | None:
 
 
 def _node_code(
-    source: ClassSource, library: ModuleLibrary, has_arguments: bool
+    lineage: Lineage, library: ModuleLibrary, has_arguments: bool, faults: tuple[Diagnostic, ...]
 ) -> NodeFacts | None:
-    lineage = lineage_of(source, library)
     if not lineage.is_node:
         return None
+    source = lineage.classes[0]
     found = registrations_of(lineage, library, has_arguments=has_arguments)
+    without_base = check_base_constructor(*found.without_base) if found.without_base else ()
+    callbacks = check_callbacks(found.callbacks.values(), lineage, library)
     return NodeFacts(
         class_name=source.node.name,
         span=span_of(source.node, source.module.source),
@@ -159,5 +174,7 @@ def _node_code(
         knows_parameters=found.knows_parameters,
         missing_methods=tuple(lineage.missing_methods()),
         control_lengths=tuple(control_lengths(lineage, library)),
+        key_uses=tuple(key_uses(lineage, library)),
+        findings=(*faults, *without_base, *callbacks),
         can_damp=lineage.can_damp,
     )

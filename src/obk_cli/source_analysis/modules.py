@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from typing import Final
 
 from obk_cli.diagnostics.source import SourceFile, Span
@@ -28,12 +29,19 @@ __all__ = [
     "Value",
     "at_top_level",
     "dotted_name",
+    "import_origin",
     "message_type",
     "parse_module",
     "span_of",
+    "stored_names",
     "value_of",
+    "words_in",
 ]
 
+_BIND_UNSEEN = ("exec", "globals", "locals", "vars", "modules", "builtins", "__getattr__")
+"""Names whose use can bind other names of a module."""
+_TYPE_PARAMETERS = ("TypeVar", "ParamSpec", "TypeVarTuple")
+"""Syntax of Python 3.12, `class Filter[T]`."""
 _LONGEST_CHAIN = 20
 """Imports that are followed for one name."""
 
@@ -58,16 +66,25 @@ Binding = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef | ast.expr | Imp
 """What a name of a module stands for; None where it is bound more than once."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Module:
     """One module."""
 
     name: str
     source: SourceFile
     tree: ast.Module
+    is_package: bool
+    """Whether it is the `__init__` of a package."""
     names: Mapping[str, Binding]
     has_more_names: bool
     """Whether `import *` or `__getattr__` brings names that cannot be seen."""
+
+    @cached_property
+    def bound_names(self) -> frozenset[str] | None:
+        """Every name that is bound in any scope; None if some cannot be seen."""
+        if self.has_more_names or words_in(self.tree) & {*_BIND_UNSEEN}:
+            return None
+        return frozenset(stored_names(self.tree))
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +165,7 @@ def dotted_name(expression: ast.expr, module: Module) -> str | None:
     return ".".join((head, *reversed(parts)))
 
 
-def span_of(node: ast.expr | ast.stmt, source: SourceFile) -> Span:
+def span_of(node: ast.expr | ast.stmt | ast.alias, source: SourceFile) -> Span:
     """The first line of a piece of syntax; AST columns are bytes, ours are characters."""
     line = source.line(node.lineno)
     start = len(line.encode()[: node.col_offset].decode(errors="replace"))
@@ -178,6 +195,7 @@ def parse_module(name: str, found: FoundSource) -> Module:
         name=name,
         source=found.source,
         tree=tree,
+        is_package=found.is_package,
         names=names,
         has_more_names=stars or "__getattr__" in names,
     )
@@ -215,7 +233,7 @@ def _bindings(statement: ast.stmt, module: str, is_package: bool) -> Iterator[tu
                 top = alias.name.partition(".")[0]
                 yield (alias.asname, Imported(alias.name)) if alias.asname else (top, Imported(top))
         case ast.ImportFrom(names=aliases):
-            origin = _origin(statement, module, is_package)
+            origin = import_origin(statement, module, is_package)
             for alias in aliases:
                 yield alias.asname or alias.name, Imported(f"{origin}.{alias.name}")
         case ast.Assign(targets=targets, value=value):
@@ -226,13 +244,48 @@ def _bindings(statement: ast.stmt, module: str, is_package: bool) -> Iterator[tu
             yield name, value
 
 
-def _origin(statement: ast.ImportFrom, module: str, is_package: bool) -> str:
+def import_origin(statement: ast.ImportFrom, module: str, is_package: bool) -> str:
     """The module that `from x import y` names, dots in front resolved."""
     if not statement.level:
         return statement.module or ""
     parts = module.split(".")
     kept = parts[: len(parts) - statement.level + (1 if is_package else 0)]
     return ".".join((*kept, *([statement.module] if statement.module else [])))
+
+
+def stored_names(tree: ast.AST) -> Iterator[str]:
+    """Every name that a piece of syntax binds, in any scope."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Name(id=name, ctx=ast.Store() | ast.Del()):
+                yield name
+            case (
+                ast.ClassDef(name=name)
+                | ast.FunctionDef(name=name)
+                | ast.AsyncFunctionDef(name=name)
+            ):
+                yield name
+            case ast.alias(name=name, asname=asname):
+                yield asname or name.partition(".")[0]
+            case ast.arg(arg=name) | ast.MatchMapping(rest=str(name)):
+                yield name
+            case ast.ExceptHandler(name=str(name)):
+                yield name
+            case ast.MatchAs(name=str(name)) | ast.MatchStar(name=str(name)):
+                yield name
+            case ast.Global(names=names) | ast.Nonlocal(names=names):
+                yield from names
+            case _ if type(node).__name__ in _TYPE_PARAMETERS:
+                yield str(getattr(node, "name", ""))
+
+
+def words_in(tree: ast.AST) -> frozenset[str]:
+    """Every name and attribute that is used."""
+    return frozenset(
+        node.id if isinstance(node, ast.Name) else node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Name | ast.Attribute)
+    )
 
 
 class Unknown(Enum):
@@ -280,6 +333,11 @@ def value_of(
             if value is UNKNOWN:
                 return UNKNOWN
             return value or value_of(second, module, library, local)
+        case ast.Compare(left=left, ops=[ast.Is() | ast.IsNot() as op], comparators=[right]):
+            values = [value_of(side, module, library, local) for side in (left, right)]
+            if UNKNOWN in values or None not in values:
+                return UNKNOWN
+            return (values[0] is values[1]) is isinstance(op, ast.Is)
         case ast.Name() | ast.Attribute():
             return _named(expression, module, library)
         case _:

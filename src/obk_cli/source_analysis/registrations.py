@@ -9,11 +9,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+from obelisk_spec.registration import (
+    ArgumentKind,
+    RegistrationArgumentError,
+    bind_registration,
+    is_required_by_default,
+)
 from obk_cli.config.environment import CodeComponent, CodeParameter, kind_of_value
 from obk_cli.config.model import ComponentKind
 from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
 from obk_cli.source_analysis.modules import (
     UNKNOWN,
+    Dotted,
     KnownValues,
     Module,
     ModuleLibrary,
@@ -26,15 +33,12 @@ from obk_cli.source_analysis.modules import (
 
 __all__ = ["Registrations", "registrations_of"]
 
-_REGISTRATIONS: Final[dict[str, tuple[ComponentKind, tuple[str, ...]]]] = {
-    "register_obk_publisher": ("publisher", ("ros_parameter", "key", "msg_type", "default")),
-    "register_obk_subscription": (
-        "subscriber",
-        ("ros_parameter", "callback", "key", "msg_type", "default"),
-    ),
-    "register_obk_timer": ("timer", ("ros_parameter", "callback", "key", "default")),
+_KINDS: Final[dict[str, ComponentKind]] = {
+    "register_obk_publisher": "publisher",
+    "register_obk_subscription": "subscriber",
+    "register_obk_timer": "timer",
 }
-"""Method -> what it registers, and its positional parameters."""
+"""Method -> what it registers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,43 +66,70 @@ def scope_of(function: Function, module: Module, local: KnownValues) -> Scope:
     return Scope(module, {**local, **assigned}, self_name)
 
 
+@dataclass(frozen=True, slots=True)
+class RegisterCall:
+    """A registration."""
+
+    component: CodeComponent
+    callback: ast.expr | None
+
+
 def register_call(
     name: str, call: ast.Call, scope: Scope, library: ModuleLibrary
-) -> CodeComponent | str | None:
-    """The component that a call registers; text: why it is not known; None: no registration."""
-    if name not in _REGISTRATIONS:
+) -> RegisterCall | str | None:
+    """What a call registers; text: why it is not known; None: no registration."""
+    if name not in _KINDS:
         return None
-    kind, positional = _REGISTRATIONS[name]
     if any(isinstance(a, ast.Starred) for a in call.args) or any(
         k.arg is None for k in call.keywords
     ):
         return "its arguments are computed"
-    given: dict[str, ast.expr] = dict(zip(positional, call.args, strict=False))
-    given.update({k.arg: k.value for k in call.keywords if k.arg})
-    values: dict[str, Value] = {
-        key: value_of(given.get(key), scope.module, library, scope.local)
-        for key in ("ros_parameter", "key", "msg_type", "default")
-    }
-    names = [values["ros_parameter"], values["key"]]
-    if not any(isinstance(value, str) for value in names):
+
+    def value(expression: ast.expr | None) -> Value:
+        return value_of(expression, scope.module, library, scope.local)
+
+    named = {k.arg: k.value for k in call.keywords if k.arg}
+    try:
+        given = bind_registration(name, call.args, named, lambda one: _described(value(one)))
+    except RegistrationArgumentError as error:
+        return str(error)
+    ros_parameter, key = value(given.get("ros_parameter")), value(given.get("key"))
+    names = [ros_parameter, key]
+    if not any(isinstance(text, str) for text in names):
         return "its names are computed"
+    msg_type, has_default = value(given.get("msg_type")), value(given.get("default")) is not None
     required = (
-        value_of(given["required"], scope.module, library, scope.local)
+        value(given["required"])
         if "required" in given
-        else True
+        else is_required_by_default(_text(ros_parameter))
     )
-    return CodeComponent(
-        kind=kind,
-        ros_parameter=_text(values["ros_parameter"]),
-        key=_text(values["key"]),
-        msg_type=message_type(values["msg_type"]),
-        is_required=required is True and values["default"] is None,
+    component = CodeComponent(
+        kind=_KINDS[name],
+        ros_parameter=_text(ros_parameter),
+        key=_text(key),
+        msg_type=message_type(msg_type),
+        has_type=msg_type is not None,
+        is_required=required is True and not has_default,
         is_optional=required is False,
-        has_default=values["default"] is not None,
+        has_default=has_default,
         is_named_in_full=UNKNOWN not in names,
         is_of_library=False,
         span=span_of(call, scope.module.source),
     )
+    return RegisterCall(component, given.get("callback"))
+
+
+def _described(value: Value) -> str | ArgumentKind:
+    match value:
+        case str() as text:
+            return text
+        case Dotted():
+            return ArgumentKind.CLASS
+        case bool():
+            return ArgumentKind.TRUTH_VALUE
+        case None:
+            return ArgumentKind.NOTHING
+    return ArgumentKind.UNKNOWN
 
 
 def _text(value: Value) -> str | None:
@@ -278,7 +309,12 @@ _BRANCHES = (ast.If, ast.For, ast.AsyncFor, ast.While, ast.Try, ast.IfExp, ast.M
 class Registrations:
     """What was found; the two `knows_` turn False where something could not be seen."""
 
-    components: dict[ast.Call, CodeComponent] = field(default_factory=dict)
+    components: dict[tuple[ast.Call, ...], CodeComponent] = field(default_factory=dict)
+    """By the call, after the calls of the helper methods that lead to it."""
+    callbacks: dict[ast.Call, tuple[ast.Attribute, Module]] = field(default_factory=dict)
+    """The callbacks that are attributes of the node."""
+    without_base: tuple[Function, ClassSource] | None = None
+    """The constructor that runs none of its base classes'."""
     parameters: dict[str, CodeParameter] = field(default_factory=dict)
     knows_components: bool = True
     knows_parameters: bool = True
@@ -292,10 +328,29 @@ def registrations_of(
     walk.constructor(0, None)
     for name in sorted({m.name for c in lineage.classes for m in c.methods()}):
         if name.startswith("on_"):
-            walk.method(name, 0, is_certain=False)
+            walk.method(name, 0, is_certain=name == "on_configure")
+    if walk.reaches_library or not lineage.is_whole:
+        walk.found.without_base = None
     walk.found.knows_components &= lineage.is_whole
     walk.found.knows_parameters &= lineage.is_whole
     return walk.found
+
+
+_MOST_HELPER_CALLS: Final = 1_000
+"""Calls of helper methods that are followed with their arguments."""
+
+
+def _takes_names(function: Function) -> bool:
+    """Whether a method registers or declares what its arguments say."""
+    is_plain = function.name != "__init__" and not function.decorator_list
+    return is_plain and _mentions(function, "register_obk_", "declare_parameter")
+
+
+def _mentions(function: Function, *names: str) -> bool:
+    """Whether a function uses an attribute whose name starts so."""
+    return any(
+        isinstance(n, ast.Attribute) and n.attr.startswith(names) for n in ast.walk(function)
+    )
 
 
 class _Walk:
@@ -305,6 +360,10 @@ class _Walk:
         self._lineage = lineage
         self._library = library
         self._visited: dict[Function, bool] = {}
+        self._calls: tuple[ast.Call, ...] = ()
+        self._helpers: dict[Function, bool] = {}
+        self._helper_calls = 0
+        self.reaches_library = False
 
     def constructor(self, start: int, call: tuple[ast.Call, Scope] | None) -> None:
         """The first constructor from `start` on, called with the arguments of `call`."""
@@ -316,14 +375,45 @@ class _Walk:
         is_open = call is None and self._has_arguments
         local = bound_arguments(function, source.module, call, self._library, is_open=is_open)
         self._body(index, function, local, is_certain=True)
-        hands_on = any(
-            isinstance(n, ast.Call)
-            and isinstance(n.func, ast.Attribute)
-            and n.func.attr == "__init__"
-            for n in ast.walk(function)
-        )
-        if not hands_on:
+        self.reaches_library |= source.is_of_library
+        if not _mentions(function, "__init__"):
             self._give_up()
+            if not source.is_of_library and self._runs_no_base(function):
+                self.found.without_base = (function, source)
+
+    def _runs_no_base(self, function: Function) -> bool:
+        """Whether a constructor without an `__init__` in it cannot call one in another way."""
+        if function.decorator_list:
+            return False
+        self_name = next((a.arg for a in (*function.args.posonlyargs, *function.args.args)), "")
+        attributes = [n for n in ast.walk(function) if isinstance(n, ast.Attribute)]
+        owners = {id(attribute.value) for attribute in attributes}
+        names = [n for n in ast.walk(function) if isinstance(n, ast.Name) and id(n) not in owners]
+        if any(name.id in (self_name, "super", "exec", "eval") for name in names):
+            return False
+        reached = (self._lineage.method(attribute.attr) for attribute in attributes)
+        return not any(found and _mentions(found[1], "__init__") for found in reached)
+
+    def helper(self, name: str, call: ast.Call, scope: Scope, *, is_certain: bool) -> None:
+        """A method of the node that is called here; one that registers, with its arguments."""
+        reached = self._lineage.method(name)
+        if reached is None:
+            return
+        index, function = reached
+        if function not in self._helpers:
+            self._helpers[function] = _takes_names(function)
+        if not self._helpers[function]:
+            self.method(name, 0, is_certain=is_certain)
+            return
+        self._helper_calls += 1
+        if call in self._calls or self._helper_calls > _MOST_HELPER_CALLS:
+            self._give_up()
+            return
+        module = self._lineage.classes[index].module
+        local = bound_arguments(function, module, (call, scope), self._library, is_open=False)
+        self._calls = (*self._calls, call)
+        self._body(index, function, local, is_certain=is_certain)
+        self._calls = self._calls[:-1]
 
     def method(self, name: str, start: int, *, is_certain: bool) -> None:
         """A method of the node, whatever it is called with."""
@@ -385,34 +475,43 @@ class _Walk:
     ) -> None:
         registered = register_call(name, call, scope, self._library)
         if registered is not None:
-            self._register(registered, call, source, is_certain=is_certain)
+            self._register(registered, call, source, scope, is_certain=is_certain)
         elif name in ("declare_parameter", "declare_parameters"):
             self._declare(name, call, scope, is_certain=is_certain)
         else:
-            self.method(name, 0, is_certain=is_certain)
+            self.helper(name, call, scope, is_certain=is_certain)
 
     def _register(
         self,
-        registered: CodeComponent | str,
+        registered: RegisterCall | str,
         call: ast.Call,
         source: ClassSource,
+        scope: Scope,
         *,
         is_certain: bool,
     ) -> None:
         if isinstance(registered, str):
             self.found.knows_components = False
             return
-        known = self.found.components.get(call)
-        certain = is_certain and registered.is_required
-        if known is None or certain:
-            self.found.components[call] = replace(
-                registered, is_required=certain, is_of_library=source.is_of_library
+        match registered.callback:
+            case ast.Attribute(value=value) as callback if scope.is_self(value):
+                self.found.callbacks[call] = (callback, source.module)
+        component = registered.component
+        place = (*self._calls, call)
+        certain = is_certain and component.is_required
+        if place not in self.found.components or certain:
+            types = [v for name, v in scope.local.items() if name.endswith("_msg_type")]
+            self.found.components[place] = replace(
+                component,
+                is_required=certain,
+                is_of_library=source.is_of_library,
+                has_typed_base=source.is_of_library and any(v is not None for v in types),
             )
-        if not registered.is_named_in_full:
+        if not component.is_named_in_full:
             self.found.knows_components = False
-        if registered.ros_parameter:
-            name = registered.ros_parameter
-            parameter = CodeParameter(name=name, kind=None, span=registered.span)
+        if component.ros_parameter:
+            name = component.ros_parameter
+            parameter = CodeParameter(name=name, kind=None, span=component.span)
             self.found.parameters.setdefault(name, parameter)
 
     def _declare(self, method: str, call: ast.Call, scope: Scope, *, is_certain: bool) -> None:
@@ -438,9 +537,16 @@ class _Walk:
             self.method(name, index + 1, is_certain=is_certain)
 
     def _explicit_base(self, index: int, call: ast.Call, scope: Scope) -> None:
-        """`Base.__init__(self, ...)`: sound where one base follows another."""
+        """`Base.__init__(self, ...)`; a base that cannot be followed counts as the next one."""
+        base = call.func.value if isinstance(call.func, ast.Attribute) else call.func
+        definition = self._library.definition(dotted_name(base, scope.module) or "")
+        named = (
+            place
+            for place, source in enumerate(self._lineage.classes)
+            if definition is not None and source.node is definition.node
+        )
         without_self = ast.Call(func=call.func, args=call.args[1:], keywords=call.keywords)
-        self.constructor(index + 1, (without_self, scope))
+        self.constructor(next(named, index + 1), (without_self, scope))
 
     def _use(self, name: str) -> None:
         """`self.name` that is not called here: a callback, or a method that someone calls."""

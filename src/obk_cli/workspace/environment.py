@@ -4,14 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from obk_cli.config.environment import (
-    CodeFault,
-    Command,
-    ExecutableMissing,
-    ModelFault,
-    ModelRead,
-    NodeFacts,
-)
+from obk_cli.config.environment import Command, ExecutableMissing, ModelFault, ModelRead, NodeCode
 from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.workspace.model_cache import cache_folder, read_model_once
 from obk_cli.workspace.model_reader import MjcfElement, has_mujoco, mjcf_elements, mjcf_files
@@ -43,7 +36,7 @@ class MachineEnvironment:
         self._elements: dict[Path, dict[tuple[str, str], MjcfElement]] = {}
         self._sources: dict[Path, SourceFile] = {}
         self._commands: dict[tuple[str, str], Command | ExecutableMissing] = {}
-        self._codes: dict[tuple[str, str], NodeFacts | CodeFault | None] = {}
+        self._codes: dict[tuple[str, str], NodeCode | None] = {}
 
     def find_package_share(self, name: str) -> Path | None:
         """The folder that holds a package's data."""
@@ -71,7 +64,7 @@ class MachineEnvironment:
             self._commands[key] = self.packages.find_executable(package, executable)
         return self._commands[key]
 
-    def read_node_code(self, package: str, executable: str) -> NodeFacts | CodeFault | None:
+    def read_node_code(self, package: str, executable: str) -> NodeCode | None:
         """What the Python source of an executable says."""
         key = (package, executable)
         if key not in self._codes:

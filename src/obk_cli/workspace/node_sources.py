@@ -5,12 +5,14 @@ import re
 import sys
 import tokenize
 from collections.abc import Callable, Iterable
-from importlib.machinery import PathFinder
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import find_spec
 from pathlib import Path
 
-from obk_cli.config.environment import CodeFault, Command, NodeFacts
+from obk_cli.config.environment import CodeFault, Command, NodeCode
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.source_analysis.entry_point import read_node_code
+from obk_cli.source_analysis.imports import ImportPlaces
 from obk_cli.source_analysis.modules import FoundSource, Module, parse_module
 from obk_cli.workspace.package_index import PackageIndex
 
@@ -18,6 +20,7 @@ __all__ = ["NodeSources"]
 
 _PROGRAM = "__main__"
 _LIBRARY = "obelisk_py"
+_ROS_LIBRARY = "rclpy"
 _RUNS_MODULE = re.compile(r"python[\d.]*\"?(?:\s+-[A-Za-z]+)*\s+-m\s+([\w.]+)")
 _LONGEST_SCRIPT_BYTES = 1_000_000
 
@@ -41,7 +44,7 @@ class NodeSources:
         self._modules: dict[tuple[str, Path], Module | None] = {}
         self._folders: dict[tuple[str, tuple[Path, ...]], tuple[Path, ...]] = {}
 
-    def read(self, command: Command) -> NodeFacts | CodeFault | None:
+    def read(self, command: Command) -> NodeCode | None:
         """What the source of a command says, None where it is not Python or not to be had."""
         if command.module is not None:
             return self._read_module(command.module, command.function, command.python_path)
@@ -57,13 +60,14 @@ class NodeSources:
                 lambda name: (
                     parse_module(name, source) if name == _PROGRAM else self._load(name, ())
                 ),
+                self._import_places((), (), runs_here=False),
             )
         runs = _RUNS_MODULE.search(text)
         return self._read_module(runs[1], None, ()) if runs else None
 
     def _read_module(
         self, module: str, function: str | None, path: tuple[Path, ...]
-    ) -> NodeFacts | CodeFault | None:
+    ) -> NodeCode | None:
         installed = (module.partition(".")[0],)
         if function is None and self._is_package(module, path, installed):
             module = f"{module}.{_PROGRAM}"
@@ -71,7 +75,73 @@ class NodeSources:
             # A package that is laid out in a way of its own is not looked for further.
             top = self._folders[module.partition(".")[0], path]
             return _no_module(module, top[0]) if top else None
-        return read_node_code(module, function, lambda name: self._load(name, path, installed))
+        return read_node_code(
+            module,
+            function,
+            lambda name: self._load(name, path, installed),
+            self._import_places(path, installed, runs_here=function is not None),
+        )
+
+    def _import_places(
+        self, path: tuple[Path, ...], installed: Iterable[str], *, runs_here: bool
+    ) -> ImportPlaces:
+        """Where the imports of a node lead; `runs_here` if this Python runs it."""
+        return ImportPlaces(
+            may_exist=lambda name: self._may_exist(name, path, installed, runs_here=runs_here),
+            siblings=lambda name: self._siblings(name, path, installed),
+            is_read=lambda name: (
+                name.partition(".")[0] != _ROS_LIBRARY
+                and (runs_here or name.partition(".")[0] != _LIBRARY)
+            ),
+            is_own=lambda name: (
+                name.partition(".")[0] not in (_LIBRARY, _ROS_LIBRARY)
+                and self._find(name, path, installed) is not None
+            ),
+        )
+
+    def _may_exist(
+        self, module: str, path: tuple[Path, ...], installed: Iterable[str], *, runs_here: bool
+    ) -> bool:
+        """Whether an import may succeed; False only if it must fail."""
+        top, _, rest = module.partition(".")
+        if self._find(module, path, installed) is not None:
+            return True
+        places = self._folders[top, path]
+        if not places:
+            return bool(rest) or not runs_here or self._is_installed(top)
+        if not rest or top == _ROS_LIBRARY or (top == _LIBRARY and not runs_here):
+            return True
+        spec = _spec_of(top)
+        elsewhere = spec.submodule_search_locations or () if spec else ()
+        if {Path(folder).resolve() for folder in elsewhere} - {place.resolve() for place in places}:
+            return True
+        return any(_may_hold(place, rest) for place in places)
+
+    def _is_installed(self, top: str) -> bool:
+        """Whether this Python, or a ROS installation that is sourced, may have a package."""
+        if top in sys.stdlib_module_names or top in self._packages.source_packages:
+            return True
+        in_prefix = (
+            found
+            for prefix in self._packages.prefixes
+            for pattern in ("lib/python3*/*-packages", "local/lib/python3*/*-packages")
+            for folder in prefix.glob(pattern)
+            for found in folder.glob(f"{top}*")
+        )
+        return _spec_of(top) is not None or any(in_prefix)
+
+    def _siblings(
+        self, module: str, path: tuple[Path, ...], installed: Iterable[str]
+    ) -> tuple[str, ...]:
+        """The modules of the package that a module would be in, or the workspace's packages."""
+        package, _, _ = module.rpartition(".")
+        if not package:
+            return tuple(self._packages.source_packages)
+        file = self._find(package, path, installed)
+        if file is None or file.name != "__init__.py":
+            return ()
+        names = (f.stem if f.suffix == ".py" else f.name for f in file.parent.iterdir())
+        return tuple(f"{package}.{name}" for name in sorted(names) if not name.startswith("_"))
 
     def _is_package(self, module: str, path: tuple[Path, ...], installed: Iterable[str]) -> bool:
         file = self._find(module, path, installed)
@@ -103,7 +173,7 @@ class NodeSources:
         top, *rest = module.split(".")
         key = (top, path)
         if key not in self._folders:
-            may_be_installed = top == _LIBRARY or top in installed
+            may_be_installed = top in (_LIBRARY, _ROS_LIBRARY, *installed)
             self._folders[key] = tuple(self._tops(top, path, may_be_installed))
         for place in self._folders[key]:
             stem = place.joinpath(*rest)
@@ -126,6 +196,24 @@ class NodeSources:
                 yield from (Path(location) for location in spec.submodule_search_locations)
             elif spec is not None and spec.origin:
                 yield Path(spec.origin).with_suffix("")
+
+
+def _spec_of(top: str) -> ModuleSpec | None:
+    """Where this Python finds a package; nothing of it is imported."""
+    try:
+        return find_spec(top)
+    except (ImportError, ValueError, AttributeError):
+        return None
+
+
+def _may_hold(package: Path, rest: str) -> bool:
+    """Whether a package has, or building may give it, a module that is no `.py` file."""
+    stem = package.joinpath(*rest.split("."))
+    if stem.is_dir() or not stem.parent.is_dir():
+        return stem.is_dir()
+    if any(entry.name.startswith(f"{stem.name}.") for entry in stem.parent.iterdir()):
+        return True
+    return any((root / "CMakeLists.txt").is_file() for root in package.parents[:2])
 
 
 def _no_module(module: str, top: Path) -> CodeFault:

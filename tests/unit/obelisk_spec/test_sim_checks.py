@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 
 from obelisk_spec.model import ModelFacts, SensorFact
-from obelisk_spec.scans import MOST_RAYS, grid_count, turn_count
+from obelisk_spec.scans import MOST_RAYS, grid_count, lidar_columns
 from obelisk_spec.sensors import NOISY_FIELDS, SENSOR_GROUPS
 from obelisk_spec.sim_checks import check_sim
 
@@ -229,12 +229,53 @@ def scan_faults(pattern: dict[str, Any], kind: str = "ObkScan", **more: Any) -> 
 
 @pytest.mark.parametrize("frame", ["world", "imu", "box", None])
 def test_a_frame_is_the_world_or_a_thing_of_the_model(frame: str | None) -> None:
-    assert scan_faults(GRID, frame=frame) == []
+    assert scan_faults(GRID, "PointCloud2", frame=frame, points_in="frame") == []
 
 
-def test_an_unknown_frame_is_reported() -> None:
-    (message,) = scan_faults(GRID, frame="wold")
+def test_an_unknown_frame_is_reported_where_points_are_given_in_it() -> None:
+    (message,) = scan_faults(GRID, "PointCloud2", frame="wold", points_in="frame")
     assert message.startswith("frame `wold` ")
+
+
+@pytest.mark.parametrize("kind", ["ObkScan", "PointCloud2"])
+def test_any_other_frame_is_a_label(kind: str) -> None:
+    assert scan_faults(GRID, kind, frame="body") == []
+
+
+def test_no_limit_may_be_written_as_0() -> None:
+    assert scan_faults(GRID, max_distance=0.0) == []
+    assert len(scan_faults(GRID, max_distance=-1.0)) == 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "pattern", "more"),
+    [
+        ("ObkScan", {**GRID, "values": "distance"}, {}),
+        ("ObkScan", {**GRID, "direction": [0.0, 0.0, -1.0]}, {}),
+        ("ObkScan", {**LIDAR, "spacing": "exact"}, {}),
+        ("DepthImage", {**CAMERA, "rays_through": "centres"}, {}),
+        ("PointCloud2", GRID, {"points_in": "site", "keep_misses": True}),
+    ],
+)
+def test_a_key_selects_a_behaviour(kind: str, pattern: dict[str, Any], more: Any) -> None:
+    assert scan_faults(pattern, kind, **more) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "pattern", "more"),
+    [
+        ("ObkScan", GRID, {"points_in": "frame"}),
+        ("DepthImage", CAMERA, {"keep_misses": True}),
+        ("PointCloud2", {**GRID, "values": "height"}, {}),
+        ("ObkScan", {**LIDAR, "direction": [1.0, 0.0, 0.0]}, {}),
+        ("DepthImage", {**CAMERA, "direction": [1.0, 0.0, 0.0]}, {}),
+    ],
+)
+def test_a_key_that_the_message_has_no_use_for_has_no_effect(
+    kind: str, pattern: dict[str, Any], more: Any
+) -> None:
+    (message,) = scan_faults(pattern, kind, **more)
+    assert "has no effect" in message
 
 
 @pytest.mark.parametrize(
@@ -244,6 +285,10 @@ def test_an_unknown_frame_is_reported() -> None:
         ("ObkScan", {**GRID, "offset": {"rot": [0, 0, 0, 0]}}),
         ("DepthImage", {**CAMERA, "intrinsic_matrix": [0.0, *MATRIX[1:]]}),
         ("DepthImage", {**CAMERA, "intrinsic_matrix": [*MATRIX[:8], 2.0]}),
+        ("DepthImage", {**CAMERA, "rays_through": "middles"}),
+        ("ObkScan", {**LIDAR, "spacing": 2}),
+        ("ObkScan", {**GRID, "values": "z"}),
+        ("ObkScan", {**GRID, "direction": [0, 0, 0]}),
     ],
 )
 def test_an_impossible_pattern_is_reported(kind: str, pattern: dict[str, Any]) -> None:
@@ -270,8 +315,32 @@ def test_too_many_rays_are_rejected(kind: str, pattern: dict[str, Any], count: s
     ("span", "step", "count"),
     [(360, 2, 180), (-360, 2, 180), (360, 7, 52), (180, 2, 91), (0, 1, 1), (90.5, 1, 91)],
 )
-def test_only_the_end_of_a_full_turn_is_left_out(span: float, step: float, count: int) -> None:
-    assert turn_count(span, step) == count
+def test_exactly_spaced_columns_leave_out_only_the_end_of_a_full_turn(
+    span: float, step: float, count: int
+) -> None:
+    assert lidar_columns(span, step, is_exact=True) == (count, step)
+
+
+@pytest.mark.parametrize(
+    ("span", "step", "count", "spacing"),
+    [
+        (360, 2, 179, 360 / 179),
+        (-360, 2, 179, 360 / 179),
+        (360, 90, 3, 120),
+        (360, 7, 51, 360 / 51),
+        (360, 200, 1, 360),
+        (360, 360, 1, 360),
+        (100, 30, 4, 100 / 3),
+        (180, 2, 90, 180 / 89),
+        (1.8, 0.1, 18, 1.8 / 17),
+        (1, 1, 1, 1),
+        (0, 1, 1, 1),
+    ],
+)
+def test_evenly_spread_columns_are_those_of_the_reference(
+    span: float, step: float, count: int, spacing: float
+) -> None:
+    assert lidar_columns(span, step, is_exact=False) == (count, pytest.approx(spacing))
 
 
 @pytest.mark.parametrize(

@@ -92,12 +92,16 @@ class RateReporter:
 
     def start(self) -> None:
         """Start to monitor and to publish."""
-        if not self._rates or not self._node.get_parameter(PARAMETER).value:
+        if not self._node.get_parameter(PARAMETER).value:
             return
         if self._publisher is None:
+            # Without rates too: it shows the launcher that there are none to measure from outside.
             self._publisher = self._node.create_publisher(
                 DiagnosticArray, DIAGNOSTICS_TOPIC, _DEPTH
             )
+        if not self._rates:
+            return
+        if self._timer is None:
             self._timer = self._node.create_timer(
                 REPORT_PERIOD_S,
                 self._report,
@@ -107,7 +111,6 @@ class RateReporter:
                 clock=Clock(clock_type=ClockType.STEADY_TIME),
                 autostart=False,
             )
-        assert self._timer is not None
         if self._timer.is_canceled():
             for ticks in self._timers:
                 ticks.restart()

@@ -45,6 +45,7 @@ _LITTLE_ENDIAN: Final = b"\0\1"
 _HEADER: Final = _LITTLE_ENDIAN + b"\0\0"
 _ALIGNMENT: Final = 8
 _STAMP: Final = struct.Struct("<iI")
+_LENGTH: Final = struct.Struct("<I")
 _NS_PER_S: Final = 1_000_000_000
 
 
@@ -227,7 +228,24 @@ class PackedMessage:
 
     def to_bytes(self, stamp_ns: int) -> bytes:
         """The message as it is now; each `builtin_interfaces/Time` in it is `stamp_ns` [ns]."""
+        self._set_stamps(stamp_ns)
+        return self._bytes.tobytes()
+
+    def to_bytes_with(self, stamp_ns: int, field: str, count: int) -> bytes:
+        """As `to_bytes`, with only the first `count` elements of an array.
+
+        Args:
+            stamp_ns: the stamp [ns].
+            field: an array of a variable length; the fields behind it must be single bytes.
+            count: at most as many elements as the message was made with.
+        """
+        (array,) = [each for each in self._fields if each.name == field]
+        self._set_stamps(stamp_ns)
+        _LENGTH.pack_into(self._bytes, array.start - _LENGTH.size, count)
+        end = array.start + count * array.dtype.itemsize
+        return self._bytes[:end].tobytes() + self._bytes[array.end :].tobytes()
+
+    def _set_stamps(self, stamp_ns: int) -> None:
         seconds, nanoseconds = divmod(stamp_ns, _NS_PER_S)
         for start in self._stamps:
             _STAMP.pack_into(self._bytes, start, seconds, nanoseconds)
-        return self._bytes.tobytes()

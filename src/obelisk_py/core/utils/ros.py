@@ -1,16 +1,20 @@
-"""Run one Obelisk node as a process: from ROS arguments to an exit code."""
+"""Run one Obelisk node as a process, or take it through its life cycle in a test."""
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 from rclpy.executors import Executor
+from rclpy.lifecycle import TransitionCallbackReturn
 
+from obelisk_py.core.exceptions import ObeliskError
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.spinning import SpinRequest, serve_spin_request
 
-__all__ = ["spin_obelisk"]
+__all__ = ["run_transitions", "spin_obelisk"]
+
+Transition = Literal["configure", "activate", "deactivate", "cleanup", "shutdown"]
 
 
 def spin_obelisk(
@@ -43,3 +47,18 @@ def spin_obelisk(
     )
     if code:
         sys.exit(code)
+
+
+def run_transitions(node: GuardedLifecycleNode, *transitions: Transition) -> None:
+    """Run transitions now, on this thread, one after another; for tests of a node.
+
+    Args:
+        node: the node, without an executor.
+        transitions: their names, as in `run_transitions(node, "configure", "activate")`.
+
+    Raises:
+        ObeliskError: a transition failed; the message has the node's reason.
+    """
+    for transition in transitions:
+        if getattr(node, f"trigger_{transition}")() != TransitionCallbackReturn.SUCCESS:
+            raise ObeliskError(f"`{node.get_name()}` did not {transition}: {node.last_fault}")

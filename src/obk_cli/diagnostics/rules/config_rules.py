@@ -244,8 +244,9 @@ RULES: tuple[Rule, ...] = (
         code="OBK504",
         severity="warning",
         title="`time_step` is not the model's",
-        cause="The config overrides the step that the model was tuned with.",
-        fix="Make the two agree if that was not intended.",
+        cause="The simulator uses the config's `time_step` instead of the step that the model was "
+        "tuned with. The original Obelisk ignores `time_step` and uses the model's.",
+        fix="Leave `time_step` out to get the original's numbers, or make the two agree.",
     ),
     Rule(
         code="OBK505",
@@ -258,7 +259,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK506",
         severity="info",
         title="a key without effect",
-        cause="It is read for the sake of older configs.",
+        cause="The key is accepted for the sake of older configs, or another key leaves it nothing "
+        "to decide.",
         fix="Remove it.",
     ),
     Rule(

@@ -84,9 +84,10 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule(
         code="OBK311",
-        severity="error",
+        severity="warning",
         title="a geom that is not in the model",
-        cause="Every name in `viz_geoms` must be a geom of the model.",
+        cause="`viz_geoms` names geoms of the model. The simulator logs the others once and shows "
+        "the rest.",
         fix="Correct the name, or name the geom in the model.",
     ),
     Rule(
@@ -100,8 +101,9 @@ RULES: tuple[Rule, ...] = (
         code="OBK313",
         severity="error",
         title="a ray caster's site or frame is not in the model",
-        cause="Rays start at a site of the model; what they hit is given in the frame of a site, "
-        "body, geom or camera, or in `world`.",
+        cause="Rays start at a site of the model. With `points_in: frame`, the points of a cloud "
+        "are given in `frame`: `world`, or a site, body, geom or camera of the model. Without it, "
+        "`frame` is a label.",
         fix="Correct `site_name` or `frame`, or add the site to the model.",
     ),
     Rule(

@@ -40,7 +40,8 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a component of the code that the config lacks",
         cause="The node's class registers it, and the node cannot be configured without its "
-        "settings. One that the code calls optional is only mentioned.",
+        "settings. It is a warning if the node only logs that it is missing, as in the API since "
+        "2026-05, and an info if the code calls it optional.",
         fix="Add the component to the node, or register it with `required=False`.",
     ),
     Rule(
@@ -66,9 +67,10 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule(
         code="OBK409",
-        severity="info",
+        severity="warning",
         title="a parameter that no code declares",
-        cause="ROS hands a node only the parameters that it declares; this one is dropped.",
+        cause="A ROS node receives only the parameters that it declares, so this one is dropped. "
+        "It is an info if no declared parameter has a similar name.",
         fix="Correct the name, or declare the parameter in the node's constructor.",
     ),
     Rule(
@@ -95,5 +97,54 @@ RULES: tuple[Rule, ...] = (
         "is given an int, `2` for `2.0`, does not start.",
         fix="Write the value as the code declares it, or declare the parameter with "
         "`ParameterDescriptor(dynamic_typing=True)`.",
+    ),
+    Rule(
+        code="OBK420",
+        severity="error",
+        title="a name that the source does not define",
+        cause="A class was renamed, or an import is missing: Python raises a `NameError` when it "
+        "reaches the name. In a method it is a warning. Names in a `try` with handlers are not "
+        "checked, nor are modules that use `import *` or `exec`.",
+        fix="Write the name that the module defines, or import it.",
+    ),
+    Rule(
+        code="OBK421",
+        severity="error",
+        title="an import that fails",
+        cause="The package is not installed in the Python environment of `obk`, the module does "
+        "not exist, or it does not define the name. Only imports that run whenever the node "
+        "starts are checked, not those in `try`, `if` or other functions.",
+        fix="Correct the name, or install the package. If the node can run without it, import it "
+        "within `try: ... except ImportError: ...`.",
+    ),
+    Rule(
+        code="OBK422",
+        severity="error",
+        title="`super().__init__` is missing",
+        cause="The constructor of the base class makes the ROS node and registers its components; "
+        "nothing works before it has run.",
+        fix="Begin the constructor with `super().__init__(node_name)`.",
+    ),
+    Rule(
+        code="OBK423",
+        severity="error",
+        title="a key that no component has",
+        cause="`obk_publishers`, `obk_subscriptions` and `obk_timers` contain the components that "
+        "the class registers; another key raises a `KeyError`.",
+        fix="Write the key of a registered component, or register one with this key.",
+    ),
+    Rule(
+        code="OBK424",
+        severity="error",
+        title="a callback that the class does not have",
+        cause="Python raises an `AttributeError` when the component is registered.",
+        fix="Write the name of the method.",
+    ),
+    Rule(
+        code="OBK425",
+        severity="error",
+        title="a component without a message type",
+        cause="Neither the config nor the node's class gives it, so the node cannot be configured.",
+        fix="Add `msg_type` to the component, or pass the message class when registering it.",
     ),
 )

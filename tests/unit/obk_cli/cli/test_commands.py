@@ -226,7 +226,7 @@ def test_standard_input(
          "`mermaid`, `dot`, `svg`, `json`"),
         ("migrate f --to new", "`--to new`: expected `key` or `seed`"),
         ("explain OBK20", "there is no rule `OBK20`\n"
-         "  help: did you mean `OBK320` or `OBK210` or `OBK209`?"),
+         "  help: did you mean `OBK420` or `OBK320` or `OBK210`?"),
         ("new contoller foo", "there is no kind `contoller`\n  help: did you mean `controller`?"),
         ("new controller foo --device pc", "`--device` says where in a config: give "
          "`--add-to CONFIG` too"),

@@ -65,6 +65,7 @@ def test_the_names_of_events_are_those_of_the_json_stream() -> None:
         "RateBroken",
         "RateKept",
         "RateMoved",
+        "RatesUnreported",
         "WaitingFor",
         "Evidence",
         "VideoReported",

@@ -15,12 +15,15 @@ from obk_cli.launch.events import (
     RateKept,
     RateMoved,
     RatesReported,
+    RatesUnreported,
     StateSeen,
     StatusRequested,
     StopRequested,
     VideoReported,
 )
-from obk_cli.plan.plan import Origin, Promise
+from obk_cli.launch.external_rates import external_rate
+from obk_cli.plan.plan import Origin, Plan, Promise
+from obk_cli.ros.rate_meter import TopicRate
 from obk_cli.runs.protocol import StackStatus
 
 from .world import CONTROLLER, ESTIMATOR, PLAN, ROBOT, World, rates
@@ -115,9 +118,58 @@ def test_one_late_report_breaks_nothing() -> None:
     assert world.run(duration_s=5).exit_code == 0
 
 
-def test_a_node_that_never_reported_has_promised_nothing() -> None:
-    world = World(plan=PROMISED, strict_rates=True)
+def with_topic(topic: str | None) -> Plan:
+    return replace(
+        PROMISED,
+        processes=tuple(
+            replace(p, promises=tuple(replace(one, topic=topic) for one in p.promises))
+            for p in PROMISED.processes
+        ),
+    )
+
+
+def external(hz: float) -> RatesReported:
+    return replace(rates(CONTROLLER, hz, "broken" if hz < 90 else "kept"), is_external=True)
+
+
+def unreported(world: World) -> list[RatesUnreported]:
+    return [event for event in world.published if isinstance(event, RatesUnreported)]
+
+
+@pytest.mark.parametrize("strict", [False, True])
+def test_a_rate_that_is_never_reported_and_that_no_topic_shows_is_unknown(strict: bool) -> None:
+    world = World(plan=PROMISED, strict_rates=strict)
+    assert world.run(duration_s=9).exit_code == int(strict)
+    (event,) = unreported(world)
+    assert (event.node, event.measured, event.unknown) == (CONTROLLER, (), ("timer",))
+
+
+def test_a_rate_that_is_never_reported_is_measured_on_its_topic() -> None:
+    later = seconds(None, None, None, None, external(100), external(100), external(50))
+    world = World(plan=with_topic("/ctrl"), strict_rates=True, later=later)
+    assert world.run(duration_s=9).exit_code == 1
+    (event,) = unreported(world)
+    assert (event.measured, event.unknown) == (("timer",), ())
+    assert [type(event) for event in told_of_rates(world)] == [RateBroken]
+
+
+def test_a_node_with_diagnostics_and_no_rates_expects_none() -> None:
+    world = World(plan=PROMISED, strict_rates=True, diagnostics=frozenset({CONTROLLER}))
     assert world.run(duration_s=9).exit_code == 0
+    assert unreported(world) == []
+
+
+def test_a_node_that_reports_late_is_not_measured_from_outside() -> None:
+    later = seconds(None, None, None, None, KEPT, external(50), KEPT)
+    world = World(plan=with_topic("/ctrl"), strict_rates=True, later=later)
+    assert world.run(duration_s=7).exit_code == 0
+
+
+def test_a_topic_without_messages_has_no_rate() -> None:
+    silent = TopicRate(count=9, lost=0, seen=5, window_s=2.0, rate_hz=100.0, age_s=4.0)
+    rate = external_rate(PERIOD, silent)
+    assert (rate.standing, rate.measured_hz) == ("broken", 0.25)
+    assert external_rate(PERIOD, replace(silent, age_s=0.01)).standing == "kept"
 
 
 def test_a_node_that_reports_again_after_a_silence_is_told() -> None:

@@ -70,6 +70,8 @@ class World:
     """One that comes when it is not true any more."""
     mute: set[str] = field(default_factory=set)
     """Do not even answer for their state."""
+    diagnostics: frozenset[str] = frozenset()
+    """Nodes that publish `/diagnostics`."""
     plan: Plan = PLAN
     states: dict[str, str] = field(default_factory=dict)
     later: deque[InputEvent | float | Callable[[], None]] = field(default_factory=deque)
@@ -117,6 +119,9 @@ class World:
 
     def watch(self, nodes: Iterable[str]) -> None:
         self.inbox.extend(Ready(node=node) for node in nodes if node not in self.never_ready)
+
+    def publishes_diagnostics(self, node: str) -> bool:
+        return node in self.diagnostics
 
     def ask_state(self, node: str) -> None:
         if node not in self.mute:

@@ -99,6 +99,13 @@ def test_settings_that_flat_text_cannot_hold_are_flow_text() -> None:
     }
 
 
+def test_a_whole_depth_is_written_without_a_fraction() -> None:
+    ends = "{key: sub_q, topic: /q, history_depth: 10.0}"
+    text = f"robot:\n  pkg: a\n  executable: b\n  subscribers: [{ends}]\n"
+    (process,) = lower_text(text).processes
+    assert process.parameters["sub_q_setting"] == "key:sub_q,topic:/q,history_depth:10"
+
+
 def test_callback_groups_have_a_parameter_of_their_own(tmp_path: Path) -> None:
     robot, control, _ = lower(tmp_path).processes
     assert robot.parameters["callback_group_settings"] == "fast:ReentrantCallbackGroup"

@@ -40,8 +40,10 @@ def write(files: Mapping[PurePosixPath, RenderedFile], root: Path) -> Path:
     return root
 
 
-def run(*arguments: str, cwd: Path, env: Mapping[str, str] | None = None) -> None:
-    done = subprocess.run(
+def call(
+    *arguments: str, cwd: Path, env: Mapping[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
         [sys.executable, "-m", *arguments],
         cwd=cwd,
         env=env,
@@ -50,7 +52,18 @@ def run(*arguments: str, cwd: Path, env: Mapping[str, str] | None = None) -> Non
         timeout=120,
         check=False,
     )
+
+
+def run(*arguments: str, cwd: Path, env: Mapping[str, str] | None = None) -> None:
+    done = call(*arguments, cwd=cwd, env=env)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def ros_environment(tmp_path: Path) -> dict[str, str]:
+    return os.environ | {
+        "ROS_LOG_DIR": str(tmp_path / "log"),
+        "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+    }
 
 
 @pytest.mark.parametrize(("kind", "name", "typed"), VARIANTS)
@@ -122,8 +135,34 @@ def test_its_own_test_passes(
     package: Package, tmp_path: Path, kind: str, typed: dict[str, str]
 ) -> None:
     root = write(package(kind, "foo", **typed), tmp_path / "foo")
-    env = os.environ | {
-        "ROS_LOG_DIR": str(tmp_path / "log"),
-        "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-    }
-    run("pytest", "-q", "-p", "no:cacheprovider", cwd=root, env=env)
+    run("pytest", "-q", "-p", "no:cacheprovider", cwd=root, env=ros_environment(tmp_path))
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ("file", "right", "wrong", "reason"),
+    [
+        (
+            "foo/foo.py",
+            "return super().on_configure(state)",
+            'raise ValueError("the gains are missing")',
+            "`foo` did not configure: on_configure: ValueError: the gains are missing",
+        ),
+        (
+            "test/test_foo.py",
+            "{timer_period_sec: 0.01}",
+            "{timer_period_sec: fast}",
+            "`foo` did not configure: on_configure: the timer `timer_ctrl`",
+        ),
+    ],
+)
+def test_a_failed_transition_shows_the_reason_of_the_node(
+    package: Package, tmp_path: Path, file: str, right: str, wrong: str, reason: str
+) -> None:
+    root = write(package("controller", "foo"), tmp_path / "foo")
+    text = (root / file).read_text()
+    assert text.count(right) == 1
+    (root / file).write_text(text.replace(right, wrong))
+    done = call("pytest", "-q", "-p", "no:cacheprovider", cwd=root, env=ros_environment(tmp_path))
+    assert done.returncode == 1
+    assert f"ObeliskError: {reason}" in done.stdout

@@ -85,6 +85,18 @@ def test_a_method_that_the_constructor_calls_registers_too() -> None:
     assert found.components[0].is_required
 
 
+def test_a_method_registers_what_its_calls_name() -> None:
+    found = code(node("self.add('pub_a')\nself.add(name='pub_b')\nself.add('pub_c_setting')"))
+    assert names(found) == ["pub_a", "pub_b", "pub_c_setting"]
+    assert found.knows_components
+
+
+def test_a_method_that_calls_itself_ends() -> None:
+    circle = "    def circle(self, name):\n        self.register_obk_publisher(name)\n"
+    found = code(node("self.circle('a')") + circle + "        self.circle(name)\n")
+    assert not found.knows_components
+
+
 def test_names_may_be_constants_of_the_module_or_of_another() -> None:
     body = "from names import TOPIC as T\nNAME = 'pub_a_setting'\n"
     found = code(
@@ -110,7 +122,7 @@ def test_the_class_may_come_from_another_module_by_a_reexport() -> None:
         "self.register_obk_publisher(name)",
         "self.register_obk_publisher(*names)",
         "self.register_obk_publisher(**settings)",
-        "self.add('pub_a_setting')",
+        "self.add(names[0])",
         "register = self.register_obk_publisher",
         "register_all(self)",
         "other = self",
@@ -305,7 +317,7 @@ def test_only_lists_that_are_written_out_into_control_messages_have_a_length() -
     ],
 )
 def test_an_entry_point_whose_class_is_not_named_says_nothing(tail: str) -> None:
-    text = HEAD + node("pass") + tail
+    text = f"from elsewhere import A, B, Other, make, make_main, run, x\n{HEAD}{node('pass')}{tail}"
     assert read_node_code("m", "main", lambda name: load_from({"m": text}, name)) is None
 
 

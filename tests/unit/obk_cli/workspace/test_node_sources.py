@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.config.environment import CodeFault, NodeFacts
+from obk_cli.config.environment import CodeFault, NodeCode, NodeFacts
 from obk_cli.workspace.environment import MachineEnvironment
 
 NODE = """\
@@ -34,7 +34,7 @@ def package(root: Path, setup: str = SETUP) -> Path:
     return root
 
 
-def read(workspace: Path) -> NodeFacts | CodeFault | None:
+def read(workspace: Path) -> NodeCode | None:
     return MachineEnvironment(workspace, workspace, {}).read_node_code("demo", "run")
 
 
@@ -113,3 +113,35 @@ def test_a_file_in_an_encoding_of_its_own_is_read(tmp_path: Path) -> None:
     assert isinstance(read(tmp_path), NodeFacts)
     (folder / "run.py").write_bytes(f"# é\n{NODE}".encode("latin-1"))
     assert read(tmp_path) is None
+
+
+@pytest.mark.parametrize(
+    ("module", "made", "is_found"),
+    [
+        ("demo.gone", None, True),
+        ("nowhere_at_all", None, True),
+        ("demo.fast", "demo/demo/fast.cpython-311-x86_64-linux-gnu.so", False),
+        ("demo.folder", "demo/demo/folder/data.txt", False),
+        ("demo.built", "demo/CMakeLists.txt", False),
+        ("my_msgs.msg", "my_msgs/package.xml", False),
+        ("other.gone", "other/other/__init__.py", True),
+        ("yaml.anything", None, False),
+        ("json.anything", None, False),
+    ],
+)
+def test_an_import_fails_only_if_nothing_can_provide_it(
+    module: str, made: str | None, is_found: bool, tmp_path: Path
+) -> None:
+    folder = package(tmp_path / "src" / "demo") / "demo"
+    folder.mkdir()
+    (folder / "run.py").write_text(f"import {module}\n{NODE}")
+    if made is not None:
+        file = tmp_path / "src" / made
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text("<package><name>my_msgs</name></package>")
+        manifest = tmp_path / "src" / made.partition("/")[0] / "package.xml"
+        if not manifest.exists():
+            manifest.write_text(f"<package><name>{manifest.parent.name}</name></package>")
+    found = read(tmp_path)
+    assert isinstance(found, NodeFacts)
+    assert [finding.code for finding in found.findings] == (["OBK421"] if is_found else [])

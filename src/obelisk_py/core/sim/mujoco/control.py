@@ -7,7 +7,7 @@ control without a stamp (zero) is never late.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 import mujoco
@@ -97,7 +97,7 @@ class ControlInbox:
     def __init__(
         self,
         *,
-        field: str,
+        field: str | None,
         size: int,
         monotonic_s: Callable[[], float],
         torques: JointTorques | None = None,
@@ -106,7 +106,7 @@ class ControlInbox:
         """Make an empty inbox.
 
         Args:
-            field: field of the message that holds the control.
+            field: field of the messages that holds the control; None: of each message its own.
             size: number of actuators `nu`.
             monotonic_s: clock for the rate of reports [s].
             torques: reads the gains of `PDFeedForward`; None for other messages.
@@ -137,6 +137,17 @@ class ControlInbox:
         if isinstance(control, str):
             self._rejections.add(control)
             return False
+        return self._accept(control, sent_ns)
+
+    def put(self, control: Iterable[float]) -> bool:
+        """Accept or reject numbers for the actuators; returns whether they were accepted."""
+        checked = self._checked("ctrl", list(control))
+        if isinstance(checked, str):
+            self._rejections.add(checked)
+            return False
+        return self._accept(checked, 0)
+
+    def _accept(self, control: Control, sent_ns: int) -> bool:
         late = self._stamps.accept(sent_ns) if self._stamps is not None else None
         if late is not None:
             self._late.add(late)
@@ -151,21 +162,32 @@ class ControlInbox:
 
     def _read(self, message: Any) -> Control | str:
         """The control of a message, or the reason to reject it."""
-        if self._torques is not None and has_gains(message):
+        if self._torques is not None and isinstance(message, PDFeedForward) and has_gains(message):
             return self._torques.read(message)
-        control = np.array(getattr(message, self._field), dtype=np.float64, ndmin=1)
+        try:
+            field = self._field or control_field(type(message))
+        except ObeliskConfigError as error:
+            return str(error)
+        return self._checked(field, getattr(message, field))
+
+    def _checked(self, field: str, numbers: Any) -> Control | str:
+        control = np.array(numbers, dtype=np.float64, ndmin=1)
         if control.shape != (self._size,):
-            return f"`{self._field}` has the length {control.size}, the model takes {self._size}"
-        return out_of_limits(self._field, control) or control
+            return f"`{field}` has the length {control.size}, the model takes {self._size}"
+        return out_of_limits(field, control) or control
 
 
 def make_inbox(
-    message_type: Any, model: mujoco.MjModel, *, now_ns: Callable[[], int], lateness_s: float | None
+    message_type: Any | None,
+    model: mujoco.MjModel,
+    *,
+    now_ns: Callable[[], int],
+    lateness_s: float | None,
 ) -> ControlInbox:
     """An inbox for the controls of a model.
 
     Args:
-        message_type: class of the control message.
+        message_type: class of the control messages; None: any, each with a field of its own.
         model: the model to control.
         now_ns: the clock that the messages' stamps are compared with [ns].
         lateness_s: age at which a control is reported as late [s]; None: the default.
@@ -174,10 +196,10 @@ def make_inbox(
         ObeliskConfigError: the message has no field for the actuators.
     """
     return ControlInbox(
-        field=control_field(message_type),
+        field=None if message_type is None else control_field(message_type),
         size=model.nu,
         monotonic_s=time.monotonic,
-        torques=JointTorques(model) if message_type is PDFeedForward else None,
+        torques=JointTorques(model) if message_type in (None, PDFeedForward) else None,
         stamps=StampOrder(now_ns, DEFAULT_LATENESS_S if lateness_s is None else lateness_s),
     )
 

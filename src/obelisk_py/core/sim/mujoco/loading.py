@@ -186,7 +186,7 @@ def load_model(
     errors += findings_of(raw, {"ic_keyframe": keyframe} if keyframe else {}, facts, warn)
     if spec is None or facts is None or errors:
         raise ObeliskConfigError("the sim block cannot be simulated:\n" + "\n".join(errors))
-    config = typed_block(raw)
+    config = typed_block(raw, model_geoms=facts.geoms)
     default = DEFAULT_KEYFRAME if DEFAULT_KEYFRAME in facts.keyframes else None
     return LoadedModel(
         model=compile_model(spec, config.time_step_s), config=config, keyframe=keyframe or default

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.sensors.kind import set_quaternion
+from obelisk_py.core.sim.mujoco.sensors.raycast import POINT_FIELDS
 from obelisk_py.core.sim.mujoco.stepping import whole_steps
 from obelisk_spec.sensors import NOISY_FIELDS, FieldKind
 
@@ -210,8 +211,11 @@ def _adder(kind: FieldKind, numbers: NDArray[Any], draw: _Draw) -> Callable[[], 
             return partial(_add_to_numbers, numbers, draw)
         case "rotation":
             return partial(_turn, numbers, draw)
+        case "points":
+            points = numbers.view(np.float32).reshape(-1, len(POINT_FIELDS))[:, :_AXES]
+            return partial(_add_to_points, points, draw)
         case "array":
-            # Clouds and images hold their 32-bit numbers as bytes.
+            # Images hold their 32-bit numbers as bytes.
             is_raw = numbers.dtype == np.uint8
             return partial(_add_to_numbers, numbers.view(np.float32) if is_raw else numbers, draw)
     assert_never(kind)
@@ -219,6 +223,10 @@ def _adder(kind: FieldKind, numbers: NDArray[Any], draw: _Draw) -> Callable[[], 
 
 def _add_to_numbers(numbers: NDArray[Any], draw: _Draw) -> None:
     numbers[:] = numbers + draw(len(numbers))
+
+
+def _add_to_points(points: NDArray[Any], draw: _Draw) -> None:
+    points[:] = points + draw(points.size).reshape(points.shape)
 
 
 def _turn(xyzw: Array, draw: _Draw) -> None:

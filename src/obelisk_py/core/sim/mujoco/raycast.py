@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from obelisk_spec.scans import grid_count, turn_count
+from obelisk_spec.scans import DEFAULT_FRAME, DEFAULT_GROUPS, grid_count, lidar_columns
 
 __all__ = [
     "DepthCamera",
@@ -35,6 +35,8 @@ __all__ = [
 ]
 
 _NO_TURN: Final = (1.0, 0.0, 0.0, 0.0)
+_DOWN: Final = (0.0, 0.0, -1.0)
+_HALF_PIXEL: Final = 0.5
 Array = NDArray[np.float64]
 _FARTHEST_M: Final = 1e10
 """MuJoCo's own limit for lengths (mjMAXVAL)."""
@@ -52,6 +54,10 @@ class HeightScan:
     """Along x and y [m]."""
     x_is_faster: bool
     """Whether neighbours in the message are neighbours along x."""
+    direction: tuple[float, float, float]
+    """Of all rays, of any length."""
+    holds_height: bool
+    """Whether a scan holds the z of each hit in the world; otherwise the distance to it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,6 +70,8 @@ class LidarScan:
     horizontal_deg: tuple[float, float]
     """From x to the left [deg]."""
     horizontal_step_deg: float
+    is_exact: bool
+    """Whether rays are exactly a step apart; see `lidar_columns`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,6 +84,8 @@ class DepthCamera:
     centre_px: tuple[float, float]
     """Where the axis meets the picture; the middle of the first pixel is 0, 0."""
     skew_px: float
+    through_centres: bool
+    """Whether rays pass through the middles of pixels; otherwise through the corners after them."""
 
 
 Pattern = HeightScan | LidarScan | DepthCamera
@@ -89,10 +99,14 @@ class RayCaster:
     pattern: Pattern
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     offset_wxyz: tuple[float, float, float, float] = _NO_TURN
-    geom_groups: tuple[int, ...] = ()
+    geom_groups: tuple[int, ...] = DEFAULT_GROUPS
     """Groups of geoms that are hit; empty: all."""
-    frame: str | None = None
-    """As in the config."""
+    frame: str = DEFAULT_FRAME
+    """The `frame_id` of the header."""
+    points_in_frame: bool = False
+    """Whether the points of a cloud are given in `frame`; otherwise in the site's frame."""
+    keeps_misses: bool = False
+    """Whether a cloud has a point for each ray, NaN for a miss; otherwise it has hits only."""
     max_distance_m: float = math.inf
 
 
@@ -102,13 +116,17 @@ def typed_ray_caster(scan: Mapping[str, Any]) -> RayCaster:
     offset = pattern.get("offset") or {}
     x, y, z = offset.get("pos") or (0.0, 0.0, 0.0)
     qw, qx, qy, qz = offset.get("rot") or _NO_TURN
+    groups = scan.get("geom_groups")
     return RayCaster(
         site=scan["site_name"],
         pattern=_typed_pattern(pattern),
         offset_m=(float(x), float(y), float(z)),
         offset_wxyz=(float(qw), float(qx), float(qy), float(qz)),
-        geom_groups=tuple(scan.get("geom_groups") or ()),
-        frame=scan.get("frame"),
+        geom_groups=DEFAULT_GROUPS if groups is None else tuple(groups),
+        frame=scan.get("frame") or DEFAULT_FRAME,
+        points_in_frame=scan.get("points_in") == "frame",
+        keeps_misses=bool(scan.get("keep_misses")),
+        # 0 is no limit.
         max_distance_m=float(scan.get("max_distance") or math.inf),
     )
 
@@ -116,10 +134,13 @@ def typed_ray_caster(scan: Mapping[str, Any]) -> RayCaster:
 def _typed_pattern(pattern: Mapping[str, Any]) -> Pattern:
     match pattern["type"]:
         case "height_scan":
+            x, y, z = pattern.get("direction") or _DOWN
             return HeightScan(
                 resolution_m=float(pattern["resolution"]),
                 size_m=_pair(pattern["size"]),
                 x_is_faster=(pattern.get("ordering") or "xy") == "xy",
+                direction=(float(x), float(y), float(z)),
+                holds_height=(pattern.get("values") or "height") == "height",
             )
         case "lidar_scan":
             return LidarScan(
@@ -127,6 +148,7 @@ def _typed_pattern(pattern: Mapping[str, Any]) -> Pattern:
                 vertical_deg=_pair(pattern["vertical_fov_range"]),
                 horizontal_deg=_pair(pattern["horizontal_fov_range"]),
                 horizontal_step_deg=float(pattern["horizontal_res"]),
+                is_exact=pattern.get("spacing") == "exact",
             )
     matrix = pattern["intrinsic_matrix"]
     return DepthCamera(
@@ -135,6 +157,7 @@ def _typed_pattern(pattern: Mapping[str, Any]) -> Pattern:
         focal_lengths_px=(float(matrix[0]), float(matrix[4])),
         centre_px=(float(matrix[2]), float(matrix[5])),
         skew_px=float(matrix[1]),
+        through_centres=pattern.get("rays_through") == "centres",
     )
 
 
@@ -176,7 +199,7 @@ def _height_scan(pattern: HeightScan) -> Rays:
     else:
         x, y = np.meshgrid(along_x, along_y, indexing="ij")
     return Rays(
-        directions=np.array([[0.0, 0.0, -1.0]]),
+        directions=np.array([pattern.direction]) / math.hypot(*pattern.direction),
         starts=np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1),
         rows=x.shape[0],
         columns=x.shape[1],
@@ -194,9 +217,10 @@ def _centred(length_m: float, resolution_m: float) -> Array:
 def _lidar_scan(pattern: LidarScan) -> Rays:
     up = np.radians(np.linspace(*pattern.vertical_deg, pattern.channels))
     first, last = pattern.horizontal_deg
-    count = turn_count(last - first, pattern.horizontal_step_deg)
-    step = math.copysign(pattern.horizontal_step_deg, last - first)
-    left = np.radians(first + step * np.arange(count))
+    count, step = lidar_columns(
+        last - first, pattern.horizontal_step_deg, is_exact=pattern.is_exact
+    )
+    left = np.radians(first + math.copysign(step, last - first) * np.arange(count))
     v, h = np.meshgrid(up, left, indexing="ij")
     directions = np.stack([np.cos(v) * np.cos(h), np.cos(v) * np.sin(h), np.sin(v)], axis=-1)
     return Rays(
@@ -208,7 +232,10 @@ def _lidar_scan(pattern: LidarScan) -> Rays:
 
 
 def _depth_camera(pattern: DepthCamera) -> Rays:
-    row, column = np.meshgrid(np.arange(pattern.height), np.arange(pattern.width), indexing="ij")
+    shift = 0.0 if pattern.through_centres else _HALF_PIXEL
+    row, column = np.meshgrid(
+        np.arange(pattern.height) + shift, np.arange(pattern.width) + shift, indexing="ij"
+    )
     (focal_x, focal_y), (centre_x, centre_y) = pattern.focal_lengths_px, pattern.centre_px
     down = (row - centre_y) / focal_y
     right = (column - centre_x - pattern.skew_px * down) / focal_x

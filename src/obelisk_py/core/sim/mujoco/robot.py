@@ -8,7 +8,7 @@ simulation time.
 
 import time
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +26,7 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 from std_msgs.msg import Float64
 
 from obelisk_py.core.clock_page import open_clock_writer
-from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameters import Getter
 from obelisk_py.core.rate_monitor.counting import TickCounter
@@ -131,6 +131,9 @@ _PAUSE_S: Final = 0.05
 class ObeliskMujocoRobot(ObeliskSimRobot):
     """A simulated robot and its viewers.
 
+    An inheriting class may override `apply_control`, to read control messages of its own and pass
+    numbers on by `_set_shared_ctrl(ctrl)` or another message by `super().apply_control(message)`.
+
     ROS parameters: `mujoco_setting` (the sim block), `ic_keyframe` (default `ic` where the model
     has it), `realtime_factor` (simulation time over wall time; 0: as fast as possible),
     `clock_rate` (of `/clock` at most [Hz of simulated time]), `viewer`
@@ -152,6 +155,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, ctrl_msg_type, **kwargs)
+        # The control subscription is required, with and without a message type.
+        self._has_message_types = False
         self.declare_parameter(PARAMETER, "")
         self.declare_parameter(KEYFRAME, "")
         # A config may write 0 or 1 as well as 0.5.
@@ -200,7 +205,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         )
         self._keyframe = loaded.keyframe
         self._inbox = make_inbox(
-            self.obk_subscriptions["sub_ctrl"].msg_type,
+            self._read_msg_type(),
             loaded.model,
             now_ns=lambda: self._stamp_ns(),
             lateness_s=self._age.policy.max_age_s if self._age is not None else None,
@@ -305,9 +310,66 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         if inbox is None:
             return False
         is_taken = inbox.offer(control_msg)
-        for rejection in inbox.reports():
-            self._log_rejection(rejection)
+        self._log_rejections(inbox)
         return is_taken
+
+    @property
+    def mj_model(self) -> mujoco.MjModel:
+        """The model; it exists while the node is configured.
+
+        Raises:
+            ObeliskError: the node is not configured.
+        """
+        return self._configured().model
+
+    @property
+    def mj_data(self) -> mujoco.MjData:
+        """The state of the simulation; the thread that steps changes it.
+
+        Raises:
+            ObeliskError: the node is not configured.
+        """
+        return self._configured().data
+
+    @property
+    def shared_ctrl(self) -> Array:
+        """The numbers that the actuators get, a copy, shape `(nu,)`.
+
+        Raises:
+            ObeliskError: the node is not configured.
+        """
+        self._end_existing_simulator()
+        data, inbox = self.mj_data, self._inbox
+        newest = inbox.newest if inbox is not None else None
+        return newest.copy() if isinstance(newest, np.ndarray) else data.ctrl.copy()
+
+    @shared_ctrl.setter
+    def shared_ctrl(self, shared_ctrl: Any) -> None:
+        self._set_shared_ctrl(shared_ctrl)
+
+    def _set_shared_ctrl(self, ctrl: Iterable[float]) -> None:
+        """Apply numbers for the actuators at the next step, or reject and log them.
+
+        For an inheriting class whose `apply_control` computes them from a message of any type.
+
+        Args:
+            ctrl: one number for each actuator of the model.
+        """
+        if self._inbox is not None:
+            self._inbox.put(ctrl)
+            self._log_rejections(self._inbox)
+
+    def _configured(self) -> Simulation:
+        if self._simulation is None:
+            raise ObeliskError("the simulator has a model only while it is configured")
+        return self._simulation
+
+    def _read_msg_type(self) -> Any | None:
+        """The type of the messages that the inbox reads; None if an inheriting class reads them."""
+        if type(self).apply_control is not ObeliskMujocoRobot.apply_control:
+            return None
+        msg_type: Any = self.obk_subscriptions["sub_ctrl"].msg_type
+        return msg_type
 
     def publish_true_sim_state(self) -> TrueSimState:
         """Publish the latest state on `pub_true_sim_state`, and return it."""
@@ -439,13 +501,17 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         )
 
     def _report(self, report: StepReport) -> None:
-        for rejection in self._inbox.reports() if self._inbox is not None else ():
-            self._log_rejection(rejection)
+        if self._inbox is not None:
+            self._log_rejections(self._inbox)
         if report.overruns:
             self._warn(
                 f"simulation could not keep up: skipped {report.lost_s:.3f} s in the last second "
                 f"({report.overruns} times); real-time factor {report.realtime_factor:.3f}"
             )
+
+    def _log_rejections(self, inbox: ControlInbox) -> None:
+        for rejection in inbox.reports():
+            self._log_rejection(rejection)
 
     def _own_publisher(self, message: type[Any], topic: str, depth: int) -> LifecyclePublisher:
         publisher: LifecyclePublisher = self.create_lifecycle_publisher(message, topic, depth)

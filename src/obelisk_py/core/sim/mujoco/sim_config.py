@@ -5,7 +5,7 @@ In: ROS parameters and the facts of the model. Out: every finding as a sentence,
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -143,15 +143,15 @@ def _beyond_this_simulator(block: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def typed_block(block: Mapping[str, Any]) -> SimConfig:
-    """The values of a block that has no findings."""
-    geoms = dict(block.get("viz_geoms") or {})
-    period_s = float(geoms.pop("dt", _DEFAULT_GEOMS_PERIOD_S))
+def typed_block(block: Mapping[str, Any], model_geoms: Collection[str] = ()) -> SimConfig:
+    """The values of a block that has no error; geoms that the model lacks are left out."""
+    geoms = block.get("viz_geoms") or {}
+    period_s = float(geoms.get("dt", _DEFAULT_GEOMS_PERIOD_S))
     time_step = block.get("time_step")
     return SimConfig(
         time_step_s=None if time_step is None else float(time_step),
         groups=tuple(_group(group) for group in block.get("sensor_settings") or ()),
-        geoms=geoms,
+        geoms={name: kind for name, kind in geoms.items() if name in model_geoms},
         geoms_period_s=period_s,
         steps_per_view=block.get("num_steps_per_viz") or _DEFAULT_STEPS_PER_VIEW,
     )

@@ -1,7 +1,8 @@
 """Ray casters: `ObkScan`, `PointCloud2`, `DepthImage`.
 
-In: the group's ray caster. A ray without a hit is NaN in all of them. `header.frame_id` is the
-`frame` of the config, otherwise the site; the points of a cloud are given in that frame.
+In: the group's ray caster. A ray without a hit is NaN; a cloud leaves it out unless the config
+keeps it. `header.frame_id` is the `frame` of the config, which is only a label: the points of a
+cloud are given in the frame of the site, unless the config asks for those of `frame`.
 
 Source: sensor_msgs/PointCloud2.msg; REP 118 (a depth image holds distances along the axis).
 """
@@ -18,13 +19,31 @@ from sensor_msgs.msg import Image, PointCloud2, PointField
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.serialization.codec import PackedMessage
-from obelisk_py.core.sim.mujoco.raycast import DepthCamera, RayCaster, Scan, make_caster
+from obelisk_py.core.sim.mujoco.raycast import (
+    DepthCamera,
+    HeightScan,
+    RayCaster,
+    Scan,
+    make_caster,
+)
 from obelisk_py.core.sim.mujoco.sensors.kind import WORLD, Array, Sampler, SensorKind, SensorSource
 
-__all__ = ["DEPTH_IMAGE", "OBK_SCAN", "POINT_CLOUD", "Frame", "find_frame"]
+__all__ = [
+    "DEPTH_IMAGE",
+    "OBK_SCAN",
+    "POINT_CLOUD",
+    "POINT_FIELDS",
+    "CloudMessage",
+    "Frame",
+    "find_frame",
+]
 
 _FLOAT_BYTES: Final = 4
-_POINT_BYTES: Final = 3 * _FLOAT_BYTES
+POINT_FIELDS: Final = ("x", "y", "z", "intensity")
+"""Of a point of a cloud, each a 32-bit number."""
+_POINT_BYTES: Final = len(POINT_FIELDS) * _FLOAT_BYTES
+_INTENSITY: Final = 1.0
+"""Of every point: a model of MuJoCo has no reflectivity."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,48 +79,75 @@ def find_frame(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Frame |
 def _build_scan(source: SensorSource) -> Sampler:
     settings, scan = _scan(source)
     message = ObkScan(data=array("f", bytes(_FLOAT_BYTES * len(scan.distances))))
-    message.header.frame_id = settings.frame or settings.site
+    message.header.frame_id = settings.frame
     packed = PackedMessage(message)
     numbers = packed.numbers("data")
+    holds_height = isinstance(settings.pattern, HeightScan) and settings.pattern.holds_height
 
     def take() -> None:
         scan.cast()
-        np.copyto(numbers, scan.distances, casting="same_kind")
+        values = scan.distances
+        if holds_height:
+            values = scan.starts[:, 2] + scan.distances * scan.directions[:, 2]
+        np.copyto(numbers, values, casting="same_kind")
 
     return Sampler(message=packed, take=take)
 
 
+class CloudMessage(PackedMessage):
+    """A `PointCloud2` of hits, whose number changes from sample to sample."""
+
+    def __init__(self, message: PointCloud2) -> None:
+        """Take an unorganised cloud with room for every ray."""
+        super().__init__(message)
+        self._width = self.numbers("width")
+        self._row_step = self.numbers("row_step")
+
+    def set_count(self, count: int) -> None:
+        """Keep the first `count` points."""
+        self._width[:] = count
+        self._row_step[:] = count * _POINT_BYTES
+
+    def to_bytes(self, stamp_ns: int) -> bytes:
+        """The message as it is now, without the room that is left."""
+        return self.to_bytes_with(stamp_ns, "data", int(self._row_step[0]))
+
+
 def _build_cloud(source: SensorSource) -> Sampler:
     settings, scan = _scan(source)
-    name = settings.frame or settings.site
+    name = settings.frame if settings.points_in_frame else settings.site
     frame = find_frame(source.model, source.data, name)
-    rows, columns = scan.rays.rows, scan.rays.columns
+    rows, columns, count = scan.rays.rows, scan.rays.columns, len(scan.distances)
+    is_organised = settings.keeps_misses
     message = PointCloud2(
-        height=rows,
-        width=columns,
+        height=rows if is_organised else 1,
+        width=columns if is_organised else count,
         fields=[
             PointField(name=axis, offset=place * _FLOAT_BYTES, datatype=PointField.FLOAT32, count=1)
-            for place, axis in enumerate("xyz")
+            for place, axis in enumerate(POINT_FIELDS)
         ],
         is_bigendian=sys.byteorder == "big",
         point_step=_POINT_BYTES,
-        row_step=_POINT_BYTES * columns,
-        data=bytes(_POINT_BYTES * rows * columns),
+        row_step=_POINT_BYTES * (columns if is_organised else count),
+        data=bytes(_POINT_BYTES * count),
+        is_dense=not is_organised,
     )
-    message.header.frame_id = name
-    packed = PackedMessage(message)
-    numbers = packed.numbers("data").view(np.float32).reshape(-1, 3)
-    points = np.empty((rows * columns, 3))
+    message.header.frame_id = settings.frame
+    packed = PackedMessage(message) if is_organised else CloudMessage(message)
+    numbers = packed.numbers("data").view(np.float32).reshape(-1, len(POINT_FIELDS))
+    numbers[:, 3] = _INTENSITY
+    places, points = numbers[:, :3], np.empty((count, 3))
 
     def take() -> None:
         scan.cast()
         np.multiply(scan.directions, scan.distances[:, None], out=points)
         np.add(points, scan.starts, out=points)
-        if frame is None:
-            np.copyto(numbers, points, casting="same_kind")
-        else:
-            np.subtract(points, frame.position, out=points)
-            np.copyto(numbers, points @ frame.rotation, casting="same_kind")
+        in_frame = points if frame is None else (points - frame.position) @ frame.rotation
+        if isinstance(packed, CloudMessage):
+            in_frame = in_frame[np.isfinite(scan.distances)]
+            packed.set_count(len(in_frame))
+            places[len(in_frame) :] = 0.0  # or noise would add up there from sample to sample
+        np.copyto(places[: len(in_frame)], in_frame, casting="same_kind")
 
     return Sampler(message=packed, take=take)
 
@@ -117,7 +163,7 @@ def _build_image(source: SensorSource) -> Sampler:
         step=_FLOAT_BYTES * columns,
         data=bytes(_FLOAT_BYTES * rows * columns),
     )
-    message.header.frame_id = settings.frame or settings.site
+    message.header.frame_id = settings.frame
     packed = PackedMessage(message)
     numbers = packed.numbers("data").view(np.float32)
     is_camera = isinstance(settings.pattern, DepthCamera)
@@ -141,10 +187,10 @@ def _scan(source: SensorSource) -> tuple[RayCaster, Scan]:
 
 
 OBK_SCAN = SensorKind(message_type=ObkScan, build=_build_scan)
-"""obelisk_sensor_msgs/ObkScan: distances along the rays."""
+"""obelisk_sensor_msgs/ObkScan: heights of a height scan's hits, a lidar's distances."""
 
 POINT_CLOUD = SensorKind(message_type=PointCloud2, build=_build_cloud)
-"""sensor_msgs/PointCloud2: x, y, z of the hits, in the order of the rays."""
+"""sensor_msgs/PointCloud2: x, y, z, intensity of the hits, in the order of the rays."""
 
 DEPTH_IMAGE = SensorKind(message_type=Image, build=_build_image)
 """sensor_msgs/Image 32FC1: a depth camera's distances along its axis, a lidar's along its rays."""

@@ -1,0 +1,146 @@
+"""Measure the rates of nodes that do not report them, on the topics that they publish.
+
+Nodes in C++ publish no `/diagnostics`. A controller publishes once in each period of its timer, so
+the topic's rate shows the timer's. Nothing is subscribed to before a node turns out not to report.
+"""
+
+import threading
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
+from queue import Empty, SimpleQueue
+from types import TracebackType
+from typing import Final
+
+from obelisk_spec.runtime_protocol import TOLERANCE, Rate
+from obk_cli.clock import monotonic_s
+from obk_cli.launch.events import OutputEvent, RatesReported, RatesUnreported
+from obk_cli.plan.plan import Process, Promise
+from obk_cli.ros.participant import RosParticipant
+from obk_cli.ros.rate_meter import RosMeter, TopicRate
+from obk_cli.ros.types import raw_type
+
+__all__ = ["ExternalRates", "external_rate"]
+
+REPORT_S: Final = 1.0
+"""Between two reports [s], as nodes report."""
+WINDOW_S: Final = 2.0
+"""Over which a rate is measured [s]; one too low for as long is broken."""
+PERIODS: Final = 5
+"""That the window of a slow rate holds."""
+TURN_S: Final = 0.02
+"""Between two polls of the subscriptions [s]."""
+NO_MESSAGES: Final = TopicRate(count=0, lost=None, seen=0, window_s=0.0)
+_US: Final = 1e6
+
+
+class ExternalRates(AbstractContextManager["ExternalRates"]):
+    """Measures, in a thread, the rates of nodes that do not report."""
+
+    def __init__(
+        self,
+        participant: RosParticipant,
+        processes: Iterable[Process],
+        report: Callable[[RatesReported], None],
+    ) -> None:
+        """Measure nothing yet.
+
+        Args:
+            participant: subscribes to the topics.
+            processes: the nodes that run here.
+            report: takes the rates of a node, once a second, from the thread.
+        """
+        self._participant = participant
+        self._processes = {process.full_name: process for process in processes}
+        self._report = report
+        self._added: SimpleQueue[str] = SimpleQueue()
+        self._end = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def on_event(self, event: OutputEvent) -> None:
+        """Measure the rates of a node that does not report them."""
+        if isinstance(event, RatesUnreported) and event.measured:
+            self._added.put(event.node)
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._measure, daemon=True)
+                self._thread.start()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Stop measuring."""
+        self._end.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _measure(self) -> None:
+        meter = RosMeter(self._participant, WINDOW_S, TURN_S)
+        since: dict[str, float] = {}
+        reported_s = monotonic_s()
+        while not self._end.is_set():
+            while (node := self._next_added()) is not None:
+                since[node] = monotonic_s()
+                self._subscribe(meter, self._processes[node])
+            meter.turn()
+            if monotonic_s() - reported_s < REPORT_S:
+                continue
+            reported_s = monotonic_s()
+            for node, since_s in since.items():
+                self._report_node(meter, self._processes[node], reported_s - since_s)
+        meter.close()
+
+    def _report_node(self, meter: RosMeter, process: Process, measured_s: float) -> None:
+        """Report the rates whose window has passed; without messages they are 0 Hz."""
+        self._subscribe(meter, process)
+        seen = meter.rates()
+        rates = tuple(
+            external_rate(promise, seen.get(promise.topic, NO_MESSAGES))
+            for promise in process.promises
+            if promise.topic is not None and measured_s > window_s(promise)
+        )
+        if rates:
+            self._report(RatesReported(node=process.full_name, rates=rates, is_external=True))
+
+    def _next_added(self) -> str | None:
+        try:
+            return self._added.get_nowait()
+        except Empty:
+            return None
+
+    def _subscribe(self, meter: RosMeter, process: Process) -> None:
+        """Subscribe to the topics that are published by now."""
+        subscribed = meter.rates().keys()
+        for promise in process.promises:
+            if promise.topic is None or promise.topic in subscribed:
+                continue
+            seen = self._participant.topic(promise.topic)
+            for msg_type in seen.published_types[:1]:
+                python_type = raw_type(msg_type, (end.type_hash for end in seen.publishers))
+                window = window_s(promise)
+                meter.add(promise.topic, msg_type, python_type, window_s=window, is_light=True)
+
+
+def window_s(promise: Promise) -> float:
+    """Return over how long a rate is measured [s]."""
+    return max(WINDOW_S, PERIODS * promise.period_s)
+
+
+def external_rate(promise: Promise, seen: TopicRate) -> Rate:
+    """Return the rate that a topic shows; after a window of messages, or of none."""
+    measured_hz = seen.rate_hz or 0.0
+    if seen.age_s:  # as if the next message came right now
+        measured_hz = min(measured_hz, max(1 / seen.age_s, 0.0))
+    is_low = measured_hz < (1 - TOLERANCE) / promise.period_s
+    return Rate(
+        name=promise.name,
+        wanted_hz=1 / promise.period_s,
+        measured_hz=measured_hz,
+        ticks=seen.count,
+        overruns=0,
+        late_p50_us=0.0,
+        late_p99_us=(seen.jitter_s or 0.0) * _US,
+        late_max_us=max(0.0, (seen.max_s or 0.0) - promise.period_s) * _US,
+        standing="broken" if is_low else "kept",
+    )

@@ -1,0 +1,222 @@
+"""How a node's methods use its components: the keys they look up, the controls they fill in."""
+
+import ast
+from collections.abc import Iterator
+from typing import Final
+
+from obk_cli.config.environment import ControlLength, KeyUse
+from obk_cli.config.model import ComponentKind
+from obk_cli.source_analysis.class_hierarchy import ClassSource, Function, Lineage
+from obk_cli.source_analysis.modules import (
+    UNKNOWN,
+    ModuleLibrary,
+    Value,
+    dotted_name,
+    message_type,
+    span_of,
+    value_of,
+)
+from obk_cli.source_analysis.registrations import scope_of
+from obk_cli.source_analysis.undefined_names import nodes_without_fallback
+
+__all__ = ["control_lengths", "key_uses"]
+
+_TABLES: Final[dict[str, ComponentKind]] = {
+    "obk_publishers": "publisher",
+    "obk_subscriptions": "subscriber",
+    "obk_timers": "timer",
+}
+_FIELDS = ("u_mujoco", "u")
+_PACKAGE = "obelisk_control_msgs/"
+_LONGER: Final = ("append", "extend", "insert")
+_FILLED: Final = ("numpy.zeros", "numpy.ones", "numpy.empty", "numpy.full")
+_LONGEST = 1_000_000
+
+
+def _methods(lineage: Lineage) -> Iterator[tuple[ClassSource, Function]]:
+    """The methods of the user's classes that no other class overrides."""
+    for index, source in enumerate(lineage.classes):
+        if not source.is_of_library:
+            for method in source.methods():
+                if lineage.method(method.name) == (index, method):
+                    yield source, method
+
+
+def key_uses(lineage: Lineage, library: ModuleLibrary) -> Iterator[KeyUse]:
+    """Every `self.obk_publishers["pub_ctrl"]` whose key is known, in the order of the source."""
+    for source, method in _methods(lineage):
+        arguments = method.args
+        names = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
+        scope = scope_of(method, source.module, {a.arg: UNKNOWN for a in names})
+        for node in _unconditional(method):
+            match node:
+                case ast.Subscript(
+                    value=ast.Attribute(value=owner, attr=table), slice=key, ctx=ast.Load()
+                ) if table in _TABLES and scope.is_self(owner):
+                    text = value_of(key, scope.module, library, scope.local)
+                    if isinstance(text, str):
+                        span = span_of(key, source.module.source)
+                        yield KeyUse(kind=_TABLES[table], key=text, span=span)
+
+
+def _unconditional(method: Function) -> Iterator[ast.AST]:
+    """The syntax of a method; nothing if it asks which components there are."""
+    nodes = list(nodes_without_fallback(method))
+    looked_up = {id(node.value) for node in nodes if isinstance(node, ast.Subscript)}
+    asks = any(
+        isinstance(node, ast.Attribute) and node.attr in _TABLES and id(node) not in looked_up
+        for node in nodes
+    )
+    return iter(()) if asks else iter(nodes)
+
+
+def control_lengths(lineage: Lineage, library: ModuleLibrary) -> Iterator[ControlLength]:
+    """Every list of known length that a method writes into a control message."""
+    for source, method in _methods(lineage):
+        yield from _Lengths(lineage, source, method, library).found()
+
+
+class _Lengths:
+    """The control messages of one method."""
+
+    def __init__(
+        self, lineage: Lineage, source: ClassSource, method: Function, library: ModuleLibrary
+    ) -> None:
+        self._lineage = lineage
+        self._source = source
+        self._module = source.module
+        self._method = method
+        self._library = library
+        self._scope = scope_of(method, source.module, {})
+        arguments = [*method.args.posonlyargs, *method.args.args, *method.args.kwonlyargs]
+        self._local = {*self._scope.local, *(a.arg for a in arguments)}
+
+    def found(self) -> Iterator[ControlLength]:
+        nodes = list(ast.walk(self._method))
+        messages = {
+            node.targets[0].id
+            for node in nodes
+            if isinstance(node, ast.Assign)
+            and isinstance(node.targets[0], ast.Name)
+            and self._is_control(node.value)
+        }
+        longer = {field for node in nodes for field in _extended(node)}
+        for node in nodes:
+            match node:
+                case ast.Assign(
+                    targets=[ast.Attribute(value=ast.Name(id=name), attr=field)], value=value
+                ) if field in _FIELDS and name in messages and (name, field) not in longer:
+                    yield from self._length(field, value, node)
+                case ast.Call(keywords=keywords) if self._is_control(node):
+                    for keyword in keywords:
+                        if keyword.arg in _FIELDS:
+                            yield from self._length(keyword.arg, keyword.value, keyword.value)
+
+    def _is_control(self, expression: ast.expr) -> bool:
+        if not isinstance(expression, ast.Call):
+            return False
+        value: Value = value_of(expression.func, self._module, self._library, {})
+        return (message_type(value) or "").startswith(_PACKAGE)
+
+    def _length(
+        self, field: str, value: ast.expr, place: ast.expr | ast.stmt
+    ) -> Iterator[ControlLength]:
+        length = self._items(value)
+        if length:  # an empty list is filled by what follows
+            span = span_of(place, self._module.source)
+            yield ControlLength(field=field, length=length, span=span)
+
+    def _items(self, expression: ast.expr) -> int | None:
+        """How many items a list that is written out or repeated has."""
+        match expression:
+            case ast.List(elts=items) | ast.Tuple(elts=items):
+                return None if any(isinstance(i, ast.Starred) for i in items) else len(items)
+            case ast.BinOp(left=left, op=ast.Mult(), right=right):
+                is_swapped = isinstance(right, ast.List | ast.Tuple)
+                one = self._items(right if is_swapped else left)
+                times = self._whole(left if is_swapped else right)
+                return None if one is None or times is None else one * max(times, 0)
+            case ast.BinOp(left=left, op=ast.Add(), right=right):
+                first, second = self._items(left), self._items(right)
+                return None if first is None or second is None else first + second
+            case ast.ListComp(generators=[ast.comprehension(iter=iterated, ifs=[])]):
+                match iterated:
+                    case ast.Call(func=ast.Name(id="range"), args=[count]):
+                        return self._whole(count)
+            case ast.Call(func=ast.Attribute(value=array, attr="tolist"), args=[]):
+                return self._array(array)
+        return self._array(expression)
+
+    def _array(self, expression: ast.expr) -> int | None:
+        match expression:
+            case ast.Call(func=made, args=[shape, *_]) if (
+                dotted_name(made, self._module) in _FILLED
+            ):
+                return self._whole(shape)
+        return None
+
+    def _whole(self, expression: ast.expr) -> int | None:
+        """The whole number that an expression of literals and constants is."""
+        match expression:
+            case ast.Constant(value=bool()):
+                return None
+            case ast.Constant(value=int(number)):
+                return number if abs(number) < _LONGEST else None
+            case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() as op, right=right):
+                one, other = self._whole(left), self._whole(right)
+                if one is None or other is None:
+                    return None
+                if isinstance(op, ast.Mult):
+                    number = one * other
+                else:
+                    number = one + other if isinstance(op, ast.Add) else one - other
+                return number if abs(number) < _LONGEST else None
+            case ast.Call(func=ast.Name(id="len"), args=[items]):
+                return self._items(items)
+            case ast.Attribute(value=owner, attr=name) if self._scope.is_self(owner):
+                return self._class_constant(name)
+            case ast.Name(id=name) if name in self._local:
+                return None
+            case ast.Name() | ast.Attribute():
+                return self._constant(expression)
+        return None
+
+    def _constant(self, expression: ast.expr) -> int | None:
+        dotted = dotted_name(expression, self._module) or ""
+        definition = self._library.definition(dotted) if "." in dotted else None
+        match definition.node if definition else None:
+            case ast.Constant(value=bool()):
+                return None
+            case ast.Constant(value=int(number)):
+                return number if abs(number) < _LONGEST else None
+        return None
+
+    def _class_constant(self, name: str) -> int | None:
+        """An int of the class body that no class assigns again."""
+        values: list[ast.expr | None] = []
+        for source in self._lineage.classes:
+            for node in ast.walk(source.node):
+                match node:
+                    case ast.Attribute(attr=attribute, ctx=ast.Store() | ast.Del()):
+                        values += [None] if attribute == name else []
+                    case ast.Assign(targets=[ast.Name(id=bound)], value=value):
+                        values += [value] if bound == name else []
+                    case ast.AnnAssign(target=ast.Name(id=bound), value=value):
+                        values += [value] if bound == name else []
+        match values:
+            case [ast.Constant(value=int(number))] if self._lineage.is_whole:
+                return number if abs(number) < _LONGEST else None
+        return None
+
+
+def _extended(node: ast.AST) -> Iterator[tuple[str, str]]:
+    """The message and its field that a statement makes longer."""
+    match node:
+        case ast.Call(
+            func=ast.Attribute(
+                value=ast.Attribute(value=ast.Name(id=name), attr=field), attr=method
+            )
+        ) if method in _LONGER:
+            yield name, field
+        case ast.AugAssign(target=ast.Attribute(value=ast.Name(id=name), attr=field)):
+            yield name, field

@@ -1,0 +1,182 @@
+"""Imports that fail: a module that does not exist, or a name that a module does not define.
+
+Only imports that run whenever the node starts are checked. Those in `try`, `if`, `with` and in
+functions other than the entry point are optional or conditional.
+"""
+
+import ast
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from obelisk_spec.suggestions import ask_for, near_names, sure_name
+from obk_cli.diagnostics.diagnostic import Diagnostic, found
+from obk_cli.diagnostics.source import Span
+from obk_cli.source_analysis.modules import (
+    Module,
+    ModuleLibrary,
+    UnreadableSourceError,
+    import_origin,
+    span_of,
+)
+
+__all__ = ["EntryFunction", "ImportPlaces", "check_imports", "imported_modules"]
+
+EntryFunction = tuple[Module, list[ast.stmt]]
+"""The function that an entry point calls: its module and its statements."""
+
+_MOST_MODULES = 500
+"""Modules of one node that are read for their imports."""
+_CHANGE_THE_PATH = ("sys.path", "sys.modules", "sys.meta_path", "addsitedir", "import_module")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImportPlaces:
+    """Where modules are looked for."""
+
+    may_exist: Callable[[str], bool]
+    """Whether an import of a dotted name may succeed; False only if it must fail."""
+    siblings: Callable[[str], Sequence[str]]
+    """The dotted names of the modules beside one."""
+    is_read: Callable[[str], bool]
+    """Whether the source that can be read of a module is what the node will import."""
+    is_own: Callable[[str], bool]
+    """Whether a module is the workspace's, so that its imports are checked."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Import:
+    module: str
+    name: str | None
+    """What is taken from it; None for `import module` and for `*`."""
+    span: Span
+    """The name."""
+    written: str
+    """The module as the statement names it."""
+
+
+def imported_modules(
+    entry: Module, function: EntryFunction, library: ModuleLibrary, places: ImportPlaces
+) -> tuple[Module, ...]:
+    """The workspace's modules that run when the node starts, the entry point's first."""
+    reached = {entry.name: entry}
+    pending = [entry]
+    while pending and len(reached) < _MOST_MODULES:
+        module = pending.pop(0)
+        for one in _imports(_body(module, function), module):
+            names = [one.module] + ([f"{one.module}.{one.name}"] if one.name else [])
+            for name in names:
+                for package in _with_packages(name):
+                    found_module = _readable(package, library) if places.is_own(package) else None
+                    if found_module is not None and package not in reached:
+                        reached[package] = found_module
+                        pending.append(found_module)
+    return tuple(reached.values())
+
+
+def _body(module: Module, function: EntryFunction) -> list[ast.stmt]:
+    return [*module.tree.body, *(function[1] if module is function[0] else ())]
+
+
+def _with_packages(name: str) -> Iterator[str]:
+    """`a`, `a.b`, `a.b.c`: what an import runs."""
+    parts = name.split(".")
+    yield from (".".join(parts[: end + 1]) for end in range(len(parts)))
+
+
+def _readable(name: str, library: ModuleLibrary) -> Module | None:
+    try:
+        return library.module(name)
+    except UnreadableSourceError:
+        return None  # a finding of its own, if it is needed
+
+
+def _imports(body: Iterable[ast.stmt], module: Module) -> Iterator[_Import]:
+    for statement in body:
+        match statement:
+            case ast.Import(names=aliases):
+                for alias in aliases:
+                    yield _Import(alias.name, None, span_of(alias, module.source), alias.name)
+            case ast.ImportFrom(names=aliases):
+                origin = import_origin(statement, module.name, module.is_package)
+                for alias in aliases if origin else ():
+                    name = None if alias.name == "*" else alias.name
+                    place = span_of(alias, module.source)
+                    yield _Import(origin, name, place, statement.module or "")
+
+
+def check_imports(
+    modules: Sequence[Module],
+    function: EntryFunction,
+    library: ModuleLibrary,
+    places: ImportPlaces,
+) -> Iterator[Diagnostic]:
+    """OBK421: every import that fails, each missing thing once.
+
+    Args:
+        modules: those of `imported_modules`.
+        function: the entry point's.
+        library: gives the modules that can be read.
+        places: where modules are looked for.
+    """
+    if any(word in module.source.text for module in modules for word in _CHANGE_THE_PATH):
+        return
+    seen: set[str] = set()
+    for module in modules:
+        for one in _imports(_body(module, function), module):
+            dotted = f"{one.module}.{one.name}"
+            missing = next((p for p in _with_packages(one.module) if not places.may_exist(p)), None)
+            if missing is not None and missing not in seen:
+                seen.add(missing)
+                yield _no_module(missing, one, places)
+            elif missing is None and one.name and dotted not in seen:
+                names = _names_without(one.module, one.name, library, places)
+                if names is not None:
+                    seen.add(dotted)
+                    yield _no_name(one.module, one.name, names, one.span)
+
+
+def _names_without(
+    name: str, wanted: str, library: ModuleLibrary, places: ImportPlaces
+) -> frozenset[str] | None:
+    """What a module defines, if that can be seen and does not include `wanted`."""
+    module = _readable(name, library) if places.is_read(name) else None
+    names = None if module is None else module.bound_names
+    if module is None or names is None or wanted in names or wanted.startswith("__"):
+        return None
+    is_module = module.is_package and places.may_exist(f"{name}.{wanted}")
+    return None if is_module else names
+
+
+def _no_name(module: str, name: str, names: Iterable[str], span: Span) -> Diagnostic:
+    return found(
+        "OBK421",
+        f"module `{module}` defines no `{name}`",
+        span,
+        help=_near(name, names) or f"define `{name}` there, or correct the name",
+    )
+
+
+def _no_module(missing: str, one: _Import, places: ImportPlaces) -> Diagnostic:
+    package, _, _ = missing.rpartition(".")
+    start = one.span.source.line(one.span.line).find(one.written)
+    span = one.span
+    if start >= 0 and one.name is not None:
+        span = Span.at(one.span.source, one.span.line, start + 1, len(one.written))
+    near = _near(missing, places.siblings(missing))
+    if package:
+        message = f"package `{package}` has no module `{missing}`"
+        return found("OBK421", message, span, help=near or "correct the name, or add the module")
+    return found(
+        "OBK421",
+        f"package `{missing}` is not installed in the Python environment of `obk`",
+        span,
+        help=near
+        or "install it there; if the node can run without it, import it within "
+        "`try: ... except ImportError: ...`",
+    )
+
+
+def _near(name: str, known: Iterable[str]) -> str | None:
+    every = tuple(known)
+    meant = sure_name(name, every)
+    return ask_for((meant,) if meant else near_names(name, every))

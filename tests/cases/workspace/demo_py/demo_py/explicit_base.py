@@ -1,0 +1,24 @@
+from typing import Any
+
+from demo_py.controller import ArmController
+from obelisk_py.core.utils.ros import spin_obelisk
+
+
+class Counted:
+    def __init__(self) -> None:
+        self.count = 0
+
+
+class CountedController(Counted, ArmController):
+    """Calls each base class by its name."""
+
+    def __init__(self, *args: Any) -> None:
+        Counted.__init__(self)
+        self.start(*args)
+
+    def start(self, *args: Any) -> None:
+        ArmController.__init__(self, *args)
+
+
+def main() -> None:
+    spin_obelisk(None, CountedController)

@@ -1,0 +1,243 @@
+"""What is wrong in a node's source for certain, and what may be right and gives no finding."""
+
+import pytest
+
+from obk_cli.config.environment import CodeFault, NodeFacts, SourceFaults
+from obk_cli.source_analysis.entry_point import read_node_code
+from obk_cli.source_analysis.imports import ImportPlaces
+
+from .test_entry_point import HEAD, TAIL, code, load_from, names, node, read
+
+INSTALLED = ("numpy", "obelisk_control_msgs", "obelisk_sensor_msgs", "sys", "typing", "contextlib")
+
+
+def codes(body: str, **modules: str) -> list[str]:
+    """The findings of a source, wherever its imports lead."""
+    texts = {"m": HEAD + body + TAIL, **modules}
+    places = ImportPlaces(
+        may_exist=lambda name: (
+            name.partition(".")[0] in INSTALLED or load_from(texts, name) is not None
+        ),
+        siblings=lambda _: tuple(texts),
+        is_read=lambda _: True,
+        is_own=lambda name: name in texts,
+    )
+    found = read_node_code("m", "main", lambda name: load_from(texts, name), places)
+    assert isinstance(found, NodeFacts | SourceFaults | CodeFault | None)
+    return (
+        [finding.code for finding in found.findings]
+        if isinstance(found, NodeFacts | SourceFaults)
+        else []
+    )
+
+
+OWN = "class Mine(ObeliskNode):\n    pass\n"
+
+
+@pytest.mark.parametrize(
+    ("body", "expected"),
+    [
+        ("import nowhere\n" + OWN, ["OBK421"]),
+        ("import nowhere\nfrom nowhere import x\n" + OWN, ["OBK421"]),
+        ("import nowhere, elsewhere\n" + OWN, ["OBK421", "OBK421"]),
+        ("from package import Gone\n" + OWN, ["OBK421"]),
+        ("from package import kept, Gone\n" + OWN, ["OBK421"]),
+        ("import package.gone\n" + OWN, ["OBK421"]),
+        ("class Mine(ObelskNode):\n    pass\n", ["OBK420"]),
+        ("x = undefined\n" + OWN, ["OBK420"]),
+        ("@undefined\ndef f(): ...\n" + OWN, ["OBK420"]),
+        (OWN + "    def f(self):\n        return undefined\n", ["OBK420"]),
+        ("x = undefined\n" + OWN + "    def f(self):\n        return undefined\n", ["OBK420"]),
+    ],
+)
+def test_what_certainly_fails_is_found_once(body: str, expected: list[str]) -> None:
+    assert codes(body, package="kept = 1\n") == expected
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "try:\n    import nowhere\nexcept ImportError:\n    nowhere = None\n",
+        "try:\n    import nowhere\nexcept Exception:\n    pass\n",
+        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import nowhere\n",
+        "import sys\nif sys.platform == 'win32':\n    import nowhere\n",
+        "from contextlib import suppress\nwith suppress(ImportError):\n    import nowhere\n",
+        "def f():\n    import nowhere\n",
+        "import sys\nsys.path.append('/x')\nimport nowhere\n",
+        "from package import kept\n",
+        "from package import *\nx = anything\n",
+        "from package import __version__\n",
+        "from opaque import anything\n",
+        "from starred import anything\n",
+        "from lazy import anything\n",
+        "from partly import either, looped, walrus, handled\n",
+        "x: undefined = 1\n",
+        "def f(x: undefined) -> undefined: ...\n",
+        "try:\n    x = undefined\nexcept NameError:\n    x = None\n",
+        "import sys\nx = unicode if sys.version_info < (3,) else str\n",
+        "exec('undefined = 1')\nx = undefined\n",
+        "globals()['undefined'] = 1\nx = undefined\n",
+        "x = [n for n in range(3) if (m := n)]\ny = m\n",
+        "def f():\n    global late\n    late = 1\ndef g():\n    return late\n",
+        "match 1:\n    case [*rest]:\n        x = rest\n",
+        "match 1:\n    case {'a': 1, **more}:\n        x = more\n",
+        "print(__file__, __name__, _)\n",
+        "def f():\n    return locals_of_another\nlocals_of_another = 1\n",
+    ],
+)
+def test_what_may_be_right_is_not_found(text: str) -> None:
+    modules = {
+        "package": "kept = 1\n",
+        "opaque": "exec('anything = 1')\n",
+        "starred": "from elsewhere import *\n",
+        "lazy": "def __getattr__(name): ...\n",
+        "partly": "if 1:\n    either = 1\nfor looped in (): ...\nprint(walrus := 1)\n"
+        "try: ...\nexcept E as handled: ...\n",
+    }
+    assert not codes(text + OWN, elsewhere="", **modules)
+
+
+@pytest.mark.parametrize(
+    "constructor",
+    [
+        "        pass\n",
+        "        self.gain = 1.0\n        self.prepare()\n",
+    ],
+)
+def test_a_constructor_that_leaves_the_base_out_is_found(constructor: str) -> None:
+    rest = "    def prepare(self): ...\n"
+    assert codes(f"class Mine(ObeliskNode):\n    def __init__(self):\n{constructor}{rest}") == [
+        "OBK422"
+    ]
+
+
+@pytest.mark.parametrize(
+    "constructor",
+    [
+        "super().__init__('n')",
+        "super(Mine, self).__init__('n')",
+        "ObeliskNode.__init__(self, 'n')",
+        "self.prepare()",
+        "prepare(self)",
+        "init = super().__init__\n        init('n')",
+        "for base in Mine.__bases__: base.__init__(self, 'n')",
+    ],
+)
+def test_a_constructor_that_may_run_the_base_is_not_found(constructor: str) -> None:
+    helper = "    def prepare(self):\n        super().__init__('n')\n"
+    body = f"class Mine(ObeliskNode):\n    def __init__(self):\n        {constructor}\n{helper}"
+    assert "OBK422" not in codes(f"from package import prepare\n{body}", package="prepare = 1\n")
+
+
+@pytest.mark.parametrize(
+    ("more", "is_found"),
+    [
+        ("", True),
+        ("    def tick(self): ...\n", False),
+        ("    tick = None\n", False),
+        ("    def set(self):\n        self.tick = print\n", False),
+        ("    def set(self):\n        setattr(self, 'tick', print)\n", False),
+        ("    def __getattr__(self, name): ...\n", False),
+        ("    def set(self):\n        self.__dict__['tick'] = print\n", False),
+        ("Mine.tick = print\n", False),
+    ],
+)
+def test_a_callback_is_missing_only_if_nothing_can_set_it(more: str, is_found: bool) -> None:
+    body = node("self.register_obk_timer('timer_a', self.tick)") + more
+    assert codes(body) == (["OBK424"] if is_found else [])
+    assert not codes(
+        body.replace("(ObeliskNode)", "(Unknown, ObeliskNode)").replace(
+            "class Mine", "from package import Unknown\nclass Mine"
+        ),
+        package="Unknown = make()\nfrom elsewhere import make\n",
+        elsewhere="make = 1\n",
+    )
+
+
+@pytest.mark.parametrize(
+    ("lookup", "keys"),
+    [
+        ("self.obk_publishers['a'].publish(1)", ["a"]),
+        ("self.obk_timers[KEY].cancel()", ["key of the module"]),
+        ("self.obk_publishers[f'{self.t}']", []),
+        ("self.obk_publishers[msg]", []),
+        ("for key in 'ab': self.obk_publishers[key]", []),
+        ("self.obk_publishers.get('a')", []),
+        ("if 'a' in self.obk_publishers: self.obk_publishers['a']", []),
+        ("other.obk_publishers['a']", []),
+        ("try: self.obk_publishers['a']\n        except KeyError: pass", []),
+    ],
+)
+def test_only_keys_that_are_certainly_looked_up_count(lookup: str, keys: list[str]) -> None:
+    body = f"KEY = 'key of the module'\n{node('pass')}    def use(self, msg):\n        {lookup}\n"
+    assert [use.key for use in code(body).key_uses] == keys
+
+
+@pytest.mark.parametrize(
+    ("value", "length"),
+    [
+        ("[0.0] * JOINTS", 12),
+        ("JOINTS * [0.0, 1.0]", 24),
+        ("[0.0] * (LEGS * 3 - 1)", 11),
+        ("[0.0] * self.N", 3),
+        ("[0.0] * shared.N", 7),
+        ("[0.0, *rest]", None),
+        ("[0.0] * JOINTS + [1.0]", 13),
+        ("[0.0 for _ in range(LEGS)]", 4),
+        ("[0.0 for x in range(LEGS) if x]", None),
+        ("np.zeros(JOINTS).tolist()", 12),
+        ("np.zeros((3, 4)).ravel()", None),
+        ("[0.0] * len(self.q)", None),
+        ("[0.0] * count", None),
+        ("[0.0] * self.M", None),
+        ("[0.0] * CHANGED", None),
+        ("[0.0] * 99999999999999", None),
+        ("[0.0] * True", None),
+        ("[0.0] * -1", None),
+    ],
+)
+def test_the_length_of_a_list_follows_from_constants(value: str, length: int | None) -> None:
+    head = (
+        "import numpy as np\nimport shared\nLEGS = 4\nJOINTS = 12\nCHANGED = 1\n"
+        "if LEGS:\n    CHANGED = 2\n"
+    )
+    method = (
+        "    N = 3\n    M = 3\n    def f(self, count):\n        self.M = 4\n"
+        f"        msg = PositionSetpoint()\n        msg.u_mujoco = {value}\n"
+    )
+    found = code(head + node("pass") + method, shared="N = 7\n").control_lengths
+    assert [one.length for one in found] == ([] if length is None else [length])
+
+
+def test_an_expression_of_thousands_of_terms_gives_no_answer() -> None:
+    method = "    def f(self):\n        msg = PositionSetpoint()\n        msg.u_mujoco = [0.0] * "
+    read(node("pass") + method + "(" + "1 + " * 900 + "1)\n")
+    read(node("pass") + method + "-" * 90 + "1\n")
+
+
+@pytest.mark.parametrize(
+    ("call", "name", "has_type", "is_required"),
+    [
+        ("register_obk_publisher('a_setting', key='a', msg_type=ObkImu)", "a_setting", True, True),
+        ("register_obk_publisher('a_setting', 'a', ObkImu)", "a_setting", True, True),
+        ("register_obk_publisher('a_setting', ObkImu, 'a')", "a_setting", True, True),
+        ("register_obk_publisher('a_setting', ObkImu, None)", "a_setting", True, True),
+        ("register_obk_publisher('a', ObkImu)", "a", True, False),
+        ("register_obk_publisher(key='a', msg_type=ObkImu)", "a", True, False),
+        ("register_obk_subscription('a', self.on_x, ObkImu)", "a", True, False),
+        ("register_obk_subscription('a_setting', self.on_x, ObkImu, 'a')", "a_setting", True, True),
+        ("register_obk_subscription('a_setting', self.on_x, 'a')", "a_setting", False, True),
+        ("register_obk_timer('a', self.on_x)", "a", False, False),
+        ("register_obk_timer('a_setting', self.on_x, 'a')", "a_setting", False, True),
+    ],
+)
+def test_every_generation_of_the_api_is_read(
+    call: str, name: str, has_type: bool, is_required: bool
+) -> None:
+    found = code(node(f"self.{call}"))
+    assert found.knows_components
+    assert names(found) == [name]
+    assert "a" in found.components[0].names
+    assert found.components[0].has_type is has_type
+    assert found.components[0].is_required is is_required
+    assert not found.findings
