@@ -1,4 +1,4 @@
-"""Protocol between the tool and running nodes: rates, the startup gate, checks of web requests.
+"""Protocol between the tool and running nodes: rates, clock page, startup gate, web requests.
 
 Rates are keys and texts of a `diagnostic_msgs/DiagnosticStatus`; no ROS message is imported.
 """
@@ -9,20 +9,70 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 __all__ = [
+    "CLOCK_PAGE",
+    "CLOCK_VARIABLE",
     "DIAGNOSTICS_TOPIC",
     "GATE_VARIABLE",
     "REPORT_PERIOD_S",
     "STANDINGS",
     "STEPS",
     "TOLERANCE",
+    "USE_SIM_TIME",
+    "ClockDescriptors",
     "Rate",
     "Standing",
+    "clock_page_bytes",
     "is_of_the_page",
     "names_this_host",
+    "parse_clock",
     "parse_rate",
     "rate_name",
     "rate_values",
 ]
+
+USE_SIM_TIME: Final = "use_sim_time"
+"""The ROS parameter by which a node uses simulated time."""
+
+CLOCK_VARIABLE: Final = "OBK_CLOCK"
+"""The environment variable that names the clock page of a launch to its processes.
+
+Its text is `<page>,<own>,<wake>,<wake>,...`: the descriptor of the page, the place of the process's
+own wake descriptor in the list, and the wake descriptors of all processes (eventfds). A process
+inherits all of them, so the page has no name in any folder and is gone with its last user.
+"""
+CLOCK_PAGE: Final = "obk_clock"
+"""Name of the memfd that is the clock page."""
+_CLOCK_HEAD_BYTES: Final = 64
+_WORD_BYTES: Final = 8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClockDescriptors:
+    """The descriptors that a process of a launch inherits for simulated time."""
+
+    page: int
+    own: int
+    """Place of the process in `wakes`."""
+    wakes: tuple[int, ...]
+    """An eventfd for each process."""
+
+    def __str__(self) -> str:
+        return ",".join(map(str, (self.page, self.own, *self.wakes)))
+
+
+def parse_clock(text: str) -> ClockDescriptors | None:
+    """The descriptors that a text of `CLOCK_VARIABLE` names; None if it is no such text."""
+    words = text.split(",")
+    if not all(word.isdecimal() for word in words) or len(words) < 3:
+        return None
+    page, own, *wakes = map(int, words)
+    return ClockDescriptors(page=page, own=own, wakes=tuple(wakes)) if own < len(wakes) else None
+
+
+def clock_page_bytes(processes: int) -> int:
+    """The size of the clock page of so many processes [bytes]: a head, and a word for each."""
+    return _CLOCK_HEAD_BYTES + _WORD_BYTES * processes
+
 
 GATE_VARIABLE: Final = "OBK_GATE"
 """The environment variable that names the gate file of preloaded programs.

@@ -94,9 +94,13 @@ def test_another_yaml_reader_finds_the_plans_parameters(name: str) -> None:
         f"/{process['node']}": {"ros__parameters": process["parameters"]}
         for process in plan["processes"]
     }
-    assert {"sub_ctrl_setting", "obelisk_settings", "mujoco_setting", "ic_keyframe"} == set(
-        read["/obelisk_robot_0"]["ros__parameters"]
-    )
+    assert {
+        "sub_ctrl_setting",
+        "obelisk_settings",
+        "mujoco_setting",
+        "ic_keyframe",
+        "use_sim_time",
+    } == set(read["/obelisk_robot_0"]["ros__parameters"])
 
 
 @pytest.mark.mujoco

@@ -17,7 +17,6 @@ from .stack import OBK, calm, eventually, launched, obk
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 
 WAY = ("/arm/encoders", "/arm/est", "/arm/ctrl")
-NODES = ("robot", "estimation", "control")
 
 
 @pytest.fixture
@@ -80,7 +79,7 @@ def is_carried(topics: Mapping[str, Any]) -> bool:
 
 
 def test_the_age_of_a_command_is_that_of_the_measurement_in_it(arm: Path) -> None:
-    with launched(arm):
+    with launched(arm, "--set", "obk.use_sim_time=false"):
         eventually(lambda: is_carried(monitored()), "stamps that are handed on")
         for name in WAY:
             told = delay(name)
@@ -94,9 +93,7 @@ def test_the_age_of_a_command_is_that_of_the_measurement_in_it(arm: Path) -> Non
 def test_a_simulation_at_half_speed_keeps_its_rates_and_its_stamps_are_no_wall_time(
     arm: Path,
 ) -> None:
-    settings = [f"{node}.params.use_sim_time=true" for node in NODES]
-    words = [("--set", one) for one in (*settings, "robot.params.realtime_factor=0.5")]
-    with launched(arm, *(word for pair in words for word in pair)):
+    with launched(arm, "--set", "robot.params.realtime_factor=0.5"):
 
         def is_kept() -> bool:
             topics = monitored()

@@ -33,6 +33,13 @@ from obelisk_py.core.faults import (
 )
 from obelisk_py.core.intra_process import IntraProcessPublisher
 from obelisk_py.core.parameters import GuardedCheck, ParameterRules, guard_setting_service
+from obelisk_py.core.shared_clock import (
+    ClockFeed,
+    SharedClock,
+    is_of_time_source,
+    page_to_follow,
+    share_timer,
+)
 
 __all__ = ["GuardedLifecycleNode", "NodeFault", "node_arguments"]
 
@@ -75,6 +82,7 @@ class GuardedLifecycleNode(LifecycleNode):
         self._transition_lock = threading.RLock()
         self._is_failing = False
         self._is_unrecoverable = False
+        self._clock_page = page_to_follow()
         own = _own_arguments.get()
         if own is not None:
             kwargs = {"cli_args": list(own), "use_global_arguments": False, **kwargs}
@@ -133,13 +141,31 @@ class GuardedLifecycleNode(LifecycleNode):
         """As rclpy's, but an exception of the callback takes the node to error processing."""
         # rclpy's rates are timers without a callback.
         guarded = self.guarded(callback) if callable(callback) else callback
-        return super().create_timer(timer_period_sec, guarded, *args, **kwargs)
+        clock = kwargs.get("clock") or self.get_clock()
+        if isinstance(clock, SharedClock):
+            clock.sync()
+        timer = super().create_timer(timer_period_sec, guarded, *args, **kwargs)
+        share_timer(timer)
+        return timer
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any, **kwargs: Any
     ) -> Subscription:
-        """As rclpy's, but an exception of the callback takes the node to error processing."""
+        """As rclpy's, but an exception of the callback takes the node to error processing.
+
+        The subscription of rclpy's time source to `/clock` is replaced if the process has the time.
+        """
+        if self._clock_page is not None and is_of_time_source(callback):
+            feed: Any = ClockFeed(self.get_clock(), self._clock_page)
+            return feed  # type: ignore[no-any-return]
         return super().create_subscription(msg_type, topic, self.guarded(callback), *args, **kwargs)
+
+    def destroy_subscription(self, subscription: Any) -> bool:
+        """As rclpy's."""
+        if isinstance(subscription, ClockFeed):
+            subscription.close()
+            return True
+        return bool(super().destroy_subscription(subscription))
 
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], *args: Any, **kwargs: Any

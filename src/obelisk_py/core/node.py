@@ -50,6 +50,7 @@ from obelisk_spec.components import (
     component_identity,
 )
 from obelisk_spec.registration import is_required_by_default
+from obelisk_spec.runtime_protocol import USE_SIM_TIME
 
 __all__ = ["ObeliskNode"]
 
@@ -89,7 +90,7 @@ class ObeliskNode(RateMonitoredNode):
             lambda value: parse_node_settings(value(SETTINGS), value(CALLBACK_GROUPS_PARAMETER)),
         )
         # The clock of timers is chosen when they are made.
-        self._parameter_rules.add(("use_sim_time",))
+        self._parameter_rules.add((USE_SIM_TIME,))
         self.obk_publishers: ComponentTable[LifecyclePublisher] = ComponentTable(
             ComponentKind.PUBLISHER
         )
@@ -377,9 +378,9 @@ class ObeliskNode(RateMonitoredNode):
         )
 
     def _timer_clock(self) -> Clock:
-        # A jump of the wall clock must not stop or hurry a control loop; only simulated time,
-        # which a user asks for, is followed.
-        if self.get_parameter("use_sim_time").value:
+        # A jump of the wall clock must not stop or hurry a control loop; only simulated time is
+        # followed.
+        if self.get_parameter(USE_SIM_TIME).value:
             return self.get_clock()
         return Clock(clock_type=ClockType.STEADY_TIME)
 

@@ -20,10 +20,12 @@ from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from obelisk_py.core.clock_page import ClockPage, open_clock_page
 from obelisk_py.core.exceptions import ObeliskError
 from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.faults import NodeFault
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
+from obelisk_py.core.shared_clock import new_nodes_follow
 from obelisk_py.core.signals import ShutdownSignals
 from obelisk_spec.runtime_protocol import GATE_VARIABLE
 
@@ -32,6 +34,7 @@ __all__ = [
     "SpinRequest",
     "ros_process",
     "serve_spin_request",
+    "simulated_time_from",
     "spin_nodes",
     "spin_requests_served_by",
     "wait_at_startup_barrier",
@@ -135,6 +138,20 @@ def spin_nodes(
     return died[0] if died else None
 
 
+@contextmanager
+def simulated_time_from(page: ClockPage | None, executor: Executor) -> Iterator[None]:
+    """While entered, new nodes take simulated time from a page, unless the executor cannot.
+
+    Only the library's executor wakes timers by the page; with another one nodes use `/clock`.
+    """
+    if page is None or not isinstance(executor, EventLoopExecutor):
+        yield
+        return
+    executor.follow(page)
+    with new_nodes_follow(page):
+        yield
+
+
 def wait_at_startup_barrier() -> None:
     """Wait until the launcher permits to create nodes, if it preloaded this process."""
     path = os.environ.get(GATE_VARIABLE)
@@ -153,10 +170,11 @@ def wait_at_startup_barrier() -> None:
 def _spin_alone(request: SpinRequest) -> int:
     # Before signal handlers are installed: a signal ends a waiting process at once.
     wait_at_startup_barrier()
-    with ros_process(request.args) as signals:
+    with ros_process(request.args) as signals, open_clock_page() as page:
         executor = (request.executor_type or EventLoopExecutor)()
         try:
-            node = request.make()
+            with simulated_time_from(page, executor):
+                node = request.make()
         except ObeliskError as error:
             executor.shutdown()
             # Its message names the mistake; a traceback of the library would hide it.

@@ -5,6 +5,7 @@ from difflib import SequenceMatcher
 
 from obelisk_spec.components import component_identity, component_spellings
 from obelisk_spec.names import resolve_msg_type
+from obelisk_spec.runtime_protocol import USE_SIM_TIME
 from obelisk_spec.suggestions import ask_for, list_names, near_names, there_is, with_article
 from obk_cli.check.context import CheckContext
 from obk_cli.config.environment import (
@@ -23,7 +24,7 @@ from obk_cli.diagnostics.edits import Edit
 
 __all__ = ["check_code"]
 
-_OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
+_OF_EVERY_NODE = (USE_SIM_TIME, "start_type_description_service")
 """Parameters that rclpy itself declares."""
 _PREFIXES_OF_EVERY_NODE = ("qos_overrides.", "diagnostic_updater.")
 _SETTINGS = "obelisk_settings"

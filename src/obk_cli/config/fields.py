@@ -143,7 +143,7 @@ JOYSTICK_KEYS: Final = (
     "sticky_buttons",
     "coalesce_interval_ms",
 )
-OBK_KEYS: Final = ("ignore",)
+OBK_KEYS: Final = ("ignore", "use_sim_time")
 EXTERNAL_TOPIC_KEYS: Final = ("msg_type", "direction")
 RAY_CASTER_KEYS: Final = ("site_name", "geom_groups", "pattern", "scan_config", "max_distance")
 

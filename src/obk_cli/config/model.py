@@ -30,6 +30,7 @@ __all__ = [
     "ONE_DEVICE",
     "PARAMS_PACKAGE",
     "SIMULATOR_EXECUTABLE",
+    "SIMULATOR_PACKAGE",
     "SIM_PARAMETER",
     "CallbackGroup",
     "Component",
@@ -68,6 +69,7 @@ PARAMS_PACKAGE = "params_path_pkg"
 SIM_PARAMETER = f"mujoco{SETTING_SUFFIX}"
 """The ROS parameter of a `sim` block that names none."""
 
+SIMULATOR_PACKAGE = "obelisk_sim_py"
 SIMULATOR_EXECUTABLE = "obelisk_mujoco_robot"
 """What simulates robots: it reads the block of `SIM_PARAMETER`, and commands from `u_mujoco`."""
 
@@ -298,6 +300,12 @@ class Node:
         """Whether a simulator stands in for the robot."""
         return bool(self.used_sims)
 
+    @property
+    def publishes_clock(self) -> bool:
+        """Whether it is known to publish `/clock`: the simulator of this project does."""
+        is_own = self.pkg is not None and self.pkg.value == SIMULATOR_PACKAGE
+        return self.runs_simulation and self.is_simulator and is_own
+
 
 JOYSTICK_PACKAGE = "joy"
 JOYSTICK_EXECUTABLE = "joy_node"
@@ -353,6 +361,19 @@ class Stack:
     joysticks: tuple[Joystick, ...] = ()
     external_topics: tuple[ExternalTopic, ...] = ()
     ignored_codes: tuple[Spanned[str], ...] = ()
+    use_sim_time: Spanned[bool] | None = None
+    """`obk.use_sim_time`."""
+
+    @property
+    def is_on_simulated_time(self) -> bool:
+        """Whether nodes use simulated time unless their own parameters set `use_sim_time`.
+
+        Unless the config decides, they do if exactly one node publishes `/clock`: without any, time
+        would stand still, and with two it would jump between two simulations.
+        """
+        if self.use_sim_time is not None:
+            return self.use_sim_time.value
+        return sum(node.publishes_clock for node in self.nodes) == 1
 
     def section(self, section: str) -> Iterator[Node]:
         """The nodes of one section."""

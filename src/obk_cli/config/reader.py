@@ -55,13 +55,16 @@ def read_stack(tree: Tree) -> tuple[Stack | None, tuple[Diagnostic, ...]]:
         reader.read_section(section, ONE_DEVICE)
     known = (*RESERVED_KEYS, *(device.key for device in devices))
     top = Fields(tree, "a config", known, faults)
+    obk = top.mapping("obk")
+    settings = Fields(obk, "`obk`", OBK_KEYS, faults) if obk else None
     stack = Stack(
         name=top.text("config"),
         nodes=tuple(reader.nodes),
         span=top.start,
         joysticks=tuple(reader.joysticks),
         external_topics=tuple(_read_external_topics(top, faults)),
-        ignored_codes=_read_ignored(top, faults),
+        ignored_codes=_read_ignored(settings, faults),
+        use_sim_time=settings.boolean("use_sim_time") if settings else None,
     )
     return stack, tuple(faults)
 
@@ -117,9 +120,8 @@ def _mixed(device: Entry, section: Entry) -> Diagnostic:
     )
 
 
-def _read_ignored(top: Fields, faults: Faults) -> tuple[Spanned[str], ...]:
-    tree = top.mapping("obk")
-    entry = Fields(tree, "`obk`", OBK_KEYS, faults).entry("ignore") if tree else None
+def _read_ignored(settings: Fields | None, faults: Faults) -> tuple[Spanned[str], ...]:
+    entry = settings.entry("ignore") if settings else None
     if entry is None:
         return ()
     items = entry.value.items if isinstance(entry.value, TreeList) else (entry.value,)

@@ -55,6 +55,8 @@ class NodeCommand:
 
     arguments: tuple[str, ...]
     environment: Mapping[str, str]
+    inherited: tuple[int, ...] = ()
+    """Descriptors of the launcher that the process inherits, under the same numbers."""
 
 
 class WardenProcesses:
@@ -103,6 +105,7 @@ class WardenProcesses:
                 stdin=theirs.fileno(),
                 env={**os.environ, **marks},
                 start_new_session=True,
+                pass_fds={fd for command in commands.values() for fd in command.inherited},
             )
         self._listener = threading.Thread(target=self._listen, name="warden", daemon=True)
         self._listener.start()
@@ -160,6 +163,7 @@ class WardenProcesses:
             "arguments": command.arguments,
             "environment": dict(command.environment),
             "folder": str(self._folder),
+            "inherited": command.inherited,
         }
         self._requested.add(unit.name)
         is_sent = self._send(request, write_fd)

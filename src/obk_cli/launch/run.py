@@ -48,6 +48,7 @@ from obk_cli.launch.processes import NodeCommand, ProcessEvent, WardenProcesses
 from obk_cli.launch.recorder import Recorder, VideoReports
 from obk_cli.launch.ros_nodes import RosNodes, open_ros_nodes
 from obk_cli.launch.run_lock import locked_run
+from obk_cli.launch.simulated_time import with_clock_page
 from obk_cli.launch.state_node import StateNode, state_node_name
 from obk_cli.launch.supervisor import Supervisor
 from obk_cli.plan.plan import Plan
@@ -93,6 +94,7 @@ def run_plan(
         marks = launch_marks(lock.folder)
         variables = {**environment.variables, **marks, **gate_variables(lock.folder)}
         commands = _commands(units, executables, lock.folder, variables, output, stack)
+        commands = stack.enter_context(with_clock_page(plan, units, commands))
         recorder = Recorder(options.recording, lock.folder, output)
         videos = VideoReports(plan, share, output.note)
         # Before ROS starts: its threads must not be in the warden's fork.

@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from obelisk_spec.runtime_protocol import USE_SIM_TIME
 from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Plan, Process
 from obk_cli.ros.parameters import NodeParameter
@@ -143,7 +144,7 @@ def _factor_of(process: Process, clock: float, factors: Mapping[str, float]) -> 
         # A robot rejects what is no number; its factor is unknown then.
         own = float(planned) if isinstance(planned, int | float) else 0.0
         return factors.get(process.full_name, own)
-    return clock if process.parameters.get("use_sim_time") else 1.0
+    return clock if process.parameters.get(USE_SIM_TIME) else 1.0
 
 
 def _in_wall_time(rate_hz: float | None, factor: float) -> float | None:

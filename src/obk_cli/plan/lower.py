@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import cast
 
 from obelisk_spec.components import (
@@ -11,6 +12,7 @@ from obelisk_spec.components import (
     format_component_setting,
     format_setting,
 )
+from obelisk_spec.runtime_protocol import USE_SIM_TIME
 from obelisk_spec.values import ParameterValue, is_none
 from obk_cli.config.model import (
     COMPONENT_LISTS,
@@ -51,11 +53,20 @@ _SETTING_ORDER = ("key", "ros_parameter", "topic", "msg_type", "history_depth", 
 def lower_stack(stack: Stack) -> Plan:
     """The processes of a stack, in the order of the config."""
     joysticks = (_lower_joystick(joystick) for joystick in stack.joysticks if joystick.on)
+    processes = (*(_lower_node(node) for node in stack.nodes), *joysticks)
+    if stack.is_on_simulated_time:
+        processes = tuple(_on_simulated_time(process) for process in processes)
     return Plan(
         name=stack.name.value if stack.name else DEFAULT_STACK_NAME,
-        processes=(*(_lower_node(node) for node in stack.nodes), *joysticks),
+        processes=processes,
         external_topics=tuple(t.name for t in stack.external_topics if t.may_be("published")),
     )
+
+
+def _on_simulated_time(process: Process) -> Process:
+    parameters = dict(process.parameters)
+    parameters.setdefault(USE_SIM_TIME, True)
+    return replace(process, parameters=parameters)
 
 
 def _lower_node(node: Node) -> Process:

@@ -3,7 +3,8 @@
 Run as a program of its own (`python -I -S warden.py`); its standard input is one end of a Unix
 socket of packets. It takes JSON requests and sends JSON events (`started`, `ended`). Each request
 is a file, passed by descriptor, because an environment may be larger than a packet: `start`, with a
-second descriptor for the output, `signal`, and `end` before the last. It is the parent of the nodes
+second descriptor for the output, `signal`, and `end` before the last. A process may inherit
+descriptors that the warden was started with. The warden is the parent of the nodes
 and adopts their orphans (child subreaper). When the launcher's end of the socket closes, for any
 reason, all of them get SIGTERM, then SIGKILL; if the launcher did not send `end`, the warden also
 clears shared memory. It imports the standard library only, so that it starts at once.
@@ -123,6 +124,7 @@ class Warden:
                 stdout=output,
                 stderr=output,
                 start_new_session=True,
+                pass_fds=request["inherited"],
                 preexec_fn=self._in_child,
             )
         except (OSError, ValueError, subprocess.SubprocessError) as error:

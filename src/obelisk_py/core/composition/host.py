@@ -15,6 +15,7 @@ from itertools import pairwise
 
 from rclpy.logging import get_logger, get_logging_severity_from_string, set_logger_level
 
+from obelisk_py.core.clock_page import open_clock_page
 from obelisk_py.core.composition.programs import Program, logger_name
 from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.faults import NodeFault, fault_of
@@ -23,6 +24,7 @@ from obelisk_py.core.signals import ShutdownSignals
 from obelisk_py.core.spinning import (
     SpinRequest,
     ros_process,
+    simulated_time_from,
     spin_nodes,
     spin_requests_served_by,
     wait_at_startup_barrier,
@@ -116,7 +118,9 @@ class _Host:
         wait_at_startup_barrier()
         executor = EventLoopExecutor()
         with ExitStack() as stack:
+            page = stack.enter_context(open_clock_page())
             stack.callback(executor.shutdown)
+            stack.enter_context(simulated_time_from(page, executor))
             nodes: dict[GuardedLifecycleNode, Program] = {}
             for program, request in self._requests:
                 node = self._make(program, request)

@@ -26,6 +26,7 @@ from rclpy.node import Node
 from rclpy.task import Future, Task
 from rclpy.utilities import get_default_context
 
+from obelisk_py.core.clock_page import ClockPage
 from obelisk_py.core.executor.handlers import (
     ClientHandler,
     EntityHandler,
@@ -35,6 +36,7 @@ from obelisk_py.core.executor.handlers import (
     SubscriptionHandler,
     TimerHandler,
 )
+from obelisk_py.core.executor.simulated_timers import SimulatedTimerHandler, SimulatedTimers
 from obelisk_py.core.executor.waitset_thread import (
     GuardConditionHandler,
     WaitableHandler,
@@ -42,6 +44,7 @@ from obelisk_py.core.executor.waitset_thread import (
     WaitSetThread,
 )
 from obelisk_py.core.executor.worker import Job, TaskQueue, Worker
+from obelisk_py.core.shared_clock import SharedClock
 
 __all__ = ["EventLoopExecutor"]
 
@@ -72,6 +75,10 @@ class EventLoopExecutor(Executor):
             raise ValueError(f"num_threads is {num_threads}, expected at least 1")
         # Also at the end of the process, for a program that shuts nothing down.
         self._finalizer = weakref.finalize(self, self._pool.stop, _END_OF_PROCESS_S)
+
+    def follow(self, page: ClockPage) -> None:
+        """Run the timers of nodes that follow this clock page; called before the first spin."""
+        self._pool.follow(page)
 
     def wake(self) -> None:
         """Check what changed: entities of a node, or the awaited future."""
@@ -280,6 +287,13 @@ class _WorkerPool:
         self._may_run = threading.Event()
         self._threads: tuple[threading.Thread, ...] = ()
 
+    def follow(self, page: ClockPage) -> None:
+        """Watch a clock page."""
+        timers = SimulatedTimers(page)
+        for worker in self._workers:
+            worker.add(timers, shared=len(self._workers) > 1)
+        self._registry.simulated_timers = timers
+
     @property
     def worker(self) -> Worker:
         """The worker of the thread that spins."""
@@ -365,6 +379,8 @@ class _WorkerPool:
             self._registry.clear()
             for worker in self._workers:
                 worker.remove(self.task_queue)
+                if self._registry.simulated_timers is not None:
+                    worker.remove(self._registry.simulated_timers)
                 worker.close()
             self.task_queue.close()
         return True
@@ -426,6 +442,8 @@ class _HandlerRegistry:
         """Whether entities were added or destroyed since the last `update`."""
         self.lock = threading.RLock()
         """Held while a worker gets or loses its thread, so that `update` sees one or the other."""
+        self.simulated_timers: SimulatedTimers | None = None
+        """None: no node follows a clock page."""
         self._workers = workers
         self._task_queue = task_queue
         self._waitset = waitset
@@ -440,7 +458,7 @@ class _HandlerRegistry:
         """Add handlers for new entities and remove those whose entity was destroyed."""
         with self.lock:
             self.is_outdated = False
-            listed = {id(entity): (make, entity) for make, entity in _entities(nodes)}
+            listed = {id(entity): (make, entity) for make, entity in self._entities(nodes)}
             for key in self._handlers.keys() - listed.keys():
                 self._retire(self._handlers.pop(key))
             for key in listed.keys() - self._handlers.keys():
@@ -508,6 +526,23 @@ class _HandlerRegistry:
             self._groups[group] = min(self._workers, key=taken.count)
         return self._groups[group]
 
+    def _entities(self, nodes: Iterable[Any]) -> Iterator[tuple[Callable[..., EntityHandler], Any]]:
+        for node in nodes:
+            for make, entities in (
+                (self._timer_handler, node.timers),
+                (partial(SubscriptionHandler, context=node.context), node.subscriptions),
+                (ServiceHandler, node.services),
+                (ClientHandler, node.clients),
+                (QosEventHandler, [w for w in node.waitables if isinstance(w, EventHandler)]),
+            ):
+                for entity in list(entities):
+                    yield make, entity
+
+    def _timer_handler(self, timer: Any, executor: ExecutorReference) -> EntityHandler:
+        if self.simulated_timers is None or not isinstance(timer.clock, SharedClock):
+            return TimerHandler(timer, executor)
+        return SimulatedTimerHandler(timer, executor, timers=self.simulated_timers)
+
     def _update_waitset(self, nodes: Iterable[Any]) -> None:
         listed = {id(entity): (make, entity) for make, entity in _waitset_entities(nodes)}
         missing = self._waitset_handlers.keys() - listed.keys()
@@ -534,16 +569,3 @@ def _waitset_entities(nodes: Iterable[Any]) -> Iterator[tuple[type[WaitSetHandle
         for waitable in list(node.waitables):
             if not isinstance(waitable, EventHandler):
                 yield WaitableHandler, waitable
-
-
-def _entities(nodes: Iterable[Any]) -> Iterator[tuple[Callable[..., EntityHandler], Any]]:
-    for node in nodes:
-        for make, entities in (
-            (TimerHandler, node.timers),
-            (partial(SubscriptionHandler, context=node.context), node.subscriptions),
-            (ServiceHandler, node.services),
-            (ClientHandler, node.clients),
-            (QosEventHandler, [w for w in node.waitables if isinstance(w, EventHandler)]),
-        ):
-            for entity in list(entities):
-                yield make, entity

@@ -48,6 +48,7 @@ __all__ = [
     "QosEventHandler",
     "ServiceHandler",
     "SubscriptionHandler",
+    "TimerCallbackHandler",
     "TimerHandler",
 ]
 
@@ -332,15 +333,33 @@ class QosEventHandler(EntityHandler):
         return True
 
 
-class TimerHandler(EntityHandler):
+class TimerCallbackHandler(EntityHandler):
+    """A timer; the eventfd of the base is signalled when it is reset."""
+
+    kind = EntityKind.TIMER_RESET
+
+    def __init__(self, entity: Timer, executor: ExecutorReference) -> None:
+        super().__init__(entity, executor)
+        self._callback: Callable[[], Any] | None = None
+
+    def _call(self, worker: Worker) -> None:
+        callback = self.entity.callback
+        if callback is not self._callback:
+            self._callback = callback
+            self._is_coroutine = inspect.iscoroutinefunction(callback)
+        if self._is_coroutine:
+            self._run_task(worker, callback)
+        else:
+            callback()
+
+
+class TimerHandler(TimerCallbackHandler):
     """Calls the user at each period: the rcl timer's schedule, kept by a kernel timer.
 
     The kernel timer is set to the rcl timer's next call and period, and set again when the rcl
-    timer is reset, cancelled or given another period, and when simulated time moves. The eventfd of
-    the base is signalled at a reset.
+    timer is reset, cancelled or given another period, and when a message on `/clock` moves
+    simulated time.
     """
-
-    kind = EntityKind.TIMER_RESET
 
     def __init__(self, entity: Timer, executor: ExecutorReference) -> None:
         super().__init__(entity, executor)
@@ -352,7 +371,6 @@ class TimerHandler(EntityHandler):
         self._arming = threading.Lock()
         self._is_closed = False
         self._period_ns = 0
-        self._callback: Callable[[], Any] | None = None
         self._jump = self._ros_clock and self._ros_clock.create_jump_callback(
             _ANY_JUMP, post_callback=lambda _jump: self._arm()
         )
@@ -409,14 +427,7 @@ class TimerHandler(EntityHandler):
             handle.call_timer()
         except RCLError:  # another thread has just cancelled it
             return self._follow()
-        callback = self.entity.callback
-        if callback is not self._callback:
-            self._callback = callback
-            self._is_coroutine = inspect.iscoroutinefunction(callback)
-        if self._is_coroutine:
-            self._run_task(worker, callback)
-        else:
-            callback()
+        self._call(worker)
         if handle.get_timer_period() != self._period_ns:
             self._arm()
         return True

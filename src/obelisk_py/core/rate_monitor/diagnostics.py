@@ -24,6 +24,7 @@ from obelisk_py.core.rate_monitor.counting import (
     TickCounter,
     TimerTicks,
 )
+from obelisk_py.core.shared_clock import SharedClock
 from obelisk_spec.runtime_protocol import (
     DIAGNOSTICS_TOPIC,
     REPORT_PERIOD_S,
@@ -58,7 +59,9 @@ class RateReporter:
         is_steady = clock.clock_type == ClockType.STEADY_TIME
         now_ns = time.monotonic_ns if is_steady else lambda: int(clock.now().nanoseconds)
         counter = TickCounter()
-        ticks = TimerTicks(counter, period_ns=round(period_s * NS_PER_S), clock=now_ns)
+        # The time that the timer was called at: the page's may have moved since.
+        called_ns = (lambda: clock.synced_ns) if isinstance(clock, SharedClock) else now_ns
+        ticks = TimerTicks(counter, period_ns=round(period_s * NS_PER_S), clock=called_ns)
         self._timers.append(ticks)
         self.expect(name, 1 / period_s, counter, now_ns)
         return ticks

@@ -233,3 +233,40 @@ def test_a_pattern_that_is_none_is_left_to_the_checks() -> None:
     sim = f"sim: {{model_xml_path: m.xml, sensor_settings: [{group}]}}"
     (robot,) = lower_text(f"robot: {{pkg: a, executable: b, {sim}}}").processes
     assert [group.rays for group in robot.sensor_groups] == [None]
+
+
+SIMULATED = """\
+config: arm
+robot:
+  - {pkg: obelisk_sim_py, executable: obelisk_mujoco_robot, sim: {model_xml_path: arm.xml}}
+control:
+  - {pkg: demo, executable: ctrl}
+joystick: {device_id: 1}
+"""
+
+
+def times(text: str) -> list[object]:
+    return [process.parameters.get("use_sim_time") for process in lower_text(text).processes]
+
+
+def test_all_nodes_of_a_simulated_stack_use_simulated_time() -> None:
+    assert times(SIMULATED) == [True, True, True]
+
+
+def test_the_config_decides_which_time_is_used() -> None:
+    assert times(f"{SIMULATED}obk: {{use_sim_time: false}}\n") == [None, None, None]
+    assert times(f"{CONFIG}obk: {{use_sim_time: true}}\n") == [True, True, True]
+
+
+def test_a_nodes_own_parameter_decides_for_that_node() -> None:
+    own = "executable: ctrl, params: {use_sim_time: false}"
+    assert times(SIMULATED.replace("executable: ctrl", own)) == [True, False, True]
+
+
+def test_without_exactly_one_known_source_of_time_nodes_use_wall_time() -> None:
+    own_simulator = SIMULATED.replace("obelisk_sim_py", "demo")
+    hardware = SIMULATED.replace("sim: {", "is_simulated: false, sim: {")
+    first = SIMULATED.splitlines()[2]
+    two = SIMULATED.replace(first, f"{first}\n{first}")
+    assert times(own_simulator) == times(hardware) == [None, None, None]
+    assert times(two) == [None, None, None, None]

@@ -23,23 +23,26 @@ from obelisk_sensor_msgs.msg import TrueSimState
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.publisher import LifecyclePublisher
-from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
+from obelisk_py.core.clock_page import open_clock_writer
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameters import Getter
 from obelisk_py.core.rate_monitor.counting import TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
-from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.actuation import WhenStale
+from obelisk_py.core.sim.mujoco.clock import SimulationClock
 from obelisk_py.core.sim.mujoco.control import ControlInbox, make_inbox
 from obelisk_py.core.sim.mujoco.loading import check_keyframe, load_model
 from obelisk_py.core.sim.mujoco.outputs import OutputContext, no_rate_monitor, outputs_of
 from obelisk_py.core.sim.mujoco.sensors.kind import WORLD
 from obelisk_py.core.sim.mujoco.sim_config import (
+    CLOCK_RATE,
+    DEFAULT_CLOCK_RATE_HZ,
     PARAMETER,
     REALTIME_FACTOR,
+    clock_rate_hz_of,
     read_block,
     realtime_factor_of,
 )
@@ -59,7 +62,7 @@ from obelisk_py.core.sim.mujoco.viewers.video import (
     video_outputs,
 )
 from obelisk_py.core.sim.mujoco.viewers.viewer_messages import Severity
-from obelisk_spec.runtime_protocol import STEPS
+from obelisk_spec.runtime_protocol import STEPS, USE_SIM_TIME
 from obelisk_spec.video import VideoStatus
 
 __all__ = ["ObeliskMujocoRobot", "StateCopy", "TrueStateReader"]
@@ -132,7 +135,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     numbers on by `_set_shared_ctrl(ctrl)` or another message by `super().apply_control(message)`.
 
     ROS parameters: `mujoco_setting` (the sim block), `ic_keyframe` (default `ic` where the model
-    has it), `realtime_factor` (simulation time over wall time; 0: as fast as possible), `viewer`
+    has it), `realtime_factor` (simulation time over wall time; 0: as fast as possible),
+    `clock_rate` (of `/clock` at most [Hz of simulated time]), `viewer`
     (`none`, `native`, `web`), `viewer_port` (of the web viewer; 0: a free one), `render` (a video),
     `render_camera`, `render_size`, `render_fps` (empty, 0: the defaults of camera and file type).
     """
@@ -157,6 +161,9 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self.declare_parameter(KEYFRAME, "")
         # A config may write 0 or 1 as well as 0.5.
         self.declare_parameter(REALTIME_FACTOR, 1.0, ParameterDescriptor(dynamic_typing=True))
+        self.declare_parameter(
+            CLOCK_RATE, DEFAULT_CLOCK_RATE_HZ, ParameterDescriptor(dynamic_typing=True)
+        )
         for name, default in {**PARAMETERS, **VIDEO_PARAMETERS}.items():
             self.declare_parameter(name, default)
         self._simulation: Simulation | None = None
@@ -173,6 +180,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._request_services: list[Any] = []
         rules = self._parameter_rules
         rules.add((REALTIME_FACTOR,), lambda value: realtime_factor_of(value(REALTIME_FACTOR)))
+        rules.add((CLOCK_RATE,), lambda value: clock_rate_hz_of(value(CLOCK_RATE)))
         rules.add((PARAMETER,), lambda value: read_block(value(PARAMETER)))
         rules.add(tuple(PARAMETERS), requested_viewers)
         rules.add(tuple(VIDEO_PARAMETERS), requested_video)
@@ -435,6 +443,17 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             warn=self._warn,
             report=report,
             ticks=ticks,
+            time_output=self._make_clock(simulation),
+        )
+
+    def _make_clock(self, simulation: Simulation) -> SimulationClock | None:
+        if not self._uses_simulation_time():
+            return None
+        return SimulationClock(
+            self._own_publisher,
+            page=open_clock_writer(),
+            rate_hz=clock_rate_hz_of(self.get_parameter(CLOCK_RATE).value),
+            time_ns=lambda: simulation.time_ns,
         )
 
     def _time_of_steps_ns(self) -> int | None:
@@ -448,23 +467,9 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         return self.rates.expect_samples(name, period_s, lambda: simulation.time_ns)
 
     def _every_step(self, simulation: Simulation) -> list[TimedOutput]:
-        """What follows each step, before the sensors: the clock, the copy for `TrueSimState`."""
+        """What follows each step, before the sensors: the copy for `TrueSimState`."""
         step_s = simulation.step_s
         outputs: list[TimedOutput] = []
-        if self._uses_simulation_time():
-            clock, message = self._own_publisher(Clock, "/clock", _DEPTH), PackedMessage(Clock())
-
-            def publish(stamp_ns: int) -> None:
-                clock.publish(message.to_bytes(stamp_ns))
-
-            outputs.append(
-                TimedOutput(
-                    times=SampleTimes(period_s=step_s, step_s=step_s),
-                    publish=publish,
-                    # At a reset too: while the simulation is paused no step follows.
-                    restart=lambda: publish(simulation.time_ns),
-                )
-            )
         if "pub_true_sim_state" in self.obk_publishers:
             self._true_state = TrueStateReader(simulation.model)
             times = SampleTimes(period_s=step_s, step_s=step_s)
@@ -479,7 +484,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         return outputs
 
     def _uses_simulation_time(self) -> bool:
-        return bool(self.get_parameter("use_sim_time").value)
+        return bool(self.get_parameter(USE_SIM_TIME).value)
 
     def _ros_time_ns(self) -> int:
         return int(self.get_clock().now().nanoseconds)

@@ -23,10 +23,13 @@ from obelisk_spec.suggestions import with_article
 from obelisk_spec.values import PERIOD_RANGE, is_none, is_period
 
 __all__ = [
+    "CLOCK_RATE",
+    "DEFAULT_CLOCK_RATE_HZ",
     "PARAMETER",
     "REALTIME_FACTOR",
     "SensorGroupConfig",
     "SimConfig",
+    "clock_rate_hz_of",
     "findings_of",
     "not_given",
     "read_block",
@@ -40,6 +43,8 @@ _DEFAULT_DEPTH: Final = 10
 _DEFAULT_GEOMS_PERIOD_S: Final = 1.0
 _DEFAULT_STEPS_PER_VIEW: Final = 8
 REALTIME_FACTOR: Final = "realtime_factor"
+CLOCK_RATE: Final = "clock_rate"
+DEFAULT_CLOCK_RATE_HZ: Final = 1000.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,3 +184,16 @@ def realtime_factor_of(value: object) -> float:
             "for as fast as possible"
         )
     return float(value)
+
+
+def clock_rate_hz_of(value: object) -> float:
+    """The highest rate of `/clock` [Hz of simulated time].
+
+    Raises:
+        ObeliskConfigError: the value is invalid.
+    """
+    if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf:
+        return float(value)
+    raise ObeliskConfigError(
+        f"the parameter `{CLOCK_RATE}` is {value!r}; expected a number above 0 [Hz]"
+    )

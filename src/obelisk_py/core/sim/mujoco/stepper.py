@@ -12,12 +12,20 @@ from obelisk_py.core.rate_monitor.counting import TickCounter
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, Clock, Pace
 
-__all__ = ["StepReport", "Stepper", "TimedOutput", "Times"]
+__all__ = ["StepReport", "Stepper", "TimeOutput", "TimedOutput", "Times"]
 
 LONGEST_BATCH: Final = 32
 """Steps taken in one call where no pace holds them back and nothing is due."""
 BATCH_NS: Final = 100_000
 """Wall time that such a batch may take [ns]; a control waits for so long at most."""
+
+
+SHORTEST_SHARE: Final = 0.5
+"""Least time between two steps, as a share of the period, where nodes follow the simulation's time.
+
+In steps that follow at once, to make up for lateness, they would miss most of their ticks. On a
+machine that is too busy the simulation becomes slower instead, and nodes keep their rates.
+"""
 
 
 class Times(Protocol):
@@ -40,6 +48,22 @@ class TimedOutput:
     """Called after a step that `times` names; the argument is the stamp of that step [ns]."""
     restart: Callable[[], None] | None = None
     """Called at a reset and before the first step; None where nothing is carried over."""
+
+
+class TimeOutput(Protocol):
+    """Publishes the simulation time."""
+
+    def advance(self) -> None:
+        """Publish the time after steps."""
+
+    def restart(self) -> None:
+        """Publish the time of a reset, which no step may follow for long."""
+
+
+class _NoTimeOutput:
+    def advance(self) -> None: ...
+
+    def restart(self) -> None: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,6 +92,7 @@ class Stepper:
         warn: Callable[[str], None],
         report: Callable[[StepReport], None],
         ticks: TickCounter | None = None,
+        time_output: TimeOutput | None = None,
     ) -> None:
         """Make a stepper that is not running.
 
@@ -80,6 +105,7 @@ class Stepper:
             warn: called with MuJoCo's warnings.
             report: called about once per second of wall time.
             ticks: counts the steps of `pace`, by `clock`.
+            time_output: publishes the time, before the outputs.
         """
         self._simulation = simulation
         self._pace = pace
@@ -89,9 +115,13 @@ class Stepper:
         self._warn = warn
         self._report = report
         self._ticks = ticks or TickCounter()
+        self._time_output = time_output or _NoTimeOutput()
+        self._shortest_share = 0.0 if time_output is None else SHORTEST_SHARE
 
     def begin(self) -> None:
         """Count sample times from the present step, and restart the outputs."""
+        if self._simulation.steps == 0:
+            self._time_output.restart()
         for output in self._outputs:
             output.times.pass_step(self._simulation.steps)
             if self._simulation.steps == 0 and output.restart is not None:
@@ -104,10 +134,12 @@ class Stepper:
             DivergenceError: the state is no longer finite.
         """
         simulation, pace, clock = self._simulation, self._pace, self._clock
-        tick = self._ticks.tick
+        tick, publish_time = self._ticks.tick, self._time_output.advance
         now_ns = clock.now_ns()
+        shortest_ns = 0
         if pace is not None:
             pace.start(now_ns)
+            shortest_ns = round(pace.period_ns * self._shortest_share)
         self.begin()
         due = self._next_due()
         meter = _Meter(now_ns=now_ns, step_s=simulation.step_s)
@@ -118,12 +150,13 @@ class Stepper:
                 count = min(_next_batch(count, now_ns - before_ns), due - simulation.steps)
             else:
                 deadline_ns = pace.next_deadline_ns(now_ns)
-                now_ns = clock.sleep_until_ns(deadline_ns, stopped)
+                now_ns = clock.sleep_until_ns(max(deadline_ns, now_ns + shortest_ns), stopped)
                 if stopped():
                     break
                 tick(now_ns, now_ns - deadline_ns)
             for warning in simulation.advance(count):
                 self._warn(warning)
+            publish_time()
             if simulation.steps >= due:
                 self._publish_due()
                 due = self._next_due()
@@ -139,6 +172,7 @@ class Stepper:
         self.begin()
         for warning in self._simulation.advance(1):
             self._warn(warning)
+        self._time_output.advance()
         self._publish_due()
 
     def _next_due(self) -> int:

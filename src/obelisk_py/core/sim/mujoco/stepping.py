@@ -60,7 +60,8 @@ class Pace:
         Args:
             period_s: wall time between two steps [s], > 0.
         """
-        self._period_ns = period_s * NS_PER_S
+        self.period_ns: Final = period_s * NS_PER_S
+        """Wall time between two steps [ns]."""
         self._catch_up_ns = CATCH_UP_S * NS_PER_S
         self._anchor_ns = 0
         self._count = 0
@@ -79,7 +80,7 @@ class Pace:
     def next_deadline_ns(self, now_ns: int) -> int:
         """When the next step is due [ns]; in the past where it is late."""
         self._count += 1
-        deadline_ns = self._anchor_ns + round(self._count * self._period_ns)
+        deadline_ns = self._anchor_ns + round(self._count * self.period_ns)
         late_ns = now_ns - deadline_ns
         if late_ns <= self._catch_up_ns:
             return deadline_ns
