@@ -32,6 +32,18 @@ __all__ = [
 
 KINDS = ("msg", "srv", "action")
 _DEPEND_TAGS = ("depend", "build_depend", "build_export_depend", "exec_depend")
+_STANDARD = frozenset(
+    "action_msgs builtin_interfaces composition_interfaces diagnostic_msgs geometry_msgs "
+    "lifecycle_msgs nav_msgs rcl_interfaces rosgraph_msgs sensor_msgs service_msgs shape_msgs "
+    "statistics_msgs std_msgs std_srvs stereo_msgs tf2_msgs trajectory_msgs unique_identifier_msgs "
+    "visualization_msgs".split()
+)
+"""Packages that every ROS 2 has: definitions may use them without a declaration."""
+_USED_TYPE = re.compile(r"^\s*([a-z]\w*)/(?:msg/)?[A-Z]", re.MULTILINE)
+_CMAKE_COMMENT = re.compile(r"#\[(=*)\[.*?\]\1\]|#[^\n]*", re.DOTALL)
+_CMAKE_CALL = re.compile(r"\b(find_package|set|rosidl_generate_interfaces)\s*\(([^()]*)\)", re.I)
+_CMAKE_VARIABLE = re.compile(r"\$\{(\w+)\}")
+_CMAKE_OPTIONS = frozenset({"ADD_LINTER_TESTS", "LIBRARY_NAME", "SKIP_GROUP_MEMBERSHIP_CHECK"})
 _IGNORE_MARKERS = ("COLCON_IGNORE", "AMENT_IGNORE")
 
 
@@ -123,13 +135,55 @@ def load_package(root: Path) -> InterfacePackage:
             raise PackageError(f"{root / interface.file}: is a definition, but not a regular file")
     if not interfaces:
         raise PackageError(f"{root}: has msg/, srv/ or action/, but no definition in it")
+    name = _required_text(document, "name", manifest)
+    depends = {*_depends(document), *_depends_elsewhere(root, interfaces)} - {name}
     return InterfacePackage(
         root=root.resolve(),
-        name=_required_text(document, "name", manifest),
+        name=name,
         version=_required_text(document, "version", manifest),
-        depends=_depends(document),
+        depends=tuple(sorted(depends)),
         interfaces=interfaces,
     )
+
+
+def _depends_elsewhere(root: Path, interfaces: Iterable[Interface]) -> frozenset[str]:
+    """Dependencies that the manifest may lack: CMake's, and standard packages that are used.
+
+    A `find_package` counts if a definition uses a type of that package.
+    """
+    files = (root / interface.file for interface in interfaces)
+    texts = (file.read_text(encoding="utf-8", errors="replace") for file in files)
+    used = {name for text in texts for name in _USED_TYPE.findall(text)}
+    try:
+        cmake = (root / "CMakeLists.txt").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        cmake = ""
+    found, generated = _cmake_depends(cmake)
+    return generated | (used & (found | _STANDARD))
+
+
+def _cmake_depends(text: str) -> tuple[frozenset[str], frozenset[str]]:
+    """The packages that a CMakeLists.txt finds, and those that its definitions depend on."""
+    variables: dict[str, str] = {}
+    found: set[str] = set()
+    generated: set[str] = set()
+    for call in _CMAKE_CALL.finditer(_CMAKE_COMMENT.sub("", text)):
+        arguments = _CMAKE_VARIABLE.sub(lambda name: variables.get(name[1], ""), call[2])
+        words = arguments.replace('"', " ").replace(";", " ").split()
+        match call[1].lower(), words:
+            case "set", [name, *values]:
+                variables[name] = " ".join(values)
+            case "find_package", [name, *_]:
+                found.add(name)
+            case "rosidl_generate_interfaces", [*_]:
+                is_dependency = False
+                for word in words:
+                    is_dependency = word == "DEPENDENCIES" or (
+                        is_dependency and word not in _CMAKE_OPTIONS
+                    )
+                    if is_dependency and word != "DEPENDENCIES":
+                        generated.add(word)
+    return frozenset(found), frozenset(generated)
 
 
 def definition_files(root: Path, kind: str) -> Iterator[Path]:
