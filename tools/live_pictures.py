@@ -19,7 +19,7 @@ from generated import ROOT
 from pictures import PICTURES, terminal, without_fonts
 from playwright.sync_api import sync_playwright
 
-from obk_cli.cli.introspect_options import TIMEOUT_S, with_types
+from obk_cli.cli.options import TIMEOUT_S, with_types
 from obk_cli.introspect.target import target_of
 from obk_cli.monitor.app import MonitorApp
 from obk_cli.monitor.stack_follower import Target, Watcher

@@ -139,7 +139,7 @@ def _page(rule: Rule, example: Example) -> str:
         f"# {rule.code}: {rule.title}",
         f"Severity: {rule.severity}.",
         f"**Why.** {rule.cause}",
-        f"**Cure.** {rule.cure}",
+        f"**Fix.** {rule.fix}",
         "Wrong:",
         f"```{language}\n{example['wrong']}\n```",
         "Right:",

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from obk_cli.runs.folder import runs_folder
-from obk_cli.runs.stacks import live_stacks, runs_meant
+from obk_cli.runs.registry import live_stacks, select_runs
 
 __all__ = ["Stack"]
 
@@ -83,7 +83,7 @@ class Stack:
 
     def nodes(self) -> dict[str, dict[str, Any]]:
         """What `obk ps` would say of each; empty where nothing runs, or nobody answers."""
-        runs = runs_meant(runs_folder({"OBK_HOME": str(self.home)}))
+        runs = select_runs(runs_folder({"OBK_HOME": str(self.home)}))
         stacks = live_stacks(runs, ANSWER_S)
         return {
             node.node: asdict(node)

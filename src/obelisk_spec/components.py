@@ -1,9 +1,9 @@
 """Name the components of a config, and read and write their settings as a node receives them.
 
 The ROS parameter `pub_ctrl_setting` and the key `pub_ctrl` name one component; the seeds also
-write `publisher_ctrl`. Its settings are a string: flow text `{topic: /x, history_depth: 10}`, or
-the old flat form `topic:/x,history_depth:10`. `format_setting` always writes flow text. The values
-are those of YAML 1.2 core.
+write `publisher_ctrl`. Its settings are a string: flat text `topic:/x,history_depth:10`, which
+nodes of every generation read, or flow text `{topic: /x, qos: {reliability: best_effort}}` for what
+flat text cannot hold. The values are those of YAML 1.2 core.
 """
 
 import json
@@ -15,6 +15,7 @@ from typing import Final
 from obelisk_spec.yaml_core import YamlTextError, core_scalar, load_yaml_core
 
 __all__ = [
+    "CALLBACK_GROUPS_PARAMETER",
     "CALLBACK_GROUP_TYPES",
     "CONTROL_SUBSCRIPTION",
     "DEFAULT_HISTORY_DEPTH",
@@ -26,6 +27,7 @@ __all__ = [
     "SettingTextError",
     "component_identity",
     "component_spellings",
+    "format_component_setting",
     "format_setting",
     "parse_component_setting",
     "parse_mapping",
@@ -37,6 +39,9 @@ TIERS: Final = ("robot", "sensing", "estimation", "control", "viz", "joystick")
 
 SETTING_SUFFIX: Final = "_setting"
 DEFAULT_HISTORY_DEPTH: Final = 10
+
+CALLBACK_GROUPS_PARAMETER: Final = "callback_group_settings"
+"""The ROS parameter with the callback groups alone, as flat text, for existing nodes."""
 
 CALLBACK_GROUP_TYPES: Final = ("MutuallyExclusiveCallbackGroup", "ReentrantCallbackGroup")
 
@@ -91,6 +96,8 @@ def standard_component(name: str) -> str | None:
 _FLAT_FIELD = re.compile(r"\s*([A-Za-z_][A-Za-z0-9_]*)\s*:(.*)", re.DOTALL)
 _NEXT_FLAT_FIELD = re.compile(r",(?=\s*[A-Za-z_][A-Za-z0-9_]*\s*:)")
 _PLAIN = re.compile(r"[A-Za-z/_~][A-Za-z0-9/_.~-]*")
+_FLAT_NAME = re.compile("[A-Za-z_][A-Za-z0-9_]*")
+_FLAT_TEXT = re.compile(r"[^,:\s\x00-\x1f\x7f-\x9f]+")
 _UNWRITABLE = re.compile("[\x7f-\x9f\u2028\u2029\ud800-\udfff\ufeff\ufffe\uffff]")
 
 
@@ -138,6 +145,27 @@ def _flat_field(part: str, text: str) -> tuple[str, object]:
             "nor like `topic:/x,history_depth:10`"
         )
     return field[1], core_scalar(field[2].strip())
+
+
+def format_component_setting(settings: Mapping[str, object]) -> str:
+    """A component's settings, or callback groups, as the text of one ROS parameter.
+
+    Flat text if every value is plain, because nodes of the first two generations of the API split
+    it at `,` and `:`; otherwise flow text. `parse_component_setting` reads both.
+    """
+    if settings and all(_FLAT_NAME.fullmatch(k) and _is_flat(v) for k, v in settings.items()):
+        return ",".join(f"{key}:{_flat_scalar(value)}" for key, value in settings.items())
+    return format_setting(settings)
+
+
+def _is_flat(value: object) -> bool:
+    if isinstance(value, str):
+        return _FLAT_TEXT.fullmatch(value) is not None and core_scalar(value) == value
+    return isinstance(value, bool | int) or (isinstance(value, float) and math.isfinite(value))
+
+
+def _flat_scalar(value: object) -> str:
+    return value if isinstance(value, str) else _format_scalar(value)
 
 
 def format_setting(value: object) -> str:

@@ -114,13 +114,13 @@ def compile_source(source: SourceFile, options: Options) -> Outcome:
     ignored += stack.ignored_codes if stack is not None else ()
     faults += check_ignores(files.sources, ignored)
     codes = [code.value for code in ignored]
-    heard = in_order(silence(tuple(_causes(faults, are_whole=files.are_whole)), codes))
-    plan = lower_stack(stack) if stack is not None and worst(heard) != "error" else None
+    reported = in_order(silence(tuple(_causes(faults, are_whole=files.are_whole)), codes))
+    plan = lower_stack(stack) if stack is not None and worst(reported) != "error" else None
     return Outcome(
         path=source.path,
         plan=plan,
         config=stack,
-        diagnostics=counted(heard),
+        diagnostics=counted(reported),
         environment=environment,
     )
 

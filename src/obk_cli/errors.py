@@ -18,8 +18,8 @@ __all__ = [
     "CommandFailedError",
     "MisuseError",
     "ObkError",
-    "lack_of",
-    "shadow_of",
+    "pythonpath_shadow",
+    "resource_error",
 ]
 
 EXIT_DONE: Final = 0
@@ -51,7 +51,7 @@ class CommandFailedError(ObkError):
 
 _MEMORY: Final = "there is not enough memory (see `ulimit -v`)"
 _THREADS: Final = "no more threads or processes can be started (see `ulimit -u`, `ulimit -v`)"
-_LACKS: Final = {
+_RESOURCE_ERRORS: Final = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "this user may use no more of the disk",
     errno.EFBIG: "files may not become so long (see `ulimit -f`)",
@@ -66,7 +66,7 @@ _NO_THREAD: Final = "can't start new thread"
 """Python's own words."""
 
 
-def lack_of(error: BaseException) -> str | None:
+def resource_error(error: BaseException) -> str | None:
     """What of the machine an error is the lack of; None: it is another error."""
     match error:
         case MemoryError():
@@ -77,12 +77,12 @@ def lack_of(error: BaseException) -> str | None:
             return "the folder that this was started in is not there any more"
         case BlockingIOError() if hasattr(error, "characters_written"):
             return None  # an output that does not wait
-        case OSError(errno=int() as number) if number in _LACKS:
-            return f"{_place(error)}{_LACKS[number]}"
+        case OSError(errno=int() as number) if number in _RESOURCE_ERRORS:
+            return f"{_place(error)}{_RESOURCE_ERRORS[number]}"
     return None
 
 
-def shadow_of(error: BaseException) -> str | None:
+def pythonpath_shadow(error: BaseException) -> str | None:
     """Which file of PYTHONPATH an error comes from, in the place of a library; None: of none.
 
     Other environments put theirs there, and what they hold seldom fits this Python.

@@ -11,12 +11,12 @@ from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
 from obk_cli.errors import CommandFailedError
 
 __all__ = [
-    "FOR_EVERYBODY",
+    "SHARED_FOLDER_BITS",
     "STANDARD_INPUT",
     "STATE_MODE",
     "explain_os_error",
-    "is_planted",
-    "is_within_planted",
+    "is_untrusted",
+    "is_within_untrusted",
     "read_bytes",
     "resource_folder",
     "unwritable",
@@ -74,11 +74,11 @@ def unwritable(path: Path, error: OSError) -> CommandFailedError:
     return CommandFailedError(f"`{path}` cannot be written: {reason}")
 
 
-FOR_EVERYBODY: Final = stat.S_ISVTX | stat.S_IWOTH
+SHARED_FOLDER_BITS: Final = stat.S_ISVTX | stat.S_IWOTH
 """Of a folder where each user may put something, and take away nobody else's."""
 
 
-def is_planted(path: Path) -> bool:
+def is_untrusted(path: Path) -> bool:
     """Whether it lies in such a folder and is neither this user's nor root's.
 
     What a user keeps beside it would otherwise be run with it.
@@ -87,13 +87,13 @@ def is_planted(path: Path) -> bool:
         owner, mode = path.lstat().st_uid, path.parent.stat().st_mode
     except OSError:
         return False
-    return owner not in (os.geteuid(), 0) and mode & FOR_EVERYBODY == FOR_EVERYBODY
+    return owner not in (os.geteuid(), 0) and mode & SHARED_FOLDER_BITS == SHARED_FOLDER_BITS
 
 
-def is_within_planted(path: Path) -> bool:
+def is_within_untrusted(path: Path) -> bool:
     """Whether that holds for it, or for a folder that it lies in."""
     whole = path.absolute()
-    return any(map(is_planted, (whole, *whole.parents)))
+    return any(map(is_untrusted, (whole, *whole.parents)))
 
 
 STATE_MODE = 0o600
@@ -137,7 +137,7 @@ def write_bytes(path: Path, data: bytes, *, mode: int | None = None) -> bool:
             if mode is None and target.is_file():
                 file.flush()
                 os.fsync(file.fileno())
-                _take_after(target, temporary)
+                _copy_owner_and_mode(target, temporary)
         temporary.replace(target)
     except BaseException:
         temporary.unlink(missing_ok=True)
@@ -145,7 +145,7 @@ def write_bytes(path: Path, data: bytes, *, mode: int | None = None) -> bool:
     return True
 
 
-def _take_after(old: Path, new: Path) -> None:
+def _copy_owner_and_mode(old: Path, new: Path) -> None:
     """Give a file the owner and the permissions of the one that it replaces."""
     before = old.stat()
     with suppress(PermissionError):  # only root gives files away, and has to

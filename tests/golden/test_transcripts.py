@@ -8,13 +8,30 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
+from obk_cli.cli.commands import VERBS
+from obk_cli.process.identity import this_process
+
+from ..turns import turn_of_leftovers  # noqa: TID252 - shared by folders of tests
+from ..unit.obk_cli.runs.fake_stack import CONTROL, JOY, ROBOT, fake_stack  # noqa: TID252
+
 HERE = Path(__file__).parent
 TRANSCRIPTS = HERE / "transcripts"
 RUN = "from obk_cli.cli.main import main; main()"
+RUN_SEEING = """
+import os, psutil
+from obk_cli.runs import orphans
+seen = map(int, os.environ["SEEN"].split())
+seen = [psutil.Process(pid) for pid in seen if psutil.pid_exists(pid)]
+orphans._own_processes = lambda: seen
+from obk_cli.cli.main import main; main()
+"""
+"""Orphans of other stacks on this machine are neither shown nor ended."""
 BROKEN = """\
 config: broken
 control:
@@ -55,9 +72,12 @@ COMMANDS = {
         "new msgs my_msgs",
         "new controller class",
     ),
-    # Not `ps` and `reap`: they see what other stacks have left on this machine.
-    "runs": ("stop", "logs"),
+    "stop": ("stop", "stop dummy --all"),
+    "logs": ("logs", "logs dummy"),
+    # Not all checks: what they find depends on the machine.
+    "doctor": ("doctor --list", "doctor workspce", "doctor folders workspace"),
 }
+OF_RUNS = {"ps": ("ps",), "reap": ("reap --dry-run", "reap", "reap")}
 OF_ROS = {
     "lifecycle": ("lifecycle get", "lifecycle activate"),
     "topic": ("topic list", "topic info /ctrl", "topic echo /ctrl", "topic hz /ctrl"),
@@ -67,23 +87,37 @@ OF_ROS = {
 }
 
 
-def transcript(commands: tuple[str, ...], folder: Path, repository: Path) -> str:
-    """The commands, one after another in a folder, with what they printed and their exit codes."""
+def transcript(
+    commands: tuple[str, ...],
+    folder: Path,
+    repository: Path,
+    *,
+    seen: Mapping[int, str] | None = None,
+) -> str:
+    """The commands, one after another in a folder, with what they printed and their exit codes.
+
+    `seen`: the processes that are found, and what stands for their numbers; None: all.
+    """
     (folder / "broken.yaml").write_text(BROKEN)
     (folder / "warning.yaml").write_text(WARNING)
-    shutil.copytree(repository / "examples" / "dummy", folder / "examples" / "dummy")
+    shutil.copytree(
+        repository / "examples" / "dummy", folder / "examples" / "dummy", dirs_exist_ok=True
+    )
     environment = {
         **{key: value for key, value in os.environ.items() if not key.startswith("COV")},
         "HOME": str(folder),
         "OBK_HOME": str(folder / ".obk_home"),
         "XDG_CONFIG_HOME": str(folder / ".config"),
+        "XDG_CACHE_HOME": str(folder / ".cache"),
+        "TMPDIR": str(folder),
         "COLUMNS": "100",
         "NO_COLOR": "1",
+        "SEEN": " ".join(map(str, seen or ())),
     }
     parts = []
     for command in commands:
         done = subprocess.run(
-            [sys.executable, "-c", RUN, *command.split()],
+            [sys.executable, "-c", RUN if seen is None else RUN_SEEING, *command.split()],
             cwd=folder,
             env=environment,
             capture_output=True,
@@ -94,6 +128,9 @@ def transcript(commands: tuple[str, ...], folder: Path, repository: Path) -> str
         printed = f"{done.stdout}{done.stderr}".replace(str(folder), "<folder>")
         printed = printed.replace(sys.prefix, "<prefix>").replace(str(repository), "<repository>")
         printed = re.sub(r"ROS domain \d+", "ROS domain <domain>", printed)
+        printed = re.sub(r"[\d.]+ [KMGT]iB free", "<size> free", printed)
+        for pid, name in (seen or {}).items():
+            printed = re.sub(rf"\b{pid}\b", name, printed)
         parts.append(f"$ obk {command}\n{printed}[exit code {done.returncode}]\n")
     return "\n".join(parts)
 
@@ -106,12 +143,64 @@ def test_a_command_prints_its_transcript(
     name: str, tmp_path: Path, repository: Path, request: pytest.FixtureRequest
 ) -> None:
     text = transcript((COMMANDS | OF_ROS)[name], tmp_path, repository)
+    compare(name, text, request.config.getoption("--update-golden"))
+
+
+def test_ps_prints_its_transcript(
+    tmp_path: Path, repository: Path, request: pytest.FixtureRequest
+) -> None:
+    states = {ROBOT: "active", CONTROL: "inactive", JOY: ""}
+    nothing = transcript(OF_RUNS["ps"], tmp_path, repository, seen={})
+    runs = tmp_path / ".obk_home" / "runs"
+    with fake_stack(runs, states, devices=("onboard",)) as stack, orphan() as seen:
+        stack.hung.add(ROBOT)
+        running = transcript(OF_RUNS["ps"], tmp_path, repository, seen=seen)
+        (stack.folder / "control.sock").unlink()
+        silent = transcript(OF_RUNS["ps"], tmp_path, repository, seen=seen)
+    # The launcher's time is fixed; without its answer the process's own age is shown.
+    silent = re.sub(r"up [\d:]+", "up <time>", silent)
+    text = "\n".join((nothing, running, silent))
+    compare("ps", text, request.config.getoption("--update-golden"))
+
+
+def test_reap_prints_its_transcript(
+    tmp_path: Path, repository: Path, request: pytest.FixtureRequest
+) -> None:
+    with orphan() as seen:
+        text = transcript(OF_RUNS["reap"], tmp_path, repository, seen=seen)
+    compare("reap", text, request.config.getoption("--update-golden"))
+
+
+@contextmanager
+def orphan() -> Iterator[Mapping[int, str]]:
+    """A process whose launcher is gone."""
+    launcher, started = this_process()
+    sleep = shutil.which("sleep")
+    assert sleep
+    with (
+        turn_of_leftovers(),
+        subprocess.Popen(
+            ["sleep", "1000"],
+            executable=sleep,
+            env={"OBK_RUN": "dummy_20310203_040506", "OBK_LAUNCHER": f"{launcher}:{started - 60}"},
+            start_new_session=True,
+        ) as process,
+    ):
+        try:
+            yield {process.pid: "<pid>", launcher: "<launcher>"}
+        finally:
+            process.kill()
+
+
+def compare(name: str, text: str, is_update: bool) -> None:
     expected = TRANSCRIPTS / f"{name}.txt"
-    if request.config.getoption("--update-golden"):
+    if is_update:
         expected.parent.mkdir(exist_ok=True)
         expected.write_text(text, encoding="utf-8")
     assert text == expected.read_text(encoding="utf-8")
 
 
 def test_every_transcript_is_of_a_command() -> None:
-    assert {path.stem for path in TRANSCRIPTS.glob("*.txt")} == COMMANDS.keys() | OF_ROS.keys()
+    names = {path.stem for path in TRANSCRIPTS.glob("*.txt")}
+    assert names == COMMANDS.keys() | OF_ROS.keys() | OF_RUNS.keys()
+    assert names <= VERBS.keys()

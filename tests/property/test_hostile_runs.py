@@ -25,8 +25,7 @@ from obk_cli.runs.protocol import (
     decode_request,
     encode_line,
 )
-from obk_cli.runs.registry import live_folders
-from obk_cli.runs.stacks import LiveStack
+from obk_cli.runs.registry import LiveStack, live_folders
 from obk_cli.web.feed import live_picture
 from obk_cli.workspace.overlay import FOLDER, RECORD, overlay_prefixes, read_record
 
@@ -101,7 +100,7 @@ FILES = st.binary() | damaged([json.dumps(RUN).encode()]) | st.builds(json.dumps
 
 def no_leftovers() -> AbstractContextManager[object]:
     """No look at all processes of this machine, which takes most of the time."""
-    return mock.patch.object(ps, "find_leftovers", return_value=())
+    return mock.patch.object(ps, "find_orphans", return_value=())
 
 
 def shown(call: object, *arguments: object, **options: object) -> list[str]:

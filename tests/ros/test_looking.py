@@ -1,28 +1,36 @@
 """`obk topic`, `node`, `param`, `service` against a talker in this process, and against a stack."""
 
+from .looking import announce_as_a_stack_does
+from .looking import done
+from .looking import refused
+from .looking import told
+from .stack import DUMMY
+from .stack import eventually
+from .stack import launched
+from .stack import obk
+from .stack import spinning
+from collections.abc import Iterator
+from geometry_msgs.msg import PointStamped
 import csv
 import io
 import json
 import os
+import pytest
 import subprocess
 import sys
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
-
-import pytest
 import yaml
-from geometry_msgs.msg import PointStamped
+from pathlib import Path
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
+from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Int32, String
+from std_msgs.msg import Int32
+from std_msgs.msg import String
 from std_srvs.srv import SetBool
-
-from .looking import announce_as_a_stack_does, done, refused, told
-from .stack import DUMMY, eventually, launched, obk, spinning
+from typing import Any
 
 pytestmark = pytest.mark.ros
 
@@ -210,7 +218,7 @@ def test_parameters_are_listed_shown_set_and_dumped(talker: Talker, tmp_path: Pa
         "limits.upper": {"type": "double_array", "value": [1.0, 2.0]},
     }
     said = done("param", "set", TALKER, "gain", "2")
-    assert said == "/arm/talker: gain = 2.0 (double), before 1.5\n"
+    assert said == "/arm/talker: gain changed from 1.5 to 2.0 (double)\n"
     assert talker.get_parameter("gain").value == 2.0
     assert r"\u001b[1mabove 10" in refused("param", "set", TALKER, "gain", "11")
     of_type = refused("param", "set", TALKER, "limits.upper", "[a]")
@@ -231,7 +239,7 @@ def test_parameters_are_listed_shown_set_and_dumped(talker: Talker, tmp_path: Pa
     assert done("param", "dump", TALKER) == path.read_text()
     assert "offset" not in dumped
     said = done("param", "set", TALKER, "offset", "1")
-    assert said == "/arm/talker: offset = 1.0 (double), before not set\n"
+    assert said == "/arm/talker: offset changed from not set to 1.0 (double)\n"
 
 
 def test_services_are_listed_and_called(talker: Talker) -> None:
@@ -314,7 +322,7 @@ def test_nodes_of_a_stack_are_asked_by_its_launcher_and_others_by_ros(talker: Ta
         code = PARAMETERS.format(commands=commands)
         result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         assert result.stdout.endswith("False\n"), (result.stdout, result.stderr)
-        assert 'params_path = "/there" (string), before "' in result.stdout
+        assert 'to "/there" (string)' in result.stdout
         assert 'params_path  string  "/there"' in result.stdout
         assert '"node": "/obelisk_estimation_0"' in result.stdout
         assert "no parameter `gain`" in refused("param", "get", "control_0", "gain")

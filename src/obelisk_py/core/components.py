@@ -3,15 +3,31 @@
 The node's constructor registers them; configure creates their ROS handles.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Generic, TypeVar
+from reprlib import Repr
+from typing import Any, Final, Generic, TypedDict, TypeVar
 
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_spec.components import component_spellings
+from obelisk_spec.registration import (
+    EXPECTED,
+    ArgumentKind,
+    RegistrationArgumentError,
+    bind_registration,
+    is_expected,
+)
+from obelisk_spec.suggestions import with_article
 
-__all__ = ["ComponentKind", "ComponentTable", "RegisteredComponent", "spellings"]
+__all__ = [
+    "ComponentKind",
+    "ComponentTable",
+    "RegisteredComponent",
+    "RegistrationArguments",
+    "registered_component",
+    "spellings",
+]
 
 T = TypeVar("T")
 
@@ -34,6 +50,18 @@ def spellings(*names: str | None) -> frozenset[str]:
     return frozenset(s for name in names if name for s in component_spellings(name))
 
 
+class RegistrationArguments(TypedDict, total=False):
+    """The keyword arguments of `register_obk_*`; those of a timer have no `msg_type`."""
+
+    ros_parameter: str | None
+    key: str | None
+    callback: Callable[..., Any] | None
+    msg_type: type[Any] | None
+    default: str | Mapping[str, Any] | None
+    default_config_str: str | None
+    required: bool | None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RegisteredComponent:
     """A component as the code registers it, before any setting is known."""
@@ -44,15 +72,10 @@ class RegisteredComponent:
     callback: Callable[..., Any] | None = None
     msg_type: type[Any] | None = None
     default: str | Mapping[str, Any] | None = None
-    required: bool = True
-
-    def __post_init__(self) -> None:
-        if not self.ros_parameter and not self.key:
-            raise ObeliskConfigError(
-                f"a {self.kind.noun} was registered with neither ros_parameter nor key"
-            )
-        if self.callback is None and self.kind is not ComponentKind.PUBLISHER:
-            raise ObeliskConfigError(f"the {self} was registered without a callback")
+    required: bool | None = None
+    """None: it depends on the generation of the call."""
+    is_of_configure: bool = False
+    """Whether `on_configure` registered it, and cleanup forgets it."""
 
     def __str__(self) -> str:
         return f"{self.kind.noun} `{self.key or self.ros_parameter}`"
@@ -61,6 +84,76 @@ class RegisteredComponent:
     def names(self) -> frozenset[str]:
         """Every name under which the component is known, in all spellings."""
         return spellings(self.ros_parameter, self.key)
+
+
+_SHORT: Final = Repr()
+_SHORT.maxstring = _SHORT.maxother = 60
+
+
+def registered_component(
+    node_name: str, kind: ComponentKind, positional: Sequence[Any], named: Mapping[str, Any]
+) -> RegisteredComponent:
+    """The component that a call of `register_obk_*` registers, of any generation.
+
+    Raises:
+        ObeliskConfigError: an argument is missing, unknown, given twice or of the wrong type.
+    """
+    method = f"register_obk_{kind.noun}"
+    place = f"{method} of the node `{node_name}`"
+    try:
+        bound = bind_registration(method, positional, named, _described)
+    except RegistrationArgumentError as error:
+        raise ObeliskConfigError(f"{place}: {error}") from error
+    for argument, value in bound.items():
+        is_message = argument != "msg_type" or value is None or _is_message(value)
+        if not (is_expected(argument, _described(value)) and is_message):
+            raise ObeliskConfigError(
+                f"{place}: `{argument}` is {_given(value)}, expected {EXPECTED[argument]}"
+            )
+    component = RegisteredComponent(
+        kind=kind,
+        ros_parameter=bound.get("ros_parameter") or None,
+        key=bound.get("key") or None,
+        callback=bound.get("callback"),
+        msg_type=bound.get("msg_type"),
+        default=bound.get("default"),
+        required=bound.get("required"),
+    )
+    if not component.names:
+        raise ObeliskConfigError(
+            f"{place}: neither `key` nor `ros_parameter` is given, expected at least one of them"
+        )
+    if component.callback is None and kind is not ComponentKind.PUBLISHER:
+        raise ObeliskConfigError(
+            f"{place}: the {component} has no `callback`, expected {EXPECTED['callback']}"
+        )
+    return component
+
+
+def _described(value: Any) -> str | ArgumentKind:
+    if isinstance(value, str):
+        return value
+    if value is None:
+        return ArgumentKind.NOTHING
+    if isinstance(value, bool):
+        return ArgumentKind.TRUTH_VALUE
+    if isinstance(value, type | TypeVar):
+        return ArgumentKind.CLASS
+    if isinstance(value, Mapping):
+        return ArgumentKind.MAPPING
+    return ArgumentKind.FUNCTION if callable(value) else ArgumentKind.OTHER
+
+
+def _is_message(value: Any) -> bool:
+    return hasattr(value, "get_fields_and_field_types")
+
+
+def _given(value: Any) -> str:
+    if isinstance(value, type):
+        return f"the class `{value.__name__}`"
+    if _described(value) is ArgumentKind.FUNCTION:
+        return f"the function `{getattr(value, '__qualname__', value)}`"
+    return f"{_SHORT.repr(value)} ({with_article(type(value).__name__)})"
 
 
 class ComponentTable(Mapping[str, T], Generic[T]):

@@ -37,6 +37,7 @@ class ObeliskController(ABC, ObeliskNode):
         self.register_obk_subscription(
             "sub_est_setting", self.update_x_hat, key="sub_est", msg_type=est_msg_type
         )
+        self._has_message_types = ctrl_msg_type is not None or est_msg_type is not None
 
     @abstractmethod
     def update_x_hat(self, x_hat_msg: ObeliskEstimatorMsg) -> None:

@@ -29,6 +29,7 @@ class ObeliskEstimator(ABC, ObeliskNode):
         super().__init__(node_name, **kwargs)
         self.register_obk_timer("timer_est_setting", self.compute_state_estimate, key="timer_est")
         self.register_obk_publisher("pub_est_setting", key="pub_est", msg_type=est_msg_type)
+        self._has_message_types = est_msg_type is not None
 
     @abstractmethod
     def compute_state_estimate(self) -> ObeliskEstimatorMsg | None:

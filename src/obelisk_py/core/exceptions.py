@@ -10,8 +10,11 @@ class ObeliskError(Exception):
     """Base of the library's own errors."""
 
 
-class ObeliskConfigError(ObeliskError):
-    """The node's settings cannot be used: something is missing, unknown or contradicts the code."""
+class ObeliskConfigError(ObeliskError, ValueError):
+    """The node's settings cannot be used: something is missing, unknown or contradicts the code.
+
+    It is a `ValueError` for existing code, which catches that.
+    """
 
 
 class ObeliskHardwareError(ObeliskError):
@@ -20,3 +23,8 @@ class ObeliskHardwareError(ObeliskError):
 
 class ObeliskMsgError(ObeliskError):
     """A message type is unknown, not installed, or not the one that code or config names."""
+
+    @property
+    def msg(self) -> str:
+        """The message; kept for existing code."""
+        return str(self)

@@ -1,12 +1,14 @@
 """`ObeliskNode`: a life-cycle node whose publishers, subscriptions and timers come from settings.
 
-The constructor registers components; configure builds them from ROS parameters, activate starts
-them, deactivate stops them, cleanup destroys them, so that configure can run again.
+The constructor, or `on_configure` before super's, registers components. Configure builds them from
+ROS parameters, activate starts them, deactivate stops them, cleanup destroys them, so that
+configure can run again.
 """
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from typing import Any, Final
+from dataclasses import replace
+from typing import Any, Final, Unpack
 
 from rclpy.callback_groups import (
     CallbackGroup,
@@ -20,7 +22,14 @@ from rclpy.lifecycle.publisher import LifecyclePublisher
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from obelisk_py.core.components import ComponentKind, ComponentTable, RegisteredComponent, spellings
+from obelisk_py.core.components import (
+    ComponentKind,
+    ComponentTable,
+    RegisteredComponent,
+    RegistrationArguments,
+    registered_component,
+    spellings,
+)
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.parameters import Getter
 from obelisk_py.core.rate_monitor.diagnostics import RateMonitoredNode
@@ -34,7 +43,13 @@ from obelisk_py.core.settings import (
     timer_settings,
     topic_settings,
 )
-from obelisk_spec.components import CALLBACK_GROUP_TYPES, component_identity
+from obelisk_spec.components import (
+    CALLBACK_GROUP_TYPES,
+    CALLBACK_GROUPS_PARAMETER,
+    STANDARD_COMPONENTS,
+    component_identity,
+)
+from obelisk_spec.registration import is_required_by_default
 
 __all__ = ["ObeliskNode"]
 
@@ -46,7 +61,7 @@ CALLBACK_GROUPS: dict[str, Callable[[], CallbackGroup]] = {
 SETTINGS: Final = "obelisk_settings"
 """The ROS parameter with the settings of components that have none of their own."""
 
-Default = str | Mapping[str, Any] | None
+Settings = str | Mapping[str, Any] | None
 
 
 class ObeliskNode(RateMonitoredNode):
@@ -64,8 +79,15 @@ class ObeliskNode(RateMonitoredNode):
         """
         super().__init__(node_name, **kwargs)
         self.declare_parameter("params_path", "")
+        self.node_name = self.get_name()
+        """The name in the ROS graph; kept for existing code."""
         self.declare_parameter(SETTINGS, "")
-        self._parameter_rules.add((SETTINGS,), lambda value: parse_node_settings(value(SETTINGS)))
+        # Written out: `obk validate` reads constructors, it does not run them.
+        self.declare_parameter("callback_group_settings", "")
+        self._parameter_rules.add(
+            (SETTINGS, CALLBACK_GROUPS_PARAMETER),
+            lambda value: parse_node_settings(value(SETTINGS), value(CALLBACK_GROUPS_PARAMETER)),
+        )
         # The clock of timers is chosen when they are made.
         self._parameter_rules.add(("use_sim_time",))
         self.obk_publishers: ComponentTable[LifecyclePublisher] = ComponentTable(
@@ -78,7 +100,10 @@ class ObeliskNode(RateMonitoredNode):
         self.obk_callback_groups: dict[str, CallbackGroup] = {}
         self.opened = ExitStack()
         self._components: list[RegisteredComponent] = []
+        self._setting_parameters: set[str] = set()
         self._registration_open = True
+        self._has_message_types = False
+        """Whether the constructor of a base class received a message type, as in G2 and G3."""
         self._is_built = False
 
     @property
@@ -92,103 +117,69 @@ class ObeliskNode(RateMonitoredNode):
         return str(self.get_parameter("params_path").value)
 
     def register_obk_publisher(
-        self,
-        ros_parameter: str | None = None,
-        key: str | None = None,
-        msg_type: type[Any] | None = None,
-        default: Default = None,
-        *,
-        required: bool = True,
+        self, *arguments: str | type[Any] | Settings, **named: Unpack[RegistrationArguments]
     ) -> None:
-        """Register a publisher, which configure creates.
+        """Register a publisher, which configure creates: `(key, msg_type)`.
+
+        Existing code may also call it with `(ros_parameter, msg_type, key, default_config_str)` or
+        `(ros_parameter, key, msg_type, default)`.
 
         Args:
-            ros_parameter: the ROS parameter that carries its settings; declared here.
-            key: its name in `obk_publishers`.
-            msg_type: its message class; without it the settings name the type.
-            default: its settings if neither the parameter nor `obelisk_settings` has any.
-            required: without settings, fail configure instead of leaving it out.
+            arguments: any of those in this order; also by name.
+            named:
+                key: its name in `obk_publishers`.
+                msg_type: its message class; without it the settings name the type.
+                ros_parameter: a ROS parameter that carries its settings; declared here.
+                default: its settings if neither the parameter nor `obelisk_settings` has any.
+                required: without settings, fail configure instead of leaving it out with a
+                    warning; the default is True with a `ros_parameter`, otherwise False.
 
         Raises:
-            ObeliskConfigError: no name, a name twice, or the node was configured already.
+            ObeliskConfigError: an argument is missing or of the wrong type, the name is registered
+                already, or the node is configured.
         """
-        self._register(
-            RegisteredComponent(
-                kind=ComponentKind.PUBLISHER,
-                ros_parameter=ros_parameter,
-                key=key,
-                msg_type=msg_type,
-                default=default,
-                required=required,
-            )
-        )
+        self._register(ComponentKind.PUBLISHER, arguments, named)
 
     def register_obk_subscription(
         self,
-        ros_parameter: str | None = None,
-        callback: Callable[[Any], Any] | None = None,
-        key: str | None = None,
-        msg_type: type[Any] | None = None,
-        default: Default = None,
-        *,
-        required: bool = True,
+        *arguments: str | type[Any] | Callable[..., Any] | Settings,
+        **named: Unpack[RegistrationArguments],
     ) -> None:
-        """Register a subscription, which configure creates.
+        """Register a subscription, which configure creates: `(key, callback, msg_type)`.
+
+        Existing code may also call it with `(ros_parameter, callback, msg_type, key,
+        default_config_str)` or `(ros_parameter, callback, key, msg_type, default)`.
 
         Args:
-            ros_parameter: the ROS parameter that carries its settings; declared here.
-            callback: called with each message.
-            key: its name in `obk_subscriptions`.
-            msg_type: its message class; without it the settings name the type.
-            default: its settings if neither the parameter nor `obelisk_settings` has any.
-            required: without settings, fail configure instead of leaving it out.
+            arguments: any of those in this order; also by name.
+            named: as of a publisher, and:
+                callback: called with each message.
 
         Raises:
-            ObeliskConfigError: no name, no callback, a name twice, or configured already.
+            ObeliskConfigError: an argument is missing or of the wrong type, the name is registered
+                already, or the node is configured.
         """
-        self._register(
-            RegisteredComponent(
-                kind=ComponentKind.SUBSCRIPTION,
-                ros_parameter=ros_parameter,
-                key=key,
-                callback=callback,
-                msg_type=msg_type,
-                default=default,
-                required=required,
-            )
-        )
+        self._register(ComponentKind.SUBSCRIPTION, arguments, named)
 
     def register_obk_timer(
         self,
-        ros_parameter: str | None = None,
-        callback: Callable[[], Any] | None = None,
-        key: str | None = None,
-        default: Default = None,
-        *,
-        required: bool = True,
+        *arguments: str | Callable[..., Any] | Settings,
+        **named: Unpack[RegistrationArguments],
     ) -> None:
-        """Register a timer, which configure creates and activate starts.
+        """Register a timer, which configure creates and activate starts: `(key, callback)`.
+
+        Existing code may also call it with `(ros_parameter, callback, key, default_config_str)`.
 
         Args:
-            ros_parameter: the ROS parameter that carries its settings; declared here.
-            callback: called at each period.
-            key: its name in `obk_timers`.
-            default: its settings if neither the parameter nor `obelisk_settings` has any.
-            required: without settings, fail configure instead of leaving it out.
+            arguments: any of those in this order; also by name.
+            named: as of a publisher, without `msg_type`, and:
+                callback: called at each period.
 
         Raises:
-            ObeliskConfigError: no name, no callback, a name twice, or configured already.
+            ObeliskConfigError: an argument is missing or of the wrong type, the name is registered
+                already, or the node is configured.
         """
-        self._register(
-            RegisteredComponent(
-                kind=ComponentKind.TIMER,
-                ros_parameter=ros_parameter,
-                key=key,
-                callback=callback,
-                default=default,
-                required=required,
-            )
-        )
+        self._register(ComponentKind.TIMER, arguments, named)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build callback groups, publishers, subscriptions and (stopped) timers.
@@ -198,10 +189,8 @@ class ObeliskNode(RateMonitoredNode):
         """
         self._registration_open = False
         result = super().on_configure(state)
-        node = parse_node_settings(str(self.get_parameter(SETTINGS).value))
-        self.obk_callback_groups = {
-            name: CALLBACK_GROUPS[kind]() for name, kind in node.callback_groups.items()
-        }
+        node = parse_node_settings(self._text(SETTINGS), self._text(CALLBACK_GROUPS_PARAMETER))
+        self._make_groups(node.callback_groups)
         self._warn_of_unknown_components(node)
         faults: list[str] = []
         for component in self._components:
@@ -271,29 +260,50 @@ class ObeliskNode(RateMonitoredNode):
         for entity in self._managed_entities:
             entity.on_deactivate(state)
 
-    def _register(self, component: RegisteredComponent) -> None:
+    def _register(
+        self, kind: ComponentKind, arguments: tuple[Any, ...], named: Mapping[str, Any]
+    ) -> None:
+        component = registered_component(self.get_name(), kind, arguments, named)
         if not self._registration_open:
             raise ObeliskConfigError(
-                f"the {component} was registered after configure; "
-                "components are registered in the constructor"
+                f"the {component} was registered after configure; components are registered in "
+                "the constructor, or in on_configure before super().on_configure(state)"
             )
+        if component.ros_parameter is None and self._is_given_as_text(component.key):
+            component = replace(component, ros_parameter=component.key)
         for other in self._components:
             if other.kind is component.kind and other.names & component.names:
                 raise ObeliskConfigError(f"the {component} is registered already, as the {other}")
-        if component.ros_parameter:
+        if component.ros_parameter and component.ros_parameter not in self._setting_parameters:
+            self._setting_parameters.add(component.ros_parameter)
             self.declare_parameter(component.ros_parameter, "")
-            self._hold_to_rules(component, component.ros_parameter)
-        self._components.append(component)
+            self._hold_to_rules(component.ros_parameter)
+        # The next configure registers these again.
+        is_of_configure = self.state_label == "configuring"
+        self._components.append(replace(component, is_of_configure=is_of_configure))
 
-    def _hold_to_rules(self, component: RegisteredComponent, parameter: str) -> None:
+    def _is_given_as_text(self, name: str | None) -> bool:
+        """Whether the launcher passes a text as the ROS parameter of that name.
+
+        In G2, `(name, msg_type)` names a ROS parameter, which need not end in `_setting`.
+        """
+        given = self._parameter_overrides.get(name)
+        return given is not None and isinstance(given.value, str)
+
+    def _hold_to_rules(self, parameter: str) -> None:
         def check(value: Getter) -> None:
-            check_component(component, value(parameter), value(SETTINGS))
+            for component in self._components:
+                if component.ros_parameter == parameter:
+                    check_component(component, value(parameter), value(SETTINGS))
 
         self._parameter_rules.add((parameter,), check)
 
+    def _text(self, parameter: str) -> str:
+        return str(self.get_parameter(parameter).value)
+
     def _build(self, component: RegisteredComponent, node: NodeSettings) -> None:
         parameter = component.ros_parameter
-        text = str(self.get_parameter(parameter).value) if parameter else ""
+        text = self._text(parameter) if parameter else ""
         raw = find_settings(component, text, node)
         if raw is None:
             self._without_settings(component)
@@ -314,10 +324,23 @@ class ObeliskNode(RateMonitoredNode):
             if component.ros_parameter
             else f"an entry with `key: {component.key}` in the parameter `obelisk_settings`"
         )
-        if component.required:
+        if self._is_required(component):
             raise ObeliskConfigError(f"the {component} has no settings: set {where}")
-        # `obk validate` reports it; at each launch it would be noise.
-        self.get_logger().debug(f"the optional {component} is left out: {where} is not set")
+        message = f"the {component} has no settings and is left out: {where} is not set"
+        if component.required is None:
+            self.get_logger().warning(message)
+        else:
+            # `obk validate` reports it; at each launch it would be noise.
+            self.get_logger().debug(message)
+
+    def _is_required(self, component: RegisteredComponent) -> bool:
+        if component.required is not None:
+            return component.required
+        if self._has_message_types and component.key in STANDARD_COMPONENTS:
+            # A constructor of G2 looks like one of G3; only the launcher of G2 passes settings as
+            # separate ROS parameters alone.
+            return not self._text(SETTINGS) and any(map(self._text, self._setting_parameters))
+        return is_required_by_default(component.ros_parameter)
 
     def _publisher(
         self, component: RegisteredComponent, raw: Mapping[str, Any]
@@ -346,7 +369,7 @@ class ObeliskNode(RateMonitoredNode):
         settings = timer_settings(component, raw)
         assert component.callback is not None
         return self.create_monitored_timer(
-            component_identity(str(raw.get("ros_parameter") or name)),
+            component_identity(str(raw.get("ros_parameter") or component.ros_parameter or name)),
             settings.period_s,
             component.callback,
             group=self._group(component, settings.callback_group),
@@ -366,10 +389,25 @@ class ObeliskNode(RateMonitoredNode):
         if name not in self.obk_callback_groups:
             types = ", ".join(CALLBACK_GROUP_TYPES)
             have = ", ".join(self.obk_callback_groups) or f"none (types: {types})"
-            raise ObeliskConfigError(
-                f"the {component} is in the callback group `{name}`; there are: {have}"
-            )
+            fault = f"the {component} is in the callback group `{name}`; there are: {have}"
+            if self._is_required(component):
+                raise ObeliskConfigError(fault)
+            self.get_logger().warning(f"{fault}; it uses the node's default group")
+            return None
         return self.obk_callback_groups[name]
+
+    def _make_groups(self, kinds: Mapping[str, str]) -> None:
+        self.obk_callback_groups = {name: CALLBACK_GROUPS[kind]() for name, kind in kinds.items()}
+        for name, group in self.obk_callback_groups.items():
+            # Existing code reads groups as attributes, and may have set them to None before.
+            other = vars(self).get(name)
+            if hasattr(type(self), name) or not isinstance(other, CallbackGroup | None):
+                self.get_logger().warning(
+                    f"the callback group `{name}` is only in obk_callback_groups: the node has "
+                    "another attribute of that name"
+                )
+            else:
+                setattr(self, name, group)
 
     def _warn_of_unknown_components(self, node: NodeSettings) -> None:
         """Warn about settings of components that the code does not register."""
@@ -387,6 +425,8 @@ class ObeliskNode(RateMonitoredNode):
 
     def _release(self) -> None:
         self._is_built = False
+        self._registration_open = True
+        self._components = [c for c in self._components if not c.is_of_configure]
         self.opened.close()
         for timer in self.obk_timers.values():
             self.destroy_timer(timer)

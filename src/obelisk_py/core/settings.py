@@ -5,29 +5,37 @@ gives frozen values with a QoS profile in them; raises `ObeliskConfigError` with
 names the component and what would be right.
 """
 
-import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
-
-from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
-
+import re
 from obelisk_py.core.command_watchdog import StalePolicy
-from obelisk_py.core.components import ComponentKind, RegisteredComponent, spellings
-from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskMsgError
-from obelisk_py.core.messages import message_class, message_name, require_message
-from obelisk_spec.components import (
-    CALLBACK_GROUP_TYPES,
-    CONTROL_SUBSCRIPTION,
-    DEFAULT_HISTORY_DEPTH,
-    DEFAULT_STALE_ACTION,
-    STALE_ACTIONS,
-    parse_component_setting,
-    parse_mapping,
-)
+from obelisk_py.core.components import ComponentKind
+from obelisk_py.core.components import RegisteredComponent
+from obelisk_py.core.components import spellings
+from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.exceptions import ObeliskMsgError
+from obelisk_py.core.messages import message_class
+from obelisk_py.core.messages import message_name
+from obelisk_py.core.messages import require_message
+from obelisk_spec.components import CALLBACK_GROUPS_PARAMETER
+from obelisk_spec.components import CALLBACK_GROUP_TYPES
+from obelisk_spec.components import CONTROL_SUBSCRIPTION
+from obelisk_spec.components import DEFAULT_HISTORY_DEPTH
+from obelisk_spec.components import DEFAULT_STALE_ACTION
+from obelisk_spec.components import STALE_ACTIONS
+from obelisk_spec.components import parse_component_setting
+from obelisk_spec.components import parse_mapping
 from obelisk_spec.names import topic_name_fault
 from obelisk_spec.suggestions import with_article
-from obelisk_spec.values import COUNT_RANGE, is_count
+from obelisk_spec.values import COUNT_RANGE
+from obelisk_spec.values import is_count
+from rclpy.qos import QoSDurabilityPolicy
+from rclpy.qos import QoSProfile
+from rclpy.qos import QoSReliabilityPolicy
+from typing import Any
+from typing import Final
+from typing import TypeVar
 
 __all__ = [
     "NodeSettings",
@@ -87,8 +95,12 @@ class NodeSettings:
     callback_groups: Mapping[str, str]
 
 
-def parse_node_settings(text: str) -> NodeSettings:
+def parse_node_settings(text: str, groups_text: str = "") -> NodeSettings:
     """Read the ROS parameter `obelisk_settings`; empty text has no settings.
+
+    Args:
+        text: the parameter.
+        groups_text: the parameter `callback_group_settings` of older launchers.
 
     Raises:
         ObeliskConfigError: it is no mapping of lists of mappings, or names an unknown group type.
@@ -97,6 +109,8 @@ def parse_node_settings(text: str) -> NodeSettings:
     groups = block.get("callback_groups") or {}
     if not isinstance(groups, Mapping):
         raise ObeliskConfigError("obelisk_settings: `callback_groups` is not a mapping")
+    where = f"the parameter `{CALLBACK_GROUPS_PARAMETER}`"
+    groups = {**_parsed(parse_component_setting, groups_text, where), **groups}
     for name, kind in groups.items():
         if kind not in CALLBACK_GROUP_TYPES:
             raise ObeliskConfigError(

@@ -16,9 +16,11 @@ from dataclasses import dataclass
 import rclpy
 from rclpy.executors import Executor
 from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from obelisk_py.core.exceptions import ObeliskError
 from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.faults import NodeFault
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
@@ -37,6 +39,8 @@ __all__ = [
 
 LONGEST_SPIN_S = 3e8
 """Ten years [s]: without a timeout rclpy's EventsExecutor overflows and runs no callback at all."""
+NODE_LOGGER = "obelisk"
+"""The logger of a process whose node could not be made."""
 STDERR_FD = 2
 
 
@@ -152,7 +156,14 @@ def _spin_alone(request: SpinRequest) -> int:
     with ros_process(request.args) as signals:
         executor = (request.executor_type or EventLoopExecutor)()
         try:
-            died = spin_nodes(executor, [request.make()], signals)
+            node = request.make()
+        except ObeliskError as error:
+            executor.shutdown()
+            # Its message names the mistake; a traceback of the library would hide it.
+            get_logger(NODE_LOGGER).error(f"the node cannot be made: {error}")
+            return 1
+        try:
+            died = spin_nodes(executor, [node], signals)
         finally:
             executor.shutdown()
     return int(died is not None)

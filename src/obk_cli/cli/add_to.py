@@ -23,11 +23,11 @@ from obk_cli.scaffold.kinds import SECTIONS
 from obk_cli.scaffold.questions import Answers, Question
 from obk_cli.scaffold.variables import config_snippet
 
-__all__ = ["ConfigEdit", "JoinWish", "add_to_config", "join_wish", "suit_to_config"]
+__all__ = ["AddToOptions", "ConfigEdit", "add_to_config", "add_to_options", "with_config_types"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class JoinWish:
+class AddToOptions:
     """The options about the config."""
 
     config: str
@@ -35,7 +35,9 @@ class JoinWish:
     replaces: str | None = None
 
 
-def join_wish(config: str | None, device: str | None, replaces: str | None) -> JoinWish | None:
+def add_to_options(
+    config: str | None, device: str | None, replaces: str | None
+) -> AddToOptions | None:
     """What the options come to, None where no config is to change.
 
     Raises:
@@ -44,7 +46,7 @@ def join_wish(config: str | None, device: str | None, replaces: str | None) -> J
     if config == STANDARD_INPUT:
         raise MisuseError("`--add-to -`: a file is changed, so it needs one")
     if config is not None:
-        return JoinWish(config=config, device=device, replaces=replaces)
+        return AddToOptions(config=config, device=device, replaces=replaces)
     for option, value in (("--device", device), ("--replace", replaces)):
         if value is not None:
             raise MisuseError(f"`{option}` says where in a config: give `--add-to CONFIG` too")
@@ -87,7 +89,7 @@ class ConfigEdit:
                 )
         write_edited(self._file, self.added.text)
 
-    def tell(self, *, is_done: bool) -> Added:
+    def describe(self, *, is_done: bool) -> Added:
         """What was, or would be, done to the config."""
         source, text = self.added.source, self.added.text
         later = "note: until it is built, `obk validate` says that there is no such executable"
@@ -102,41 +104,43 @@ class ConfigEdit:
         )
 
 
-def add_to_config(wish: JoinWish, answers: Answers) -> ConfigEdit:
+def add_to_config(options: AddToOptions, answers: Answers) -> ConfigEdit:
     """The edit that puts the new node into the config; nothing is written.
 
     Raises:
         CommandFailedError: the config cannot be read, or cannot take the node.
     """
-    file = open_for_edit(wish.config)
+    file = open_for_edit(options.config)
     if isinstance(file, Diagnostic):
         print_findings((file,))
-        raise CommandFailedError(f"`{wish.config}` cannot be read; nothing was made")
+        raise CommandFailedError(f"`{options.config}` cannot be read; nothing was made")
     added = add_node(
         file.source,
         read_new_node(SECTIONS[answers.kind], config_snippet(answers)),
         make_options(None, None),
-        device=wish.device,
-        replaces=wish.replaces,
+        device=options.device,
+        replaces=options.replaces,
     )
     if isinstance(added, Rejected):
         raise _failure(added)
     return ConfigEdit(added=added, _file=file, _is_built_later=answers.language == "cpp")
 
 
-def suit_to_config(question: Question, wish: JoinWish, usual: Answers) -> Question:
+def with_config_types(question: Question, options: AddToOptions, default: Answers) -> Question:
     """The question with the message types that were left open as the config has them.
 
     `usual` is what they would be else. What is wrong with the config is told when the node joins.
     """
-    file = open_for_edit(wish.config)
+    file = open_for_edit(options.config)
     stack = None
     if not isinstance(file, Diagnostic):
         stack = compile_source(file.source, make_options(None, None)).config
     if stack is None:
         return question
-    new_node = read_new_node(SECTIONS[usual.kind], config_snippet(usual))
-    replaced = find_replaced(stack, new_node.section, wish.replaces) if wish.replaces else None
+    new_node = read_new_node(SECTIONS[default.kind], config_snippet(default))
+    replaced = (
+        find_replaced(stack, new_node.section, options.replaces) if options.replaces else None
+    )
     if isinstance(replaced, Rejected):
         return question
     types = {

@@ -66,8 +66,8 @@ def _problem(problem: DefinitionProblem, *, colour: bool) -> Iterator[str]:
 
 
 def _short(path: Path) -> str:
-    here = Path.cwd()
-    return str(path.relative_to(here)) if path.is_relative_to(here) else str(path)
+    cwd = Path.cwd()
+    return str(path.relative_to(cwd)) if path.is_relative_to(cwd) else str(path)
 
 
 @contextmanager
@@ -101,8 +101,8 @@ def _open_bar(stack: ExitStack) -> Callable[[Progress], None]:
     task = bar.add_task("")
 
     def show(step: Progress) -> None:
-        words = f"{_DOING.get(step.step, step.step):<10} {step.subject}"
-        bar.update(task, description=words, completed=step.done, total=step.total)
+        text = f"{_DOING.get(step.step, step.step):<10} {step.subject}"
+        bar.update(task, description=text, completed=step.done, total=step.total)
 
     return show
 
@@ -161,7 +161,7 @@ def command(
                 json.dumps({"problems": [_data(problem) for problem in error.problems]}, indent=1)
             )
         raise
-    print(json.dumps(_result(built), indent=1) if is_json else "\n".join(_told(built)))
+    print(json.dumps(_result(built), indent=1) if is_json else "\n".join(_result_lines(built)))
 
 
 class _DefinitionsWrongError(CommandFailedError):
@@ -180,19 +180,21 @@ def build_shown(workspace: Path, options: BuildOptions, *, colour: bool) -> Buil
             stands on stderr.
     """
     is_terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
-    with _told_as_failure(colour=colour), showing_progress(is_terminal=is_terminal) as show:
+    with _as_command_error(colour=colour), showing_progress(is_terminal=is_terminal) as show:
         return build_workspace(workspace, options, Listener(on_progress=show, on_note=_note))
 
 
 @contextmanager
-def _told_as_failure(*, colour: bool) -> Iterator[None]:
+def _as_command_error(*, colour: bool) -> Iterator[None]:
     try:
         yield
     except DefinitionError as error:
         print(report_problems(error.problems, colour=colour), end="\n\n", file=sys.stderr)
         count = len(error.problems)
-        said = "a message definition is wrong" if count == 1 else f"{count} definitions are wrong"
-        raise _DefinitionsWrongError(f"{said}; nothing was built", error.problems) from error
+        summary = (
+            "a message definition is wrong" if count == 1 else f"{count} definitions are wrong"
+        )
+        raise _DefinitionsWrongError(f"{summary}; nothing was built", error.problems) from error
     except CommandError as error:
         if error.output:
             print(error.output.rstrip(), end="\n\n", file=sys.stderr)
@@ -233,7 +235,7 @@ def _result(built: Built) -> dict[str, object]:
     }
 
 
-def _told(built: Built) -> Iterator[str]:
+def _result_lines(built: Built) -> Iterator[str]:
     if not (built.built or built.unchanged or built.installed or built.removed):
         yield f"{built.workspace} has no message packages; `obk new msgs my_msgs` makes one"
         return
@@ -287,9 +289,7 @@ def _warn_of_stale(workspace: Path, environment: Mapping[str, str]) -> None:
         survey = survey_of(workspace, environment)
     except InterfaceError as error:
         raise CommandFailedError(str(error)) from error
-    for state, words in (("missing", "not compiled"), ("changed", "changed since compiled")):
+    for state, text in (("missing", "not compiled"), ("changed", "changed since compiled")):
         names = [one.name for one in survey.stale if one.state == state]
         if names:
-            print(
-                f"warning: {list_names(names)}: {words}; left so by `--no-build`", file=sys.stderr
-            )
+            print(f"warning: {list_names(names)}: {text}; left so by `--no-build`", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""`obk`: the table of commands, and the border where errors become messages and exit codes.
+"""The `obk` command: its table of subcommands, and how errors become messages and exit codes.
 
 A command's module is imported only when that command runs, so that `obk --help` is quick.
 """
@@ -42,12 +42,12 @@ VERBS = {
     "graph": Verb("obk_cli.cli.graph", "Draw a stack in the terminal or as a picture."),
     "build": Verb("obk_cli.cli.build", "Compile the message packages of the workspace."),
     "launch": Verb("obk_cli.cli.launch", "Start, bring up and supervise a stack."),
-    "lifecycle": Verb("obk_cli.cli.lifecycle", "Ask for or change the states of nodes."),
-    "ps": Verb("obk_cli.cli.ps", "Show the stacks that run on this host."),
+    "lifecycle": Verb("obk_cli.cli.lifecycle", "Show or change the life-cycle states of nodes."),
+    "ps": Verb("obk_cli.cli.ps", "Show the stacks that are running on this host."),
     "monitor": Verb("obk_cli.cli.monitor", "Watch a running stack: nodes, rates, log."),
     "web": Verb("obk_cli.cli.web", "Show a running stack as a page in the browser."),
-    "stop": Verb("obk_cli.cli.stop", "Bring a stack down in order."),
-    "logs": Verb("obk_cli.cli.logs", "Show what a run or one of its nodes said."),
+    "stop": Verb("obk_cli.cli.stop", "Shut a stack down cleanly."),
+    "logs": Verb("obk_cli.cli.logs", "Show the logs of a run or of one of its nodes."),
     "topic": Verb("obk_cli.cli.topic", "Look at, measure and publish topics of a running stack."),
     "node": Verb("obk_cli.cli.node", "Look at the nodes of a running stack."),
     "param": Verb("obk_cli.cli.param", "Look at and set parameters of running nodes."),
@@ -55,10 +55,10 @@ VERBS = {
     "record": Verb("obk_cli.cli.record", "Record topics of a running stack into an MCAP file."),
     "bag": Verb("obk_cli.cli.bag", "Show what a recording holds."),
     "plot": Verb("obk_cli.cli.plot", "Draw fields of a recording."),
-    "doctor": Verb("obk_cli.cli.doctor", "Look at this machine: what is missing, what to do."),
+    "doctor": Verb("obk_cli.cli.doctor", "Check this machine and explain how to fix problems."),
     "reap": Verb("obk_cli.cli.reap", "End processes that outlived their launcher."),
     "rehearse": Verb("obk_cli.cli.rehearse", "Test how a stack reacts when its nodes fail."),
-    "explain": Verb("obk_cli.cli.explain", "Tell what a rule means and how to mend it."),
+    "explain": Verb("obk_cli.cli.explain", "Explain a rule and how to fix what it reports."),
     "migrate": Verb("obk_cli.cli.migrate", "Rewrite a config into the newer spelling, or back."),
     "schema": Verb("obk_cli.cli.schema", "Print the JSON schema of configs."),
 }
@@ -70,7 +70,7 @@ _COMPLETION = frozenset({"--install-completion", "--show-completion"})
 
 
 class _LazyGroup(TyperGroup):
-    """The commands of the table, each imported when it is asked for."""
+    """The commands of the table, each imported on first use."""
 
     def list_commands(self, _: Any) -> list[str]:
         return list(VERBS)
@@ -85,7 +85,7 @@ class _LazyGroup(TyperGroup):
             return command
         if ctx.resilient_parsing:
             return None
-        raise MisuseError(f"there is no command `{cmd_name}`", help=_meant(cmd_name))
+        raise MisuseError(f"there is no command `{cmd_name}`", help=_suggestion(cmd_name))
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         verbs = (name for name in VERBS if name.startswith(incomplete))
@@ -108,21 +108,21 @@ def _load(name: str, verb: Verb) -> Any:
     return command
 
 
-def _meant(name: str) -> str | None:
-    """What a word that is no command may stand for: one of the commands below the commands."""
-    places = (f"obk {verb} {name}" for verb in VERBS if name in _words_below(verb))
+def _suggestion(name: str) -> str | None:
+    """The command that was probably meant: a subcommand of that name, or a similar command."""
+    places = (f"obk {verb} {name}" for verb in VERBS if name in _subcommands(verb))
     return ask_for(places) or did_you_mean(name, VERBS)
 
 
-def _words_below(verb: str) -> Collection[str]:
-    """What may stand right behind a command: its own commands, or the words of `lifecycle`."""
+def _subcommands(verb: str) -> Collection[str]:
+    """The names of a command's subcommands."""
     module = importlib.import_module(VERBS[verb].module)
-    words: Collection[str] = getattr(module, "WORDS", ())
-    return words if words else getattr(_load(verb, VERBS[verb]), "commands", ())
+    names: Collection[str] = getattr(module, "SUBCOMMANDS", ())
+    return names if names else getattr(_load(verb, VERBS[verb]), "commands", ())
 
 
-def _show_version(is_wanted: bool) -> None:
-    if is_wanted:
+def _show_version(is_requested: bool) -> None:
+    if is_requested:
         from importlib.metadata import version
 
         print(f"obk {version('obelisk-cli')}")
@@ -139,7 +139,7 @@ def _root(
 
 
 def root_command() -> Any:
-    """`obk` as a click command, for what reads it: `main`, the pages of reference."""
+    """`obk` as a click command, to run or to document."""
     app = typer.Typer(
         cls=_LazyGroup, name="obk", rich_markup_mode=None, pretty_exceptions_enable=False
     )
@@ -149,8 +149,8 @@ def root_command() -> Any:
 
 def run(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run `obk` and end the process with its exit code."""
-    _open_the_closed()
-    _write_any_text()
+    _reopen_closed_streams()
+    _escape_unencodable()
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in given
     try:
@@ -160,20 +160,20 @@ def run(arguments: Sequence[str] | None = None) -> NoReturn:
             import traceback
 
             traceback.print_exc()
-        _complain(error.message, error.help)
+        _print_error(error.message, error.help)
         sys.exit(error.exit_code)
-    except Exception as error:  # our own fault, whatever it is
+    except Exception as error:  # a bug in obk
         if _is_interruption(error):
             sys.exit(EXIT_INTERRUPTED)
         if debug:
             raise
-        _complain(*_explained(error, given))
+        _print_error(*_describe_error(error, given))
         sys.exit(EXIT_FAILED)
     sys.exit(0)
 
 
-def _open_the_closed() -> None:
-    """Have the standard streams lead nowhere that whoever started this has closed."""
+def _reopen_closed_streams() -> None:
+    """Open the null device in place of standard streams that were closed by the parent."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             stream = Path(os.devnull).open(mode, encoding="utf-8")  # noqa: SIM115 - for good
@@ -181,8 +181,8 @@ def _open_the_closed() -> None:
             setattr(sys, name, stream)
 
 
-def _write_any_text() -> None:
-    """Have the outputs escape what they cannot encode, such as bytes in a file's name."""
+def _escape_unencodable() -> None:
+    """Escape characters that the outputs cannot encode, such as bytes in a file name."""
     for output in (sys.stdout, sys.stderr):
         if isinstance(output, TextIOWrapper):
             output.reconfigure(errors="backslashreplace")
@@ -195,21 +195,21 @@ def _is_interruption(error: BaseException | None) -> bool:
     return isinstance(error, KeyboardInterrupt)
 
 
-def _complain(message: str, help: str | None) -> None:
+def _print_error(message: str, help: str | None) -> None:
     from obk_cli.terminal import visible
 
-    told = f"error: {message}\n  help: {help}" if help else f"error: {message}"
-    print("\n".join(map(visible, told.split("\n"))), file=sys.stderr)
+    text = f"error: {message}\n  help: {help}" if help else f"error: {message}"
+    print("\n".join(map(visible, text.split("\n"))), file=sys.stderr)
 
 
-def _explained(error: Exception, given: Collection[str]) -> tuple[str, str | None]:
-    """What an error that nobody expected comes from, and what to do."""
-    from obk_cli.errors import lack_of, shadow_of
+def _describe_error(error: Exception, given: Collection[str]) -> tuple[str, str | None]:
+    """The cause of an unexpected error, and the fix if one is known."""
+    from obk_cli.errors import pythonpath_shadow, resource_error
 
-    if (shadow := shadow_of(error)) is not None:
+    if (shadow := pythonpath_shadow(error)) is not None:
         return f"{type(error).__name__}: {error}: {shadow}", "unset PYTHONPATH"
-    if (lack := lack_of(error)) is not None:
-        return lack, None
+    if (cause := resource_error(error)) is not None:
+        return cause, None
     if isinstance(error, OSError) and not _COMPLETION.isdisjoint(given):
         return _no_completion(error), "type it in bash, zsh or fish, where your home can be written"
     return _bug_report(error), None
@@ -225,7 +225,7 @@ def _no_completion(error: OSError) -> str:
 
 
 def _bug_report(error: Exception) -> str:
-    """Keep the trace in a file and say so."""
+    """Write the traceback to a file and return a message that names it."""
     import tempfile
     import traceback
 

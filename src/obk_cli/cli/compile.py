@@ -13,9 +13,9 @@ from obk_cli.cli.config_options import (
     IgnoreOption,
     SetOption,
     make_options,
-    sound_plan,
+    valid_plan,
 )
-from obk_cli.cli.options import require_word
+from obk_cli.cli.options import require_choice
 from obk_cli.compiler import compile_config
 from obk_cli.emit.formats import FORMS, Form
 from obk_cli.files import unwritable, write_text
@@ -44,9 +44,9 @@ def command(
     plan: all processes as JSON. params: a file for --params-file, for all nodes. launch: a file for
     `ros2 launch`. mermaid, dot, svg: the block diagram. json: nodes, topics, edges.
     """
-    require_word("--to", to, FORMS)
+    require_choice("--to", to, FORMS)
     outcome = compile_config(config, make_options(set_, ignore))
-    deliver(sound_plan(outcome, color, with_infos=True), FORMS[to], output)
+    deliver(valid_plan(outcome, color, with_infos=True), FORMS[to], output)
 
 
 def deliver(plan: Plan, form: Form, output: str | None) -> None:

@@ -109,9 +109,9 @@ def make_completable(command: click.Command) -> None:
 
 
 def _find(parameter: click.Parameter) -> Find | None:
-    words = tuple((parameter.metavar or "").split("|"))
-    if len(words) > 1 and all(map(str.islower, words)):
-        return partial(_beginning, names=words)
+    choices = tuple((parameter.metavar or "").split("|"))
+    if len(choices) > 1 and all(map(str.islower, choices)):
+        return partial(_beginning, names=choices)
     return BY_NAME.get(parameter.name or "")
 
 

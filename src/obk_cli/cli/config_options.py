@@ -23,7 +23,7 @@ __all__ = [
     "SetOption",
     "make_options",
     "print_findings",
-    "sound_plan",
+    "valid_plan",
     "wants_colour",
 ]
 
@@ -85,7 +85,7 @@ def print_findings(findings: Sequence[Diagnostic], color: str = "auto") -> None:
         print(report_text(findings, colour=colour, verbose=True), end="\n\n", file=sys.stderr)
 
 
-def sound_plan(outcome: Outcome, color: str, *, with_infos: bool = False) -> Plan:
+def valid_plan(outcome: Outcome, color: str, *, with_infos: bool = False) -> Plan:
     """The plan of a config without errors; its findings are printed with their sum.
 
     Args:

@@ -1,4 +1,4 @@
-"""`obk doctor`: what is installed, what is missing, what to do about it."""
+"""`obk doctor`: run the checks of this machine and print what to fix."""
 
 import json
 import os
@@ -53,10 +53,10 @@ def doctor_json(answers: Sequence[Answer]) -> str:
 
 
 def _lines(name: str, finding: Finding, colour: bool) -> Iterator[str]:
-    word = _coloured(finding.severity, f"{finding.severity:<{_WIDTH}}", colour)
+    label = _coloured(finding.severity, f"{finding.severity:<{_WIDTH}}", colour)
     indent = " " * (len(name) + _WIDTH + 4)
     first, *rest = finding.message.splitlines()
-    yield f"{name}  {word}  {first}"
+    yield f"{name}  {label}  {first}"
     yield from (f"{indent}{line}" for line in rest)
     if finding.cure:
         yield f"{indent}fix: {finding.cure}"
@@ -88,7 +88,7 @@ Example: obk doctor
 """
 
 TIMEOUT_S: Final = 30.0
-"""Of one check; what it tries in processes of their own ends sooner [s]."""
+"""Limit for one check; its child processes have shorter limits [s]."""
 
 
 def command(
@@ -96,14 +96,14 @@ def command(
         list[str] | None, typer.Argument(metavar="[CHECK...]", help="Which checks; none: all.")
     ] = None,
     list_: Annotated[
-        bool, typer.Option("--list", help="Only tell which checks there are.")
+        bool, typer.Option("--list", help="List the checks without running them.")
     ] = False,
     format: FormatOption = "text",
     color: ColourOption = "auto",
 ) -> None:
-    """Look at this machine as stacks need it; say what is wrong and what to do about it.
+    """Check this machine for what stacks need; report problems and how to fix them.
 
-    Networks, compilers and graphics are really tried, in processes of their own. Changes nothing.
+    Tests networks, compilers and graphics for real, in separate processes. Changes nothing.
     Exit code 0: no errors (there may be warnings); 1: errors; 2: misuse.
     """
     is_json, colour = wants_json(format), wants_colour(color)

@@ -1,4 +1,4 @@
-"""`obk explain CODE`: what a rule means, a wrong and a right example, how to mend what it finds."""
+"""`obk explain CODE`: print what a rule means, how to fix its findings, and an example."""
 
 import json
 from importlib import resources
@@ -14,28 +14,28 @@ from obk_cli.errors import MisuseError
 __all__ = ["EXAMPLE", "command"]
 
 EXAMPLE = "Example: obk explain OBK203"
-_ALWAYS_HEARD = "It cannot be silenced: no plan can be made despite it."
+_NEVER_SILENT = "It cannot be silenced: no plan can be made despite it."
 
 
 def command(
     code: Annotated[str, typer.Argument(metavar="[CODE]", help="A rule; none lists all.")] = "",
 ) -> None:
-    """Tell what a rule means and how to mend what it finds."""
+    """Explain a rule and how to fix what it reports."""
     if not code:
         print(
             "\n".join(f"{rule.code}  {rule.severity:<7}  {rule.title}" for rule in RULES.values())
         )
         return
-    asked = RULES.get(code.upper())
-    if asked is None:
+    rule = RULES.get(code.upper())
+    if rule is None:
         raise MisuseError(f"there is no rule `{code}`", help=did_you_mean(code, RULES))
-    print(_page(asked))
+    print(_page(rule))
 
 
 def _page(rule: Rule) -> str:
     parts = [
         f"{rule.code} ({rule.severity}): {rule.title}",
-        f"Why:  {rule.cause}\nCure: {rule.cure}",
+        f"Why:  {rule.cause}\nFix:  {rule.fix}",
     ]
     text = (
         resources.files("obk_cli.diagnostics.rules")
@@ -46,9 +46,9 @@ def _page(rule: Rule) -> str:
     parts += [
         f"Wrong:\n{_indented(example['wrong'])}",
         f"Right:\n{_indented(example['right'])}",
-        f"What is said of the wrong one:\n{_indented(example['report'])}",
+        f"Reported for the wrong one:\n{_indented(example['report'])}",
     ]
-    parts.append(_how_to_silence(rule.code) if may_be_silenced(rule) else _ALWAYS_HEARD)
+    parts.append(_how_to_silence(rule.code) if may_be_silenced(rule) else _NEVER_SILENT)
     return "\n\n".join(parts)
 
 

@@ -13,9 +13,9 @@ from obk_cli.cli.config_options import (
     IgnoreOption,
     SetOption,
     make_options,
-    sound_plan,
+    valid_plan,
 )
-from obk_cli.cli.options import require_word
+from obk_cli.cli.options import require_choice
 from obk_cli.compiler import compile_config
 from obk_cli.emit.formats import FORMS, Form
 from obk_cli.emit.graph import graph_of
@@ -47,7 +47,7 @@ def command(
     """
     form = _form(to, output)
     outcome = compile_config(config, make_options(set_, ignore))
-    deliver(sound_plan(outcome, color, with_infos=True), form, output)
+    deliver(valid_plan(outcome, color, with_infos=True), form, output)
 
 
 def _form(to: str | None, output: str | None) -> Form:
@@ -57,5 +57,5 @@ def _form(to: str | None, output: str | None) -> Form:
     if to is None:
         width = min(max(shutil.get_terminal_size((_NARROWEST, 24)).columns, _NARROWEST), _WIDEST)
         return Form(lambda plan: emit_terminal(graph_of(plan), width), ".txt")
-    require_word("--to", to, _PICTURES)
+    require_choice("--to", to, _PICTURES)
     return FORMS[to]

@@ -16,17 +16,17 @@ from obk_cli.cli.config_options import (
     IgnoreOption,
     SetOption,
     make_options,
-    sound_plan,
+    valid_plan,
     wants_colour,
 )
-from obk_cli.cli.options import require_word
+from obk_cli.cli.options import require_choice
 from obk_cli.cli.render_options import (
-    FilmWords,
+    RenderArguments,
     RenderCameraOption,
     RenderFpsOption,
     RenderOption,
     RenderSizeOption,
-    with_film,
+    with_render,
 )
 from obk_cli.compiler import compile_config
 from obk_cli.config.environment import Environment, NodeFacts
@@ -69,7 +69,7 @@ def command(
         str,
         typer.Option(
             metavar="|".join(get_args(OnCrash)),
-            help="When a node crashes or hangs whose config does not say.",
+            help="What to do when a node without its own `on_crash` crashes or hangs.",
         ),
     ] = "stop",
     hang_after: Annotated[
@@ -121,7 +121,7 @@ def command(
         typer.Option(metavar="localhost|lan", help="Who can discover the stack."),
     ] = None,
     log_level: Annotated[
-        str | None, typer.Option(help="Of the nodes whose config does not say.")
+        str | None, typer.Option(help="Log level for nodes that do not set one.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Leave the nodes' output out.")] = False,
     format: Annotated[str, typer.Option(metavar="|".join(FORMATS), help="How to report.")] = "text",
@@ -134,21 +134,21 @@ def command(
     ignore: IgnoreOption = None,
     color: ColourOption = "auto",
 ) -> None:
-    """Start a stack, bring it up in order, watch it, and bring it down in order.
+    """Start a stack, bring it up, supervise it, and shut it down cleanly.
 
-    Message packages of the workspace that are not compiled, or were changed since, are first.
+    Out-of-date message packages of the workspace are compiled first.
     Ends on Ctrl-C, on SIGTERM, after --duration, or when a node fails. No process of the stack
-    outlives this one. Exit code 0: ended in order; 1: the config has errors, a node failed, or a
+    outlives this one. Exit code 0: shut down cleanly; 1: the config has errors, a node failed, or a
     rate was broken with --strict-rates.
     """
-    require_word("--until", until, tuple(UNTIL))
-    require_word("--on-crash", on_crash, get_args(OnCrash))
-    require_word("--format", format, FORMATS)
+    require_choice("--until", until, tuple(UNTIL))
+    require_choice("--on-crash", on_crash, get_args(OnCrash))
+    require_choice("--format", format, FORMATS)
     if viewer is not None:
-        require_word("--viewer", viewer, VIEWERS)
+        require_choice("--viewer", viewer, VIEWERS)
     _check_numbers(timeout, hang_after, keep, duration)
     outcome = compile_config(config, make_options(set_, ignore))
-    plan = _with_log_level(sound_plan(outcome, color), log_level)
+    plan = _with_log_level(valid_plan(outcome, color), log_level)
     _check_devices(plan, device, lead)
 
     from obk_cli.cli.build import on_overlays
@@ -159,11 +159,13 @@ def command(
     from obk_cli.ros.environment import Network, ros_environment
 
     if network is not None:
-        require_word("--network", network, get_args(Network))
+        require_choice("--network", network, get_args(Network))
     share = share_of(plan, device, lead)
     require_libraries(plan, share)
-    film = FilmWords(path=render, camera=render_camera, size=render_size, rate_hz=render_fps)
-    plan = with_film(_with_viewer(plan, share, viewer), share, film)
+    render_arguments = RenderArguments(
+        path=render, camera=render_camera, size=render_size, rate_hz=render_fps
+    )
+    plan = with_render(_with_viewer(plan, share, viewer), share, render_arguments)
     environment = ros_environment(cast(Network | None, network), devices_are_split=share.is_part)
     _warn(environment.notes)
     folder = Path(config).resolve().parent
@@ -190,8 +192,8 @@ def command(
         colour=wants_colour(color),
         quiet=quiet,
         terminal=os.environ.get("TERM", ""),
-    ) as surface:
-        ended = run_plan(plan, packages, environment, options, surface)
+    ) as console:
+        ended = run_plan(plan, packages, environment, options, console)
     raise typer.Exit(ended.exit_code)
 
 
@@ -227,9 +229,9 @@ def _limits(timeout_s: float, hang_s: float) -> Limits:
 
 def _check_devices(plan: Plan, device: str | None, lead: str | None) -> None:
     devices = tuple(dict.fromkeys(node.device for node in plan.processes))
-    for option, word in (("--device", device), ("--lead", lead)):
-        if word is not None:
-            require_word(option, word, devices)
+    for option, name in (("--device", device), ("--lead", lead)):
+        if name is not None:
+            require_choice(option, name, devices)
     if lead is not None and device is None:
         raise MisuseError("`--lead` says who leads where several launches have a `--device` each")
 
@@ -252,6 +254,6 @@ def _with_viewer(plan: Plan, share: Share, viewer: str | None) -> Plan:
 def _with_log_level(plan: Plan, level: str | None) -> Plan:
     if level is None:
         return plan
-    require_word("--log-level", level, LOG_LEVELS)
+    require_choice("--log-level", level, LOG_LEVELS)
     nodes = (replace(node, log_level=node.log_level or level) for node in plan.processes)
     return replace(plan, processes=tuple(nodes))

@@ -16,20 +16,20 @@ from obk_cli.launch.transitions import UNKNOWN
 from obk_cli.ros.environment import ros_environment
 from obk_cli.runs.lifecycle import RESTING, TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, Member, change_data
-from obk_cli.runs.stacks import NO_ANSWER
+from obk_cli.runs.registry import NO_ANSWER
 from obk_cli.terminal import plain
 
-__all__ = ["EXAMPLE", "WORDS", "command"]
+__all__ = ["EXAMPLE", "SUBCOMMANDS", "command"]
 
 EXAMPLE = "Example: obk lifecycle deactivate obelisk_control_0"
-WORDS = ("get", "list", *TRANSITIONS)
-"""What may stand behind `obk lifecycle`."""
-NOWHERE = frozenset({NO_ANSWER, UNKNOWN, GONE})
-"""In place of a state, of nodes that have told none."""
+SUBCOMMANDS = ("get", "list", *TRANSITIONS)
+"""The first argument of `obk lifecycle`."""
+WITHOUT_STATE = frozenset({NO_ANSWER, UNKNOWN, GONE})
+"""Shown in place of a state for nodes that reported none."""
 
 
 def command(
-    verb: Annotated[str, typer.Argument(metavar="|".join(WORDS), help="What to do.")],
+    verb: Annotated[str, typer.Argument(metavar="|".join(SUBCOMMANDS), help="What to do.")],
     nodes: Annotated[
         list[str] | None,
         typer.Argument(metavar="[NODE...]", help="Nodes by name; all when none is named."),
@@ -43,29 +43,31 @@ def command(
     ] = None,
     format: FormatOption = "text",
 ) -> None:
-    """Ask for the states of a running stack's nodes, or take them through a transition.
+    """Show the states of a running stack's nodes, or take the nodes through a transition.
 
-    NODE is a name, full or short (control_0), or a section (control). `list` tells the transitions
-    that are possible now. Up (configure, activate) goes robot first, down goes controllers first; a
-    node that is there already is left alone; when one of a stack fails the others are taken back.
-    Exit code 0: every node got there; 1: one did not, or there is no such node.
+    NODE is a name, full or short (control_0), or a section (control). `list` shows the transitions
+    that are possible now. Up (configure, activate) goes robot first, down goes controllers first;
+    nodes already in the target state are skipped; if one fails, the others are rolled back. Exit
+    code 0: every node reached the state; 1: one did not, or does not exist.
     """
-    if verb not in WORDS:
-        raise MisuseError(f"`obk lifecycle {verb}`: no such verb", help=did_you_mean(verb, WORDS))
+    if verb not in SUBCOMMANDS:
+        raise MisuseError(
+            f"`obk lifecycle {verb}`: no such verb", help=did_you_mean(verb, SUBCOMMANDS)
+        )
     require_positive("--timeout", timeout, "seconds")
     is_json = wants_json(format)
-    asked = Asked(names=tuple(nodes or ()), run=run, timeout_s=timeout)
+    request = Asked(names=tuple(nodes or ()), run=run, timeout_s=timeout)
     environment = ros_environment()
     if verb in TRANSITIONS:
-        answer = change_states(environment, verb, asked)
+        answer = change_states(environment, verb, request)
         _report_change(answer, is_json=is_json)
         raise typer.Exit(EXIT_DONE if answer.success else EXIT_FAILED)
-    states = node_states(environment, asked)
+    states = node_states(environment, request)
     if verb == "get":
         _report_states(states, is_json=is_json)
     else:
         _report_possible(states, is_json=is_json)
-    raise typer.Exit(EXIT_FAILED if NOWHERE & set(states.values()) else EXIT_DONE)
+    raise typer.Exit(EXIT_FAILED if WITHOUT_STATE & set(states.values()) else EXIT_DONE)
 
 
 def _report_states(states: Mapping[str, str], *, is_json: bool) -> None:
@@ -76,8 +78,8 @@ def _report_states(states: Mapping[str, str], *, is_json: bool) -> None:
 def _report_possible(states: Mapping[str, str], *, is_json: bool) -> None:
     possible = {node: possible_transitions(state) for node, state in states.items()}
     if is_json:
-        told = {n: {"state": states[n], "transitions": list(t)} for n, t in possible.items()}
-        print(json.dumps(told, indent=1))
+        document = {n: {"state": states[n], "transitions": list(t)} for n, t in possible.items()}
+        print(json.dumps(document, indent=1))
         return
     rows = {
         node: f"{states[node]:<12}  {', '.join(transitions) or _no_transition(states[node])}"

@@ -1,4 +1,4 @@
-"""`obk logs [RUN] [NODE] [-f]`: what a run's terminal showed, or what one of its nodes said."""
+"""`obk logs [RUN] [NODE] [-f]`: show the log of a run or of one of its nodes."""
 
 import os
 import sys
@@ -14,7 +14,7 @@ from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import explain_os_error
 from obk_cli.runs.folder import runs_folder
-from obk_cli.runs.logs import follow_lines, log_meant, read_lines
+from obk_cli.runs.logs import find_log, follow_lines, read_lines
 from obk_cli.terminal import only_colour, plain
 
 __all__ = ["EXAMPLE", "command"]
@@ -49,12 +49,12 @@ def command(
     """
     if lines is not None and lines < 0:
         raise MisuseError("`--lines` is a number of at least 0")
-    path = log_meant(runs_folder(os.environ), run, node)
+    path = find_log(runs_folder(os.environ), run, node)
     is_colour = wants_colour(color)
     try:
         if not follow:
             if not path.exists():
-                print(f"{path} is not there: nothing was written", file=sys.stderr)
+                print(f"{path} does not exist: nothing was logged", file=sys.stderr)
             _show(_last(read_lines(path), lines), colour=is_colour)
             return
         with suppress(KeyboardInterrupt):
@@ -65,14 +65,14 @@ def command(
 
 def _follow(path_lines: Iterable[str | None], last: int | None, *, colour: bool) -> None:
     """Show what is there, then what comes."""
-    there: deque[str] | None = deque(maxlen=last)
+    backlog: deque[str] | None = deque(maxlen=last)
     for line in path_lines:
-        if there is not None:
+        if backlog is not None:
             if line is not None:
-                there.append(line)
+                backlog.append(line)
                 continue
-            _show(there, colour=colour)
-            there = None
+            _show(backlog, colour=colour)
+            backlog = None
         elif line is not None:
             _show((line,), colour=colour)
 

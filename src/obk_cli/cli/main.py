@@ -1,6 +1,6 @@
-"""Where `obk` begins, and ends without a word when it is interrupted.
+"""Entry point of `obk`; Ctrl-C ends it without a traceback at any time.
 
-Whatever takes time is imported within `main`: Ctrl-C before it would show a traceback.
+Only `main` imports other modules, so that Ctrl-C during an import is caught too.
 """
 
 import sys
@@ -19,10 +19,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         from obk_cli.errors import EXIT_INTERRUPTED
 
         sys.exit(EXIT_INTERRUPTED)
-    except Exception as error:  # `run` lets none out: a library does not fit
-        from obk_cli.errors import shadow_of
+    except Exception as error:  # raised by an import: a library is incompatible
+        from obk_cli.errors import pythonpath_shadow
 
-        shadow = shadow_of(error)
+        shadow = pythonpath_shadow(error)
         if shadow is None:
             raise
         sys.exit(f"error: {type(error).__name__}: {error}: {shadow}\n  help: unset PYTHONPATH")

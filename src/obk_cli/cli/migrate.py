@@ -45,9 +45,9 @@ def command(
 ) -> None:
     """Rewrite a config into the newer spelling, or back. Without options prints the result.
 
-    What cannot be rewritten stays and is told on stderr with its place. Included files are not
-    followed. Exit code 0: done; 1: the file cannot be read as a config, with --check also that it
-    would change; 2: misuse.
+    Anything that cannot be migrated is left unchanged and reported on stderr with its location.
+    Included files are not followed. Exit code 0: done; 1: the file cannot be read as a config, or
+    with --check would change; 2: misuse.
     """
     if to not in _SPELLINGS:
         raise MisuseError(f"`--to {to}`: expected `key` or `seed`")

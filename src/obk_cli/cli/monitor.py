@@ -7,8 +7,15 @@ from typing import Annotated, Final
 
 import typer
 
-from obk_cli.cli.introspect_options import TIMEOUT_S, DomainOption, here, with_types
-from obk_cli.cli.options import FormatOption, require_positive, wants_json
+from obk_cli.cli.options import (
+    TIMEOUT_S,
+    DomainOption,
+    FormatOption,
+    graph_target,
+    require_positive,
+    wants_json,
+    with_types,
+)
 from obk_cli.errors import EXIT_DONE, MisuseError
 from obk_cli.introspect.message_text import json_line
 from obk_cli.monitor.model import StackView
@@ -25,7 +32,7 @@ WIDE: Final = 200
 
 def command(
     once: Annotated[bool, typer.Option("--once", help="Show it once and end.")] = False,
-    period: Annotated[float, typer.Option(help="Seconds between two looks.")] = 1.0,
+    period: Annotated[float, typer.Option(help="Refresh interval in seconds.")] = 1.0,
     run: Annotated[
         str | None, typer.Option(help="The stack, by its config's name or its run folder's.")
     ] = None,
@@ -35,16 +42,16 @@ def command(
     """Watch a running stack: nodes, topics with their rates, the newest lines of its log.
 
     Rates are measured on messages as they are sent; a topic that is more than a tenth off what the
-    config promises is marked with `!`. Keys take the stack or one node through transitions; `?`
-    tells them. Where no stack runs it waits for one. --format json gives an object a line, each
-    period, until the stack ends. A stack of another host has no wanted rates and no log here.
+    config expects is marked with `!`. Keys take the stack or one node through transitions; `?`
+    lists them. If no stack is running, it waits for one. --format json prints an object per line,
+    each period, until the stack ends. A stack of another host has no expected rates and no log.
     """
     is_json = wants_json(format)
     require_positive("--period", period, "seconds")
-    target = Target(environment=here(domain, TIMEOUT_S).environment, domain=domain, run=run)
-    watcher = Watcher(target, with_types, period)
+    target = Target(environment=graph_target(domain, TIMEOUT_S).environment, domain=domain, run=run)
+    follower = Watcher(target, with_types, period)
     if once or is_json:
-        _print_views(watcher, target, is_json=is_json, is_once=once)
+        _print_views(follower, target, is_json=is_json, is_once=once)
         return
     # textual draws on the error output.
     if not all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):
@@ -55,11 +62,11 @@ def command(
     require_extra("textual", "monitor")
     from obk_cli.monitor.app import run_monitor
 
-    run_monitor(watcher, target.change)
+    run_monitor(follower, target.change)
 
 
-def _print_views(watcher: Watcher, target: Target, *, is_json: bool, is_once: bool) -> None:
-    for view in watcher.views():
+def _print_views(follower: Watcher, target: Target, *, is_json: bool, is_once: bool) -> None:
+    for view in follower.views():
         if view is None:
             raise target.nobody()
         print(json_line(monitor_data(view)) if is_json else _text(view), flush=True)

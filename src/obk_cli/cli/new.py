@@ -1,24 +1,28 @@
 """`obk new KIND NAME`: a package that runs, a node more in the one around, or a config."""
 
-from pathlib import Path
-from typing import Annotated, Any, Literal
-
+import json
 import typer
-from typer.core import TyperGroup
-
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.cli.add_to import join_wish
-from obk_cli.cli.new_run import Wishes, run_new
-from obk_cli.cli.new_templates import print_kinds
+from obk_cli.cli.add_to import add_to_options
+from obk_cli.cli.new_run import NewOptions
+from obk_cli.cli.new_run import find_library
+from obk_cli.cli.new_run import run_new
 from obk_cli.errors import MisuseError
 from obk_cli.scaffold.kinds import Language
-from obk_cli.scaffold.questions import (
-    USUAL_CTRL,
-    USUAL_EST,
-    USUAL_OF_SENSOR,
-    USUAL_SENSOR,
-    Question,
-)
+from obk_cli.scaffold.kinds import RECIPES
+from obk_cli.scaffold.kinds import Recipe
+from obk_cli.scaffold.kinds import Release
+from obk_cli.scaffold.questions import Question
+from obk_cli.scaffold.questions import USUAL_CTRL
+from obk_cli.scaffold.questions import USUAL_EST
+from obk_cli.scaffold.questions import USUAL_OF_SENSOR
+from obk_cli.scaffold.questions import USUAL_SENSOR
+from obk_cli.scaffold.templates import TemplateLibrary
+from pathlib import Path
+from typer.core import TyperGroup
+from typing import Annotated
+from typing import Any
+from typing import Literal
 
 __all__ = ["app"]
 
@@ -65,6 +69,12 @@ SensorMsg = Annotated[
     ),
 ]
 Lang = Annotated[Language, typer.Option("--lang", help="Language of the node.")]
+Obelisk = Annotated[
+    Release,
+    typer.Option(
+        "--obelisk", help="With --lang cpp: release of the C++ library, v0.1 to v0.4 or since 2026."
+    ),
+]
 Dest = Annotated[
     Path | None,
     typer.Option("--dest", help="Folder for the package.", show_default="src/ if there, else ."),
@@ -121,6 +131,7 @@ def new(
 def new_controller(
     name: Name,
     lang: Lang = "py",
+    obelisk: Obelisk = "2026",
     ctrl_msg: CtrlMsg = None,
     est_msg: EstMsg = None,
     dest: Dest = None,
@@ -134,17 +145,22 @@ def new_controller(
 ) -> None:
     """Make a controller: state estimates in, control messages out."""
     question = Question(
-        kind="controller", name=name, language=lang, ctrl_msg=ctrl_msg, est_msg=est_msg
+        kind="controller",
+        name=name,
+        language=lang,
+        release=obelisk,
+        ctrl_msg=ctrl_msg,
+        est_msg=est_msg,
     )
     run_new(
         question,
-        Wishes(
+        NewOptions(
             dest=dest,
             templates=templates,
             dry_run=dry_run,
             force=force,
             form=format,
-            joining=join_wish(add_to, device, replace),
+            add_to=add_to_options(add_to, device, replace),
         ),
     )
 
@@ -157,6 +173,7 @@ def new_controller(
 def new_estimator(
     name: Name,
     lang: Lang = "py",
+    obelisk: Obelisk = "2026",
     est_msg: EstMsg = None,
     sensor_msg: SensorMsg = None,
     dest: Dest = None,
@@ -170,17 +187,22 @@ def new_estimator(
 ) -> None:
     """Make an estimator: sensor messages in, state estimates out."""
     question = Question(
-        kind="estimator", name=name, language=lang, est_msg=est_msg, sensor_msg=sensor_msg
+        kind="estimator",
+        name=name,
+        language=lang,
+        release=obelisk,
+        est_msg=est_msg,
+        sensor_msg=sensor_msg,
     )
     run_new(
         question,
-        Wishes(
+        NewOptions(
             dest=dest,
             templates=templates,
             dry_run=dry_run,
             force=force,
             form=format,
-            joining=join_wish(add_to, device, replace),
+            add_to=add_to_options(add_to, device, replace),
         ),
     )
 
@@ -203,13 +225,13 @@ def new_robot(
     question = Question(kind="robot", name=name, ctrl_msg=ctrl_msg, sensor_msg=sensor_msg)
     run_new(
         question,
-        Wishes(
+        NewOptions(
             dest=dest,
             templates=templates,
             dry_run=dry_run,
             force=force,
             form=format,
-            joining=join_wish(add_to, device, replace),
+            add_to=add_to_options(add_to, device, replace),
         ),
     )
 
@@ -234,13 +256,13 @@ def new_sensor(
     question = Question(kind="sensor", name=name, sensor_msg=sensor_msg)
     run_new(
         question,
-        Wishes(
+        NewOptions(
             dest=dest,
             templates=templates,
             dry_run=dry_run,
             force=force,
             form=format,
-            joining=join_wish(add_to, device, replace),
+            add_to=add_to_options(add_to, device, replace),
         ),
     )
 
@@ -261,7 +283,7 @@ def new_msgs(
     question = Question(kind="msgs", name=name, with_service=srv)
     run_new(
         question,
-        Wishes(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
+        NewOptions(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
     )
 
 
@@ -285,5 +307,40 @@ def new_config(
     question = Question(kind="config", name=name)
     run_new(
         question,
-        Wishes(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
+        NewOptions(dest=dest, templates=templates, dry_run=dry_run, force=force, form=format),
     )
+
+
+def print_kinds(templates: Path | None, form: Literal["text", "json"]) -> None:
+    """Print a line for each kind and language.
+
+    Raises:
+        CommandFailedError: the user's templates cannot be read.
+    """
+    library = find_library(templates)
+    if form == "json":
+        print(json.dumps([_as_json(recipe, library) for recipe in RECIPES], indent=2))
+        return
+    for recipe in RECIPES:
+        print(f"{recipe.kind:<11} {recipe.language or '-':<4} {recipe.summary}")
+        for layer, places in _places(recipe, library).items():
+            print(f"{'':<17}{layer} ({', '.join(places)})")
+
+
+def _places(recipe: Recipe, library: TemplateLibrary) -> dict[str, list[str]]:
+    """The template folders, each with where its files are from."""
+    places: dict[str, list[str]] = {}
+    for layer in recipe.layers:
+        places[layer] = ["obk"]
+        if library.user is not None and library.has_of_user([layer]):
+            places[layer].append(str(library.user / layer))
+    return places
+
+
+def _as_json(recipe: Recipe, library: TemplateLibrary) -> dict[str, object]:
+    return {
+        "kind": recipe.kind,
+        "language": recipe.language,
+        "summary": recipe.summary,
+        "templates": _places(recipe, library),
+    }

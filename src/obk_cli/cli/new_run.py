@@ -16,18 +16,18 @@ import typer
 
 from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
 from obelisk_spec.suggestions import ask_for, near_names
-from obk_cli.cli.add_to import JoinWish
+from obk_cli.cli.add_to import AddToOptions
 from obk_cli.cli.new_target import (
     TargetFolder,
     compose_config,
     find_model,
-    find_place,
     find_root,
+    find_target,
     read_package_texts,
-    refuse_package,
+    require_suitable_package,
 )
-from obk_cli.cli.new_templates import find_library
 from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.files import resource_folder
 from obk_cli.scaffold.compose import Composition, compose_addition, compose_package, layers_of
 from obk_cli.scaffold.describe import (
     NewFiles,
@@ -38,7 +38,7 @@ from obk_cli.scaffold.describe import (
 )
 from obk_cli.scaffold.kinds import Problem
 from obk_cli.scaffold.questions import Answers, Question, check_answers
-from obk_cli.scaffold.templates import TemplateLibrary
+from obk_cli.scaffold.templates import TemplateLibrary, open_library
 from obk_cli.scaffold.write import (
     Action,
     Decision,
@@ -49,12 +49,20 @@ from obk_cli.scaffold.write import (
 )
 from obk_cli.workspace.package_index import PackageIndex, owner_of_module, owner_of_package
 
-__all__ = ["Wishes", "carry_out", "programs", "run_new", "settle_conflicts", "short"]
+__all__ = [
+    "NewOptions",
+    "find_library",
+    "programs",
+    "resolve_conflicts",
+    "run_new",
+    "short",
+    "write_files",
+]
 
 _CHOICES = "[k]eep it, [r]eplace it, show the [d]ifference, [q]uit"
 
 
-def settle_conflicts(decisions: tuple[Decision, ...]) -> tuple[Decision, ...]:
+def resolve_conflicts(decisions: tuple[Decision, ...]) -> tuple[Decision, ...]:
     """Ask about each file in the way that could be replaced; the others stay in the way.
 
     Raises:
@@ -62,14 +70,14 @@ def settle_conflicts(decisions: tuple[Decision, ...]) -> tuple[Decision, ...]:
     """
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return decisions
-    return tuple(_settle(d) if _can_be_replaced(d) else d for d in decisions)
+    return tuple(_resolve(d) if _can_be_replaced(d) else d for d in decisions)
 
 
 def _can_be_replaced(decision: Decision) -> bool:
     return decision.action is Action.CONFLICT and decision.before is not None
 
 
-def _settle(decision: Decision) -> Decision:
+def _resolve(decision: Decision) -> Decision:
     while True:
         match _ask(f"{decision.file.path} {decision.reason}: {_CHOICES}? "):
             case "k" | "keep":
@@ -95,7 +103,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wishes:
+class NewOptions:
     """The options that all kinds have."""
 
     dest: Path | None = None
@@ -103,57 +111,57 @@ class Wishes:
     dry_run: bool = False
     force: bool = False
     form: Literal["text", "json"] = "text"
-    joining: JoinWish | None = None
+    add_to: AddToOptions | None = None
     """The config that the node is to be added to."""
 
 
-def run_new(question: Question, wishes: Wishes) -> None:
+def run_new(question: Question, options: NewOptions) -> None:
     """Make what is asked for and tell of it.
 
     Raises:
         MisuseError: a name or a message type cannot be.
         CommandFailedError: something is in the way; nothing was made.
     """
-    config = Path(wishes.joining.config) if wishes.joining else None
-    place = find_place(wishes.dest, question.kind, config)
-    if place.package is not None:
-        refuse_package(place, question)
-    question = _for_the_robot(question, place)
-    answers = _answer(question, place)
-    if wishes.joining:
-        answers = _answer(_suited(question, wishes.joining, answers), place)
-    _tell_absent(answers, place)
-    library = find_library(wishes.templates)
-    root = place.folder.resolve() if question.kind == "config" else find_root(place, answers.node)
-    composition = _compose(answers, library, root, place)
-    edit = _plan_edit(wishes.joining, answers) if wishes.joining else None
-    decisions = carry_out(
+    config = Path(options.add_to.config) if options.add_to else None
+    target = find_target(options.dest, question.kind, config)
+    if target.package is not None:
+        require_suitable_package(target, question)
+    question = _with_model_controls(question, target)
+    answers = _answer(question, target)
+    if options.add_to:
+        answers = _answer(_with_config_types(question, options.add_to, answers), target)
+    _note_missing_packages(answers, target)
+    library = find_library(options.templates)
+    root = target.folder.resolve() if question.kind == "config" else find_root(target, answers.node)
+    composition = _compose(answers, library, root, target)
+    edit = _plan_edit(options.add_to, answers) if options.add_to else None
+    decisions = write_files(
         root,
         composition,
-        dry_run=wishes.dry_run,
-        force=wishes.force,
-        form=wishes.form,
+        dry_run=options.dry_run,
+        force=options.force,
+        form=options.form,
         finish=edit.write if edit else lambda: None,
     )
-    outcome = NewFiles(
+    result = NewFiles(
         answers=answers,
         folder=short(root),
         decisions=decisions,
-        dry_run=wishes.dry_run,
+        dry_run=options.dry_run,
         programs=programs(),
-        added=edit.tell(is_done=not wishes.dry_run) if edit else None,
+        added=edit.describe(is_done=not options.dry_run) if edit else None,
     )
-    typer.echo(describe_json(outcome) if wishes.form == "json" else describe_text(outcome))
+    typer.echo(describe_json(result) if options.form == "json" else describe_text(result))
 
 
-def carry_out(
+def write_files(
     root: Path,
     composition: Composition,
     *,
     dry_run: bool,
     force: bool,
     form: str = "text",
-    way_out: str = "choose another name or --dest; --force replaces ordinary files",
+    remedy: str = "choose another name or --dest; --force replaces ordinary files",
     finish: Callable[[], None] = lambda: None,
 ) -> tuple[Decision, ...]:
     """Decide on each file, ask where there is somebody to ask, write, and `finish`.
@@ -172,14 +180,38 @@ def carry_out(
     if dry_run:
         _show_conflicts(decisions)
     elif form == "text":
-        decisions = settle_conflicts(decisions)
-    _refuse_conflicts(root, decisions, way_out)
+        decisions = resolve_conflicts(decisions)
+    _refuse_conflicts(root, decisions, remedy)
     if not dry_run:
         _write(root, decisions, finish)
     return decisions
 
 
-def accept(answers: Answers | tuple[Problem, ...]) -> Answers:
+def find_library(chosen: Path | None) -> TemplateLibrary:
+    """The tool's own templates with the user's on top.
+
+    The user's are in `chosen` (`--templates`), else in OBK_TEMPLATES, else in their config folder.
+
+    Raises:
+        CommandFailedError: the user's folder is not there, or holds what no kind has.
+    """
+    try:
+        return open_library(resource_folder("templates"), chosen or _usual_folder())
+    except OSError as fault:
+        raise CommandFailedError(f"the templates cannot be read: {fault}") from fault
+
+
+def _usual_folder() -> Path | None:
+    named = os.environ.get("OBK_TEMPLATES")
+    if named:
+        return Path(named)
+    from platformdirs import user_config_path  # only where nothing else says
+
+    folder = user_config_path("obk") / "templates"
+    return folder if folder.is_dir() else None
+
+
+def require_valid(answers: Answers | tuple[Problem, ...]) -> Answers:
     """The answers.
 
     Raises:
@@ -194,8 +226,8 @@ def accept(answers: Answers | tuple[Problem, ...]) -> Answers:
 
 def short(path: Path) -> str:
     """As the user would type it from here."""
-    here, full = Path.cwd(), path.resolve()
-    return str(full.relative_to(here)) if full.is_relative_to(here) else str(full)
+    cwd, full = Path.cwd(), path.resolve()
+    return str(full.relative_to(cwd)) if full.is_relative_to(cwd) else str(full)
 
 
 def programs() -> str:
@@ -205,63 +237,63 @@ def programs() -> str:
     return "" if found and Path(found).parent == folder else f"{short(folder)}/"
 
 
-def _for_the_robot(question: Question, place: TargetFolder) -> Question:
+def _with_model_controls(question: Question, target: TargetFolder) -> Question:
     """A controller that gives the model of the workspace as many controls as it has actuators."""
-    model = find_model(place.folder.resolve()) if question.kind == "controller" else None
+    model = find_model(target.folder.resolve()) if question.kind == "controller" else None
     return replace(question, controls=model.actuators) if model and model.actuators else question
 
 
-def _answer(question: Question, place: TargetFolder) -> Answers:
+def _answer(question: Question, target: TargetFolder) -> Answers:
     if question.kind == "config":
-        return accept(check_answers(question, owner_of=lambda _: None))
-    index = PackageIndex.around(place.folder, Path.cwd(), os.environ)
-    if place.package is not None:
+        return require_valid(check_answers(question, owner_of=lambda _: None))
+    index = PackageIndex.around(target.folder, Path.cwd(), os.environ)
+    if target.package is not None:
         answers = check_answers(question, owner_of=owner_of_module, messages=index)
-        return accept(answers).in_package(place.package.name)
-    owner_of = partial(owner_of_package, own_folder=place.folder / question.name, index=index)
-    return accept(check_answers(question, owner_of=owner_of, messages=index))
+        return require_valid(answers).in_package(target.package.name)
+    owner_of = partial(owner_of_package, own_folder=target.folder / question.name, index=index)
+    return require_valid(check_answers(question, owner_of=owner_of, messages=index))
 
 
-def _tell_absent(answers: Answers, place: TargetFolder) -> None:
+def _note_missing_packages(answers: Answers, target: TargetFolder) -> None:
     """Tell of message packages that are not there: they may be yet to come, or misspelt."""
-    index = PackageIndex.around(place.folder, Path.cwd(), os.environ)
+    index = PackageIndex.around(target.folder, Path.cwd(), os.environ)
     used = {message.package for message in answers.messages} - {*OBELISK_MESSAGES, *ROS_MESSAGES}
     for package in sorted(name for name in used if index.message_names(name) is None):
         near = ask_for(near_names(package, index.message_packages()))
-        cure = near or f"`obk new msgs {package}` makes one"
-        print(f"note: there is no message package `{package}` yet: {cure}", file=sys.stderr)
+        fix = near or f"`obk new msgs {package}` makes one"
+        print(f"note: there is no message package `{package}` yet: {fix}", file=sys.stderr)
 
 
 def _compose(
-    answers: Answers, library: TemplateLibrary, root: Path, place: TargetFolder
+    answers: Answers, library: TemplateLibrary, root: Path, target: TargetFolder
 ) -> Composition:
     layers = layers_of(answers)
     templates = library.read(layers)
     if answers.kind == "config":
         return compose_config(answers, templates, root)
-    if place.package is None:
+    if target.package is None:
         return compose_package(answers, templates)
     composition = compose_addition(
         answers,
         templates,
         read_package_texts(root),
-        python_folder=place.python_folder,
+        python_folder=target.python_folder,
     )
     if isinstance(composition, Problem):
         raise CommandFailedError(composition.sentence, help=composition.help)
     return composition
 
 
-def _suited(question: Question, wish: JoinWish, usual: Answers) -> Question:
-    from obk_cli.cli.add_to import suit_to_config
+def _with_config_types(question: Question, add_to: AddToOptions, default: Answers) -> Question:
+    from obk_cli.cli.add_to import with_config_types
 
-    return suit_to_config(question, wish, usual)
+    return with_config_types(question, add_to, default)
 
 
-def _plan_edit(wish: JoinWish, answers: Answers) -> "ConfigEdit":
+def _plan_edit(add_to: AddToOptions, answers: Answers) -> "ConfigEdit":
     from obk_cli.cli.add_to import add_to_config
 
-    return add_to_config(wish, answers)
+    return add_to_config(add_to, answers)
 
 
 def _show_conflicts(decisions: tuple[Decision, ...]) -> None:
@@ -271,13 +303,13 @@ def _show_conflicts(decisions: tuple[Decision, ...]) -> None:
         print(f"\n{unified_diff(decisions)}", end="")
 
 
-def _refuse_conflicts(root: Path, decisions: Iterable[Decision], way_out: str) -> None:
-    stopped = conflicts(decisions)
-    if stopped:
-        lines = "\n".join(f"  {decision.file.path}: {decision.reason}" for decision in stopped)
+def _refuse_conflicts(root: Path, decisions: Iterable[Decision], remedy: str) -> None:
+    blocked = conflicts(decisions)
+    if blocked:
+        lines = "\n".join(f"  {decision.file.path}: {decision.reason}" for decision in blocked)
         raise CommandFailedError(
-            f"nothing was made; in {short(root)} there is in the way:\n{lines}",
-            help=way_out,
+            f"nothing was created; these files already exist in {short(root)}:\n{lines}",
+            help=remedy,
         )
 
 

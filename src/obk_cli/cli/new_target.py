@@ -32,10 +32,10 @@ __all__ = [
     "TargetFolder",
     "compose_config",
     "find_model",
-    "find_place",
     "find_root",
+    "find_target",
     "read_package_texts",
-    "refuse_package",
+    "require_suitable_package",
 ]
 
 _ELSEWHERE = "use --dest to make a package of its own somewhere else"
@@ -55,7 +55,7 @@ class TargetFolder:
     """Where the package has its modules: `src` in that layout."""
 
 
-def find_place(dest: Path | None, kind: Kind, joined: Path | None = None) -> TargetFolder:
+def find_target(dest: Path | None, kind: Kind, config: Path | None = None) -> TargetFolder:
     """`dest`; without it the package around, `src/` of the working folder, or the working folder.
 
     From outside every workspace a node goes into that of the config that it is `joined` to: no
@@ -65,7 +65,7 @@ def find_place(dest: Path | None, kind: Kind, joined: Path | None = None) -> Tar
     Raises:
         CommandFailedError: it is a file, or a package whose package.xml cannot be read.
     """
-    folder = _usual_folder(joined) if dest is None else dest
+    folder = _usual_folder(config) if dest is None else dest
     if folder.exists() and not folder.is_dir():
         raise CommandFailedError(f"--dest: {folder} is a file; a folder was expected")
     if kind == "config":
@@ -84,17 +84,17 @@ def find_place(dest: Path | None, kind: Kind, joined: Path | None = None) -> Tar
     return TargetFolder(folder=folder, boundary=folder)
 
 
-def find_root(place: TargetFolder, name: str) -> Path:
+def find_root(target: TargetFolder, name: str) -> Path:
     """The folder of the package that the node of that (checked) name goes into.
 
     Raises:
         CommandFailedError: it is a file, or is reached through a symbolic link that leads out.
     """
-    if place.package is not None:
-        return place.folder.resolve()
-    root = place.folder / name
+    if target.package is not None:
+        return target.folder.resolve()
+    root = target.folder / name
     real = root.resolve()
-    if not real.is_relative_to(place.boundary.resolve()):
+    if not real.is_relative_to(target.boundary.resolve()):
         raise CommandFailedError(
             f"{root} is reached through a symbolic link that leads to {real}",
             help=f"to make the package there, say so: --dest {real.parent}",
@@ -107,33 +107,33 @@ def find_root(place: TargetFolder, name: str) -> Path:
     return root
 
 
-def _usual_folder(joined: Path | None) -> Path:
-    here = Path.cwd()
-    package = _package_around(here)
+def _usual_folder(config: Path | None) -> Path:
+    cwd = Path.cwd()
+    package = _enclosing_package(cwd)
     if package is not None:
         return package
-    workspace = find_workspace(joined.parent) if joined else here
-    is_outside = not is_workspace(find_workspace(here)) and is_workspace(workspace)
+    workspace = find_workspace(config.parent) if config else cwd
+    is_outside = not is_workspace(find_workspace(cwd)) and is_workspace(workspace)
     return workspace if is_outside else Path()
 
 
-def _package_around(folder: Path) -> Path | None:
+def _enclosing_package(folder: Path) -> Path | None:
     """The package that a folder is in; a workspace or a checkout ends the search upward."""
-    for place in (folder, *folder.parents):
-        if (place / "package.xml").is_file():
-            return place
-        if (place / "src").is_dir() or (place / ".git").exists():
+    for target in (folder, *folder.parents):
+        if (target / "package.xml").is_file():
+            return target
+        if (target / "src").is_dir() or (target / ".git").exists():
             return None
     return None
 
 
-def refuse_package(place: TargetFolder, question: Question) -> None:
+def require_suitable_package(target: TargetFolder, question: Question) -> None:
     """See that what is asked for can go into the package at this place.
 
     Raises:
         CommandFailedError: it cannot.
     """
-    identity = place.package
+    identity = target.package
     assert identity is not None
     if question.kind == "msgs":
         raise CommandFailedError(
@@ -152,8 +152,8 @@ def refuse_package(place: TargetFolder, question: Question) -> None:
             "a Python node can be added to a package of build type `ament_python`",
             help=_ELSEWHERE,
         )
-    module = Path(place.python_folder, identity.name, "__init__.py")
-    if not (place.folder / module).is_file():
+    module = Path(target.python_folder, identity.name, "__init__.py")
+    if not (target.folder / module).is_file():
         raise CommandFailedError(
             f"the package `{identity.name}` here has no module `{module}`",
             help=f"make that file, or {_ELSEWHERE}",

@@ -4,15 +4,17 @@ from typing import Annotated
 
 import typer
 
-from obk_cli.cli.introspect_options import (
+from obk_cli.cli.options import (
     TIMEOUT_S,
     DomainOption,
+    FormatOption,
     NodeArgument,
     TimeoutOption,
-    here,
+    graph_target,
     print_json,
+    require_positive,
+    wants_json,
 )
-from obk_cli.cli.options import FormatOption, require_positive, wants_json
 
 __all__ = ["app"]
 
@@ -33,7 +35,9 @@ def _root() -> None:
 def list_(
     wait: Annotated[
         float | None,
-        typer.Option(help="Seconds to wait for nodes that nobody here knows of; 3.3 finds all."),
+        typer.Option(
+            help="Seconds to spend discovering nodes not started by obk; 3.3 is enough to find all."
+        ),
     ] = None,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
@@ -45,7 +49,7 @@ def list_(
     """
     is_json = wants_json(format)
     require_positive("--wait", wait, "seconds")
-    target = here(domain, timeout)
+    target = graph_target(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
     from obk_cli.introspect.nodes import known_nodes, nodes_data, nodes_text
@@ -73,7 +77,7 @@ def info(
     The state is the launcher's word where `obk launch` started the node here, else the node's.
     """
     is_json = wants_json(format)
-    target = here(domain, timeout)
+    target = graph_target(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
     from obk_cli.introspect.nodes import look_at_node, node_data, node_text

@@ -1,34 +1,78 @@
-"""Option types and checks that several commands share; imports no library but typer."""
+"""Options and checks that several commands share; importing it loads typer and no other library."""
 
+import json
+import sys
 from collections.abc import Collection
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
+import click
 import typer
+from click.core import ParameterSource
 
 from obelisk_spec.suggestions import ask_for, list_names, near_names
+from obk_cli.cli.complete import complete_nodes, complete_topics
 from obk_cli.errors import MisuseError
 
-__all__ = ["FormatOption", "require_positive", "require_word", "wants_json"]
+__all__ = [
+    "TIMEOUT_S",
+    "DomainOption",
+    "FormatOption",
+    "NodeArgument",
+    "TimeoutOption",
+    "TopicArgument",
+    "graph_target",
+    "load_message",
+    "print_json",
+    "require_choice",
+    "require_positive",
+    "wants_json",
+    "with_types",
+]
 
+if TYPE_CHECKING:
+    from obk_cli.introspect.target import GraphTarget
+
+
+TIMEOUT_S: Final = 5.0
+"""Longer than any node takes to be found [s]."""
+GIVEN: Final = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
+
+DomainOption = Annotated[
+    int | None,
+    typer.Option(min=0, max=232, help="The ROS domain; else ROS_DOMAIN_ID, else a stack's here."),
+]
+TopicArgument = Annotated[
+    str, typer.Argument(help="Its name or the end.", autocompletion=complete_topics)
+]
+NodeArgument = Annotated[
+    str, typer.Argument(help="A node, full or in short.", autocompletion=complete_nodes)
+]
+TimeoutOption = Annotated[
+    float,
+    typer.Option(
+        help="Seconds to wait for a reply. If unset, give up after 1 s when no node is found at "
+        "all."
+    ),
+]
 MOST: Final = 1e6
-"""Of any number: seconds are 11 days, and beyond 24 the system's waits fail."""
+"""Largest number of any option: 11 days in seconds; the system cannot wait longer than 24."""
 
 
-def require_word(option: str, word: str, words: Collection[str]) -> None:
-    """Refuse a word that is none of those that an option takes.
+def require_choice(option: str, value: str, choices: Collection[str]) -> None:
+    """Reject a value that an option does not take.
 
     Raises:
-        MisuseError: it is not; the help asks for near ones.
+        MisuseError: the help suggests similar values.
     """
-    if word not in words:
+    if value not in choices:
         raise MisuseError(
-            f"`{option} {word}`: expected one of {list_names(words)}",
-            help=ask_for(near_names(word, words)),
+            f"`{option} {value}`: expected one of {list_names(choices)}",
+            help=ask_for(near_names(value, choices)),
         )
 
 
 def require_positive(option: str, number: float | None, what: str = "a number") -> None:
-    """Refuse an option's number that is not above 0, or that is beyond all use.
+    """Reject an option's number that is not above 0, or is too large to be meant.
 
     Args:
         option: as it is written.
@@ -36,12 +80,12 @@ def require_positive(option: str, number: float | None, what: str = "a number") 
         what: of what it is a number ("seconds").
 
     Raises:
-        MisuseError: it is such a number.
+        MisuseError: the message names the limit.
     """
     if number is None or 0 < number <= MOST:
         return
-    wanted = f"up to {MOST:.0f}" if number > MOST else "above 0"
-    raise MisuseError(f"`{option} {number:g}`: expected {what} {wanted}")
+    limit = f"up to {MOST:.0f}" if number > MOST else "above 0"
+    raise MisuseError(f"`{option} {number:g}`: expected {what} {limit}")
 
 
 FormatOption = Annotated[str, typer.Option(metavar="text|json", help="How to report.")]
@@ -56,3 +100,49 @@ def wants_json(format: str) -> bool:
     if format not in ("text", "json"):
         raise MisuseError(f"`--format {format}`: expected `text` or `json`")
     return format == "json"
+
+
+def graph_target(domain: int | None, timeout_s: float) -> "GraphTarget":
+    """The ROS graph that a command's options select.
+
+    Raises:
+        CommandFailedError: ROS_DOMAIN_ID is no domain.
+        MisuseError: the timeout is not above 0.
+    """
+    from obk_cli.introspect.target import NOBODY_S, target_of
+    from obk_cli.ros.environment import ros_environment
+
+    require_positive("--timeout", timeout_s, "seconds")
+    environment = ros_environment()
+    for note in environment.notes:
+        print(f"warning: {note}", file=sys.stderr)
+    is_given = click.get_current_context().get_parameter_source("timeout") in GIVEN
+    return target_of(environment, domain, timeout_s if is_given else NOBODY_S)
+
+
+def with_types(target: "GraphTarget") -> "GraphTarget":
+    """The target, with the message types of its stacks known to this process too."""
+    from obk_cli.introspect.target import find_message_types  # slow, and `--help` needs none
+
+    return find_message_types(target)
+
+
+def print_json(value: object) -> None:
+    """Print a result for a program."""
+    print(json.dumps(value, indent=1))
+
+
+def load_message(text: str) -> object:
+    """The value that a user writes for a message; empty: none.
+
+    Raises:
+        MisuseError: it is not YAML.
+    """
+    from obelisk_spec.yaml_core import YamlTextError, load_yaml_core
+
+    try:
+        return load_yaml_core(text)
+    except YamlTextError as error:
+        raise MisuseError(
+            f"the message is not YAML: {error}", help="write it as '{field: value, other: [1, 2]}'"
+        ) from error

@@ -11,15 +11,16 @@ import typer
 
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.cli.complete import complete_nodes
-from obk_cli.cli.introspect_options import (
+from obk_cli.cli.options import (
     TIMEOUT_S,
     DomainOption,
+    FormatOption,
     NodeArgument,
     TimeoutOption,
-    here,
+    graph_target,
     print_json,
+    wants_json,
 )
-from obk_cli.cli.options import FormatOption, wants_json
 from obk_cli.emit.params import emit_node_params, emit_value
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.parameters import NOT_SET, NodeParameter, fit_parameter, parse_parameter, refusal
@@ -55,7 +56,7 @@ def list_(
 ) -> None:
     """Show the names of a node's parameters, or of all nodes'."""
     is_json = wants_json(format)
-    target = here(domain, timeout)
+    target = graph_target(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph, parameters_of
     from obk_cli.introspect.resolve import find_node, settle
@@ -66,10 +67,10 @@ def list_(
     with open_graph(target, node, asks_nodes=True) as look:
         if node is None:
             settle(look, target, timeout)
-            meant = parameter_nodes(look.graph())
+            nodes = parameter_nodes(look.graph())
         else:
-            meant = (find_node(look, target, node, timeout),)
-        for one in meant:
+            nodes = (find_node(look, target, node, timeout),)
+        for one in nodes:
             try:
                 names[one] = parameters_of(look, one, timeout).names()
             except CommandFailedError as error:
@@ -100,11 +101,11 @@ def get(
     Exit code 1 where the node has none of a name.
     """
     is_json = wants_json(format)
-    with _asked(node, domain, timeout) as asked:
-        known = asked.parameters.names()
-        wanted = tuple(names or known)
-        _require_known(asked.node, wanted, known)
-        values = asked.parameters.values(wanted)
+    with _open_parameters(node, domain, timeout) as opened:
+        known = opened.parameters.names()
+        requested = tuple(names or known)
+        _require_known(opened.node, requested, known)
+        values = opened.parameters.values(requested)
     if is_json:
         print_json({name: {"type": one.kind, "value": one.value} for name, one in values.items()})
         return
@@ -126,25 +127,26 @@ def set_(
     refuses, with its reason.
     """
     given = parse_parameter(value)
-    with _asked(node, domain, timeout) as asked:
-        present = asked.parameters.values((name,))[name]
+    with _open_parameters(node, domain, timeout) as opened:
+        present = opened.parameters.values((name,))[name]
         kind = present.kind
         if kind == NOT_SET:
-            kind = asked.parameters.declared_kind(name)
+            kind = opened.parameters.declared_kind(name)
         fitted = fit_parameter(value, given, kind)
-        reason = asked.parameters.set(name, fitted)
+        reason = opened.parameters.set(name, fitted)
         if reason is not None:
-            known = asked.parameters.names()
+            known = opened.parameters.names()
             if name not in known:
-                _require_known(asked.node, (name,), known)
+                _require_known(opened.node, (name,), known)
             why = escaped(refusal(reason, fitted))
             raise CommandFailedError(
-                f"{asked.node} refuses {name} = {_text(fitted)}: {why}",
+                f"{opened.node} refuses {name} = {_text(fitted)}: {why}",
                 help=f"it is of the type {kind}, now {_text(present)}"
                 if kind not in (fitted.kind, NOT_SET)
                 else None,
             )
-    print(f"{asked.node}: {name} = {_text(fitted)} ({fitted.kind}), before {_text(present)}")
+    change = f"changed from {_text(present)} to {_text(fitted)} ({fitted.kind})"
+    print(f"{opened.node}: {name} {change}")
 
 
 @app.command(epilog="Example: obk param dump control_0 --output control_0.yaml")
@@ -157,15 +159,15 @@ def dump(
     timeout: TimeoutOption = TIMEOUT_S,
 ) -> None:
     """Write a node's parameters as a file that `--params-file` takes, whole or not at all."""
-    with _asked(node, domain, timeout) as asked:
-        values = asked.parameters.values(asked.parameters.names())
+    with _open_parameters(node, domain, timeout) as opened:
+        values = opened.parameters.values(opened.parameters.names())
     written = {}
     for name, one in values.items():
         if one.value is None or one.kind == "byte_array":
             print(f"warning: {name} is {one.kind}: left out", file=sys.stderr)
         else:
             written[name] = one.value
-    text = emit_node_params(asked.node, written)
+    text = emit_node_params(opened.node, written)
     if output is None:
         print(text, end="")
         return
@@ -176,11 +178,11 @@ def dump(
         write_text(output, text)
     except OSError as error:
         raise unwritable(output, error) from error
-    print(f"{len(written)} parameters of {asked.node} in {output}", file=sys.stderr)
+    print(f"{len(written)} parameters of {opened.node} in {output}", file=sys.stderr)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Asked:
+class _NodeParameters:
     """One node and its parameters."""
 
     node: str
@@ -188,19 +190,19 @@ class _Asked:
 
 
 @contextmanager
-def _asked(node: str, domain: int | None, timeout_s: float) -> Iterator[_Asked]:
-    target = here(domain, timeout_s)
+def _open_parameters(node: str, domain: int | None, timeout_s: float) -> Iterator[_NodeParameters]:
+    target = graph_target(domain, timeout_s)
 
     from obk_cli.introspect.graph_source import open_graph, parameters_of
     from obk_cli.introspect.resolve import find_node
 
     with open_graph(target, node, asks_nodes=True) as look:
         found = find_node(look, target, node, timeout_s)
-        yield _Asked(node=found, parameters=parameters_of(look, found, timeout_s))
+        yield _NodeParameters(node=found, parameters=parameters_of(look, found, timeout_s))
 
 
-def _require_known(node: str, wanted: Sequence[str], known: Sequence[str]) -> None:
-    unknown = [name for name in wanted if name not in known]
+def _require_known(node: str, requested: Sequence[str], known: Sequence[str]) -> None:
+    unknown = [name for name in requested if name not in known]
     if unknown:
         raise CommandFailedError(
             f"{node} has no parameter `{unknown[0]}`", help=did_you_mean(unknown[0], known)

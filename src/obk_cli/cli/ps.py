@@ -10,9 +10,9 @@ from obk_cli.cli.options import FormatOption, wants_json
 from obk_cli.introspect.nodes import status_text
 from obk_cli.process.identity import seconds_since
 from obk_cli.runs.folder import runs_folder
-from obk_cli.runs.orphans import Leftover, find_leftovers
+from obk_cli.runs.orphans import Orphan, find_orphans
 from obk_cli.runs.protocol import NodeStatus
-from obk_cli.runs.stacks import LiveStack, live_stacks, runs_meant
+from obk_cli.runs.registry import LiveStack, live_stacks, select_runs
 from obk_cli.terminal import plain
 
 __all__ = ["EXAMPLE", "command"]
@@ -28,18 +28,18 @@ def command(format: FormatOption = "text") -> None:
     """
     is_json = wants_json(format)
     parent = runs_folder(os.environ)
-    stacks = live_stacks(runs_meant(parent))
-    leftovers = find_leftovers(parent)
+    stacks = live_stacks(select_runs(parent))
+    orphans = find_orphans(parent)
     if is_json:
-        told = {"stacks": [*map(_data, stacks)], "leftovers": [*map(asdict, leftovers)]}
-        print(json.dumps(told, indent=1))
+        document = {"stacks": [*map(_data, stacks)], "leftovers": [*map(asdict, orphans)]}
+        print(json.dumps(document, indent=1))
         return
     for stack in stacks:
         print("\n".join(map(plain, _text(stack))))
     if not stacks:
         print("no stack runs on this host")
-    if leftovers:
-        print("\n".join(_left(leftovers)))
+    if orphans:
+        print("\n".join(_orphan_lines(orphans)))
 
 
 def _uptime_s(stack: LiveStack) -> float:
@@ -83,10 +83,10 @@ def _node(node: NodeStatus) -> str:
     return "  ".join((status_text(node), *rates))
 
 
-def _left(leftovers: tuple[Leftover, ...]) -> Iterator[str]:
+def _orphan_lines(orphans: tuple[Orphan, ...]) -> Iterator[str]:
     yield "left behind by launchers that are gone (`obk reap` ends them):"
-    for left in leftovers:
-        yield f"  {left.pid}  {left.run}  {plain(left.command)[:LONGEST_COMMAND]}"
+    for orphan in orphans:
+        yield f"  {orphan.pid}  {orphan.run}  {plain(orphan.command)[:LONGEST_COMMAND]}"
 
 
 def _clock(seconds: float) -> str:

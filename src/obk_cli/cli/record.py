@@ -16,7 +16,7 @@ from obk_cli.record.recorder_job import RecorderJob, RecordRequest
 from obk_cli.record.recording import RunMetadata, file_name, run_metadata_of
 from obk_cli.ros.environment import ros_environment
 from obk_cli.runs.folder import run_topics, runs_folder
-from obk_cli.runs.stacks import runs_meant
+from obk_cli.runs.registry import select_runs
 
 __all__ = ["EXAMPLE", "command"]
 
@@ -77,7 +77,7 @@ def command(
 
 def _stack(name: str | None, domain: int, *, is_needed: bool) -> Path | None:
     """The folder of the run that is recorded; None where none runs here and none is needed."""
-    runs = runs_meant(runs_folder(os.environ), name, domain=domain)
+    runs = select_runs(runs_folder(os.environ), name, domain=domain)
     if len(runs) > 1 and is_needed:
         names = ", ".join(run.name for run in runs.values())
         raise MisuseError(
@@ -97,8 +97,8 @@ def _request(topics: list[str], folder: Path | None, *, every: bool) -> RecordRe
     patterns = tuple(topic for topic in topics if any(sign in topic for sign in "*?["))
     names = [_absolute(topic) for topic in topics if topic not in patterns]
     known = run_topics(folder) if folder else {}
-    wanted = {name: known.get(name) for name in names} if topics or every else known
-    return RecordRequest(topics=wanted, patterns=("*",) if every else patterns)
+    requested = {name: known.get(name) for name in names} if topics or every else known
+    return RecordRequest(topics=requested, patterns=("*",) if every else patterns)
 
 
 def _absolute(topic: str) -> str:

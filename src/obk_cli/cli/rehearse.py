@@ -19,10 +19,10 @@ from obk_cli.cli.config_options import (
     IgnoreOption,
     SetOption,
     make_options,
-    sound_plan,
+    valid_plan,
     wants_colour,
 )
-from obk_cli.cli.options import FormatOption, require_word, wants_json
+from obk_cli.cli.options import FormatOption, require_choice, wants_json
 from obk_cli.compiler import compile_config
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
 from obk_cli.faultinject.expectations import FAULTS, Case, Fault, make_cases
@@ -31,7 +31,7 @@ from obk_cli.launch.event_lines import short_name
 from obk_cli.launch.options import require_libraries
 from obk_cli.launch.process_groups import Unit, share_of, units_of
 from obk_cli.plan.plan import OnCrash, Plan
-from obk_cli.runs.stacks import nodes_meant
+from obk_cli.runs.registry import select_nodes
 
 __all__ = ["HEAD", "rehearsal_json", "rehearsal_table", "rehearsal_text"]
 
@@ -83,10 +83,10 @@ def command(
     is_json = wants_json(format)
     if config == "-":
         raise MisuseError("`obk rehearse` starts the config more than once: give a file")
-    require_word("--on-crash", on_crash, get_args(OnCrash))
+    require_choice("--on-crash", on_crash, get_args(OnCrash))
     faults = _faults(fault)
     outcome = compile_config(config, make_options(set_, ignore))
-    plan = sound_plan(outcome, color)
+    plan = valid_plan(outcome, color)
     assert outcome.config is not None  # the plan is made of it
 
     from obk_cli.faultinject.runner import refuse_hardware
@@ -108,25 +108,25 @@ def command(
 
 
 def _faults(text: str) -> tuple[Fault, ...]:
-    words = tuple(word.strip() for word in text.split(","))
-    for word in words:
-        require_word("--fault", word, FAULTS)
-    return cast(tuple[Fault, ...], words)
+    faults = tuple(fault.strip() for fault in text.split(","))
+    for fault in faults:
+        require_choice("--fault", fault, FAULTS)
+    return cast(tuple[Fault, ...], faults)
 
 
 def _nodes(plan: Plan, names: Sequence[str]) -> frozenset[str]:
     """Full names of the chosen nodes."""
     known = [process.full_name for process in plan.processes]
-    meant: set[str] = set()
+    selected: set[str] = set()
     for name in names:
-        found = nodes_meant(name, known)
+        found = select_nodes(name, known)
         if not found:
             raise MisuseError(
                 f"`--node {name}`: the stack has no such node",
                 help=did_you_mean(name, [*known, *map(short_name, known)]),
             )
-        meant.update(found)
-    return frozenset(meant)
+        selected.update(found)
+    return frozenset(selected)
 
 
 def _units(plan: Plan, config: str, *, is_composed: bool) -> tuple[Unit, ...]:

@@ -18,12 +18,12 @@ from obk_cli.optional_deps import require_extra
 from obk_cli.plan.plan import Plan
 
 __all__ = [
-    "FilmWords",
+    "RenderArguments",
     "RenderCameraOption",
     "RenderFpsOption",
     "RenderOption",
     "RenderSizeOption",
-    "with_film",
+    "with_render",
 ]
 
 RenderOption = Annotated[
@@ -44,7 +44,7 @@ RenderFpsOption = Annotated[
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FilmWords:
+class RenderArguments:
     """What the user wrote; None: nothing."""
 
     path: Path | None
@@ -53,7 +53,7 @@ class FilmWords:
     rate_hz: int | None
 
 
-def with_film(plan: Plan, share: Share, words: FilmWords) -> Plan:
+def with_render(plan: Plan, share: Share, arguments: RenderArguments) -> Plan:
     """The plan with the film that its simulated robot is to make.
 
     Args:
@@ -65,49 +65,51 @@ def with_film(plan: Plan, share: Share, words: FilmWords) -> Plan:
         MisuseError: there is no such film, no such camera, or not one robot to film.
         CommandFailedError: the file cannot be written, or a library is missing.
     """
-    if words.path is None:
-        _refuse_the_rest(words)
+    if arguments.path is None:
+        _require_render(arguments)
         return plan
-    settings = _settings(words.path, words)
+    settings = _settings(arguments.path, arguments)
     path = Path.cwd() / settings.path
     parameters: dict[str, ParameterValue] = {
         "render": str(path),
-        "render_camera": words.camera or "",
-        "render_size": words.size or "",
-        "render_fps": words.rate_hz or 0,
+        "render_camera": arguments.camera or "",
+        "render_size": arguments.size or "",
+        "render_fps": arguments.rate_hz or 0,
     }
-    filmed = with_simulator_parameters(plan, share, parameters, f"--render {words.path}")
+    rendered = with_simulator_parameters(plan, share, parameters, f"--render {arguments.path}")
     robot, *others = simulated_robots(plan, share)
     if others:
         names = list_names(node.full_name for node in (robot, *others))
         raise MisuseError(
-            f"`--render {words.path}`: several simulated robots run here: {names}",
+            f"`--render {arguments.path}`: several simulated robots run here: {names}",
             help="give one of them the parameter `render` in the config",
         )
     if settings.camera is not None and robot.model is not None:
         _check_camera(robot.model, settings.camera)
-    _check_place(path)
+    _check_output(path)
     for module in ("av", "PIL"):
         require_extra(module, "render")
-    return filmed
+    return rendered
 
 
-def _refuse_the_rest(words: FilmWords) -> None:
+def _require_render(arguments: RenderArguments) -> None:
     options = {
-        "--render-camera": words.camera,
-        "--render-size": words.size,
-        "--render-fps": words.rate_hz,
+        "--render-camera": arguments.camera,
+        "--render-size": arguments.size,
+        "--render-fps": arguments.rate_hz,
     }
     for option, value in options.items():
         if value is not None:
             raise MisuseError(f"`{option}` says how a film is made; `--render FILE` asks for one")
 
 
-def _settings(path: Path, words: FilmWords) -> VideoSettings:
-    if words.rate_hz is not None and words.rate_hz < 1:
-        raise MisuseError(f"`--render-fps {words.rate_hz}`: expected a number of at least 1")
+def _settings(path: Path, arguments: RenderArguments) -> VideoSettings:
+    if arguments.rate_hz is not None and arguments.rate_hz < 1:
+        raise MisuseError(f"`--render-fps {arguments.rate_hz}`: expected a number of at least 1")
     try:
-        return read_video(str(path), words.camera or "", words.size or "", words.rate_hz or 0)
+        return read_video(
+            str(path), arguments.camera or "", arguments.size or "", arguments.rate_hz or 0
+        )
     except VideoError as error:
         raise MisuseError(f"`--render`: {error}") from error
 
@@ -126,7 +128,7 @@ def _check_camera(model: str, camera: str) -> None:
         )
 
 
-def _check_place(path: Path) -> None:
+def _check_output(path: Path) -> None:
     if not path.parent.is_dir():
         raise CommandFailedError(f"{path}: the folder {path.parent} is not there")
     if os.path.lexists(path):

@@ -6,15 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from obk_cli.cli.introspect_options import (
+from obk_cli.cli.options import (
     TIMEOUT_S,
     DomainOption,
+    FormatOption,
     TimeoutOption,
-    here,
+    graph_target,
     print_json,
+    wants_json,
     with_types,
 )
-from obk_cli.cli.options import FormatOption, wants_json
 from obk_cli.errors import EXIT_FAILED, MisuseError
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def list_(
 ) -> None:
     """Show the services with their types."""
     is_json = wants_json(format)
-    target = here(domain, timeout)
+    target = graph_target(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
     from obk_cli.introspect.nodes import services_text
@@ -90,13 +91,13 @@ def call(
     is_json = wants_json(format)
     if service_type is not None and not _SERVICE_TYPE.fullmatch(service_type):
         raise MisuseError(f"`--type {service_type}`: expected such as `std_srvs/srv/Trigger`")
-    target = here(domain, timeout)
+    target = graph_target(domain, timeout)
 
-    from obk_cli.cli.introspect_options import load_message
+    from obk_cli.cli.options import load_message
     from obk_cli.introspect.message_text import json_line, message_text
 
-    asked = load_message(request)
-    response = _call(with_types(target), service, service_type, asked, timeout)
+    value = load_message(request)
+    response = _call(with_types(target), service, service_type, value, timeout)
     if is_json:
         print(json.dumps(json.loads(json_line(response)), indent=1))
     else:

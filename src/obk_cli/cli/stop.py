@@ -1,4 +1,4 @@
-"""`obk stop [RUN]`: an orderly end of stacks that run on this host."""
+"""`obk stop [RUN]`: shut down stacks that are running on this host."""
 
 import os
 import sys
@@ -11,8 +11,7 @@ import typer
 from obk_cli.cli.options import require_positive
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseError
 from obk_cli.runs.folder import Run, read_run, runs_folder
-from obk_cli.runs.registry import end_launcher
-from obk_cli.runs.stacks import runs_meant
+from obk_cli.runs.registry import end_launcher, select_runs
 from obk_cli.terminal import plain
 
 __all__ = ["EXAMPLE", "command"]
@@ -32,36 +31,36 @@ def command(
         bool, typer.Option("--kill", help="Kill a launcher that does not end in time.")
     ] = False,
 ) -> None:
-    """Bring a stack down in order, as Ctrl-C in its own terminal does, and wait for its end.
+    """Shut a stack down cleanly, as Ctrl-C in its own terminal does, and wait until it has stopped.
 
-    RUN is needed where several stacks run. Exit code 0: it has ended, whatever it had to tell;
-    1: it has not, or there is none.
+    RUN is required if several stacks are running. Exit code 0: the stack has stopped, even if it
+    failed; 1: it did not stop, or no stack is running.
     """
     if all_ and run is not None:
         raise MisuseError("`obk stop` takes RUN or `--all`, not both")
     require_positive("--timeout", timeout, "seconds")
-    meant = runs_meant(runs_folder(os.environ), run)
+    runs = select_runs(runs_folder(os.environ), run)
     if not all_:
-        _refuse_none_or_several(meant)
-    ends = [_end(folder, told, timeout, may_kill=kill) for folder, told in meant.items()]
+        _require_one(runs)
+    ends = [_stop(folder, told, timeout, may_kill=kill) for folder, told in runs.items()]
     raise typer.Exit(EXIT_DONE if all(ends) else EXIT_FAILED)
 
 
-def _refuse_none_or_several(meant: Mapping[Path, Run]) -> None:
-    if not meant:
+def _require_one(runs: Mapping[Path, Run]) -> None:
+    if not runs:
         raise CommandFailedError("no stack runs on this host", help="see `obk ps`")
-    if len(meant) > 1:
-        names = [run.name for run in meant.values()]
-        # Where the names are the same the folders tell them apart.
-        shown = names if len(set(names)) == len(names) else [folder.name for folder in meant]
+    if len(runs) > 1:
+        names = [run.name for run in runs.values()]
+        # Stacks of the same name are shown by their folders.
+        shown = names if len(set(names)) == len(names) else [folder.name for folder in runs]
         raise MisuseError(
             f"several stacks run on this host: {', '.join(sorted(shown))}",
             help="name one of them, or say `--all`",
         )
 
 
-def _end(folder: Path, run: Run, timeout_s: float, *, may_kill: bool) -> bool:
-    """Stop one stack and tell how it went; whether it has ended."""
+def _stop(folder: Path, run: Run, timeout_s: float, *, may_kill: bool) -> bool:
+    """Stop one stack and print the result; return whether it has stopped."""
     end = end_launcher(
         folder, run, reason="asked by `obk stop`", timeout_s=timeout_s, may_kill=may_kill
     )

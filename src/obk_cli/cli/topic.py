@@ -8,16 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from obk_cli.cli import topic_pub, topic_rates
-from obk_cli.cli.introspect_options import (
+from obk_cli.cli.options import (
     TIMEOUT_S,
     DomainOption,
+    FormatOption,
     TimeoutOption,
     TopicArgument,
-    here,
+    graph_target,
     print_json,
+    require_positive,
+    wants_json,
     with_types,
 )
-from obk_cli.cli.options import FormatOption, require_positive, wants_json
 from obk_cli.errors import MisuseError
 
 if TYPE_CHECKING:
@@ -37,7 +39,7 @@ EXAMPLE = "Example: obk topic echo est q_joints[0]"
 
 @app.callback(epilog=EXAMPLE)
 def _root() -> None:
-    """Look at topics, hear and publish messages. A topic may be given by the end of its name."""
+    """Inspect topics, show and publish messages. A topic may be given by the end of its name."""
 
 
 @app.command("list", epilog="Example: obk topic list --format json")
@@ -45,7 +47,9 @@ def list_(
     all_: Annotated[bool, typer.Option("--all", help="Hidden ones too, as actions' are.")] = False,
     wait: Annotated[
         float | None,
-        typer.Option(help="Seconds to wait for nodes that nobody here knows of; 3.3 finds all."),
+        typer.Option(
+            help="Seconds to spend discovering nodes not started by obk; 3.3 is enough to find all."
+        ),
     ] = None,
     domain: DomainOption = None,
     timeout: TimeoutOption = TIMEOUT_S,
@@ -54,7 +58,7 @@ def list_(
     """Show every topic with its type and how many publish and subscribe."""
     is_json = wants_json(format)
     require_positive("--wait", wait, "seconds")
-    target = here(domain, timeout)
+    target = graph_target(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
     from obk_cli.introspect.nodes import topics_data, topics_text
@@ -79,10 +83,10 @@ def info(
 ) -> None:
     """Show who publishes on a topic and who subscribes, each with quality of service.
 
-    Ends that do not hear each other, for their type or quality of service, are told.
+    Reports publishers and subscribers with incompatible types or QoS.
     """
     is_json = wants_json(format)
-    target = here(domain, timeout)
+    target = graph_target(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
     from obk_cli.introspect.nodes import topic_data, topic_text
@@ -128,9 +132,9 @@ def echo(
 ) -> None:
     """Show the messages of a topic, until Ctrl-C.
 
-    The subscription asks for what the publishers offer: best effort is heard, and what was
-    published before, where they keep it. --timeout is for the topic to be there and for the first
-    message; with --once or --count for each. Rows of CSV have the columns of the first message.
+    Uses the publisher's QoS, so best-effort and latched (transient-local) messages are received.
+    --timeout limits the wait for the topic and for the first message; with --once or --count, for
+    each message. CSV rows have the columns of the first message.
     """
     if format not in ("text", "json", "csv"):
         raise MisuseError(f"`--format {format}`: expected `text`, `json` or `csv`")
@@ -142,15 +146,17 @@ def echo(
     from obk_cli.ros.field_path import parse_selection
 
     selections = [parse_selection(text) for text in (*(fields or ()), *(field or ()))]
-    shower = Shower(selections, "csv" if csv else format, is_whole=full, warn=_warn)
-    _listen(with_types(here(domain, timeout)), topic, selections, shower, most, timeout)
+    formatter = Shower(selections, "csv" if csv else format, is_whole=full, warn=_warn)
+    _print_messages(
+        with_types(graph_target(domain, timeout)), topic, selections, formatter, most, timeout
+    )
 
 
-def _listen(
+def _print_messages(
     target: "GraphTarget",
     topic: str,
     selections: "Sequence[Selection]",
-    shower: "Shower",
+    formatter: "Shower",
     most: int | None,
     timeout_s: float,
 ) -> None:
@@ -169,14 +175,14 @@ def _listen(
         for selection in selections:
             check_selection(selection, short_type(msg_type), fields_of)
         raw = look.listen(seen.name, msg_type, python_type)
-        tally = DropCounter()
+        drops = DropCounter()
         try:
-            for message in islice(messages(raw, tally, timeout_s, each=most is not None), most):
-                if lines := list(shower.lines(message)):
+            for message in islice(messages(raw, drops, timeout_s, each=most is not None), most):
+                if lines := list(formatter.lines(message)):
                     print("\n".join(lines), flush=True)
         finally:
-            if tally.dropped:
-                _warn(f"{tally.dropped} messages were lost: they came faster than they were shown")
+            if drops.dropped:
+                _warn(f"{drops.dropped} messages were lost: they came faster than they were shown")
 
 
 def _warn(text: str) -> None:

@@ -8,15 +8,15 @@ import typer
 
 from obelisk_spec.names import near_msg_types, resolve_msg_type
 from obelisk_spec.suggestions import did_you_mean
-from obk_cli.cli.introspect_options import (
+from obk_cli.cli.options import (
     TIMEOUT_S,
     DomainOption,
     TimeoutOption,
     TopicArgument,
-    here,
+    graph_target,
+    require_positive,
     with_types,
 )
-from obk_cli.cli.options import require_positive
 from obk_cli.errors import MisuseError
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ Example: obk topic pub /gain std_msgs/msg/Float64 '{data: 0.5}' --once
 
 def command(
     topic: TopicArgument,
-    words: Annotated[
+    arguments: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="[TYPE] [MESSAGE]", help="As in a config or pkg/msg/Name, and as YAML."
@@ -57,15 +57,15 @@ def command(
 
     TYPE may be left out where the topic has one. Fields that MESSAGE does not name are as they are
     by default; `header: auto` and `stamp: now` are the time of publishing. Every field is checked
-    against the type before anything is sent. Topics that a running robot listens to are refused
-    unless --allow-foreign is given.
+    against the type before anything is sent. Topics that a running robot subscribes to are
+    rejected unless --allow-foreign is given.
     """
     require_positive("--rate", rate)
-    msg_type, text = _type_and_text(words or [])
-    target = here(domain, timeout)
+    msg_type, text = _split_arguments(arguments or [])
+    target = graph_target(domain, timeout)
     most = 1 if once else count
 
-    from obk_cli.cli.introspect_options import load_message
+    from obk_cli.cli.options import load_message
     from obk_cli.introspect.publishing import Publication
 
     publication = Publication(
@@ -117,26 +117,26 @@ def _publish(
         # Nodes of other hosts may have become known only now.
         if not publication.may_move:
             refuse_moving(look.topic(seen.name), target)
-        begin, sent = time.monotonic(), 0
+        start, sent = time.monotonic(), 0
         while most is None or sent < most:
-            publisher.until(begin + sent / rate_hz)
+            publisher.until(start + sent / rate_hz)
             publisher.publish(make_message(kind, data))
             sent += 1
         return Published(topic=seen.name, count=sent, is_confirmed=publisher.rest())
 
 
-def _type_and_text(words: list[str]) -> tuple[str | None, str]:
+def _split_arguments(arguments: list[str]) -> tuple[str | None, str]:
     """The full type, None where none is given, and the message among what follows the topic.
 
     Raises:
         MisuseError: there is more than the two, or the first of two is no type.
     """
-    written = words[0] if words else ""
+    written = arguments[0] if arguments else ""
     full = resolve_msg_type(written)
     if full is None and written.count("/") == 2 and not set(written) & set(" {}:[]"):
         full = written  # whether its package has it is seen when it is looked up
-    rest = words[1:] if full else words
-    if len(words) == 2 and full is None:
+    rest = arguments[1:] if full else arguments
+    if len(arguments) == 2 and full is None:
         raise MisuseError(
             f"message type `{written}` is not known",
             help=did_you_mean(written, near_msg_types(written))
@@ -144,7 +144,7 @@ def _type_and_text(words: list[str]) -> tuple[str | None, str]:
         )
     if len(rest) > 1:
         raise MisuseError(
-            f"`{rest[1]}` is too much",
+            f"unexpected argument `{rest[1]}`",
             help="TOPIC [TYPE] [MESSAGE], the message in quotes",
         )
     return full, rest[0] if rest else ""

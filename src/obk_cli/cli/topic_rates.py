@@ -10,15 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from obk_cli.cli.complete import complete_topics
-from obk_cli.cli.introspect_options import (
+from obk_cli.cli.options import (
     TIMEOUT_S,
     DomainOption,
+    FormatOption,
     TimeoutOption,
     TopicArgument,
-    here,
+    graph_target,
+    require_positive,
+    wants_json,
     with_types,
 )
-from obk_cli.cli.options import FormatOption, require_positive, wants_json
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.latency import Delay
 from obk_cli.ros.rate_meter import TopicRate
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
 
 HZ_EXAMPLE = "Example: obk topic hz est ctrl --duration 5"
 DELAY_EXAMPLE = "Example: obk topic delay est --duration 5"
-TELL_S: Final = 1.0
+REPORT_S: Final = 1.0
 """Between two reports [s]."""
 POLL_S: Final = 0.001
 """Delays are small: nobody waits longer than this for a message [s]."""
@@ -64,14 +66,16 @@ def hz(
     is_json = wants_json(format)
     require_positive("--window", window, "seconds")
     require_positive("--duration", duration, "seconds")
-    target = here(domain, timeout)
-    counted = _count(with_types(target), topics, window, duration, timeout, is_json=is_json)
+    target = graph_target(domain, timeout)
+    measured = _measure_rates(
+        with_types(target), topics, window, duration, timeout, is_json=is_json
+    )
     if duration is not None:
-        _tell_rates(counted, is_json=is_json)
-        _require_messages(counted, duration, duration)
+        _print_rates(measured, is_json=is_json)
+        _require_messages(measured, duration, duration)
 
 
-def _count(
+def _measure_rates(
     target: "GraphTarget",
     topics: Sequence[str],
     window_s: float,
@@ -93,14 +97,14 @@ def _count(
             msg_type = the_type("topic", seen.name, seen.heard_types)
             hashes = (end.type_hash for end in seen.publishers)
             meter.add(seen.name, msg_type, raw_type(msg_type, hashes))
-        with _told_when_interrupted(lambda: _tell_rates(meter.rates(), is_json=is_json)):
-            begin = told = time.monotonic()
-            while duration_s is None or time.monotonic() < begin + duration_s:
+        with _report_on_interrupt(lambda: _print_rates(meter.rates(), is_json=is_json)):
+            start = reported = time.monotonic()
+            while duration_s is None or time.monotonic() < start + duration_s:
                 meter.turn()
-                if duration_s is None and time.monotonic() > told + TELL_S:
-                    told = time.monotonic()
-                    _tell_rates(meter.rates(), is_json=is_json)
-                    _require_messages(meter.rates(), told - begin, timeout_s)
+                if duration_s is None and time.monotonic() > reported + REPORT_S:
+                    reported = time.monotonic()
+                    _print_rates(meter.rates(), is_json=is_json)
+                    _require_messages(meter.rates(), reported - start, timeout_s)
         return meter.rates()
 
 
@@ -119,13 +123,13 @@ def delay(
     """
     is_json = wants_json(format)
     require_positive("--duration", duration, "seconds")
-    target = with_types(here(domain, timeout))
-    counted = _heard(target, topic, window, duration, timeout, is_json=is_json)
+    target = with_types(graph_target(domain, timeout))
+    measured = _measure_delay(target, topic, window, duration, timeout, is_json=is_json)
     if duration is not None:
-        _tell_delay(*counted, duration, duration, is_json=is_json)
+        _print_delay(*measured, duration, duration, is_json=is_json)
 
 
-def _heard(
+def _measure_delay(
     target: "GraphTarget",
     topic: str,
     window: int,
@@ -149,34 +153,34 @@ def _heard(
         stamp = stamp_of(short_type(msg_type), fields_of)
         raw = look.listen(seen.name, msg_type, python_type)
         meter = DelayMeter(window)
-        begin = told = time.monotonic()
+        start = reported = time.monotonic()
 
-        def tell(passed_s: float) -> None:
+        def report(passed_s: float) -> None:
             found = (seen.name, meter.delay(), meter.unstamped)
-            _tell_delay(*found, passed_s, timeout_s, is_json=is_json)
+            _print_delay(*found, passed_s, timeout_s, is_json=is_json)
 
-        with _told_when_interrupted(lambda: tell(0.0)):
-            while duration_s is None or time.monotonic() < begin + duration_s:
+        with _report_on_interrupt(lambda: report(0.0)):
+            while duration_s is None or time.monotonic() < start + duration_s:
                 for received_ns, message in arrived(raw):
                     meter.take(received_ns, stamp(message))
-                if duration_s is None and time.monotonic() > told + TELL_S:
-                    told = time.monotonic()
-                    tell(told - begin)
+                if duration_s is None and time.monotonic() > reported + REPORT_S:
+                    reported = time.monotonic()
+                    report(reported - start)
                 time.sleep(POLL_S)
         return seen.name, meter.delay(), meter.unstamped
 
 
 @contextmanager
-def _told_when_interrupted(tell: Callable[[], None]) -> Iterator[None]:
+def _report_on_interrupt(report: Callable[[], None]) -> Iterator[None]:
     """Ctrl-C is how measuring ends: what came since the last report is told, too."""
     try:
         yield
     except KeyboardInterrupt:
-        tell()
+        report()
         raise
 
 
-def _tell_rates(rates: "Mapping[str, TopicRate]", *, is_json: bool) -> None:
+def _print_rates(rates: "Mapping[str, TopicRate]", *, is_json: bool) -> None:
     from obk_cli.introspect.message_text import json_line
 
     width = max(map(len, rates))
@@ -191,7 +195,7 @@ def _require_messages(rates: "Mapping[str, TopicRate]", passed_s: float, limit_s
         raise CommandFailedError(f"no message came on {', '.join(silent)} within {limit_s:g} s")
 
 
-def _tell_delay(
+def _print_delay(
     topic: str,
     found: "Delay | None",
     unstamped: int,

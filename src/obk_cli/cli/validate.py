@@ -23,7 +23,7 @@ from obk_cli.cli.edited_files import (
     report_diff,
     write_edited,
 )
-from obk_cli.cli.options import require_word
+from obk_cli.cli.options import require_choice
 from obk_cli.compiler import Options, Outcome, compile_config
 from obk_cli.configedit.autofix import Fixed, fix_config
 from obk_cli.diagnostics.diagnostic import Diagnostic, in_order
@@ -51,7 +51,7 @@ def command(
     ] = "text",
     strict: Annotated[bool, typer.Option("--strict", help="Fail on warnings too.")] = False,
     fix: Annotated[
-        bool, typer.Option("--fix", help="Mend in the files what is sure, report the rest.")
+        bool, typer.Option("--fix", help="Apply safe fixes in place and report what is left.")
     ] = False,
     diff: Annotated[
         bool, typer.Option("--diff", help="With --fix: show the changes, write nothing.")
@@ -60,7 +60,7 @@ def command(
         bool, typer.Option("--watch", help="Check again when a file changes, until Ctrl-C.")
     ] = False,
     verbose: Annotated[
-        bool, typer.Option("--verbose", help="Show of infos too the line, and what to do.")
+        bool, typer.Option("--verbose", help="Show source lines and hints for infos too.")
     ] = False,
     ignore: IgnoreOption = None,
     set_: SetOption = None,
@@ -70,7 +70,7 @@ def command(
 
     Exit code 0: no errors; 1: errors, with --strict warnings too; 2: misuse. With --watch 0.
     """
-    require_word("--format", format, _FORMATS)
+    require_choice("--format", format, _FORMATS)
     _check_together(configs, format, fix=fix, diff=diff, watch=watch)
     options, colour = make_options(set_, ignore), wants_colour(color)
     if watch:
@@ -101,7 +101,7 @@ def _check_together(configs: list[str], form: str, *, fix: bool, diff: bool, wat
 def _fix(
     configs: list[str], form: str, options: Options, *, diff: bool, colour: bool
 ) -> list[Outcome]:
-    """Mend the configs one after another; what is left of their findings."""
+    """Apply safe fixes to the configs; the outcomes hold the findings that are left."""
     reports = [fix_file(config, options, show_only=diff, colour=colour) for config in configs]
     for report in reports:
         for line in report.lines:
@@ -159,14 +159,14 @@ def _print_report(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixReport:
-    """What is left of a config's findings, and a line for each that was cured or left."""
+    """What is left of a config's findings, and a line for each that was fixed or skipped."""
 
     outcome: Outcome
     lines: tuple[str, ...] = ()
 
 
 def fix_file(config: str, options: Options, *, show_only: bool, colour: bool) -> FixReport:
-    """Cure a config's files in its folder and below; with `show_only` print diffs instead.
+    """Fix a config's files in its folder and below; with `show_only` print diffs instead.
 
     Raises:
         CommandFailedError: a file cannot be written; what could not be is as it was.
@@ -178,13 +178,13 @@ def fix_file(config: str, options: Options, *, show_only: bool, colour: bool) ->
         for source, text in fixed.files:
             print_bytes(os.fsencode(report_diff(source, text, colour=colour)))
         return FixReport(outcome=fixed.before, lines=lines)
-    opened = [(_opened(source), text) for source, text in fixed.files]
+    opened = [(_reopen(source), text) for source, text in fixed.files]
     for file, text in opened:
         write_edited(file, text)
     return FixReport(outcome=fixed.after, lines=lines)
 
 
-def _opened(source: SourceFile) -> EditedFile:
+def _reopen(source: SourceFile) -> EditedFile:
     file = open_for_edit(source.path)
     if isinstance(file, Diagnostic) or file.source.text != source.text:
         raise CommandFailedError(f"`{source.path}` has changed meanwhile, nothing is written")
@@ -192,12 +192,12 @@ def _opened(source: SourceFile) -> EditedFile:
 
 
 def _lines(fixed: Fixed, *, show_only: bool) -> list[str]:
-    told = (
+    groups = (
         ("would fix" if show_only else "fixed", fixed.done),
-        ("not fixed, it would not be the same config any more:", fixed.refused),
-        ("not fixed, the file is not in the config's folder:", fixed.outside),
+        ("skipped because the fix would change the config's meaning:", fixed.refused),
+        ("skipped because the file is outside the config's folder:", fixed.outside),
     )
-    return [f"{what} {_short(finding)}" for what, findings in told for finding in findings]
+    return [f"{what} {_short(finding)}" for what, findings in groups for finding in findings]
 
 
 def _short(finding: Diagnostic) -> str:

@@ -11,7 +11,7 @@ from typing import Annotated, Final
 
 import typer
 
-from obk_cli.cli.introspect_options import TIMEOUT_S, DomainOption, here, with_types
+from obk_cli.cli.options import TIMEOUT_S, DomainOption, graph_target, with_types
 from obk_cli.errors import EXIT_DONE
 from obk_cli.monitor.stack_follower import Target, Watcher
 from obk_cli.optional_deps import require_extra
@@ -42,20 +42,20 @@ def command(
     """
     for module in ("starlette", "uvicorn"):
         require_extra(module, "web")
-    target = Target(environment=here(domain, TIMEOUT_S).environment, domain=domain, run=run)
+    target = Target(environment=graph_target(domain, TIMEOUT_S).environment, domain=domain, run=run)
     is_there = target.choose(target.place()) is not None
 
-    from obk_cli.web.app import HOST, TOKEN, Site, WebServer, make_app, take_port
+    from obk_cli.web.app import HOST, TOKEN, PageApi, WebServer, make_app, take_port
     from obk_cli.web.auth import new_token
     from obk_cli.web.feed import Feed
     from obk_cli.web.plots import Plots
 
-    with take_port(port) as taken, ExitStack() as temporary:
-        number, token = taken.getsockname()[1], new_token()
+    with take_port(port) as listener, ExitStack() as temporary:
+        number, token = listener.getsockname()[1], new_token()
         server, plots = WebServer(), Plots()
-        watcher = Watcher(target, with_types, PERIOD_S, beside=plots.turn)
-        feed = Feed(watcher, runs_folder(os.environ), server.end)
-        site = Site(lambda: feed.moment, plots, target.change, lambda: server.is_ending)
+        follower = Watcher(target, with_types, PERIOD_S, beside=plots.turn)
+        feed = Feed(follower, runs_folder(os.environ), server.end)
+        site = PageApi(lambda: feed.snapshot, plots, target.change, lambda: server.is_ending)
         url = f"http://{HOST}:{number}/?{TOKEN}={token}"
         print(f"the stack is shown at {url}\nCtrl-C ends", flush=True)
         if run is not None and not is_there:
@@ -66,7 +66,7 @@ def command(
             address = _redirect(Path(folder), url).as_uri()
             # Some browsers block the call until they have loaded the page.
             threading.Thread(target=webbrowser.open, args=[address], daemon=True).start()
-        server.run(make_app(site, token=token, port=number), taken)
+        server.run(make_app(site, token=token, port=number), listener)
         feed.stop()
     raise typer.Exit(EXIT_DONE)
 

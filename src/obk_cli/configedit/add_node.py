@@ -48,58 +48,58 @@ __all__ = ["add_node", "find_replaced", "new_errors"]
 class PlannedEnvironment:
     """The environment of today with one executable more, of whose code nothing is known."""
 
-    there: Environment
+    current: Environment
     package: str
     executable: str
 
     def find_package_share(self, name: str) -> Path | None:
         """The folder that holds a package's data."""
-        return self.there.find_package_share(name)
+        return self.current.find_package_share(name)
 
     def package_names(self) -> tuple[str, ...]:
         """Every package, the new one too."""
-        return tuple(sorted({*self.there.package_names(), self.package}))
+        return tuple(sorted({*self.current.package_names(), self.package}))
 
     def message_packages(self) -> tuple[str, ...]:
         """The packages of the workspace that define messages."""
-        return self.there.message_packages()
+        return self.current.message_packages()
 
     def message_names(self, package: str) -> tuple[str, ...] | None:
         """The messages that a package defines."""
-        return self.there.message_names(package)
+        return self.current.message_names(package)
 
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         """How an executable is started."""
         if (package, executable) == (self.package, self.executable):
             return Command(arguments=(), found_in="what is being made")
-        return self.there.find_executable(package, executable)
+        return self.current.find_executable(package, executable)
 
     def read_node_code(self, package: str, executable: str) -> NodeFacts | CodeFault | None:
         """What the Python source of an executable says."""
         if (package, executable) == (self.package, self.executable):
             return None
-        return self.there.read_node_code(package, executable)
+        return self.current.read_node_code(package, executable)
 
     def read_model(self, path: Path) -> ModelRead | ModelFault | None:
         """The facts of a model."""
-        return self.there.read_model(path)
+        return self.current.read_model(path)
 
     def model_line(self, path: Path, line: int) -> Span:
         """A whole line of a model file."""
-        return self.there.model_line(path, line)
+        return self.current.model_line(path, line)
 
     def model_element(self, path: Path, kind: str, name: str) -> Span | None:
         """Where a model defines an element."""
-        return self.there.model_element(path, kind, name)
+        return self.current.model_element(path, kind, name)
 
 
 def new_errors(before: Iterable[Diagnostic], after: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     """The errors that there are more of than before; line numbers and counted names may differ."""
     old = [finding for finding in before if finding.severity == "error"]
-    told = {(finding.code, finding.message) for finding in old}
+    known = {(finding.code, finding.message) for finding in old}
     errors = [finding for finding in after if finding.severity == "error"]
     more = Counter(f.code for f in errors) - Counter(f.code for f in old)
-    return tuple(f for f in errors if f.code in more and (f.code, f.message) not in told)
+    return tuple(f for f in errors if f.code in more and (f.code, f.message) not in known)
 
 
 def expected_content(
@@ -286,12 +286,12 @@ class _Addition:
 
 
 def _with_planned(source: SourceFile, new_node: NewNode, options: Options) -> Options:
-    there = options.environment
-    if there is None:
+    current = options.environment
+    if current is None:
         folder = (options.working_folder / Path(source.path)).resolve().parent
-        there = MachineEnvironment(folder, options.working_folder, options.variables)
-    foreseen = PlannedEnvironment(there, new_node.pkg, new_node.executable)
-    return replace(options, environment=foreseen)
+        current = MachineEnvironment(folder, options.working_folder, options.variables)
+    planned = PlannedEnvironment(current, new_node.pkg, new_node.executable)
+    return replace(options, environment=planned)
 
 
 def _unreadable(outcome: Outcome) -> Iterator[Diagnostic]:
@@ -322,15 +322,15 @@ def find_replaced(stack: Stack, section: str, name: str) -> Node | Rejected:
     )
 
 
-def _choose_device(tree: TreeMap, stack: Stack, wanted: str | None) -> str | Rejected:
+def _choose_device(tree: TreeMap, stack: Stack, name: str | None) -> str | Rejected:
     """The device that is wanted, or the only one."""
     here = (entry.key for entry in devices_of(tree))
     known = list(dict.fromkeys((*here, *(node.device for node in stack.nodes)))) or [ONE_DEVICE]
-    if wanted in known:
-        return wanted
-    if wanted is not None:
-        help = did_you_mean(wanted, known) or ""
-        return Rejected(sentence=f"the config has no device `{wanted}`", help=help)
+    if name in known:
+        return name
+    if name is not None:
+        help = did_you_mean(name, known) or ""
+        return Rejected(sentence=f"the config has no device `{name}`", help=help)
     if len(known) > 1:
         return Rejected(
             sentence=f"the config has {len(known)} devices, and the new node runs on one",

@@ -85,8 +85,8 @@ class _Chooser:
         self._node = new_node
         self._name = stack.name.value if stack.name else "stack"
         self._former = tuple(node_ends(replaced)) if replaced else ()
-        gone = replaced.full_name if replaced else None
-        self._ends = tuple(end for end in stack_ends(stack) if end.owner != gone)
+        replaced_name = replaced.full_name if replaced else None
+        self._ends = tuple(end for end in stack_ends(stack) if end.owner != replaced_name)
         self._types: dict[str, str] = {}
         for end in (*self._ends, *self._former):
             if end.known_type is not None:
@@ -102,7 +102,7 @@ class _Chooser:
         chosen = fitting[(former or list(fitting))[0]]
         rest = [topic for topic in fitting if topic != chosen.topic]
         at_the_topic = [other for other in sources if other.topic == chosen.topic]
-        is_weak = any(_says(o.qos.reliability, "best_effort") for o in at_the_topic)
+        is_weak = any(_is_set_to(o.qos.reliability, "best_effort") for o in at_the_topic)
         return self._link(
             end,
             chosen,
@@ -124,24 +124,24 @@ class _Chooser:
             return self._own_topic(end, next(iter(fitting.values()), None))
         rest = [topic for topic in free if topic != chosen]
         reader = fitting.get(chosen) or next(o for o in self._former if o.topic == chosen)
-        is_wanted = any(
-            _says(other.qos.durability, "transient_local")
+        is_latched = any(
+            _is_set_to(other.qos.durability, "transient_local")
             for other in self._ends
             if other.topic == chosen
         )
         return self._link(
             end,
             reader,
-            qos={"durability": "transient_local"} if is_wanted else None,
+            qos={"durability": "transient_local"} if is_latched else None,
             rest=rest,
         )
 
     def _others(self, end: NewEnd, sections: Mapping[str, tuple[str, ...]]) -> list[TopicEnd]:
         """The ends that this one may be added with: by section, then in the config's order."""
-        wanted = sections.get(self._node.section, ())
+        peer_sections = sections.get(self._node.section, ())
         side = _OTHER_SIDE[end.direction]
-        there = [e for e in self._ends if e.direction == side and e.section in wanted]
-        return sorted(there, key=lambda other: wanted.index(other.section))
+        candidates = [e for e in self._ends if e.direction == side and e.section in peer_sections]
+        return sorted(candidates, key=lambda other: peer_sections.index(other.section))
 
     def _fits(self, other: TopicEnd, end: NewEnd) -> bool:
         """Whether the types are one; where none is written, whether the roles are a pair."""
@@ -262,7 +262,7 @@ def _role(component: str) -> str:
     return component.removeprefix("pub_").removeprefix("sub_")
 
 
-def _says(setting: Spanned[str] | None, word: str) -> bool:
+def _is_set_to(setting: Spanned[str] | None, word: str) -> bool:
     return setting is not None and setting.value == word
 
 
@@ -328,9 +328,9 @@ def _tick(
             if component.identity == name and component.timer_period_s is not None:
                 period = component.timer_period_s.value
                 return Tick(component=name, period_s=period, origin=f"as `{node.full_name}`")
-    heard = {link.topic for link in links if link.end.direction == "subscribes"}
+    received = {link.topic for link in links if link.end.direction == "subscribes"}
     for end in stack_ends(stack):
-        if end.direction == "publishes" and end.topic in heard and end.rate_hz:
+        if end.direction == "publishes" and end.topic in received and end.rate_hz:
             origin = f"as often as `{end.topic}` comes"
             return Tick(component=name, period_s=round(1 / end.rate_hz, 9), origin=origin)
     usual = timer["timer_period_sec"]
@@ -388,15 +388,17 @@ def matching_types(new_node: NewNode, stack: Stack, replaced: Node | None) -> Ma
 
 def _partners(end: NewEnd, section: str, stack: Stack, replaced: Node | None) -> Iterable[TopicEnd]:
     """The ends that one of the new_node's cannot do without."""
-    hears = end.direction == "subscribes"
-    if not hears and section != "control":
+    is_subscriber = end.direction == "subscribes"
+    if not is_subscriber and section != "control":
         return ()
-    sections = _BEFORE.get(section, ("control",)) if hears else ("robot",)
-    gone = replaced.full_name if replaced else None
+    sections = _BEFORE.get(section, ("control",)) if is_subscriber else ("robot",)
+    replaced_name = replaced.full_name if replaced else None
     return (
         other
         for other in stack_ends(stack)
-        if other.direction != end.direction and other.section in sections and other.owner != gone
+        if other.direction != end.direction
+        and other.section in sections
+        and other.owner != replaced_name
     )
 
 

@@ -20,7 +20,7 @@ __all__ = ["Fixed", "fix_config"]
 
 _OF_READING = ("OBK0", "OBK1")
 _MOST_ROUNDS = 20
-"""A cure may uncover a fault that has a cure of its own; so many times that is followed."""
+"""A fix may uncover another finding with a fix; this is the limit of such rounds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,9 +30,9 @@ class Fixed:
     before: Outcome
     after: Outcome
     done: tuple[Diagnostic, ...] = ()
-    """The findings that were cured, each with its place in the text as it was just before."""
+    """The findings that were fixed, each with its place in the text as it was just before."""
     refused: tuple[Diagnostic, ...] = ()
-    """Those whose cure made things worse, and was taken back."""
+    """Findings whose fix added errors or changed the meaning, and was rolled back."""
     outside: tuple[Diagnostic, ...] = ()
     """Those in files that may not be edited."""
     files: tuple[tuple[SourceFile, str], ...] = ()
@@ -41,14 +41,14 @@ class Fixed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _State:
-    """The texts so far, and what the compiler says of them."""
+    """The texts so far, and the result of compiling them."""
 
     outcome: Outcome
     texts: dict[Path, str] = field(default_factory=dict)
 
 
 def fix_config(path: str, options: Options, may_edit: Callable[[Path], bool]) -> Fixed:
-    """Cure what can be cured for certain, in files that may be edited."""
+    """Apply the safe fixes in files that may be edited."""
     fixer = _Fixer(path, options, may_edit)
     before = compile_config(path, options)
     state = _State(outcome=before)
@@ -79,7 +79,7 @@ class _Fixer:
         self._may_edit = may_edit
 
     def round(self, state: _State) -> _State | None:
-        """One step: all cures at once if that holds, else the first that does; None at the end."""
+        """One step: all fixes at once if they hold, else the first that does; None at the end."""
         chosen = self._choose(state.outcome)
         if not chosen:
             return None
@@ -96,7 +96,7 @@ class _Fixer:
         return state
 
     def outside(self, outcome: Outcome) -> Iterator[Diagnostic]:
-        """Findings with a cure that lies in a file that may not be edited."""
+        """Findings whose fix is in a file that may not be edited."""
         return (f for f in outcome.diagnostics if f.fix and not self._is_editable(f))
 
     def _choose(self, outcome: Outcome) -> list[Diagnostic]:
@@ -127,7 +127,7 @@ class _Fixer:
         return (self._options.working_folder / path).resolve()
 
     def _attempt(self, state: _State, chosen: Sequence[Diagnostic]) -> _State | None:
-        """The texts with these cures, None if they are worse than before."""
+        """The texts with these fixes; None if they are worse than before."""
         edits = dict.fromkeys(edit for finding in chosen for edit in finding.fix)
         texts = dict(state.texts)
         by_file: dict[Path, list[Edit]] = {}  # one may be included by several paths
@@ -172,7 +172,7 @@ def _meaning(outcome: Outcome) -> Plan | None:
             replace(
                 process,
                 origin=nowhere,
-                promises=tuple(replace(promise, origin=nowhere) for promise in process.promises),
+                promises=tuple(replace(rate, origin=nowhere) for rate in process.promises),
             )
             for process in plan.processes
         ),

@@ -10,19 +10,32 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from obelisk_spec.components import SETTING_SUFFIX, component_identity
-from obk_cli.config.fixes import remove_entry, respell
+from obk_cli.config.fixes import is_flow, remove_entry, respell
+from obk_cli.config.model import ONE_DEVICE
 from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, kind_of
 from obk_cli.config.yaml_parser import parse_source
-from obk_cli.configedit.device_level import kept, lift_device, nest_sections
-from obk_cli.configedit.shape import Spelling, components_of, is_config, meaning, text_of
+from obk_cli.configedit.shape import (
+    Spelling,
+    components_of,
+    devices_of,
+    is_config,
+    meaning,
+    sections_of,
+    text_of,
+)
 from obk_cli.diagnostics.diagnostic import Diagnostic, found, in_order
 from obk_cli.diagnostics.edits import Edit, Offsets, apply_edits
-from obk_cli.diagnostics.source import SourceFile, Span
+from obk_cli.diagnostics.source import SourceFile, Span, indent_of, line_end_of
 
 __all__ = ["Migrated", "migrate_source"]
 
 _NEW_NAME = {"key": "key", "seed": "ros_parameter"}
 _OLD_NAME = {"key": "ros_parameter", "seed": "key"}
+_PLAIN_COLON = re.compile(r"[ \t]*:\s*(?:#[^\r\n]*\s*)*")
+_BEHIND_COLON = re.compile(r"[ \t]*:[ \t]*(?=(#)|[\r\n])")
+_USUAL_INDENT = 2
+_IN_BRACES = "it is written in braces"
+_BLOCK_STYLE = "write it in block style, one key on each line, then migrate"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +71,7 @@ def migrate_source(source: SourceFile, to: Spelling) -> Migrated:
     if text is None:
         message = "the file stays as it is: its anchors or its layout tie the places together"
         help = "write the anchors out and one key on each line, then migrate"
-        stays = [kept(message, tree.span, help)]
+        stays = [_kept(message, tree.span, help)]
     return Migrated(source=source, text=text or source.text, kept=in_order(stays))
 
 
@@ -73,7 +86,7 @@ def _steps(tree: TreeMap, to: Spelling, offsets: Offsets) -> Iterator[Edit | Dia
     include = tree.get("include")
     if include is not None:
         yield from _not_followed(include)
-    yield from (lift_device if to == "key" else nest_sections)(tree, offsets)
+    yield from (_lift_device if to == "key" else _nest_sections)(tree, offsets)
     for component in components_of(tree):
         yield from _rename_component(component, to, offsets)
 
@@ -81,7 +94,7 @@ def _steps(tree: TreeMap, to: Spelling, offsets: Offsets) -> Iterator[Edit | Dia
 def _not_followed(include: Entry) -> Iterator[Diagnostic]:
     items = include.value.items if isinstance(include.value, TreeList) else (include.value,)
     for item in items:
-        yield kept("the included file is not rewritten; migrate it too", item.span)
+        yield _kept("the included file is not rewritten; migrate it too", item.span)
 
 
 def _verified(source: SourceFile, tree: TreeMap, edits: list[Edit]) -> str | None:
@@ -106,13 +119,13 @@ def _rename_component(
         return
     reason = _reason_to_keep(name, old, to, offsets)
     if reason is not None:
-        yield kept(f"`{old.key}: {name}` stays: {reason}", old.value.span)
+        yield _kept(f"`{old.key}: {name}` stays: {reason}", old.value.span)
     elif new is None:
         yield from _renamed(old, name, to)
     elif component_identity(text_of(new) or "") == component_identity(name):
         yield from remove_entry(component, old)
     else:
-        yield kept(
+        yield _kept(
             f"`{old.key}: {name}` stays: the `key` beside it is another name, and nodes may look "
             "for either",
             old.value.span,
@@ -138,3 +151,122 @@ def _renamed(entry: Entry, name: str, to: Spelling) -> Iterator[Edit]:
     value = key if to == "key" else f"{key}{SETTING_SUFFIX}"
     yield from respell(entry.key_span, entry.key, _NEW_NAME[to])
     yield from respell(entry.value.span, name, value)
+
+
+def _lift_device(tree: TreeMap, offsets: Offsets) -> Iterator[Edit | Diagnostic]:
+    """Sections at the top level; nothing where they stand there already."""
+    devices, sections = devices_of(tree), sections_of(tree)
+    if not devices:
+        return
+    device, *others = devices
+    assert isinstance(device.value, TreeMap)  # `devices_of` asked
+    reason = _reason_to_keep_level(tree, device.value, offsets, device)
+    if others:
+        message = "the device blocks stay: sections at the top level are one device, there are "
+        yield _kept(f"{message}{len(devices)}", others[0].key_span)
+    elif sections:
+        yield _kept(f"section `{sections[0].key}` stands beside a device", sections[0].key_span)
+    elif device.key != ONE_DEVICE:
+        message = f"the device block stays: sections at the top level are the device `{ONE_DEVICE}`"
+        yield _kept(message, device.key_span)
+    elif reason is not None:
+        help = _BLOCK_STYLE if reason == _IN_BRACES else None
+        yield _kept(f"the device block stays: {reason}", device.key_span, help)
+    else:
+        yield from _lift_lines(tree, device, offsets)
+
+
+def _reason_to_keep_level(
+    tree: TreeMap, block: TreeMap, offsets: Offsets, device: Entry
+) -> str | None:
+    if tree.get("include") is not None:
+        return "an included file would have to change its level at the same moment"
+    start, end = offsets.end(device.key_span), offsets.start(block.span)
+    if end < start or _PLAIN_COLON.fullmatch(offsets.source.text[start:end]) is None:
+        return "it is written by an anchor or with `?`"
+    if block.span.text[:1] in ("&", "!"):
+        return "it has an anchor or a tag"
+    if is_flow(tree) or is_flow(block):
+        return _IN_BRACES
+    taken = {entry.key for entry in tree} & {entry.key for entry in block}
+    return f"`{min(taken)}` stands outside it too" if taken else None
+
+
+def _lift_lines(tree: TreeMap, device: Entry, offsets: Offsets) -> Iterator[Edit]:
+    text, line = offsets.source.text, device.key_span.line
+    start = offsets.start(device.key_span)
+    behind = _BEHIND_COLON.match(text, offsets.end(device.key_span))
+    assert isinstance(device.value, TreeMap)
+    assert behind is not None  # a block mapping starts on a line of its own
+    if behind[1]:
+        yield offsets.edit(start, behind.end())
+    else:
+        yield offsets.edit(offsets.at(line), offsets.at(line + 1))
+    base = device.key_span.column - 1
+    depth = device.value.span.column - 1 - base
+    for number in range(line + 1, _end_line(tree, device, offsets)):
+        indent = indent_of(offsets.source.line(number))
+        surplus = min(depth, max(indent - base, 0))
+        if surplus:
+            yield offsets.edit(offsets.at(number), offsets.at(number) + surplus)
+
+
+def _nest_sections(tree: TreeMap, offsets: Offsets) -> Iterator[Edit | Diagnostic]:
+    """The sections inside a device block; nothing where they are in one already."""
+    sections = sections_of(tree)
+    if not sections:
+        return
+    include = tree.get("include")
+    first, last = tree.entries.index(sections[0]), tree.entries.index(sections[-1])
+    between = [entry for entry in tree.entries[first:last] if entry not in sections]
+    if devices := devices_of(tree):
+        yield _kept(f"device `{devices[0].key}` stands beside sections", devices[0].key_span)
+    elif include is not None:
+        message = "the sections stay at the top level: an included file would have to change at "
+        yield _kept(f"{message}the same moment", include.key_span)
+    elif between:
+        message = f"the sections stay at the top level: `{between[0].key}` stands between them"
+        yield _kept(message, between[0].key_span, "move it in front of the sections")
+    elif is_flow(tree):
+        message = f"the sections stay at the top level: {_IN_BRACES}"
+        yield _kept(message, sections[0].key_span, _BLOCK_STYLE)
+    else:
+        yield from _nest_lines(tree, sections, offsets)
+
+
+def _nest_lines(tree: TreeMap, sections: tuple[Entry, ...], offsets: Offsets) -> Iterator[Edit]:
+    source, head = offsets.source, sections[0].key_span
+    depth, base = _depth(sections), head.column - 1
+    block = f"{' ' * base}{ONE_DEVICE}:{line_end_of(source.text)}"
+    end = _end_line(tree, sections[-1], offsets)
+    last = max(n for n in range(head.line, end) if _is_content(source.line(n)))
+    for number in range(head.line, end):
+        line = source.line(number)
+        moves = bool(line) if number <= last else indent_of(line) > base and bool(line.strip())
+        if moves:
+            start = offsets.at(number)
+            yield offsets.edit(start, start, (block if number == head.line else "") + " " * depth)
+
+
+def _depth(sections: tuple[Entry, ...]) -> int:
+    """How far this file indents: its own smallest step, else the usual one."""
+    steps = (section.value.span.column - section.key_span.column for section in sections)
+    return min((step for step in steps if step > 0), default=_USUAL_INDENT)
+
+
+def _end_line(tree: TreeMap, entry: Entry, offsets: Offsets) -> int:
+    """The line after the last one of an entry of the top level, comments behind it counted in."""
+    line = entry.key_span.line
+    later = [other.key_span.line for other in tree if other.key_span.line > line]
+    end = min(later, default=len(offsets.source.lines) + 1)
+    marked = (n for n in range(line + 1, end) if offsets.source.line(n).startswith(("...", "---")))
+    return next(marked, end)
+
+
+def _is_content(line: str) -> bool:
+    return bool(line.strip()) and not line.lstrip().startswith("#")
+
+
+def _kept(message: str, span: Span, help: str | None = None) -> Diagnostic:
+    """A finding about something that cannot be rewritten; no fault of the config."""
+    return Diagnostic(code="migrate", severity="info", message=message, span=span, help=help)

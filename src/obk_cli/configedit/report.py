@@ -156,8 +156,8 @@ def _notes(
 def _comments_within(source: SourceFile, edits: Iterable[Edit]) -> str:
     """What is said of comments that go with the lines of a node."""
     offsets = Offsets.of(source)
-    gone = (source.text[offsets.start(e.span) : offsets.end(e.span)] for e in edits)
-    count = sum(len(re.findall(r"(?:^|\s)#", text)) for text in gone)
+    removed = (source.text[offsets.start(e.span) : offsets.end(e.span)] for e in edits)
+    count = sum(len(re.findall(r"(?:^|\s)#", text)) for text in removed)
     if not count:
         return ""
     return f", whose lines had {count} comment{'s that are' if count > 1 else ' that is'} gone too"

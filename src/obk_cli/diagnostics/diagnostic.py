@@ -32,7 +32,7 @@ class Diagnostic:
     help: str | None = None
     related: tuple[Related, ...] = ()
     fix: tuple[Edit, ...] = ()
-    """The edits that mend it; only where the cure is certain."""
+    """The edits that fix it; only if the fix is safe."""
 
     def __str__(self) -> str:
         return f"{self.span}: {self.severity}[{self.code}]: {self.message}"

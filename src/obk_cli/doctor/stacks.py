@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from obk_cli.doctor.finding import Finding, note, ok, warning
 from obk_cli.runs.folder import runs_folder
-from obk_cli.runs.orphans import find_leftovers
+from obk_cli.runs.orphans import find_orphans
 from obk_cli.runs.registry import live_runs
 from obk_cli.terminal import plain
 
@@ -59,5 +59,5 @@ def probe_stacks(environment: Mapping[str, str]) -> StackFacts:
         running=tuple(
             RunningStack(name=run.name, domain=run.domain, pid=run.pid) for run in live_runs(parent)
         ),
-        leftovers=tuple(f"{left.pid} {plain(left.command)}" for left in find_leftovers(parent)),
+        leftovers=tuple(f"{left.pid} {plain(left.command)}" for left in find_orphans(parent)),
     )

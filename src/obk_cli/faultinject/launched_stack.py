@@ -13,7 +13,7 @@ from obk_cli.clock import monotonic_s, wall_s
 from obk_cli.faultinject.verdict import TimedEvent, parse_event
 from obk_cli.process.child_process import BoundProcess
 from obk_cli.runs.control_client import ask_status
-from obk_cli.runs.orphans import end_leftovers, find_leftovers
+from obk_cli.runs.orphans import end_orphans, find_orphans
 from obk_cli.runs.protocol import StackStatus
 from obk_cli.runs.registry import live_folders
 
@@ -129,9 +129,9 @@ class LaunchedStack:
         if self._run is None:
             return ()
         end = monotonic_s() + LEFT_S
-        while left := find_leftovers(self._parent, run=self._run.name):
+        while left := find_orphans(self._parent, run=self._run.name):
             if monotonic_s() > end:
-                end_leftovers(left)
+                end_orphans(left)
                 return tuple(process.command for process in left)
             self._pause()
         return ()

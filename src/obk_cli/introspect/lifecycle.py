@@ -15,16 +15,16 @@ from obk_cli.runs.control_client import ask_change
 from obk_cli.runs.folder import Run, runs_folder
 from obk_cli.runs.lifecycle import TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, Member, NodeStatus, Result
-from obk_cli.runs.registry import live_runs
-from obk_cli.runs.stacks import (
+from obk_cli.runs.registry import (
     NO_ANSWER,
-    Choice,
-    choose_stack,
+    NodeSelection,
     in_tier_order,
+    live_runs,
     live_stacks,
     node_statuses,
-    nodes_meant,
-    runs_meant,
+    select_nodes,
+    select_runs,
+    select_stack,
     stack_nodes,
 )
 
@@ -73,7 +73,7 @@ def change_states(environment: RosEnvironment, transition: str, asked: Asked) ->
         MisuseError: nodes of more than one stack may be meant.
     """
     runs = _runs(environment, asked)
-    choice = choose_stack(live_stacks(runs), asked.names)
+    choice = select_stack(live_stacks(runs), asked.names)
     if choice is not None:
         return _ask_launcher(choice, transition, asked.timeout_s)
 
@@ -87,14 +87,14 @@ def possible_transitions(state: str) -> tuple[str, ...]:
 
 
 def _runs(environment: RosEnvironment, asked: Asked) -> Mapping[Path, Run]:
-    return runs_meant(runs_folder(environment.variables), asked.run, domain=environment.domain)
+    return select_runs(runs_folder(environment.variables), asked.run, domain=environment.domain)
 
 
 def _state(node: NodeStatus) -> str:
     return NO_ANSWER if node.hangs else node.state
 
 
-def _ask_launcher(choice: Choice, transition: str, timeout_s: float | None) -> ChangeAnswer:
+def _ask_launcher(choice: NodeSelection, transition: str, timeout_s: float | None) -> ChangeAnswer:
     stack = choice.stack
     tiers = len({node.section for node in stack.life_cycle_nodes})
     # There and back, tier by tier.
@@ -220,12 +220,12 @@ def _choose(
     if not wanted.names:
         return in_tier_order(wanted.expected) or stack_nodes(found)
     for name in wanted.names:
-        if not nodes_meant(name, found):
+        if not select_nodes(name, found):
             raise CommandFailedError(
                 f"there is no life-cycle node `{name}` in the ROS domain {environment.domain}",
                 help=did_you_mean(name, found),
             )
-    return in_tier_order({node for name in wanted.names for node in nodes_meant(name, found)})
+    return in_tier_order({node for name in wanted.names for node in select_nodes(name, found)})
 
 
 def _ros_state(ros: "LifecycleClient", node: str, timeout_s: float | None) -> str:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 from obk_cli.clock import local_time, wall_s
 from obk_cli.emit.json import emit_plan
 from obk_cli.errors import CommandFailedError, ObkError
-from obk_cli.files import is_within_planted
+from obk_cli.files import is_within_untrusted
 from obk_cli.launch.events import Ended
 from obk_cli.launch.options import KEPT_RUNS, LaunchOptions
 from obk_cli.optional_deps import run_versions
@@ -146,7 +146,7 @@ def claim_run(
         CommandFailedError: a live run of the same ROS domain has the name or one of the nodes.
         OSError: the folder cannot be written, or is another user's.
     """
-    if is_within_planted(parent):
+    if is_within_untrusted(parent):
         raise PermissionError(errno.EPERM, "it is another user's", str(parent))
     parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     claimed = replace(run, boot=boot_id())

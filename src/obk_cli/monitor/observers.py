@@ -28,8 +28,7 @@ from obk_cli.runs.folder import Run, read_run, run_plan
 from obk_cli.runs.lifecycle import ACTIVE
 from obk_cli.runs.logs import LAUNCH_LOG, last_lines
 from obk_cli.runs.protocol import NodeStatus, StackStatus
-from obk_cli.runs.registry import is_alive
-from obk_cli.runs.stacks import in_tier_order, section_of
+from obk_cli.runs.registry import in_tier_order, is_alive, section_of
 
 __all__ = ["ElsewhereObserver", "Observer"]
 

@@ -4,7 +4,13 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import cast
 
-from obelisk_spec.components import DEFAULT_HISTORY_DEPTH, SETTING_SUFFIX, format_setting
+from obelisk_spec.components import (
+    CALLBACK_GROUPS_PARAMETER,
+    DEFAULT_HISTORY_DEPTH,
+    SETTING_SUFFIX,
+    format_component_setting,
+    format_setting,
+)
 from obelisk_spec.values import ParameterValue
 from obk_cli.config.model import (
     COMPONENT_LISTS,
@@ -114,7 +120,10 @@ def _origin(span: Span) -> Origin:
 def _parameters(node: Node) -> Iterator[tuple[str, ParameterValue]]:
     """All ROS parameters of a node: the settings of its components, then the user's own."""
     for name, component in _component_parameters(node).items():
-        yield name, format_setting(_setting(component))
+        yield name, format_component_setting(_own_setting(component))
+    groups = _callback_groups(node)
+    if groups:
+        yield CALLBACK_GROUPS_PARAMETER, format_component_setting(groups)
     if node.components or node.callback_groups:
         yield "obelisk_settings", format_setting(_all_settings(node))
     if node.params_path is not None:
@@ -173,14 +182,21 @@ def _setting(component: Component) -> Mapping[str, object]:
     }
 
 
+def _own_setting(component: Component) -> Mapping[str, object]:
+    """A component's entry without the name of the ROS parameter that carries it."""
+    return {key: value for key, value in _setting(component).items() if key != "ros_parameter"}
+
+
+def _callback_groups(node: Node) -> Mapping[str, object]:
+    return {group.name.value: group.type.value for group in node.callback_groups if group.type}
+
+
 def _all_settings(node: Node) -> Mapping[str, object]:
     settings: dict[str, object] = {
         key: [dict(_setting(c)) for c in node.components if c.kind == kind]
         for key, kind in COMPONENT_LISTS.items()
     }
-    settings["callback_groups"] = {
-        group.name.value: group.type.value for group in node.callback_groups if group.type
-    }
+    settings["callback_groups"] = _callback_groups(node)
     return {key: value for key, value in settings.items() if value}
 
 

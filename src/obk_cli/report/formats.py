@@ -111,7 +111,7 @@ def _rule(code: str) -> dict[str, object]:
         "id": code,
         "shortDescription": {"text": rule.title},
         "fullDescription": {"text": rule.cause},
-        "help": {"text": rule.cure},
+        "help": {"text": rule.fix},
         "defaultConfiguration": {"level": _LEVELS[rule.severity]},
     }
 
@@ -134,7 +134,7 @@ def _fix(edits: Iterable[Edit]) -> dict[str, object]:
     for edit in edits:
         by_path.setdefault(edit.span.path, []).append(edit)
     return {
-        "description": {"text": "the cure that `obk validate --fix` carries out"},
+        "description": {"text": "the fix that `obk validate --fix` applies"},
         "artifactChanges": [
             {
                 "artifactLocation": _artifact(path),

@@ -9,9 +9,9 @@ from typing import IO, Final
 from obelisk_spec.suggestions import did_you_mean, list_names
 from obk_cli.errors import CommandFailedError
 from obk_cli.runs.folder import config_of, read_run, run_folders
-from obk_cli.runs.stacks import nodes_meant
+from obk_cli.runs.registry import select_nodes
 
-__all__ = ["LAUNCH_LOG", "follow_lines", "last_lines", "log_meant", "read_lines"]
+__all__ = ["LAUNCH_LOG", "find_log", "follow_lines", "last_lines", "read_lines"]
 
 LAUNCH_LOG: Final = "launch.log"
 POLL_S: Final = 0.1
@@ -21,7 +21,7 @@ _MOST: Final = 1 << 20
 """Of the last lines: what the longest may have in all [bytes]."""
 
 
-def log_meant(parent: Path, run: str | None, node: str | None) -> Path:
+def find_log(parent: Path, run: str | None, node: str | None) -> Path:
     """The path of a log, which may not be there yet.
 
     Args:
@@ -40,7 +40,7 @@ def log_meant(parent: Path, run: str | None, node: str | None) -> Path:
         )
     named = None if run is None else _folder(folders, run)
     if run is not None and named is None:
-        if node is None and nodes_meant(run, _nodes(folders[0])):
+        if node is None and select_nodes(run, _nodes(folders[0])):
             return _node_log(folders[0], run)
         names = dict.fromkeys(config_of(folder) for folder in folders)
         of_newest = () if node else tuple(map(_short, _nodes(folders[0])))
@@ -69,17 +69,17 @@ def _nodes(folder: Path) -> tuple[str, ...]:
 
 def _node_log(folder: Path, name: str) -> Path:
     known = _nodes(folder)
-    meant = nodes_meant(name, known)
-    if not meant:
+    matching = select_nodes(name, known)
+    if not matching:
         raise CommandFailedError(
             f"the run {folder.name} has no node `{name}`",
             help=did_you_mean(name, map(_short, known)),
         )
-    if len(meant) > 1:
+    if len(matching) > 1:
         raise CommandFailedError(
-            f"`{name}` means several nodes", help=f"name one of {list_names(map(_short, meant))}"
+            f"`{name}` means several nodes", help=f"name one of {list_names(map(_short, matching))}"
         )
-    return folder / f"{meant[0].strip('/').replace('/', '.')}.log"
+    return folder / f"{matching[0].strip('/').replace('/', '.')}.log"
 
 
 def _short(node: str) -> str:

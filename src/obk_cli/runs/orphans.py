@@ -24,7 +24,7 @@ from obk_cli.process.identity import (
 )
 from obk_cli.runs.folder import read_run
 
-__all__ = ["UNRECORDED", "Leftover", "end_leftovers", "find_leftovers", "launch_marks"]
+__all__ = ["UNRECORDED", "Orphan", "end_orphans", "find_orphans", "launch_marks"]
 
 RUN_MARK: Final = "OBK_RUN"
 LAUNCHER_MARK: Final = "OBK_LAUNCHER"
@@ -37,7 +37,7 @@ KILL_S: Final = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Leftover:
+class Orphan:
     """A process that should have ended with its launcher."""
 
     pid: int
@@ -59,41 +59,41 @@ def launch_marks(run_folder: Path | None) -> Mapping[str, str]:
     return {RUN_MARK: name, LAUNCHER_MARK: f"{pid}:{started}"}
 
 
-def find_leftovers(parent: Path, run: str | None = None) -> tuple[Leftover, ...]:
+def find_orphans(parent: Path, run: str | None = None) -> tuple[Orphan, ...]:
     """The processes of this user whose launcher is gone, by their numbers.
 
     Args:
         parent: the folder of all runs.
         run: only those of the run whose folder has this name; None: of all.
     """
-    spared = _own_line()
+    ancestors = _own_ancestors()
     found = (
-        _leftover(process, parent) for process in _own_processes() if process.pid not in spared
+        _orphan(process, parent) for process in _own_processes() if process.pid not in ancestors
     )
-    every = (leftover for leftover in found if leftover is not None)
-    wanted = (leftover for leftover in every if run in (None, leftover.run))
-    return tuple(sorted(wanted, key=lambda leftover: leftover.pid))
+    every = (orphan for orphan in found if orphan is not None)
+    selected = (orphan for orphan in every if run in (None, orphan.run))
+    return tuple(sorted(selected, key=lambda orphan: orphan.pid))
 
 
-def end_leftovers(leftovers: Iterable[Leftover]) -> tuple[Leftover, ...]:
+def end_orphans(orphans: Iterable[Orphan]) -> tuple[Orphan, ...]:
     """End processes, their groups and all that they started: SIGTERM, a grace time, SIGKILL.
 
     Returns:
         Those that are there nevertheless.
     """
-    every = tuple(leftovers)
-    victims = _with_company(every)
-    for victim in victims:
-        signal_process(*victim, signal.SIGTERM)
+    every = tuple(orphans)
+    targets = _with_descendants(every)
+    for target in targets:
+        signal_process(*target, signal.SIGTERM)
     # What was started meanwhile belongs to them.
-    stubborn = {*wait_for_ends(victims, GRACE_S), *_with_company(every)}
-    for victim in stubborn:
-        signal_process(*victim, signal.SIGKILL)
-    wait_for_ends(stubborn, KILL_S)
-    return tuple(left for left in every if is_process(left.pid, left.started))
+    survivors = {*wait_for_ends(targets, GRACE_S), *_with_descendants(every)}
+    for target in survivors:
+        signal_process(*target, signal.SIGKILL)
+    wait_for_ends(survivors, KILL_S)
+    return tuple(orphan for orphan in every if is_process(orphan.pid, orphan.started))
 
 
-def _leftover(process: psutil.Process, parent: Path) -> Leftover | None:
+def _orphan(process: psutil.Process, parent: Path) -> Orphan | None:
     """What is known of a process, if it has a launcher that is gone."""
     try:
         variables = process.environ()
@@ -107,7 +107,7 @@ def _leftover(process: psutil.Process, parent: Path) -> Leftover | None:
         return None
     if started is None:
         return None
-    return Leftover(pid=process.pid, started=started, run=variables[RUN_MARK], command=command)
+    return Orphan(pid=process.pid, started=started, run=variables[RUN_MARK], command=command)
 
 
 def _is_launcher_gone(variables: Mapping[str, str], parent: Path) -> bool:
@@ -128,21 +128,21 @@ def _own_processes() -> Iterable[psutil.Process]:
                 yield process
 
 
-def _own_line() -> set[int]:
+def _own_ancestors() -> set[int]:
     """This process and those above it: whoever clears up is not among what is cleared up."""
     this = psutil.Process()
     return {this.pid, *(parent.pid for parent in this.parents())}
 
 
-def _with_company(leftovers: Iterable[Leftover]) -> set[tuple[int, float]]:
+def _with_descendants(orphans: Iterable[Orphan]) -> set[tuple[int, float]]:
     """The processes themselves, their descendants and the groups that they lead."""
-    roots = {left.pid for left in leftovers if is_process(left.pid, left.started)}
+    roots = {orphan.pid for orphan in orphans if is_process(orphan.pid, orphan.started)}
     pids = {process.pid for process in _own_processes() if _group_of(process.pid) in roots}
     for root in roots:
         with suppress(psutil.Error):
             pids.update(child.pid for child in psutil.Process(root).children(recursive=True))
-    company = (roots | pids) - _own_line()
-    starts = ((pid, start_s(pid)) for pid in company)
+    descendants = (roots | pids) - _own_ancestors()
+    starts = ((pid, start_s(pid)) for pid in descendants)
     return {(pid, started) for pid, started in starts if started is not None}
 
 

@@ -1,19 +1,44 @@
-"""Runs whose launcher is alive, and how to end one."""
+"""The run registry: find, select and stop the stacks that are running on this host."""
 
 import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
-from obk_cli.files import is_planted, is_within_planted
+from obelisk_spec.components import TIERS
+from obelisk_spec.suggestions import did_you_mean
+from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.files import is_untrusted, is_within_untrusted
 from obk_cli.process.identity import boot_id, is_process, signal_process, wait_for_ends
-from obk_cli.runs.control_client import ask_stop
+from obk_cli.runs.control_client import ANSWER_S, ask_status, ask_stop
 from obk_cli.runs.folder import Run, read_run, run_folders
-from obk_cli.runs.orphans import end_leftovers, find_leftovers
+from obk_cli.runs.orphans import end_orphans, find_orphans
+from obk_cli.runs.protocol import NodeStatus, StackStatus
 
-__all__ = ["STOP_S", "LauncherEnd", "end_launcher", "is_alive", "live_folders", "live_runs"]
+__all__ = [
+    "NO_ANSWER",
+    "STOP_S",
+    "LauncherEnd",
+    "LiveStack",
+    "NodeSelection",
+    "end_launcher",
+    "in_tier_order",
+    "is_alive",
+    "live_folders",
+    "live_runs",
+    "live_stacks",
+    "node_statuses",
+    "section_of",
+    "select_nodes",
+    "select_runs",
+    "select_stack",
+    "stack_nodes",
+]
 
+NO_ANSWER: Final = "no answer"
+"""In place of a node's state."""
 LauncherEnd = Literal["ended", "killed", "still there"]
 STOP_S: Final = 15.0
 """How long a stack's way down may take before it counts as stuck [s]."""
@@ -35,16 +60,188 @@ def is_alive(run: Run) -> bool:
 
 def live_folders(parent: Path) -> Mapping[Path, Run]:
     """Folder -> run of this user's launchers that are alive, newest first, in all domains."""
-    if is_within_planted(parent):
+    if is_within_untrusted(parent):
         return {}
-    own = (folder for folder in run_folders(parent) if not is_planted(folder))
-    told = ((folder, read_run(folder)) for folder in own)
-    return {folder: run for folder, run in told if run is not None and is_alive(run)}
+    own = (folder for folder in run_folders(parent) if not is_untrusted(folder))
+    runs = ((folder, read_run(folder)) for folder in own)
+    return {folder: run for folder, run in runs if run is not None and is_alive(run)}
 
 
 def live_runs(parent: Path) -> tuple[Run, ...]:
     """The runs of this machine's launchers that are alive, in every ROS domain."""
     return tuple(live_folders(parent).values())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveStack:
+    """One launcher's stack, or its part of one."""
+
+    folder: Path
+    run: Run
+    status: StackStatus | None
+    """None: the launcher does not answer."""
+
+    @property
+    def life_cycle_nodes(self) -> tuple[NodeStatus, ...]:
+        """Those that have states; none where the launcher does not answer."""
+        return tuple(node for node in (self.status.nodes if self.status else ()) if node.state)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeSelection:
+    """Nodes of one stack, and whom to ask for them."""
+
+    stack: LiveStack
+    nodes: tuple[str, ...]
+    """Full names; empty: the whole stack."""
+
+
+def live_stacks(runs: Mapping[Path, Run], timeout_s: float = ANSWER_S) -> tuple[LiveStack, ...]:
+    """How the stacks of live runs are.
+
+    Args:
+        runs: by their folders.
+        timeout_s: for each launcher's answer [s].
+    """
+    return tuple(
+        LiveStack(folder=folder, run=run, status=ask_status(folder, timeout_s))
+        for folder, run in runs.items()
+    )
+
+
+def select_runs(
+    parent: Path, name: str | None = None, *, domain: int | None = None
+) -> Mapping[Path, Run]:
+    """The live runs of this host that are meant, newest first.
+
+    Args:
+        parent: the folder of all runs.
+        name: a config's name or a run folder's; None: all.
+        domain: of a ROS domain only; None: of all.
+
+    Raises:
+        CommandFailedError: a name is given, and no live run has it.
+    """
+    live = live_folders(parent)
+    candidates = {folder: run for folder, run in live.items() if domain in (None, run.domain)}
+    if name is None:
+        return candidates
+    selected = {
+        folder: run for folder, run in candidates.items() if name in (run.name, folder.name)
+    }
+    if not selected:
+        where = "on this host" if domain is None else f"in the ROS domain {domain} on this host"
+        names = sorted({run.name for run in candidates.values()})
+        raise CommandFailedError(
+            f"no stack `{name}` runs {where}", help=did_you_mean(name, names) or "see `obk ps`"
+        )
+    return selected
+
+
+def node_statuses(
+    stacks: Sequence[LiveStack], names: Sequence[str]
+) -> Mapping[str, NodeStatus] | None:
+    """The nodes that are meant, by full name; None where the launchers here cannot tell them all.
+
+    Args:
+        stacks: that run here.
+        names: as a user gives them; none: all nodes.
+    """
+    if not names and not all(stack.status for stack in stacks):
+        return None
+    known: dict[str, NodeStatus] = {}
+    for stack in stacks:
+        for node in stack.life_cycle_nodes:
+            # Of two launchers of one stack the one that runs the node knows it best.
+            if node.node not in known or node.pid is not None:
+                known[node.node] = node
+    selected = [select_nodes(name, known) for name in names] if names else [tuple(known)]
+    if not all(selected):
+        return None
+    selected_nodes = {node for nodes in selected for node in nodes}
+    return {name: status for name, status in known.items() if name in selected_nodes}
+
+
+def select_stack(stacks: Sequence[LiveStack], names: Sequence[str]) -> NodeSelection | None:
+    """Whom to ask for a transition of these nodes; None where no launcher here can be asked.
+
+    Args:
+        stacks: that run here.
+        names: as a user gives them; none: the whole stack.
+
+    Raises:
+        MisuseError: nodes of more than one stack may be meant.
+    """
+    matching = [
+        selection for stack in stacks if (selection := _selection(stack, names)) is not None
+    ]
+    stack_names = sorted({selection.stack.run.name for selection in matching})
+    if len(stack_names) > 1:
+        raise MisuseError(
+            f"several stacks run in the ROS domain {matching[0].stack.run.domain}: "
+            f"{', '.join(stack_names)}",
+            help="choose one with `--run NAME`, or by its nodes' full names",
+        )
+    # Two launchers of one config: its devices. Whoever runs the nodes, else whoever leads.
+    best = max(matching, key=_fitness, default=None)
+    return best if best and best.stack.status else None
+
+
+def _selection(stack: LiveStack, names: Sequence[str]) -> NodeSelection | None:
+    if not names:
+        return NodeSelection(stack=stack, nodes=())
+    known = [node.node for node in stack.life_cycle_nodes]
+    selected = [select_nodes(name, known) for name in names]
+    if not all(selected):
+        return None
+    return NodeSelection(stack=stack, nodes=tuple(_in_order_of(known, selected)))
+
+
+def _in_order_of(known: Iterable[str], selected: Iterable[tuple[str, ...]]) -> Iterable[str]:
+    selected_nodes = {node for nodes in selected for node in nodes}
+    return (node for node in known if node in selected_nodes)
+
+
+def _fitness(selection: NodeSelection) -> tuple[bool, bool]:
+    run = selection.stack.run
+    return bool(selection.nodes) and set(selection.nodes) <= set(run.nodes), run.leads
+
+
+def select_nodes(name: str, known: Iterable[str]) -> tuple[str, ...]:
+    """The nodes that a user means by a name, full or short (`control_0`), or by a section's."""
+    every = tuple(known)
+    if name in every:
+        return (name,)
+    tails = (f"/{name.lstrip('/')}", f"/obelisk_{name.lstrip('/')}")
+    by_name = tuple(node for node in every if node.endswith(tails))
+    return by_name or tuple(node for node in every if section_of(node) == name)
+
+
+def stack_nodes(found: Iterable[str]) -> tuple[str, ...]:
+    """Of life-cycle nodes in the ROS graph those of a stack, in tier order.
+
+    A stack's nodes are named by their sections, its state node by its config; where nothing is
+    named by a section, all are meant.
+    """
+    every = in_tier_order(found)
+    return tuple(node for node in every if section_of(node)) or every
+
+
+def section_of(node: str) -> str | None:
+    """The section that a node's name tells (`/ns/obelisk_control_0` -> `control`), or None."""
+    parts = node.rpartition("/")[2].split("_")
+    is_ours = len(parts) > 2 and parts[0] == "obelisk" and parts[1] in TIERS
+    return parts[1] if is_ours else None
+
+
+def in_tier_order(nodes: Iterable[str]) -> tuple[str, ...]:
+    """Nodes by the tier that their names tell, unknown ones last."""
+
+    def rank(node: str) -> tuple[int, str]:
+        section = section_of(node)
+        return (TIERS.index(section) if section else len(TIERS), node)
+
+    return tuple(sorted(nodes, key=rank))
 
 
 def end_launcher(
@@ -62,7 +259,7 @@ def end_launcher(
         may_kill: after that, kill the launcher, and what it leaves.
     """
 
-    def is_there() -> bool:
+    def is_running() -> bool:
         return is_alive(read_run(folder) or run)
 
     # One that was stopped (Ctrl-Z) has to go on to end anything.
@@ -71,22 +268,22 @@ def end_launcher(
     # Not sooner: one that is slow to answer would take the signal for impatience, and hurry.
     if not ask_stop(folder, reason, timeout_s / 2):
         signal_process(run.pid, run.started, signal.SIGINT)
-    if _comes_true(lambda: not is_there(), end - time.monotonic()):
+    if _wait_until(lambda: not is_running(), end - time.monotonic()):
         # The run is over; a launcher that is a program of its own is about to go, too.
         wait_for_ends([(run.pid, run.started)], EXIT_S)
         return "ended"
     if not may_kill:
         return "still there"
     signal_process(run.pid, run.started, signal.SIGKILL)
-    if not _comes_true(lambda: not is_there(), KILL_S):
+    if not _wait_until(lambda: not is_running(), KILL_S):
         return "still there"
     parent = folder.parent
-    _comes_true(lambda: not find_leftovers(parent, run=folder.name), WARDEN_S)
-    end_leftovers(find_leftovers(parent, run=folder.name))
+    _wait_until(lambda: not find_orphans(parent, run=folder.name), WARDEN_S)
+    end_orphans(find_orphans(parent, run=folder.name))
     return "killed"
 
 
-def _comes_true(condition: Callable[[], bool], timeout_s: float) -> bool:
+def _wait_until(condition: Callable[[], bool], timeout_s: float) -> bool:
     end = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > end:

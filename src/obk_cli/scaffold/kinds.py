@@ -25,6 +25,7 @@ __all__ = [
     "Language",
     "Problem",
     "Recipe",
+    "Release",
     "check_name",
     "recipe_of",
     "suggest_name",
@@ -32,6 +33,8 @@ __all__ = [
 
 Kind = Literal["controller", "estimator", "robot", "sensor", "msgs", "config"]
 Language = Literal["py", "cpp"]
+Release = Literal["v0.4", "2026"]
+"""Of the C++ library of Obelisk: v0.1 to v0.4, or since May 2026."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

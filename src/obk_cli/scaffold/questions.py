@@ -11,7 +11,15 @@ from typing import Protocol
 
 from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES, near_msg_types, resolve_msg_type
 from obelisk_spec.suggestions import ask_for, list_names, near_names
-from obk_cli.scaffold.kinds import NODE_KINDS, Kind, Language, Problem, check_name, recipe_of
+from obk_cli.scaffold.kinds import (
+    NODE_KINDS,
+    Kind,
+    Language,
+    Problem,
+    Release,
+    check_name,
+    recipe_of,
+)
 
 __all__ = [
     "USUAL_CTRL",
@@ -84,6 +92,7 @@ class Question:
     kind: Kind
     name: str
     language: Language = "py"
+    release: Release = "2026"
     ctrl_msg: str | None = None
     est_msg: str | None = None
     sensor_msg: str | None = None
@@ -102,6 +111,8 @@ class Answers:
     est: MessageType
     sensor: MessageType
     language: Language = "py"
+    release: Release = "2026"
+    """Of the library that a C++ node is written against."""
     with_service: bool = False
     """Whether a message package holds a service too."""
     controls: int = 1
@@ -161,6 +172,7 @@ def check_answers(
             est=est,
             sensor=sensor,
             language=question.language,
+            release=question.release,
             with_service=question.with_service,
             controls=question.controls,
         )

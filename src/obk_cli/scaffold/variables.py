@@ -163,6 +163,7 @@ def _node_variables(answers: Answers, topics: str) -> dict[str, object]:
         "reading": reading_filling(answers.sensor, positions),
         "follows_positions": follows,
         "dependencies": dependencies(answers),
+        "release": answers.release,
         "cpp_types": {
             "ctrl": cpp_type(answers.ctrl),
             "est": cpp_type(answers.est),

@@ -32,10 +32,10 @@ from obk_cli.runs.lifecycle import TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, change_data
 from obk_cli.terminal import plain
 from obk_cli.web.auth import HEADERS, WebRequest, refusal
-from obk_cli.web.feed import Moment
-from obk_cli.web.plots import Heard, Sample, Wish, number_fields
+from obk_cli.web.feed import Snapshot
+from obk_cli.web.plots import FieldData, FieldRequest, Sample, number_fields
 
-__all__ = ["HOST", "TOKEN", "Site", "WebServer", "make_app", "take_port"]
+__all__ = ["HOST", "TOKEN", "PageApi", "WebServer", "make_app", "take_port"]
 
 HOST: Final = "127.0.0.1"
 END_S: Final = 2
@@ -51,19 +51,19 @@ def take_port(port: int) -> socket.socket:
     Raises:
         CommandFailedError: it is taken, or not for this user.
     """
-    taken = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     # Connections of a server that has just ended do not hold its port.
-    taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        taken.bind((HOST, port))
-        taken.listen()
+        listener.bind((HOST, port))
+        listener.listen()
     except OSError as error:
-        taken.close()
+        listener.close()
         raise CommandFailedError(
             f"port {port} of {HOST} cannot be used: {error.strerror}",
             help="another `obk web` may have it; choose one with `--port`, 0 for any",
         ) from error
-    return taken
+    return listener
 
 
 class WebServer:
@@ -79,7 +79,7 @@ class WebServer:
         """Whether streams without an end are to end now."""
         return self._is_ended or (self._server is not None and self._server.should_exit)
 
-    def run(self, app: ASGIApp, taken: socket.socket) -> None:
+    def run(self, app: ASGIApp, listener: socket.socket) -> None:
         """Serve on a port, until the end."""
         self._server = uvicorn.Server(
             uvicorn.Config(
@@ -95,7 +95,7 @@ class WebServer:
         )
         self._server.should_exit = self._is_ended
         try:
-            self._server.run(sockets=[taken])
+            self._server.run(sockets=[listener])
         except KeyboardInterrupt:  # told once more by uvicorn, after the end
             return
 
@@ -140,7 +140,7 @@ def event(name: str, data: dict[str, Any]) -> str:
 
 TOKEN: Final = "token"  # noqa: S105 - the word in front of it
 """The URL's parameter; the cookie `obk_PORT` and the header `X-Obk-Token` hold the same value."""
-LOOK_S: Final = 0.1
+POLL_S: Final = 0.1
 """Between two looks at what there is to tell [s]."""
 MOST_CURVES: Final = 12
 CHANGE: Final = 'expected {"transition": "activate", "node": "/name", "run": "name_of_its_folder"}'
@@ -156,25 +156,25 @@ Change = Callable[[StackView, str, tuple[str, ...]], ChangeAnswer]
 """Takes nodes, by full names, of a view's stack through a transition; without any the stack."""
 
 
-class Drawn(Protocol):
+class FieldSource(Protocol):
     """What `Plots` offers."""
 
-    def wanted(self, wishes: list[Wish]) -> AbstractContextManager[None]:
+    def subscribed(self, requests: list[FieldRequest]) -> AbstractContextManager[None]:
         """While entered, these fields are heard."""
         ...
 
-    def heard(self, wish: Wish, after_ns: int) -> Heard:
+    def data_after(self, field_request: FieldRequest, after_ns: int) -> FieldData:
         """What came of one after a time [ns since 1970]."""
         ...
 
 
-class Site:
+class PageApi:
     """What a page can ask for."""
 
     def __init__(
         self,
-        moment: Callable[[], Moment],
-        drawn: Drawn,
+        snapshot: Callable[[], Snapshot],
+        fields: FieldSource,
         change: Change,
         is_ending: Callable[[], bool],
     ) -> None:
@@ -186,51 +186,55 @@ class Site:
             change: carries transitions out.
             is_ending: whether the streams are to end.
         """
-        self._moment = moment
-        self._drawn = drawn
+        self._snapshot = snapshot
+        self._fields = fields
         self._change = change
         self._is_ending = is_ending
 
     async def graph(self, _: Request) -> Response:
         """The picture of the stack."""
-        return Response(self._moment().picture, media_type=KINDS[".svg"])
+        return Response(self._snapshot().picture, media_type=KINDS[".svg"])
 
     async def fields(self, request: Request) -> Response:
         """The fields of a topic that can be drawn."""
         name = request.query_params.get("topic", "")
-        view = self._moment().view
+        view = self._snapshot().view
         types = {topic.topic: topic.msg_type for topic in view.topics} if view else {}
         msg_type = types.get(name)
         if msg_type is None:
-            return _refused(404, f"the type of {name} is not known")
+            return _error_response(404, f"the type of {name} is not known")
         try:
             found = await run_in_threadpool(number_fields, short_type(msg_type), fields_of)
         except ObkError as error:
-            return _refused(404, _sentence(error))
+            return _error_response(404, _sentence(error))
         return JSONResponse({"type": msg_type, "fields": found})
 
     async def events(self, request: Request) -> Response:
         """What changes, until the page is closed; `curve=TOPIC FIELD` asks for a field's values."""
-        told = [text.partition(" ") for text in request.query_params.getlist("curve")]
-        wishes = [Wish(topic=topic, field=field) for topic, _, field in dict.fromkeys(told)]
-        if len(wishes) > MOST_CURVES:
-            return _refused(400, f"more than {MOST_CURVES} curves")
-        return StreamingResponse(self._events(wishes), media_type="text/event-stream")
+        data = [text.partition(" ") for text in request.query_params.getlist("curve")]
+        requests = [
+            FieldRequest(topic=topic, field=field) for topic, _, field in dict.fromkeys(data)
+        ]
+        if len(requests) > MOST_CURVES:
+            return _error_response(400, f"more than {MOST_CURVES} curves")
+        return StreamingResponse(self._events(requests), media_type="text/event-stream")
 
     async def change(self, request: Request) -> Response:
         """A transition of a node or, without one, of the stack."""
         try:
-            asked = await request.json()
-            transition, node, run = (str(asked[key]) for key in ("transition", "node", "run"))
+            body = await request.json()
+            transition, node, run = (str(body[key]) for key in ("transition", "node", "run"))
         except (ValueError, TypeError, KeyError):
-            return _refused(400, CHANGE)
-        view = self._moment().view
+            return _error_response(400, CHANGE)
+        view = self._snapshot().view
         if transition not in TRANSITIONS:
-            return _refused(400, f"there is no transition `{transition}`")
+            return _error_response(400, f"there is no transition `{transition}`")
         if view is not None and view.run != run:
-            return _refused(409, f"the stack of {run or 'another host'} is not what runs now")
+            return _error_response(
+                409, f"the stack of {run or 'another host'} is not what runs now"
+            )
         if view is None or (node and node not in {one.node for one in view.nodes}):
-            return _refused(404, f"there is no node {node}" if view else "no stack runs")
+            return _error_response(404, f"there is no node {node}" if view else "no stack runs")
         try:
             answer = await run_in_threadpool(
                 self._change, view, transition, (node,) if node else ()
@@ -239,30 +243,30 @@ class Site:
             answer = ChangeAnswer(success=False, why=_sentence(error))
         return JSONResponse(change_data(answer))
 
-    async def _events(self, wishes: list[Wish]) -> AsyncIterator[str]:
-        shown: Moment | None = None
-        until_ns = dict.fromkeys(wishes, 0)
-        with self._drawn.wanted(wishes):
+    async def _events(self, requests: list[FieldRequest]) -> AsyncIterator[str]:
+        shown: Snapshot | None = None
+        until_ns = dict.fromkeys(requests, 0)
+        with self._fields.subscribed(requests):
             while not self._is_ending():
-                moment = self._moment()
-                if shown is None or moment.number != shown.number:
-                    for text in _news(shown, moment):
+                snapshot = self._snapshot()
+                if shown is None or snapshot.number != shown.number:
+                    for text in _changes(shown, snapshot):
                         yield text
-                    shown = moment
-                if wishes:
+                    shown = snapshot
+                if requests:
                     yield event("samples", self._samples(until_ns))
-                await asyncio.sleep(LOOK_S)
+                await asyncio.sleep(POLL_S)
 
-    def _samples(self, until_ns: dict[Wish, int]) -> dict[str, Any]:
+    def _samples(self, until_ns: dict[FieldRequest, int]) -> dict[str, Any]:
         """What came since the last time, which is noted."""
         curves = []
-        for wish, after_ns in until_ns.items():
-            heard = self._drawn.heard(wish, after_ns)
+        for field_request, after_ns in until_ns.items():
+            heard = self._fields.data_after(field_request, after_ns)
             if heard.samples:
-                until_ns[wish] = heard.samples[-1][0]
+                until_ns[field_request] = heard.samples[-1][0]
             curves.append(
                 {
-                    "curve": f"{wish.topic} {wish.field}",
+                    "curve": f"{field_request.topic} {field_request.field}",
                     "labels": list(heard.labels),
                     "fault": heard.fault,
                     "rows": samples_data(heard.samples),
@@ -271,7 +275,7 @@ class Site:
         return {"now_s": wall_s(), "curves": curves}
 
 
-def make_app(site: Site, *, token: str, port: int) -> ASGIApp:
+def make_app(site: PageApi, *, token: str, port: int) -> ASGIApp:
     """The application.
 
     Args:
@@ -295,10 +299,10 @@ def make_app(site: Site, *, token: str, port: int) -> ASGIApp:
         Route("/events", site.events),
         Route("/change", site.change, methods=["POST"]),
     ]
-    return _Guarded(Starlette(routes=routes), token, cookie)
+    return _AuthMiddleware(Starlette(routes=routes), token, cookie)
 
 
-class _Guarded:
+class _AuthMiddleware:
     """Refuses requests, and adds the headers that all answers have."""
 
     def __init__(self, app: ASGIApp, token: str, cookie: str) -> None:
@@ -317,11 +321,11 @@ class _Guarded:
             await send(message)
 
         request = Request(scope)
-        why = refusal(self._asked(request), self._token)
+        why = refusal(self._web_request(request), self._token)
         answer = self._app if why is None else PlainTextResponse(f"{why.why}\n", why.status)
         await answer(scope, receive, send_with_headers)
 
-    def _asked(self, request: Request) -> WebRequest:
+    def _web_request(self, request: Request) -> WebRequest:
         given = (
             request.cookies.get(self._cookie),
             request.headers.get("x-obk-token"),
@@ -335,18 +339,18 @@ class _Guarded:
         )
 
 
-def _news(shown: Moment | None, moment: Moment) -> list[str]:
+def _changes(shown: Snapshot | None, snapshot: Snapshot) -> list[str]:
     """What a page that has seen one moment is told of another."""
-    view = moment.view
+    view = snapshot.view
     if view is None:
         return [event("waiting", {})]
-    told = view_data(view)
-    told["is_waiting"] = moment.is_waiting
-    told["has_picture"] = bool(moment.picture)
-    news = [event("view", told)]
+    data = view_data(view)
+    data["is_waiting"] = snapshot.is_waiting
+    data["has_picture"] = bool(snapshot.picture)
+    changes = [event("view", data)]
     if shown is None or shown.view is None or shown.view.lines != view.lines:
-        news.append(event("log", {"lines": lines_data(view.lines)}))
-    return news
+        changes.append(event("log", {"lines": lines_data(view.lines)}))
+    return changes
 
 
 def _file(name: str) -> Response:
@@ -354,7 +358,7 @@ def _file(name: str) -> Response:
     return Response(path.read_bytes(), media_type=KINDS[path.suffix])
 
 
-def _refused(status: int, why: str) -> Response:
+def _error_response(status: int, why: str) -> Response:
     return JSONResponse({"success": False, "why": why, "members": []}, status)
 
 

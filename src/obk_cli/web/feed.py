@@ -17,14 +17,14 @@ from obk_cli.monitor.model import StackView, Views
 from obk_cli.plan.plan import Plan
 from obk_cli.runs.folder import run_plan
 
-__all__ = ["Feed", "Moment", "live_picture"]
+__all__ = ["Feed", "Snapshot", "live_picture"]
 
 STOP_S: Final = 5.0
 """In which a watcher stops [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Moment:
+class Snapshot:
     """What there is to show now."""
 
     number: int = 0
@@ -40,7 +40,7 @@ class Moment:
 class Feed:
     """Watches in a thread of its own."""
 
-    def __init__(self, watcher: Views, runs: Path, on_end: Callable[[], None]) -> None:
+    def __init__(self, follower: Views, runs: Path, on_end: Callable[[], None]) -> None:
         """Begin with nothing.
 
         Args:
@@ -48,17 +48,17 @@ class Feed:
             runs: the folder of all runs.
             on_end: is called in the thread when watching has ended, for whatever reason.
         """
-        self._watcher = watcher
+        self._follower = follower
         self._runs = runs
         self._on_end = on_end
-        self._moment = Moment()
+        self._snapshot = Snapshot()
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._watch, name="watching", daemon=True)
 
     @property
-    def moment(self) -> Moment:
+    def snapshot(self) -> Snapshot:
         """The newest."""
-        return self._moment
+        return self._snapshot
 
     def start(self) -> None:
         """Begin to watch."""
@@ -70,26 +70,26 @@ class Feed:
         Raises:
             ObkError: it could not go on before.
         """
-        self._watcher.stop()
+        self._follower.stop()
         self._thread.join(STOP_S)
         if self._error is not None:
             raise self._error
 
     def _watch(self) -> None:
         try:
-            for view in self._watcher.views():
-                self._moment = self._next(view)
+            for view in self._follower.views():
+                self._snapshot = self._next(view)
         except Exception as error:  # raised again where it is seen
             self._error = error
         finally:
             self._on_end()
 
-    def _next(self, view: StackView | None) -> Moment:
-        before = self._moment
+    def _next(self, view: StackView | None) -> Snapshot:
+        before = self._snapshot
         if view is None:
             return replace(before, number=before.number + 1, is_waiting=True)
         is_same = before.view is not None and before.view.run == view.run
-        return Moment(
+        return Snapshot(
             number=before.number + 1,
             view=view,
             is_waiting=view.has_ended,

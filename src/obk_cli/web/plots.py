@@ -35,11 +35,11 @@ from obk_cli.ros.types import fields_of, find_type, short_type
 __all__ = [
     "MOST_LINES",
     "SHOWN_S",
-    "Heard",
+    "FieldData",
+    "FieldRequest",
     "Plots",
     "Sample",
     "Trace",
-    "Wish",
     "number_fields",
     "numbers_in",
 ]
@@ -58,7 +58,7 @@ Sample = tuple[int, tuple[float | None, ...]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wish:
+class FieldRequest:
     """A field that somebody wants to see."""
 
     topic: str
@@ -68,7 +68,7 @@ class Wish:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Heard:
+class FieldData:
     """What came of a field."""
 
     labels: tuple[str, ...]
@@ -104,10 +104,10 @@ class Trace:
         while self._samples[0][0] < received_ns - SHOWN_S * _NS:
             self._samples.popleft()
 
-    def heard(self, after_ns: int) -> Heard:
+    def data_after(self, after_ns: int) -> FieldData:
         """What came after a time [ns since 1970]."""
         new = tuple(sample for sample in self._samples if sample[0] > after_ns)
-        return Heard(labels=self._labels, samples=new, fault=self.fault)
+        return FieldData(labels=self._labels, samples=new, fault=self.fault)
 
 
 def numbers_in(value: Any, field: str) -> dict[str, float]:
@@ -169,27 +169,27 @@ class Plots:
     def __init__(self) -> None:
         """Begin with none."""
         self._lock = threading.Lock()
-        self._plots: dict[Wish, _Plot] = {}
+        self._plots: dict[FieldRequest, _Plot] = {}
         self._look: RosLook | None = None
 
     @contextmanager
-    def wanted(self, wishes: Sequence[Wish]) -> Iterator[None]:
+    def subscribed(self, requests: Sequence[FieldRequest]) -> Iterator[None]:
         """While entered, these fields are heard."""
         with self._lock:
-            for wish in wishes:
-                self._plots.setdefault(wish, _Plot()).pages += 1
+            for request in requests:
+                self._plots.setdefault(request, _Plot()).pages += 1
         try:
             yield
         finally:
             with self._lock:
-                for wish in wishes:
-                    self._plots[wish].pages -= 1
-                    self._plots[wish].left_s = monotonic_s()
+                for request in requests:
+                    self._plots[request].pages -= 1
+                    self._plots[request].left_s = monotonic_s()
 
-    def heard(self, wish: Wish, after_ns: int) -> Heard:
+    def data_after(self, request: FieldRequest, after_ns: int) -> FieldData:
         """What came of a field that is wanted, after a time [ns since 1970]."""
         with self._lock:
-            return self._plots[wish].trace.heard(after_ns)
+            return self._plots[request].trace.data_after(after_ns)
 
     def turn(self, look: RosLook) -> None:
         """Take what has come, several times a second.
@@ -198,47 +198,49 @@ class Plots:
             look: a participant in the stack's domain; another one means another stack.
         """
         with self._lock:
-            self._forget()
+            self._drop_unused()
             plots = list(self._plots.items())
             if look is not self._look:
                 self._look = look
                 for _, plot in plots:
                     plot.raw = None
-        for wish, plot in plots:
+        for request, plot in plots:
             try:
-                self._listen(look, wish, plot)
+                self._listen(look, request, plot)
                 if plot.raw is not None and plot.selection is not None:
-                    self._take(wish, plot, plot.raw, plot.selection)
+                    self._take(request, plot, plot.raw, plot.selection)
             except ObkError as error:
                 plot.trace.fault = "; ".join(filter(None, (error.message, error.help)))
 
-    def _forget(self) -> None:
-        gone_s = monotonic_s() - KEPT_S
-        for wish, plot in list(self._plots.items()):
-            if not plot.pages and plot.left_s < gone_s:
+    def _drop_unused(self) -> None:
+        expired_s = monotonic_s() - KEPT_S
+        for request, plot in list(self._plots.items()):
+            if not plot.pages and plot.left_s < expired_s:
                 if plot.raw is not None:
                     plot.raw.close()
-                del self._plots[wish]
+                del self._plots[request]
 
-    def _listen(self, look: RosLook, wish: Wish, plot: _Plot) -> None:
+    def _listen(self, look: RosLook, request: FieldRequest, plot: _Plot) -> None:
         """Subscribe as soon as the topic has a type, and learn of other publishers."""
         if plot.raw is not None:
             plot.raw.look()
             return
-        msg_type = next(iter(look.topic(wish.topic).msg_types), None)
+        msg_type = next(iter(look.topic(request.topic).msg_types), None)
         if msg_type is None:
             plot.trace.fault = "nobody has this topic now"
             return
-        plot.selection = parse_selection(wish.field)
+        plot.selection = parse_selection(request.field)
         kind = check_selection(plot.selection, short_type(msg_type), fields_of)
         if isinstance(kind.item if isinstance(kind, ArrayType) else kind, Text):
-            plot.trace.fault = f"`{wish.field}` is text, not numbers"
+            plot.trace.fault = f"`{request.field}` is text, not numbers"
             return
-        plot.raw = look.listen(wish.topic, msg_type, find_type(msg_type))
+        plot.raw = look.listen(request.topic, msg_type, find_type(msg_type))
         plot.trace.fault = ""
 
-    def _take(self, wish: Wish, plot: _Plot, raw: RawTopic, selection: Selection) -> None:
+    def _take(
+        self, request: FieldRequest, plot: _Plot, raw: RawTopic, selection: Selection
+    ) -> None:
         for received_ns, message in arrived(raw, plot.trace.is_due):
-            numbers = numbers_in(selected(message, selection), wish.field)
+            numbers = numbers_in(selected(message, selection), request.field)
             with self._lock:
                 plot.trace.take(received_ns, numbers)

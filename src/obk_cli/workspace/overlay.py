@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.files import is_planted, write_text
+from obk_cli.files import is_untrusted, write_text
 
 __all__ = [
     "FOLDER",
@@ -80,7 +80,7 @@ def build_folder(workspace: Path) -> Path:
 
 def read_record(workspace: Path) -> OverlayRecord | None:
     """What is in the overlay, None if there is none that can be read, or another user's."""
-    if is_planted(workspace / FOLDER):
+    if is_untrusted(workspace / FOLDER):
         return None
     try:
         record = json.loads((overlay_folder(workspace) / RECORD).read_bytes())
@@ -199,7 +199,7 @@ def build_turn(workspace: Path, on_wait: Callable[[str], None]) -> Iterator[None
             other build does not end.
     """
     folder = workspace / FOLDER
-    if is_planted(folder):
+    if is_untrusted(folder):
         raise CommandFailedError(
             f"{folder} is another user's", help="keep the packages in a folder of your own"
         )

@@ -14,7 +14,7 @@ from typing import Final
 from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
 from obelisk_spec.suggestions import list_names, near_names
 from obk_cli.config.environment import UNSEARCHED, Command, ExecutableMissing
-from obk_cli.files import FOR_EVERYBODY, STANDARD_INPUT, is_planted
+from obk_cli.files import SHARED_FOLDER_BITS, STANDARD_INPUT, is_untrusted
 from obk_cli.workspace.entry_points import (
     EntryPoint,
     installed_console_scripts,
@@ -66,7 +66,7 @@ def _folders_up(folder: Path) -> Iterator[Path]:
     yield folder
     for child, parent in pairwise((folder, *folder.parents)):
         owner, mode = _owner_and_mode(parent)
-        if child == home or owner not in owners or mode & FOR_EVERYBODY:
+        if child == home or owner not in owners or mode & SHARED_FOLDER_BITS:
             return
         yield parent
 
@@ -84,14 +84,14 @@ def is_workspace(folder: Path) -> bool:
     """Whether a folder is one by itself: with packages in `src`, or a checkout."""
     # The `src` of a package holds its C++.
     has_packages = (folder / "src").is_dir() and not (folder / "package.xml").is_file()
-    is_checkout = (folder / ".git").exists() and not is_planted(folder / ".git")
-    return is_checkout or (has_packages and not is_planted(folder / "src"))
+    is_checkout = (folder / ".git").exists() and not is_untrusted(folder / ".git")
+    return is_checkout or (has_packages and not is_untrusted(folder / "src"))
 
 
 def _has_package_inside(folder: Path) -> bool:
     try:
         children = (child for child in folder.iterdir() if (child / "package.xml").is_file())
-        return any(not is_planted(child) for child in children)
+        return any(not is_untrusted(child) for child in children)
     except OSError:
         return False
 
@@ -276,7 +276,7 @@ def _package_folders(folder: Path, depth: int) -> Iterator[Path]:
     """Folders with a package.xml; a package is not looked into for further ones."""
     if (folder / "COLCON_IGNORE").exists():
         return
-    if (folder / "package.xml").is_file() and not is_planted(folder / "package.xml"):
+    if (folder / "package.xml").is_file() and not is_untrusted(folder / "package.xml"):
         yield folder
         return
     for child in _searched_children(folder, depth):
@@ -295,7 +295,7 @@ def _searched_children(folder: Path, depth: int) -> Iterator[Path]:
 
 def _is_foreign(folder: Path) -> bool:
     """Whether it is an environment of Python, or was put there by another user."""
-    return (folder / "pyvenv.cfg").exists() or is_planted(folder)
+    return (folder / "pyvenv.cfg").exists() or is_untrusted(folder)
 
 
 def _leads_back(folder: Path) -> bool:

@@ -156,13 +156,6 @@ def test_a_key_that_is_no_text_is_named(own: str, settings: str) -> None:
         check_component(publisher(), own, settings)
 
 
-def test_a_component_needs_a_name_and_a_callback() -> None:
-    with pytest.raises(ObeliskConfigError, match="neither ros_parameter nor key"):
-        publisher(ros_parameter=None)
-    with pytest.raises(ObeliskConfigError, match="without a callback"):
-        RegisteredComponent(kind=ComponentKind.TIMER, ros_parameter=None, key="t")
-
-
 def test_a_table_finds_every_spelling_and_lists_what_exists() -> None:
     table: ComponentTable[int] = ComponentTable(ComponentKind.PUBLISHER)
     table.add("pub_ctrl", publisher().names | {"asdf"}, 7)

@@ -6,6 +6,7 @@ from obelisk_spec.components import (
     SettingTextError,
     component_identity,
     component_spellings,
+    format_component_setting,
     format_setting,
     parse_component_setting,
     parse_mapping,
@@ -80,6 +81,39 @@ def test_what_is_written_is_read_back_equal(value: dict[str, object]) -> None:
     text = format_setting(value)
     assert "\n" not in text
     assert parse_mapping(text) == value
+
+
+@given(st.dictionaries(st.text(min_size=1) | st.sampled_from(["topic", "key"]), SCALARS | VALUES))
+def test_a_components_settings_are_read_back_equal(value: dict[str, object]) -> None:
+    assert parse_component_setting(format_component_setting(value)) == value
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        (
+            {"key": "pub_ctrl", "topic": "/x", "history_depth": 10},
+            "key:pub_ctrl,topic:/x,history_depth:10",
+        ),
+        ({"topic": "/{node}/x", "on": True, "timer_period_sec": 1e-3},
+         "topic:/{node}/x,on:true,timer_period_sec:0.001"),
+        ({"topic": "a,b"}, '{topic: "a,b"}'),
+        ({"topic": "a:b"}, '{topic: "a:b"}'),
+        ({"key": "10"}, '{key: "10"}'),
+        ({"key": ""}, '{key: ""}'),
+        ({"topic": "/x", "qos": {"depth": 1}}, "{topic: /x, qos: {depth: 1}}"),
+        ({"fast-group": "ReentrantCallbackGroup"}, '{fast-group: ReentrantCallbackGroup}'),
+        ({}, "{}"),
+    ],
+)  # fmt: skip
+def test_plain_settings_are_written_flat(settings: dict[str, object], text: str) -> None:
+    assert format_component_setting(settings) == text
+
+
+def test_code_that_splits_at_commas_and_colons_reads_flat_text() -> None:
+    settings = {"key": "pub_ctrl", "topic": "/x", "msg_type": "sensor_msgs/msg/Imu"}
+    fields = format_component_setting(settings).split(",")
+    assert dict(field.split(":") for field in fields) == settings
 
 
 def test_written_text_is_as_plain_as_it_can_be() -> None:

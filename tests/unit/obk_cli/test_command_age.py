@@ -67,7 +67,7 @@ def test_the_robot_gets_it_with_its_subscriber_and_in_all_settings(text: str) ->
     own = parse_component_setting(str(robot.parameters["sub_ctrl_setting"]))
     (entry,) = parse_mapping(str(robot.parameters["obelisk_settings"]))["subscribers"]  # type: ignore[misc]
     assert (own["max_age_sec"], own["stale_action"]) == (0.1, "hold")
-    assert own == entry
+    assert {**own, "ros_parameter": "sub_ctrl_setting"} == entry
 
 
 def test_both_spellings_come_to_the_same_plan() -> None:

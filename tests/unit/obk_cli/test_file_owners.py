@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.files import is_planted
+from obk_cli.files import is_untrusted
 from obk_cli.launch.run_lock import claim_run
 from obk_cli.process.identity import this_process
 from obk_cli.runs.folder import Run
@@ -65,12 +65,12 @@ def test_a_folder_for_everybody_makes_what_others_put_there_theirs(
     shared: Path, give_away: Give
 ) -> None:
     (shared / "link").symlink_to("mine")
-    assert not is_planted(shared / "mine")
-    assert not is_planted(shared / "nothing")
+    assert not is_untrusted(shared / "mine")
+    assert not is_untrusted(shared / "nothing")
     give_away(shared / "link")
-    assert is_planted(shared / "link")
+    assert is_untrusted(shared / "link")
     shared.chmod(0o755)
-    assert not is_planted(shared / "link")
+    assert not is_untrusted(shared / "link")
 
 
 @pytest.mark.parametrize("mark", [".git", "src"])

@@ -11,7 +11,7 @@ import pytest
 
 from obk_cli import errors
 from obk_cli.cli.main import main
-from obk_cli.errors import lack_of, shadow_of
+from obk_cli.errors import pythonpath_shadow, resource_error
 
 SOUND = Path(__file__).parents[2] / "cases/accept/OBK004/topic_twice.yaml"
 OBK = Path(sys.executable).with_name("obk")
@@ -67,7 +67,7 @@ def test_what_the_machine_lacks_is_told_in_a_sentence(
     ],
 )
 def test_other_errors_are_no_lack(error: Exception) -> None:
-    assert lack_of(error) is None
+    assert resource_error(error) is None
 
 
 def test_a_trace_that_cannot_be_kept_is_told_of_nevertheless(
@@ -153,4 +153,4 @@ def test_what_fails_in_obk_itself_is_its_own_fault_wherever_it_lies(
     monkeypatch.setenv("PYTHONPATH", str(Path(errors.__file__).parents[1]))
     with pytest.raises(AttributeError) as error:
         _ = errors.no_such_thing  # type: ignore[attr-defined]
-    assert shadow_of(error.value) is None
+    assert pythonpath_shadow(error.value) is None

@@ -1,28 +1,21 @@
-"""The one table of rules: what each code means, why it hurts, what to do.
+"""All rules by code: what each means, its cause and its fix.
 
-Feeds findings (severity), `obk explain`, the documentation and the tests. Data only; a module for
-each family.
+Findings take their severity from here; `obk explain`, the documentation and SARIF the rest.
 """
 
 from collections.abc import Mapping
+from itertools import chain
 from types import MappingProxyType
 
-from obk_cli.diagnostics.rules import (
-    graph_rules,
-    model_rules,
-    package_rules,
-    schema_rules,
-    style_rules,
-    text_rules,
-)
+from obk_cli.diagnostics.rules import config_rules, graph_rules, model_rules, package_rules
 from obk_cli.diagnostics.rules.rule import Rule, Severity
 
 __all__ = ["RULES", "Rule", "Severity", "rule_of"]
 
-_FAMILIES = (text_rules, schema_rules, graph_rules, model_rules, package_rules, style_rules)
+_EVERY = chain(config_rules.RULES, graph_rules.RULES, model_rules.RULES, package_rules.RULES)
 
 RULES: Mapping[str, Rule] = MappingProxyType(
-    {rule.code: rule for family in _FAMILIES for rule in family.RULES}
+    {rule.code: rule for rule in sorted(_EVERY, key=lambda rule: rule.code)}
 )
 """Code -> rule, in the order of the codes."""
 

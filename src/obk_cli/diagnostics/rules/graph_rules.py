@@ -10,7 +10,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="a required section has no node",
         cause="Every stack needs a controller, an estimator and a robot.",
-        cure="Add a node to the section, or include the file that has it.",
+        fix="Add a node to the section, or include the file that has it.",
     ),
     Rule(
         code="OBK202",
@@ -18,21 +18,21 @@ RULES: tuple[Rule, ...] = (
         title="two nodes with one name",
         cause="ROS lets both run, and every request by name reaches either of them. The name of a "
         "joystick's node is always the same.",
-        cure="Give one of them another `name` or `namespace`; switch all joysticks off but one.",
+        fix="Give one of them another `name` or `namespace`; switch all joysticks off but one.",
     ),
     Rule(
         code="OBK203",
         severity="error",
         title="a subscriber without a publisher",
         cause="Nothing in the config publishes the topic, so the subscriber would wait for ever.",
-        cure="Mend the topic; if a node outside the config publishes it, silence the rule.",
+        fix="Correct the topic; if a node outside the config publishes it, silence the rule.",
     ),
     Rule(
         code="OBK204",
         severity="info",
         title="published and never read",
         cause="Nothing in the config subscribes to the topic.",
-        cure="Nothing, if a tool or another stack reads it.",
+        fix="Nothing, if a tool or another stack reads it.",
     ),
     Rule(
         code="OBK205",
@@ -40,28 +40,28 @@ RULES: tuple[Rule, ...] = (
         title="publisher and subscriber of different types",
         cause="ROS connects the ends of a topic only where their message types are the same, and a "
         "process cannot have two types on one topic.",
-        cure="Make the types the same, or use two topics.",
+        fix="Make the types the same, or use two topics.",
     ),
     Rule(
         code="OBK206",
         severity="error",
         title="QoS that cannot match",
         cause="A subscriber that asks for more than the publisher offers receives nothing.",
-        cure="Make the publisher `reliable` or `transient_local`, or the subscriber ask for less.",
+        fix="Make the publisher `reliable` or `transient_local`, or the subscriber ask for less.",
     ),
     Rule(
         code="OBK207",
         severity="error",
         title="an undefined callback group",
         cause="The name is not among the node's `callback_groups`.",
-        cure="Define the group in the node, or mend the name.",
+        fix="Define the group in the node, or mend the name.",
     ),
     Rule(
         code="OBK208",
         severity="warning",
         title="an unused callback group",
         cause="No component of the node is in the group.",
-        cure="Remove it, or put components into it.",
+        fix="Remove it, or put components into it.",
     ),
     Rule(
         code="OBK209",
@@ -69,21 +69,21 @@ RULES: tuple[Rule, ...] = (
         title="the loop is open",
         cause="The robot feeds the estimator, the estimator the controller, the controller the "
         "robot; one of these does not hear the one before it.",
-        cure="Subscribe to a topic of the block before.",
+        fix="Subscribe to a topic of the block before.",
     ),
     Rule(
         code="OBK210",
         severity="warning",
         title="two controllers command one topic",
-        cause="The robot obeys whichever message came last.",
-        cure="Give each controller a topic of its own, or let one of them pass the other's on.",
+        cause="The robot executes whichever command arrives last.",
+        fix="Give each controller a topic of its own, or let one of them pass the other's on.",
     ),
     Rule(
         code="OBK211",
         severity="info",
         title="a timer faster than its input",
         cause="The callback runs on the same input several times.",
-        cure="Nothing, if that is wanted; else make the timer as slow as what it works on.",
+        fix="Nothing, if that is wanted; else make the timer as slow as what it works on.",
     ),
     Rule(
         code="OBK212",
@@ -92,7 +92,7 @@ RULES: tuple[Rule, ...] = (
         cause="`max_age_sec` and `stale_action` are read for a robot's subscriber `sub_ctrl` only, "
         "and the second with the first only; `damp` needs a class that implements "
         "`apply_damping`. Whoever wrote them here counts on a robot that stops, and it would not.",
-        cure="Move them to the robot's `sub_ctrl`, both together, or remove them.",
+        fix="Move them to the robot's `sub_ctrl`, both together, or remove them.",
     ),
     Rule(
         code="OBK213",
@@ -100,7 +100,7 @@ RULES: tuple[Rule, ...] = (
         title="a command is too old before the next one is due",
         cause="`max_age_sec` leaves no time for a command that is a little late, so the robot "
         "stops while its controller runs.",
-        cure="Make `max_age_sec` at least two periods of the controller's timer; five to ten are "
+        fix="Make `max_age_sec` at least two periods of the controller's timer; five to ten are "
         "usual.",
     ),
     Rule(
@@ -109,14 +109,14 @@ RULES: tuple[Rule, ...] = (
         title="one node publishes a topic twice",
         cause="Whoever hears the topic cannot tell which of the two a message came from. Most "
         "often an entry was copied, and its topic is still that of the first.",
-        cure="Give each its own topic.",
+        fix="Give each its own topic.",
     ),
     Rule(
         code="OBK215",
         severity="warning",
         title="a sensor faster than the simulation",
         cause="A sensor is sampled after a step, so its period cannot be shorter than one.",
-        cure="Make `dt` a multiple of the model's step, or lower `time_step`.",
+        fix="Make `dt` a multiple of the model's step, or lower `time_step`.",
     ),
     Rule(
         code="OBK216",
@@ -124,6 +124,6 @@ RULES: tuple[Rule, ...] = (
         title="a period that may be meant as a rate",
         cause="Periods are in seconds. Ten and more are unusual for a loop or a sensor; `500` is "
         "often written where 500 Hz are meant.",
-        cure="Write the period, `0.002` for 500 Hz; silence the rule if it is to be so long.",
+        fix="Write the period, `0.002` for 500 Hz; silence the rule if it is to be so long.",
     ),
 )

@@ -16,4 +16,4 @@ class Rule:
     severity: Severity
     title: str
     cause: str
-    cure: str
+    fix: str

@@ -6,7 +6,7 @@ import pytest
 
 from obk_cli.cli import render_options
 from obk_cli.cli.main import main
-from obk_cli.cli.render_options import FilmWords, with_film
+from obk_cli.cli.render_options import RenderArguments, with_render
 from obk_cli.errors import CommandFailedError
 from obk_cli.launch.process_groups import share_of
 from obk_cli.plan.plan import Plan, Process
@@ -89,7 +89,7 @@ def robot(name: str) -> Process:
 def filmed(*robots: Process, **words):
     plan = Plan(name="s", processes=robots)
     given = {"camera": None, "size": None, "rate_hz": None, **words}
-    return with_film(plan, share_of(plan, None), FilmWords(**given))
+    return with_render(plan, share_of(plan, None), RenderArguments(**given))
 
 
 def test_a_stack_with_several_simulated_robots() -> None:
@@ -119,5 +119,5 @@ def test_the_robot_gets_the_film_with_its_whole_path(monkeypatch, folder) -> Non
 
 def test_without_a_film_the_plan_is_as_it_was() -> None:
     plan = Plan(name="s", processes=(robot("a"),))
-    words = FilmWords(path=None, camera=None, size=None, rate_hz=None)
-    assert with_film(plan, share_of(plan, None), words) is plan
+    words = RenderArguments(path=None, camera=None, size=None, rate_hz=None)
+    assert with_render(plan, share_of(plan, None), words) is plan

@@ -203,7 +203,7 @@ def test_an_included_file_is_mended_in_the_folder_and_not_outside(
     code, out, _ = run(capsys, "out.yaml", "--fix")
     assert code == 1
     assert out.startswith(
-        "not fixed, the file is not in the config's folder: ../outside.yaml:4:5: "
+        "skipped because the file is outside the config's folder: ../outside.yaml:4:5: "
     )
     assert (tmp_path / "outside.yaml").read_text() == wrong
 

@@ -14,7 +14,7 @@ def test_codes_are_in_order_and_each_rule_is_described() -> None:
     for code, rule in RULES.items():
         assert re.fullmatch(r"OBK[0-5]\d\d", code)
         assert rule.cause.endswith("."), code
-        assert rule.cure.endswith("."), code
+        assert rule.fix.endswith("."), code
         assert rule.title == rule.title.strip("."), code
 
 

@@ -131,7 +131,7 @@ def test_names_are_completed_from_the_plans(home: Path, monkeypatch: pytest.Monk
         ("topic echo est a..b", "`a..b` names no field"),
         ("topic hz est --window 0", "`--window 0`: expected seconds above 0"),
         ("topic hz est --duration -1", "`--duration -1`: expected seconds above 0"),
-        ("topic pub est pkg/msg/State {} {}", "`{}` is too much"),
+        ("topic pub est pkg/msg/State {} {}", "unexpected argument `{}`"),
         ("topic pub est PositionSetpiont {}", "did you mean `PositionSetpoint`"),
         ("topic pub est --rate 0", "`--rate 0`: expected a number above 0"),
         ("param set arm gain [1,a]", "`[1,a]` is no value of a parameter"),

@@ -81,15 +81,28 @@ def test_the_plan_brings_the_robot_up_first(tmp_path: Path) -> None:
 
 def test_a_component_is_emitted_under_its_parameter_and_in_the_settings(tmp_path: Path) -> None:
     _, control, _ = lower(tmp_path).processes
-    setting = {
+    own = control.parameters["sub_q_setting"]
+    assert own == "key:sub_q,topic:/q,msg_type:JointEncoders,history_depth:5"
+    entry = {**parse_component_setting(str(own)), "ros_parameter": "sub_q_setting"}
+    assert parse_mapping(str(control.parameters["obelisk_settings"])) == {"subscribers": [entry]}
+
+
+def test_settings_that_flat_text_cannot_hold_are_flow_text() -> None:
+    ends = "{key: sub_q, topic: /q, qos: {reliability: best_effort}}"
+    text = f"robot:\n  pkg: a\n  executable: b\n  subscribers: [{ends}]\n"
+    (process,) = lower_text(text).processes
+    assert parse_mapping(str(process.parameters["sub_q_setting"])) == {
         "key": "sub_q",
-        "ros_parameter": "sub_q_setting",
         "topic": "/q",
-        "msg_type": "JointEncoders",
-        "history_depth": 5,
+        "history_depth": 10,
+        "qos": {"reliability": "best_effort"},
     }
-    assert parse_component_setting(str(control.parameters["sub_q_setting"])) == setting
-    assert parse_mapping(str(control.parameters["obelisk_settings"])) == {"subscribers": [setting]}
+
+
+def test_callback_groups_have_a_parameter_of_their_own(tmp_path: Path) -> None:
+    robot, control, _ = lower(tmp_path).processes
+    assert robot.parameters["callback_group_settings"] == "fast:ReentrantCallbackGroup"
+    assert "callback_group_settings" not in control.parameters
 
 
 def test_a_component_with_only_a_key_gets_its_parameter_and_defaults(tmp_path: Path) -> None:
@@ -103,8 +116,8 @@ def test_a_component_with_only_a_key_gets_its_parameter_and_defaults(tmp_path: P
     settings = parse_mapping(str(robot.parameters["obelisk_settings"]))
     assert settings["publishers"] == [setting]
     assert settings["callback_groups"] == {"fast": "ReentrantCallbackGroup"}
-    own = robot.parameters["pub_true_sim_state_setting"]
-    assert parse_component_setting(str(own)) == setting
+    own = parse_component_setting(str(robot.parameters["pub_true_sim_state_setting"]))
+    assert {**own, "ros_parameter": "pub_true_sim_state_setting"} == setting
 
 
 def test_components_that_share_a_key_have_no_parameter_of_their_own() -> None:

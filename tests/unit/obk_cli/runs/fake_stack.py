@@ -14,7 +14,7 @@ from obk_cli.process.identity import this_process
 from obk_cli.runs.folder import Run, record_end
 from obk_cli.runs.lifecycle import TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, Member, NodeStatus, StackStatus
-from obk_cli.runs.stacks import section_of
+from obk_cli.runs.registry import section_of
 
 NOW = datetime(2031, 2, 3, 4, 5, 6)
 ROBOT, CONTROL, JOY = "/obelisk_robot_0", "/obelisk_control_0", "/joy"

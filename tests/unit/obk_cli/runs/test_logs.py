@@ -7,7 +7,7 @@ import pytest
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.runs.folder import Run, make_run_folder, write_run
-from obk_cli.runs.logs import log_meant
+from obk_cli.runs.logs import find_log
 
 NODES = ("/obelisk_robot_0", "/obelisk_control_0", "/left/obelisk_control_1")
 
@@ -26,22 +26,22 @@ def folders(tmp_path: Path) -> list[Path]:
 
 def test_the_newest_run_is_meant_unless_one_is_named(tmp_path: Path, folders: list[Path]) -> None:
     old, new, other = folders
-    assert log_meant(tmp_path, None, None) == other / "launch.log"
-    assert log_meant(tmp_path, "dummy", None) == new / "launch.log"
-    assert log_meant(tmp_path, old.name, None) == old / "launch.log"
+    assert find_log(tmp_path, None, None) == other / "launch.log"
+    assert find_log(tmp_path, "dummy", None) == new / "launch.log"
+    assert find_log(tmp_path, old.name, None) == old / "launch.log"
 
 
 def test_a_node_is_named_in_full_or_in_short(tmp_path: Path, folders: list[Path]) -> None:
     _, new, other = folders
-    assert log_meant(tmp_path, "dummy", "control_0") == new / "obelisk_control_0.log"
-    assert log_meant(tmp_path, "dummy", NODES[2]) == new / "left.obelisk_control_1.log"
-    assert log_meant(tmp_path, "control_1", None) == other / "left.obelisk_control_1.log"
+    assert find_log(tmp_path, "dummy", "control_0") == new / "obelisk_control_0.log"
+    assert find_log(tmp_path, "dummy", NODES[2]) == new / "left.obelisk_control_1.log"
+    assert find_log(tmp_path, "control_1", None) == other / "left.obelisk_control_1.log"
 
 
 def test_a_log_of_a_run_that_tells_nothing_is_found(tmp_path: Path) -> None:
     folder = make_run_folder(tmp_path, "dummy", datetime(2031, 2, 3))
     (folder / "obelisk_robot_0.log").write_text("")
-    assert log_meant(tmp_path, "dummy", "robot_0") == folder / "obelisk_robot_0.log"
+    assert find_log(tmp_path, "dummy", "robot_0") == folder / "obelisk_robot_0.log"
 
 
 @pytest.mark.parametrize(
@@ -61,11 +61,11 @@ def test_what_is_not_there_is_told_with_what_is(
     tmp_path: Path, folders: list[Path], names: tuple[str, str | None], message: str, help: str
 ) -> None:
     with pytest.raises(CommandFailedError, match=message) as raised:
-        log_meant(tmp_path, *names)
+        find_log(tmp_path, *names)
     assert raised.value.help is not None
     assert raised.value.help.startswith(help)
 
 
 def test_no_runs_at_all(tmp_path: Path) -> None:
     with pytest.raises(CommandFailedError, match="there are no runs in"):
-        log_meant(tmp_path / "none", None, None)
+        find_log(tmp_path / "none", None, None)

@@ -1,17 +1,17 @@
 """Which nodes a name means."""
 
-from obk_cli.runs.stacks import in_tier_order, nodes_meant, section_of, stack_nodes
+from obk_cli.runs.registry import in_tier_order, section_of, select_nodes, stack_nodes
 
 KNOWN = ("/obelisk_robot_0", "/obelisk_control_0", "/left/obelisk_control_1", "/dummy")
 
 
 def test_a_name_is_full_or_short_or_a_sections() -> None:
-    assert nodes_meant("/obelisk_control_0", KNOWN) == ("/obelisk_control_0",)
-    assert nodes_meant("obelisk_control_0", KNOWN) == ("/obelisk_control_0",)
-    assert nodes_meant("control_1", KNOWN) == ("/left/obelisk_control_1",)
-    assert nodes_meant("control", KNOWN) == ("/obelisk_control_0", "/left/obelisk_control_1")
-    assert nodes_meant("dummy", KNOWN) == ("/dummy",)
-    assert nodes_meant("contrl", KNOWN) == ()
+    assert select_nodes("/obelisk_control_0", KNOWN) == ("/obelisk_control_0",)
+    assert select_nodes("obelisk_control_0", KNOWN) == ("/obelisk_control_0",)
+    assert select_nodes("control_1", KNOWN) == ("/left/obelisk_control_1",)
+    assert select_nodes("control", KNOWN) == ("/obelisk_control_0", "/left/obelisk_control_1")
+    assert select_nodes("dummy", KNOWN) == ("/dummy",)
+    assert select_nodes("contrl", KNOWN) == ()
 
 
 def test_the_state_node_is_no_node_of_the_stack() -> None:
@@ -45,5 +45,5 @@ def test_robot_first_and_strangers_last() -> None:
 
 def test_a_full_name_means_that_node_and_none_of_another_namespace() -> None:
     known = ("/obelisk_control_0", "/arm/obelisk_control_0")
-    assert nodes_meant("/obelisk_control_0", known) == ("/obelisk_control_0",)
-    assert nodes_meant("control_0", known) == known
+    assert select_nodes("/obelisk_control_0", known) == ("/obelisk_control_0",)
+    assert select_nodes("control_0", known) == known

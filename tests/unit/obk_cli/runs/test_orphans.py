@@ -13,7 +13,7 @@ import pytest
 from obk_cli.process.identity import start_s, this_process
 from obk_cli.runs import orphans as leftovers
 from obk_cli.runs.folder import Run, write_run
-from obk_cli.runs.orphans import end_leftovers, find_leftovers, launch_marks
+from obk_cli.runs.orphans import end_orphans, find_orphans, launch_marks
 
 from ....turns import turn_of_leftovers  # noqa: TID252 - shared by folders of tests
 from ....waiting import DEADLINE_S  # noqa: TID252
@@ -71,10 +71,10 @@ def test_a_process_whose_launcher_is_gone_is_found(tmp_path: Path) -> None:
     with running(WAIT, {"OBK_RUN": RUN, "OBK_LAUNCHER": GONE}) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        (found,) = find_leftovers(tmp_path, run=RUN)
+        (found,) = find_orphans(tmp_path, run=RUN)
         assert (found.pid, found.run, found.started) == (process.pid, RUN, start_s(process.pid))
         assert found.command.startswith(sys.executable)
-        assert not find_leftovers(tmp_path, run="another")
+        assert not find_orphans(tmp_path, run="another")
 
 
 def test_a_process_whose_launcher_is_there_is_none(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_a_process_whose_launcher_is_there_is_none(tmp_path: Path) -> None:
     with running(WAIT, marks) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        assert not find_leftovers(tmp_path, run=RUN)
+        assert not find_orphans(tmp_path, run=RUN)
 
 
 @pytest.mark.parametrize("mark", [{}, {"OBK_LAUNCHER": "nonsense"}])
@@ -95,9 +95,9 @@ def test_without_the_launchers_number_the_runs_own_word_counts(
     with running(WAIT, {"OBK_RUN": RUN, **mark}) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        assert not find_leftovers(tmp_path, run=RUN)  # nobody knows whose it is
+        assert not find_orphans(tmp_path, run=RUN)  # nobody knows whose it is
         write_run(tmp_path / RUN, run)
-        assert [left.pid for left in find_leftovers(tmp_path, run=RUN)] == [process.pid]
+        assert [left.pid for left in find_orphans(tmp_path, run=RUN)] == [process.pid]
 
 
 def test_a_run_without_a_folder_is_unrecorded() -> None:
@@ -108,7 +108,7 @@ def test_a_leftover_is_ended_with_its_children_in_sessions_of_their_own(tmp_path
     with running(WITH_CHILD, {"OBK_RUN": RUN, "OBK_LAUNCHER": GONE}) as process:
         assert process.stdout is not None
         grandchild = int(process.stdout.readline())
-        assert not end_leftovers(find_leftovers(tmp_path, run=RUN))
+        assert not end_orphans(find_orphans(tmp_path, run=RUN))
         assert process.wait(DEADLINE_S) != 0
         assert not psutil.pid_exists(grandchild) or start_s(grandchild) is None
 
@@ -120,7 +120,7 @@ def test_one_that_ignores_sigterm_is_killed(
     with running(IGNORE, {"OBK_RUN": RUN, "OBK_LAUNCHER": GONE}) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        assert not end_leftovers(find_leftovers(tmp_path, run=RUN))
+        assert not end_orphans(find_orphans(tmp_path, run=RUN))
         assert process.wait(DEADLINE_S) == -9
 
 
@@ -131,15 +131,15 @@ def test_what_is_started_meanwhile_is_ended_too(
     with running(BREEDING, {"OBK_RUN": RUN, "OBK_LAUNCHER": GONE}) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        assert not end_leftovers(find_leftovers(tmp_path, run=RUN))
+        assert not end_orphans(find_orphans(tmp_path, run=RUN))
         assert start_s(int(process.stdout.readline())) is None
 
 
 def test_whoever_clears_up_is_spared(tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; "
-        "from obk_cli.runs.orphans import find_leftovers; "
-        f"print(len(find_leftovers(Path(sys.argv[1]), run={RUN!r})))"
+        "from obk_cli.runs.orphans import find_orphans; "
+        f"print(len(find_orphans(Path(sys.argv[1]), run={RUN!r})))"
     )
     result = subprocess.run(
         [sys.executable, "-c", code, tmp_path],
@@ -158,4 +158,4 @@ def test_what_runs_in_a_container_is_left_to_it(
         assert process.stdout is not None
         process.stdout.readline()
         monkeypatch.setattr(leftovers, "counts_as_here", lambda pid: pid != process.pid)
-        assert not find_leftovers(tmp_path, run=RUN)
+        assert not find_orphans(tmp_path, run=RUN)

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
-from obk_cli.cli.new_run import settle_conflicts
+from obk_cli.cli.new_run import resolve_conflicts
 from obk_cli.scaffold.templates import RenderedFile
 from obk_cli.scaffold.write import Action, Decision
 
@@ -129,4 +129,4 @@ def test_what_cannot_be_replaced_is_not_asked_about(monkeypatch: pytest.MonkeyPa
         monkeypatch.setattr(f"sys.{stream}.isatty", lambda: True)
     file = RenderedFile(path=PurePosixPath("a"), content=b"")
     stuck = Decision(file=file, action=Action.CONFLICT, reason="it is a folder")
-    assert settle_conflicts((stuck,)) == (stuck,)
+    assert resolve_conflicts((stuck,)) == (stuck,)

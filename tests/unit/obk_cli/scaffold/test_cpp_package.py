@@ -46,11 +46,16 @@ protected:
     template <typename T> std::shared_ptr<Publisher<T>> GetPublisher(const std::string&) {
         return std::make_shared<Publisher<T>>();
     }
-    template <typename T> void RegisterSubscription(
-        const std::string&, const std::string&, std::function<void(const T&)>) {}
+    template <typename T> void RegisterObkSubscription(
+        %s, std::function<void(const T&)>%s) {}
 };
 }
 """
+REGISTRATION = {
+    "v0.4": ("const std::string&, const std::string&", ", const std::string&"),
+    "2026": ("const std::string&", ""),
+}
+"""What stands before and after the callback in each release of the library."""
 STAND_INS = {
     "rclcpp/rclcpp.hpp": """\
 #pragma once
@@ -60,7 +65,6 @@ struct Clock { Time now() { return {}; } };
 namespace executors { struct MultiThreadedExecutor {}; }
 }
 """,
-    "obelisk_node.h": NODE_STAND_IN,
     "obelisk_controller.h": """\
 #pragma once
 #include "obelisk_node.h"
@@ -157,8 +161,9 @@ def test_the_names_agree_over_all_files(
     cmake, manifest = text_of(files, "CMakeLists.txt"), text_of(files, "package.xml")
     depends = {e.text for e in ElementTree.fromstring(manifest).iter("depend")}
     assert set(re.findall(r"find_package\((\w+)", cmake)) == {"ament_cmake", *depends}
-    listed = cmake.partition("ament_target_dependencies")[2].partition(")")[0].split()[1:]
-    assert set(listed) == depends
+    linked = cmake.partition(f"target_link_libraries({name} PRIVATE")[2].partition(")")[0].split()
+    messages = {f"${{{package}_TARGETS}}" for package in depends - {"rclcpp"}}
+    assert set(linked) == {"Obelisk::Core", "rclcpp::rclcpp", *messages}
     assert f"project({name})" in cmake
     sources = re.findall(r"add_executable\(\w+ (.*)\)", cmake)[0].split()
     assert all(PurePosixPath(source) in files for source in sources)
@@ -185,16 +190,18 @@ def test_the_entry_is_as_obelisk_has_it(package: Package) -> None:
     assert 'argc, argv, "foo");' in main
 
 
+@pytest.mark.parametrize("release", REGISTRATION)
 @pytest.mark.parametrize(("kind", "name", "typed"), VARIANTS)
 def test_a_compiler_takes_it(
-    package: Package, tmp_path: Path, kind: str, name: str, typed: dict[str, str]
+    package: Package, tmp_path: Path, kind: str, name: str, typed: dict[str, str], release: str
 ) -> None:
     if COMPILER is None:  # what can be said without one stands above
         return
-    files = package(kind, name, language="cpp", **typed)
+    files = package(kind, name, language="cpp", release=release, **typed)
     code = "".join(f.content.decode() for f in files.values() if f.path.suffix == ".h")
     code += "".join(f.content.decode() for f in files.values() if f.path.suffix == ".cpp")
-    stand_ins = STAND_INS | {
+    stand_ins = STAND_INS | {"obelisk_node.h": NODE_STAND_IN % REGISTRATION[release]}
+    stand_ins |= {
         header: message_stand_in(header, code) for header in includes_of(files) if "/msg/" in header
     }
     for path, content in stand_ins.items():

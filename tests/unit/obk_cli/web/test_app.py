@@ -14,14 +14,14 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.monitor.model import StackView
 from obk_cli.runs.protocol import ChangeAnswer, Member
 from obk_cli.web.auth import HEADERS, new_token
-from obk_cli.web.feed import Moment
-from obk_cli.web.plots import Heard, Wish
+from obk_cli.web.feed import Snapshot
+from obk_cli.web.plots import FieldData, FieldRequest
 
 from ..monitor.stacks import BROKEN, HEALTHY  # noqa: TID252 - shared by folders of tests
 
 pytest.importorskip("starlette", reason="starlette is in the `web` extra")
 
-from obk_cli.web.app import PAGE, Site, make_app
+from obk_cli.web.app import PAGE, PageApi, make_app
 
 TOKEN = new_token()
 PORT = 8420
@@ -55,14 +55,14 @@ class Answer:
 class Behind:
     """What is behind a page; its streams end after some looks."""
 
-    moments: list[Moment] = field(default_factory=lambda: [Moment(number=1, view=HEALTHY)])
+    moments: list[Snapshot] = field(default_factory=lambda: [Snapshot(number=1, view=HEALTHY)])
     looks: int = 1
     changes: list[tuple[str, str, tuple[str, ...]]] = field(default_factory=list)
     answer: ChangeAnswer | Exception = REACHED
     heard_after: list[int] = field(default_factory=list)
     is_wanted: bool = False
 
-    def moment(self) -> Moment:
+    def snapshot(self) -> Snapshot:
         return self.moments.pop(0) if len(self.moments) > 1 else self.moments[0]
 
     def is_ending(self) -> bool:
@@ -76,16 +76,18 @@ class Behind:
         return self.answer
 
     @contextmanager
-    def wanted(self, wishes: list[Wish]) -> Iterator[None]:
+    def subscribed(self, wishes: list[FieldRequest]) -> Iterator[None]:
         self.is_wanted = True
         yield
         self.is_wanted = False
 
-    def heard(self, wish: Wish, after_ns: int) -> Heard:
+    def data_after(self, wish: FieldRequest, after_ns: int) -> FieldData:
         assert self.is_wanted
         self.heard_after.append(after_ns)
         values = (1.0, float("nan"), None)
-        return Heard(labels=("q[0]", "q[1]", "q[2]"), samples=((5_000_000_000, values),), fault="")
+        return FieldData(
+            labels=("q[0]", "q[1]", "q[2]"), samples=((5_000_000_000, values),), fault=""
+        )
 
 
 def asked(
@@ -99,7 +101,7 @@ def asked(
 ) -> Answer:
     """A request with the headers of the page itself, but for those given."""
     behind = behind or Behind()
-    site = Site(behind.moment, behind, behind.change, behind.is_ending)
+    site = PageApi(behind.snapshot, behind, behind.change, behind.is_ending)
     app = make_app(site, token=TOKEN, port=PORT)
     page = {"host": HOST, "origin": f"http://{HOST}", "cookie": f"obk_{PORT}={TOKEN}"}
     told = {**page, **(headers or {})}
@@ -181,7 +183,7 @@ def test_every_file_of_the_page_is_there_and_nothing_else() -> None:
 
 
 def test_a_stream_tells_the_stack_and_its_log() -> None:
-    behind = Behind(moments=[Moment(number=1, view=BROKEN, is_waiting=False, picture="<svg/>")])
+    behind = Behind(moments=[Snapshot(number=1, view=BROKEN, is_waiting=False, picture="<svg/>")])
     (name, view), (log, told) = asked("/events", behind=behind).events
     assert (name, log) == ("view", "log")
     assert view["has_picture"]
@@ -196,9 +198,9 @@ def test_a_stream_tells_the_stack_and_its_log() -> None:
 
 
 def test_a_stream_tells_only_what_is_new() -> None:
-    first = Moment(number=1, view=HEALTHY)
-    same_log = Moment(number=2, view=replace(HEALTHY, state="inactive"))
-    more_log = Moment(number=3, view=replace(HEALTHY, lines=("<b>bold</b>",)))
+    first = Snapshot(number=1, view=HEALTHY)
+    same_log = Snapshot(number=2, view=replace(HEALTHY, state="inactive"))
+    more_log = Snapshot(number=3, view=replace(HEALTHY, lines=("<b>bold</b>",)))
     behind = Behind(moments=[first, first, same_log, more_log], looks=4)
     events = asked("/events", behind=behind).events
     assert [name for name, _ in events] == ["view", "log", "view", "view", "log"]
@@ -206,7 +208,7 @@ def test_a_stream_tells_only_what_is_new() -> None:
 
 
 def test_a_stream_says_that_nothing_runs() -> None:
-    assert asked("/events", behind=Behind(moments=[Moment()])).events == [("waiting", {})]
+    assert asked("/events", behind=Behind(moments=[Snapshot()])).events == [("waiting", {})]
 
 
 def test_a_stream_tells_a_field_from_where_it_was() -> None:
@@ -279,7 +281,7 @@ def test_a_change_that_another_page_asks_for_is_not_carried_out() -> None:
 
 
 def test_without_a_stack_nothing_can_be_changed() -> None:
-    behind = Behind(moments=[Moment()])
+    behind = Behind(moments=[Snapshot()])
     answer = change({"transition": "activate", "node": "", **RUN}, behind)
     assert (answer.status, answer.json["why"]) == (404, "no stack runs")
 

@@ -11,7 +11,7 @@ import pytest
 from obk_cli.errors import MisuseError
 from obk_cli.monitor.model import StackView
 from obk_cli.runs.folder import run_plan
-from obk_cli.web.feed import Feed, Moment, live_picture
+from obk_cli.web.feed import Feed, Snapshot, live_picture
 
 from ..monitor.stacks import ELSEWHERE, HEALTHY  # noqa: TID252 - shared by folders of tests
 
@@ -32,18 +32,18 @@ class Script:
         pass
 
 
-def last_moment(folder: Path, *views: StackView | None) -> Moment:
+def last_moment(folder: Path, *views: StackView | None) -> Snapshot:
     is_over = threading.Event()
     feed = Feed(Script(*views), folder, is_over.set)
     feed.start()
     assert is_over.wait(20)
     feed.stop()
-    return feed.moment
+    return feed.snapshot
 
 
 def test_the_newest_view_is_shown(tmp_path: Path) -> None:
-    moment = last_moment(tmp_path, ELSEWHERE, HEALTHY)
-    assert moment == Moment(number=2, view=HEALTHY, is_waiting=False)
+    snapshot = last_moment(tmp_path, ELSEWHERE, HEALTHY)
+    assert snapshot == Snapshot(number=2, view=HEALTHY, is_waiting=False)
 
 
 def test_the_last_stack_stays_while_the_next_one_is_waited_for(tmp_path: Path) -> None:
@@ -54,7 +54,7 @@ def test_the_last_stack_stays_while_the_next_one_is_waited_for(tmp_path: Path) -
 
 
 def test_without_a_stack_there_is_nothing_to_show(tmp_path: Path) -> None:
-    assert last_moment(tmp_path, None) == Moment(number=1)
+    assert last_moment(tmp_path, None) == Snapshot(number=1)
 
 
 def test_what_ends_watching_is_told_where_the_server_ends(tmp_path: Path) -> None:

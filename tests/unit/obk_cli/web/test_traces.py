@@ -10,7 +10,7 @@ from obk_cli.web.plots import (
     MOST_LINES,
     SAMPLES_HZ,
     SHOWN_S,
-    Heard,
+    FieldData,
     Trace,
     number_fields,
     numbers_in,
@@ -21,13 +21,13 @@ from ..ros.definitions import Message, fields_of  # noqa: TID252 - shared by fol
 SECOND = 1_000_000_000
 
 
-def traced(rate_hz: int, seconds: int) -> Heard:
+def traced(rate_hz: int, seconds: int) -> FieldData:
     trace = Trace()
     for count in range(rate_hz * seconds):
         received_ns = count * SECOND // rate_hz
         if trace.is_due(received_ns):
             trace.take(received_ns, {"x": float(count)})
-    return trace.heard(-1)
+    return trace.data_after(-1)
 
 
 def test_a_quick_topic_is_thinned_out() -> None:
@@ -50,23 +50,23 @@ def test_only_what_is_new_is_told() -> None:
     trace = Trace()
     trace.take(5, {"x": 1.0})
     trace.take(7, {"x": 2.0})
-    assert trace.heard(5).samples == ((7, (2.0,)),)
-    assert trace.heard(7).samples == ()
+    assert trace.data_after(5).samples == ((7, (2.0,)),)
+    assert trace.data_after(7).samples == ()
 
 
 def test_that_messages_have_no_number_there_is_told_until_one_has() -> None:
     trace = Trace()
     trace.take(5, {})
-    assert trace.heard(0).fault == "the newest message has no number there"
+    assert trace.data_after(0).fault == "the newest message has no number there"
     trace.take(7, {"x": 2.0})
-    assert not trace.heard(0).fault
+    assert not trace.data_after(0).fault
 
 
 def test_an_array_may_grow_and_shrink() -> None:
     trace = Trace()
     for at, count in enumerate((1, 3, 2)):
         trace.take(at, {f"q[{place}]": float(place) for place in range(count)})
-    heard = trace.heard(-1)
+    heard = trace.data_after(-1)
     assert heard.labels == ("q[0]", "q[1]", "q[2]")
     assert [values for _, values in heard.samples] == [(0.0,), (0.0, 1.0, 2.0), (0.0, 1.0, None)]
 
@@ -74,7 +74,7 @@ def test_an_array_may_grow_and_shrink() -> None:
 def test_of_many_lines_the_first_are_drawn() -> None:
     trace = Trace()
     trace.take(0, {f"q[{place}]": 0.0 for place in range(3 * MOST_LINES)})
-    assert len(trace.heard(-1).labels) == MOST_LINES
+    assert len(trace.data_after(-1).labels) == MOST_LINES
 
 
 @pytest.mark.parametrize(

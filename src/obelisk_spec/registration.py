@@ -1,0 +1,187 @@
+"""Bind the arguments of `register_obk_*` in each of the three generations of the Python API.
+
+Positional arguments; a subscription and a timer have the callback in the second place:
+
+- G1, since 2024-07: `ros_parameter, key, msg_type, default`
+- G2, since 2024-12: `ros_parameter, msg_type, key, default_config_str`
+- G3, since 2026-05: `key, msg_type`
+
+A class is the `msg_type`; the text after it is the key. The first text names the ROS parameter if
+the call has a `key` too, or if it ends in `_setting`; otherwise it is the key, and the call is G3.
+
+A component that names a ROS parameter is required unless the call says otherwise (G1, G2 raise);
+one with only a key is optional (G3 logs a warning and continues). The components of the base
+classes are required if the constructor received no message type (G1), otherwise optional.
+
+Values of any type can be bound: those of a running node, or expressions of its source.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from enum import Enum
+from types import MappingProxyType
+from typing import Final, TypeVar
+
+from obelisk_spec.components import SETTING_SUFFIX
+from obelisk_spec.suggestions import did_you_mean
+
+__all__ = [
+    "EXPECTED",
+    "REGISTRATION_METHODS",
+    "ArgumentKind",
+    "RegistrationArgumentError",
+    "bind_registration",
+    "is_expected",
+    "is_required_by_default",
+]
+
+T = TypeVar("T")
+
+
+class ArgumentKind(Enum):
+    """What an argument that is no text is."""
+
+    CLASS = "class"
+    FUNCTION = "function"
+    MAPPING = "mapping"
+    NOTHING = "None"
+    TRUTH_VALUE = "truth value"
+    OTHER = "value"
+    UNKNOWN = "unknown"
+    """Of an expression that only a run can evaluate."""
+
+
+REGISTRATION_METHODS: Final = (
+    "register_obk_publisher",
+    "register_obk_subscription",
+    "register_obk_timer",
+)
+
+_LEADING: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {
+        "register_obk_publisher": ("name",),
+        "register_obk_subscription": ("name", "callback"),
+        "register_obk_timer": ("name", "callback"),
+    }
+)
+_KEY_FIRST: Final = ("key", "msg_type", "default")
+_CLASS_FIRST: Final = ("msg_type", "key", "default")
+_OF_TIMER: Final = ("key", "default")
+
+_ALIASES: Final = MappingProxyType({"default_config_str": "default"})
+
+EXPECTED: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "ros_parameter": "the name of a ROS parameter as a str",
+        "key": "a str",
+        "callback": "a function or method",
+        "msg_type": "a message class",
+        "default": "settings as a str or a dict",
+        "required": "True or False",
+    }
+)
+"""Argument -> its type, in the words of a message."""
+
+_KINDS: Final[Mapping[str, tuple[ArgumentKind, ...]]] = MappingProxyType(
+    {
+        "ros_parameter": (),
+        "key": (),
+        "callback": (ArgumentKind.FUNCTION,),
+        "msg_type": (ArgumentKind.CLASS,),
+        "default": (ArgumentKind.MAPPING,),
+        "required": (ArgumentKind.TRUTH_VALUE,),
+    }
+)
+_TEXTS: Final = ("ros_parameter", "key", "default")
+
+
+class RegistrationArgumentError(ValueError):
+    """The arguments match none of the three generations; the message is the reason."""
+
+
+def bind_registration(
+    method: str,
+    positional: Sequence[T],
+    named: Mapping[str, T],
+    describe: Callable[[T], str | ArgumentKind],
+) -> dict[str, T]:
+    """The arguments of a call by name, whichever generation it is written for.
+
+    Args:
+        method: one of `REGISTRATION_METHODS`.
+        positional: the positional arguments, without `self`.
+        named: the keyword arguments.
+        describe: the text of an argument, or what else it is.
+
+    Returns:
+        Names out of `EXPECTED`; types are not checked, see `is_expected`.
+
+    Raises:
+        RegistrationArgumentError: too many arguments, an unknown one, or one given twice.
+    """
+    order = _order(method, [describe(argument) for argument in positional])
+    if len(positional) > len(order):
+        raise RegistrationArgumentError(
+            f"{len(positional)} positional arguments, expected at most {len(order)}: "
+            f"{', '.join(order).replace('name', 'ros_parameter', 1)}"
+        )
+    bound = dict(zip(order, positional, strict=False))
+    name = bound.pop("name", None)
+    allowed = [key for key in EXPECTED if key in (*order, "ros_parameter", "required")]
+    for written, argument in named.items():
+        key = _ALIASES.get(written, written)
+        if key not in allowed:
+            hint = did_you_mean(written, allowed)
+            raise RegistrationArgumentError(f"unexpected argument `{written}`; {hint}")
+        if key in bound:
+            raise RegistrationArgumentError(f"`{key}` is given twice")
+        bound[key] = argument
+    if name is None:
+        return bound
+    return _with_name(name, bound, describe)
+
+
+def _order(method: str, kinds: Sequence[str | ArgumentKind]) -> tuple[str, ...]:
+    leading = _LEADING[method]
+    if method == "register_obk_timer":
+        return (*leading, *_OF_TIMER)
+    match kinds[len(leading) :]:
+        case [ArgumentKind.CLASS, *_]:
+            return (*leading, *_CLASS_FIRST)
+        case [ArgumentKind.NOTHING | ArgumentKind.UNKNOWN, str(), *_]:
+            return (*leading, *_CLASS_FIRST)
+        case [ArgumentKind.UNKNOWN]:
+            # A key is a literal nearly always, a class often an argument of the constructor.
+            return (*leading, *_CLASS_FIRST)
+    return (*leading, *_KEY_FIRST)
+
+
+def _with_name(
+    name: T, bound: dict[str, T], describe: Callable[[T], str | ArgumentKind]
+) -> dict[str, T]:
+    """With the first positional argument as the ROS parameter or as the key."""
+    if "ros_parameter" in bound:
+        if "key" in bound:
+            raise RegistrationArgumentError("`ros_parameter` is given twice")
+        return {**bound, "key": name}
+    text = describe(name)
+    # In G3 nothing else is called key, so a call that has one is older, even if it is None.
+    names_parameter = "key" in bound or (isinstance(text, str) and text.endswith(SETTING_SUFFIX))
+    return {**bound, "ros_parameter" if names_parameter else "key": name}
+
+
+def is_expected(argument: str, described: str | ArgumentKind) -> bool:
+    """Whether an argument of a registration has a type that it may have."""
+    if isinstance(described, str):
+        return argument in _TEXTS
+    if described in (ArgumentKind.NOTHING, ArgumentKind.UNKNOWN):
+        return True
+    return described in _KINDS[argument]
+
+
+def is_required_by_default(ros_parameter: str | None) -> bool:
+    """Whether a registration that leaves `required` out fails without settings.
+
+    Args:
+        ros_parameter: the ROS parameter that the call names; None if it has only a key (G3).
+    """
+    return ros_parameter is not None
