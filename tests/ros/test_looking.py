@@ -1,36 +1,28 @@
 """`obk topic`, `node`, `param`, `service` against a talker in this process, and against a stack."""
 
-from .looking import announce_as_a_stack_does
-from .looking import done
-from .looking import refused
-from .looking import told
-from .stack import DUMMY
-from .stack import eventually
-from .stack import launched
-from .stack import obk
-from .stack import spinning
-from collections.abc import Iterator
-from geometry_msgs.msg import PointStamped
 import csv
 import io
 import json
 import os
-import pytest
 import subprocess
 import sys
-import yaml
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from geometry_msgs.msg import PointStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy
-from rclpy.qos import QoSProfile
-from rclpy.qos import ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Int32
-from std_msgs.msg import String
+from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool
-from typing import Any
+
+from .looking import announce_as_a_stack_does, done, refused, told
+from .stack import DUMMY, eventually, launched, obk, spinning
 
 pytestmark = pytest.mark.ros
 

@@ -49,8 +49,11 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_stack_runs_on_messages_that_lack_types_it_does_not_use(workspace: Path) -> None:
-    checked = obk("validate", "my_robot.yaml")
+    checked = obk("validate", "my_robot.yaml", "--verbose")
     assert checked.returncode == 0, checked.stdout
+    assert "info[OBK413]" in checked.stdout
+    for lacking in ("JointEncoders", "ObkImu", "TrueSimState.y"):
+        assert f"`{lacking}`" in checked.stdout
     built = obk("build")
     assert built.returncode == 0, built.stderr
     run = obk("launch", "my_robot.yaml", "--duration", "2")
@@ -64,7 +67,10 @@ def test_a_missing_type_is_named_where_it_is_used(workspace: Path) -> None:
     assert "sensor_settings:" in text
     config.write_text(re.sub(r"(?<=sensor_settings:)\n", IMU, text))
     checked = obk("validate", "my_robot.yaml")
-    assert checked.returncode == 1
-    assert re.search(r"^my_robot\.yaml:\d+:\d+: error\[", checked.stdout, re.MULTILINE)
-    assert "`ObkImu`" in checked.stdout
-    assert "Traceback" not in checked.stdout + checked.stderr
+    assert re.search(r"^my_robot\.yaml:\d+:\d+: warning\[OBK413\]", checked.stdout, re.MULTILINE)
+    run = obk("launch", "my_robot.yaml", "--duration", "2")
+    assert run.returncode == 1
+    (failed,) = (line for line in run.stdout.splitlines() if line.startswith("failed: "))
+    assert "`ObkImu`" in failed
+    assert str(workspace / ".obk") in run.stdout
+    assert "Traceback" not in run.stdout

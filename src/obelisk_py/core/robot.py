@@ -4,37 +4,37 @@
 only the header by its type: it describes the message and is left as it is.
 """
 
-from abc import ABC
-from abc import abstractmethod
-from array import array
-from collections.abc import Iterator
-from collections.abc import Mapping
 import copy
 import math
-import numpy as np
 import threading
 import time
-from obelisk_py.core.command_watchdog import CommandAge
-from obelisk_py.core.command_watchdog import ONLY_REJECTIONS
-from obelisk_py.core.command_watchdog import RejectionLog
-from obelisk_py.core.command_watchdog import RejectionReport
-from obelisk_py.core.command_watchdog import SILENCE_GRACE_S
-from obelisk_py.core.command_watchdog import SilenceLog
-from obelisk_py.core.command_watchdog import StalePolicy
-from obelisk_py.core.command_watchdog import WatchdogThread
+from abc import ABC, abstractmethod
+from array import array
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+from rclpy.lifecycle import LifecycleState
+from rclpy.subscription import Subscription
+from std_msgs.msg import Header
+
+from obelisk_py.core.command_watchdog import (
+    ONLY_REJECTIONS,
+    SILENCE_GRACE_S,
+    CommandAge,
+    RejectionLog,
+    RejectionReport,
+    SilenceLog,
+    StalePolicy,
+    WatchdogThread,
+)
 from obelisk_py.core.components import RegisteredComponent
-from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_py.core.exceptions import ObeliskError
+from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.messages import optional_message
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.settings import stale_policy
 from obelisk_spec.components import CONTROL_SUBSCRIPTION
-from rclpy.lifecycle import LifecycleState
-from rclpy.subscription import Subscription
-from std_msgs.msg import Header
-from typing import Any
-from typing import Final
 
 __all__ = ["ObeliskRobot", "ObeliskSimRobot"]
 

@@ -5,37 +5,30 @@ gives frozen values with a QoS profile in them; raises `ObeliskConfigError` with
 names the component and what would be right.
 """
 
-from collections.abc import Iterable
-from collections.abc import Mapping
-from dataclasses import dataclass
 import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, TypeVar
+
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+
 from obelisk_py.core.command_watchdog import StalePolicy
-from obelisk_py.core.components import ComponentKind
-from obelisk_py.core.components import RegisteredComponent
-from obelisk_py.core.components import spellings
-from obelisk_py.core.exceptions import ObeliskConfigError
-from obelisk_py.core.exceptions import ObeliskMsgError
-from obelisk_py.core.messages import message_class
-from obelisk_py.core.messages import message_name
-from obelisk_py.core.messages import require_message
-from obelisk_spec.components import CALLBACK_GROUPS_PARAMETER
-from obelisk_spec.components import CALLBACK_GROUP_TYPES
-from obelisk_spec.components import CONTROL_SUBSCRIPTION
-from obelisk_spec.components import DEFAULT_HISTORY_DEPTH
-from obelisk_spec.components import DEFAULT_STALE_ACTION
-from obelisk_spec.components import STALE_ACTIONS
-from obelisk_spec.components import parse_component_setting
-from obelisk_spec.components import parse_mapping
+from obelisk_py.core.components import ComponentKind, RegisteredComponent, spellings
+from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskMsgError
+from obelisk_py.core.messages import message_class, message_name, require_message
+from obelisk_spec.components import (
+    CALLBACK_GROUP_TYPES,
+    CALLBACK_GROUPS_PARAMETER,
+    CONTROL_SUBSCRIPTION,
+    DEFAULT_HISTORY_DEPTH,
+    DEFAULT_STALE_ACTION,
+    STALE_ACTIONS,
+    parse_component_setting,
+    parse_mapping,
+)
 from obelisk_spec.names import topic_name_fault
 from obelisk_spec.suggestions import with_article
-from obelisk_spec.values import COUNT_RANGE
-from obelisk_spec.values import is_count
-from rclpy.qos import QoSDurabilityPolicy
-from rclpy.qos import QoSProfile
-from rclpy.qos import QoSReliabilityPolicy
-from typing import Any
-from typing import Final
-from typing import TypeVar
+from obelisk_spec.values import COUNT_RANGE, is_count
 
 __all__ = [
     "NodeSettings",

@@ -1,35 +1,27 @@
 """`obk init [DIR]`: a workspace whose stack can be launched at once."""
 
-from collections.abc import Iterable
-from dataclasses import replace
 import json
 import os
 import sys
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
 import typer
-from obk_cli.cli.new_run import find_library
-from obk_cli.cli.new_run import programs
-from obk_cli.cli.new_run import short
-from obk_cli.cli.new_run import write_files
+
+from obk_cli.cli.new_run import find_library, programs, short, write_files
 from obk_cli.cli.schema import SCHEMA_PATH
-from obk_cli.errors import CommandFailedError
-from obk_cli.errors import MisuseError
+from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import resource_folder
 from obk_cli.install_source import read_install_source
-from obk_cli.scaffold.compose import Composition
-from obk_cli.scaffold.compose import check_stack
-from obk_cli.scaffold.compose import compose_workspace
-from obk_cli.scaffold.describe import file_lines
-from obk_cli.scaffold.describe import unified_diff
-from obk_cli.scaffold.kinds import Problem
-from obk_cli.scaffold.kinds import check_name
+from obk_cli.scaffold.compose import Composition, check_stack, compose_workspace
+from obk_cli.scaffold.describe import file_lines, unified_diff
+from obk_cli.scaffold.kinds import Problem, check_name
 from obk_cli.scaffold.questions import Answers
 from obk_cli.scaffold.templates import RenderedFile
 from obk_cli.scaffold.write import Decision
-from obk_cli.workspace.package_index import PackageIndex
-from obk_cli.workspace.package_index import owner_of_package
-from pathlib import Path
-from typing import Annotated
-from typing import Literal
+from obk_cli.workspace.package_index import PackageIndex, owner_of_package
 
 __all__ = ["EXAMPLE", "command"]
 

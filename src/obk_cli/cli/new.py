@@ -1,28 +1,25 @@
 """`obk new KIND NAME`: a package that runs, a node more in the one around, or a config."""
 
 import json
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
 import typer
+from typer.core import TyperGroup
+
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.cli.add_to import add_to_options
-from obk_cli.cli.new_run import NewOptions
-from obk_cli.cli.new_run import find_library
-from obk_cli.cli.new_run import run_new
+from obk_cli.cli.new_run import NewOptions, find_library, run_new
 from obk_cli.errors import MisuseError
-from obk_cli.scaffold.kinds import Language
-from obk_cli.scaffold.kinds import RECIPES
-from obk_cli.scaffold.kinds import Recipe
-from obk_cli.scaffold.kinds import Release
-from obk_cli.scaffold.questions import Question
-from obk_cli.scaffold.questions import USUAL_CTRL
-from obk_cli.scaffold.questions import USUAL_EST
-from obk_cli.scaffold.questions import USUAL_OF_SENSOR
-from obk_cli.scaffold.questions import USUAL_SENSOR
+from obk_cli.scaffold.kinds import RECIPES, Language, Recipe, Release
+from obk_cli.scaffold.questions import (
+    USUAL_CTRL,
+    USUAL_EST,
+    USUAL_OF_SENSOR,
+    USUAL_SENSOR,
+    Question,
+)
 from obk_cli.scaffold.templates import TemplateLibrary
-from pathlib import Path
-from typer.core import TyperGroup
-from typing import Annotated
-from typing import Any
-from typing import Literal
 
 __all__ = ["app"]
 

@@ -13,7 +13,12 @@ from typing import Final
 
 from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
 from obelisk_spec.suggestions import list_names, near_names
-from obk_cli.config.environment import UNSEARCHED, Command, ExecutableMissing
+from obk_cli.config.environment import (
+    UNSEARCHED,
+    Command,
+    ExecutableMissing,
+    ReplacedMessages,
+)
 from obk_cli.files import SHARED_FOLDER_BITS, STANDARD_INPUT, is_untrusted
 from obk_cli.workspace.entry_points import (
     EntryPoint,
@@ -36,6 +41,8 @@ __all__ = [
 
 _SKIPPED = {*UNSEARCHED, "node_modules", "site-packages", "__pycache__"}
 _NAME = re.compile(r"<name>\s*([^<\s]+)\s*</name>")
+_FIELD = re.compile(r"^[ \t]*[\w/]+(?:<=\d+)?(?:\[[<=\d]*\])?[ \t]+([a-z]\w*)(?![ \t]*=|\w)", re.M)
+"""A field of a message, not a constant."""
 _PACKAGE_FILES = ("package.xml", "setup.py", "setup.cfg", "pyproject.toml")
 _DEEPEST = 6
 """Folders below a workspace in which a package may lie."""
@@ -151,6 +158,34 @@ class PackageIndex:
         except (OSError, UnicodeDecodeError):
             return None
 
+    def replaced_messages(self) -> tuple[ReplacedMessages, ...]:
+        """The packages of the workspaces with the name of one of Obelisk's that lack some of it.
+
+        Fields are compared with the installed package, if there is one.
+        """
+        found = (self._replaced(name) for name in OBELISK_MESSAGES if name in self.source_packages)
+        return tuple(one for one in found if one.types or one.fields)
+
+    def _replaced(self, package: str) -> ReplacedMessages:
+        folder = self.source_packages[package]
+        own = {file.stem: file for file in _listed(folder / "msg", ".msg")}
+        overlays = {*overlay_prefixes(self.workspaces)}
+        shares = (p / "share" / package for p in self.prefixes if p not in overlays)
+        installed = next((share for share in shares if _is_folder(share)), None)
+        names = OBELISK_MESSAGES[package]
+        return ReplacedMessages(
+            package=package,
+            folder=folder,
+            types=tuple(name for name in names if name not in own),
+            fields=tuple(
+                f"{name}.{field}"
+                for name in names
+                if name in own and installed is not None
+                for field in _fields(installed / "msg" / f"{name}.msg")
+                if field not in _fields(own[name])
+            ),
+        )
+
     def message_packages(self) -> tuple[str, ...]:
         """The packages of the workspaces that define messages."""
         sources = self.source_packages.items()
@@ -260,6 +295,15 @@ def _listed(folder: Path, suffix: str = "") -> tuple[Path, ...]:
         return tuple(sorted(file for file in folder.iterdir() if file.name.endswith(suffix)))
     except OSError:
         return ()
+
+
+def _fields(definition: Path) -> tuple[str, ...]:
+    """The fields of a message, none if the file cannot be read."""
+    try:
+        text = definition.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ()
+    return tuple(_FIELD.findall(text))
 
 
 def package_folders(workspace: Path) -> Iterator[Path]:

@@ -96,4 +96,13 @@ RULES: tuple[Rule, ...] = (
         fix="Write the value as the code declares it, or declare the parameter with "
         "`ParameterDescriptor(dynamic_typing=True)`.",
     ),
+    Rule(
+        code="OBK413",
+        severity="warning",
+        title="a message package that replaces one of Obelisk's",
+        cause="A package of the workspace has the name of one of Obelisk's message packages, of "
+        "another release. All nodes use it, and it lacks messages or fields. If the stack uses "
+        "none of them, the finding is an info.",
+        fix="Add what is missing to the package, or remove the package from the workspace.",
+    ),
 )
