@@ -1,4 +1,4 @@
-"""The clocks of this machine: monotonic for waiting, wall for telling."""
+"""Clocks: monotonic for measuring and waiting, wall-clock time for display."""
 
 import time
 from datetime import datetime

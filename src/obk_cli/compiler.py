@@ -28,7 +28,7 @@ from obk_cli.workspace.package_index import did_you_mean_config
 __all__ = ["Options", "Outcome", "compile_config", "compile_source"]
 
 _LOSES_TEXT = frozenset(f"OBK{number:03}" for number in (2, 3, 6, 7, 8, 9, 10, 13))
-"""Faults after which part of the config is not there to be checked."""
+"""Faults after which part of the config cannot be checked."""
 _OF_WHOLE_NODES = ("OBK207", "OBK208", "OBK306", "OBK307", "OBK405")
 """Findings about what a node lacks: it may stand under a key that was written twice."""
 _FOLLOWS: Mapping[str, str | tuple[str, ...]] = {
@@ -36,7 +36,7 @@ _FOLLOWS: Mapping[str, str | tuple[str, ...]] = {
     "OBK109": ("OBK203", "OBK204"),
     "OBK407": "OBK205",
 }
-"""Finding -> findings about the same text that would tell the same fault once more."""
+"""Finding -> findings about the same text that would report the same fault again."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,14 +60,14 @@ class Options:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What became of a config; there is a plan only where no error was found."""
+    """The result of compiling a config; the plan is None if it has errors."""
 
     path: str
     plan: Plan | None
     config: Stack | None
     diagnostics: tuple[Diagnostic, ...] = field(default=())
     environment: Environment | None = None
-    """What was asked about packages and models; None if nothing was."""
+    """The packages and models that were looked up; None if none were."""
 
 
 def compile_config(path: str, options: Options) -> Outcome:

@@ -1,6 +1,6 @@
-"""Faults of the surroundings, not of the config: a missing file, a bad option.
+"""Errors outside the config, such as a missing file or a bad option, and their exit codes.
 
-They are raised, and the command line turns each into one message and an exit code.
+The command line prints each as one message.
 """
 
 import errno
@@ -29,7 +29,7 @@ EXIT_INTERRUPTED: Final = 130
 
 
 class ObkError(Exception):
-    """What was asked for cannot be done; the message is for the user."""
+    """A command cannot do its work; the message is for the user."""
 
     exit_code: int = EXIT_FAILED
 
@@ -63,11 +63,11 @@ _RESOURCE_ERRORS: Final = {
 }
 _SOURCE: Final = Path(__file__).absolute().parents[1]
 _NO_THREAD: Final = "can't start new thread"
-"""Python's own words."""
+"""Message of the error that Python raises."""
 
 
 def resource_error(error: BaseException) -> str | None:
-    """What of the machine an error is the lack of; None: it is another error."""
+    """Which resource of the machine is exhausted; None: the error has another cause."""
     match error:
         case MemoryError():
             return _MEMORY
@@ -83,9 +83,9 @@ def resource_error(error: BaseException) -> str | None:
 
 
 def pythonpath_shadow(error: BaseException) -> str | None:
-    """Which file of PYTHONPATH an error comes from, in the place of a library; None: of none.
+    """Which file on PYTHONPATH shadows a library and caused an error; None: no such file.
 
-    Other environments put theirs there, and what they hold seldom fits this Python.
+    Other environments add their folders there, and these seldom fit this Python.
     """
     listed = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     folders = [Path(folder).absolute() for folder in listed if folder]
@@ -97,7 +97,7 @@ def pythonpath_shadow(error: BaseException) -> str | None:
 
 
 def _files_of(error: BaseException) -> Iterator[str]:
-    """The files that may be at fault: that of a wrong module, that of the line which failed."""
+    """The files that may have caused an error: of the module named, of the line that failed."""
     top = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
     modules = (getattr(error, "obj", None), sys.modules.get(top))
     trace = error.__traceback__

@@ -29,13 +29,13 @@ _MOST_BYTES = LONGEST_FILE_BYTES + 1
 
 
 def read_bytes(path: str) -> bytes | str:
-    """What a file holds, or why it cannot be read; `-` is the standard input.
+    """The content of a file, or why it cannot be read; `-` is the standard input.
 
-    Of one that is longer than any config no more than shows that.
+    A file longer than any config is cut one byte past the limit.
     """
     try:
         if path == STANDARD_INPUT:
-            # It is None where whoever started this has closed it.
+            # None if the parent process closed it.
             return sys.stdin.buffer.read(_MOST_BYTES) if sys.stdin else "it is closed"
         if _is_named_pipe(Path(path)):
             return "it is a named pipe"
@@ -46,12 +46,12 @@ def read_bytes(path: str) -> bytes | str:
 
 
 def _is_named_pipe(path: Path) -> bool:
-    """Whether opening it would wait for somebody; the pipes of a shell have a writer."""
+    """Whether opening it would wait for a writer; the pipes of a shell have one."""
     return path.is_fifo() and not path.resolve().is_relative_to("/proc")
 
 
 def explain_os_error(error: OSError | ValueError) -> str:
-    """The system's error in the user's words."""
+    """An error of the system as a short reason."""
     match error:
         case FileNotFoundError():
             return "there is no such file"
@@ -65,7 +65,7 @@ def explain_os_error(error: OSError | ValueError) -> str:
 
 
 def unwritable(path: Path, error: OSError) -> CommandFailedError:
-    """What a command ends with that cannot write its file."""
+    """The error of a command that cannot write its file."""
     reason = explain_os_error(error)
     if isinstance(error, FileNotFoundError) and not path.parent.is_dir():
         reason = f"the folder {path.parent} is not there"
@@ -75,13 +75,13 @@ def unwritable(path: Path, error: OSError) -> CommandFailedError:
 
 
 SHARED_FOLDER_BITS: Final = stat.S_ISVTX | stat.S_IWOTH
-"""Of a folder where each user may put something, and take away nobody else's."""
+"""Mode of a folder such as /tmp: any user may add files, only their owner may remove them."""
 
 
 def is_untrusted(path: Path) -> bool:
-    """Whether it lies in such a folder and is neither this user's nor root's.
+    """Whether another user put the file into a folder that all users share, such as /tmp.
 
-    What a user keeps beside it would otherwise be run with it.
+    It could otherwise change what this user runs from the same folder.
     """
     try:
         owner, mode = path.lstat().st_uid, path.parent.stat().st_mode
@@ -91,26 +91,26 @@ def is_untrusted(path: Path) -> bool:
 
 
 def is_within_untrusted(path: Path) -> bool:
-    """Whether that holds for it, or for a folder that it lies in."""
+    """Whether the path or a folder above it is untrusted."""
     whole = path.absolute()
     return any(map(is_untrusted, (whole, *whole.parents)))
 
 
 STATE_MODE = 0o600
-"""Of files that are nobody's but their owner's: what a run was given and how it is."""
+"""Mode of state files, which only their owner may read: what a run was given and its status."""
 _NEW_MODE = 0o666
-"""Of any new file, less what the user's mask takes away."""
+"""Mode of other new files, before the user's umask."""
 
 
 def write_text(path: Path, text: str, *, mode: int | None = None) -> bool:
-    """Put `text` into the file as UTF-8, bytes of names that are none as they were."""
+    """Write the text as UTF-8; escaped bytes, as in file names, are written as they were."""
     return write_bytes(path, text.encode("utf-8", "surrogateescape"), mode=mode)
 
 
 def write_bytes(path: Path, data: bytes, *, mode: int | None = None) -> bool:
-    """Put `data` into the file, making its folder; tells whether anything changed.
+    """Write a file whole or not at all, with its folder; return whether anything changed.
 
-    A link is followed. What is there and is no file, a pipe or a device, takes the data and stays.
+    A link is followed. A pipe or a device is written to and stays.
 
     Args:
         path: the file.
@@ -154,7 +154,7 @@ def _copy_owner_and_mode(old: Path, new: Path) -> None:
 
 
 def resource_folder(name: str) -> Path:
-    """The folder of that name ("schema", "templates") that belongs to this very code.
+    """The folder of resources ("schema", "templates") that is installed with this code.
 
     Raises:
         FileNotFoundError: it is in neither place; the installation is broken.

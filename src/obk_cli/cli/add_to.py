@@ -1,7 +1,6 @@
-"""`obk new ... --add-to CONFIG`: the new node's entry in a config, planned, then written.
+"""`obk new ... --add-to CONFIG`: add the new node to a config.
 
-In: which config, and the answers. Out: the edit, to be written as the last step of making the
-package; a config that cannot take the node stops everything before anything is made.
+The edit is planned first and written last: if the config cannot take the node, nothing is created.
 """
 
 from collections.abc import Mapping
@@ -28,7 +27,7 @@ __all__ = ["AddToOptions", "ConfigEdit", "add_to_config", "add_to_options", "wit
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddToOptions:
-    """The options about the config."""
+    """The options `--add-to`, `--device` and `--replace`."""
 
     config: str
     device: str | None = None
@@ -38,10 +37,10 @@ class AddToOptions:
 def add_to_options(
     config: str | None, device: str | None, replaces: str | None
 ) -> AddToOptions | None:
-    """What the options come to, None where no config is to change.
+    """The options as a value; None if no config is to be changed.
 
     Raises:
-        MisuseError: they do not go together, or the config is the standard input.
+        MisuseError: an option lacks `--add-to`, or the config is the standard input.
     """
     if config == STANDARD_INPUT:
         raise MisuseError("`--add-to -`: a file is changed, so it needs one")
@@ -58,7 +57,7 @@ _OPTIONS: Mapping[str, str] = {
     "est": "--est-msg",
     "sensor": "--sensor-msg",
 }
-"""The option that says the type of `pub_ctrl`, `sub_ctrl` and so on."""
+"""The option for the message type of `pub_ctrl`, `sub_ctrl` and so on."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,10 +67,10 @@ class ConfigEdit:
     added: AddedNode
     _file: EditedFile
     _is_built_later: bool
-    """Whether the node's executable is there only after a build."""
+    """Whether the node's executable exists only after a build."""
 
     def write(self) -> None:
-        """Replace the config, once the package is there and the whole is sound with it.
+        """Replace the config once the package exists, if the config has no new errors.
 
         Raises:
             CommandFailedError: it is not, or the file has changed or cannot be written.
@@ -90,7 +89,7 @@ class ConfigEdit:
         write_edited(self._file, self.added.text)
 
     def describe(self, *, is_done: bool) -> Added:
-        """What was, or would be, done to the config."""
+        """Describe what was, or would be, changed in the config."""
         source, text = self.added.source, self.added.text
         later = "note: until it is built, `obk validate` says that there is no such executable"
         return Added(
@@ -127,9 +126,9 @@ def add_to_config(options: AddToOptions, answers: Answers) -> ConfigEdit:
 
 
 def with_config_types(question: Question, options: AddToOptions, default: Answers) -> Question:
-    """The question with the message types that were left open as the config has them.
+    """The question with open message types filled in from the config.
 
-    `usual` is what they would be else. What is wrong with the config is told when the node joins.
+    `default` holds the types otherwise used. Errors in the config are reported by `add_to_config`.
     """
     file = open_for_edit(options.config)
     stack = None

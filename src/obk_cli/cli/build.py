@@ -72,7 +72,7 @@ def _short(path: Path) -> str:
 
 @contextmanager
 def showing_progress(*, is_terminal: bool) -> Iterator[Callable[[Progress], None]]:
-    """While entered, what is given is shown on stderr; on a terminal nothing of it is left."""
+    """Show progress on stderr while entered; on a terminal it is cleared at the end."""
     if not is_terminal:
         yield _print_step
         return
@@ -165,7 +165,7 @@ def command(
 
 
 class _DefinitionsWrongError(CommandFailedError):
-    """What was said of the definitions, and the same as values."""
+    """Message definitions are wrong; holds the problems as values."""
 
     def __init__(self, message: str, problems: Sequence[DefinitionProblem]) -> None:
         super().__init__(message)
@@ -173,7 +173,7 @@ class _DefinitionsWrongError(CommandFailedError):
 
 
 def build_shown(workspace: Path, options: BuildOptions, *, colour: bool) -> Built:
-    """Build a workspace, the advance shown on stderr.
+    """Build a workspace, with the progress on stderr.
 
     Raises:
         CommandFailedError: it cannot be built, or was interrupted; what is wrong with definitions
@@ -257,7 +257,7 @@ def on_overlays(
     """The packages for a config in `folder`, and the environment in which nodes find them.
 
     Message packages are up to date, and this process finds them too. With `may_build` off, what is
-    missing or stale is told on stderr. `color` is the word of the option.
+    missing or stale is reported on stderr. `color` is the value of the option.
 
     Raises:
         CommandFailedError: a package cannot be compiled.

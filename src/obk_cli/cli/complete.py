@@ -1,4 +1,4 @@
-"""Names for the shell's completion: from the plans of the stacks that run here; loads no ROS.
+"""Shell completion of names, from the plans of running stacks; loads no ROS.
 
 What nothing is known of is left to the shell, which completes names of files. Commands name these
 functions where they declare what they take: what finds the names is imported when a shell asks.
@@ -99,7 +99,7 @@ BY_NAME: Final[Mapping[str, Find]] = {
 
 
 def make_completable(command: click.Command) -> None:
-    """Have texts that a command takes completed: to the words that its help lists, or by name."""
+    """Complete a command's text parameters: to the choices in its help, or by name."""
     for inner in getattr(command, "commands", {}).values():
         make_completable(inner)
     for parameter in command.params:
@@ -116,7 +116,7 @@ def _find(parameter: click.Parameter) -> Find | None:
 
 
 class _Completed(click.types.StringParamType):
-    """A text of which the shell is told what it can be."""
+    """A text parameter with shell completion."""
 
     def __init__(self, find: Find) -> None:
         self._find = find
@@ -124,5 +124,5 @@ class _Completed(click.types.StringParamType):
     def shell_complete(
         self, _ctx: click.Context, _param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        """What it can be."""
+        """The possible values."""
         return [CompletionItem(name) for name in self._find(incomplete)]

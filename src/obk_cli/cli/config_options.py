@@ -64,7 +64,7 @@ def make_options(overrides: list[str] | None, ignore: list[str] | None) -> Optio
 
 
 def wants_colour(choice: str, *, to_stderr: bool = False) -> bool:
-    """Whether to colour: as asked, else on a terminal that can, unless NO_COLOR is set.
+    """Whether to colour: as chosen; `auto`: on a capable terminal, unless NO_COLOR is set.
 
     Raises:
         MisuseError: the choice is none of the three.
@@ -79,18 +79,18 @@ def wants_colour(choice: str, *, to_stderr: bool = False) -> bool:
 
 
 def print_findings(findings: Sequence[Diagnostic], color: str = "auto") -> None:
-    """Print findings in full; `color` is the word of the option."""
+    """Print findings in full; `color` is the value of the option."""
     if findings:
         colour = wants_colour(color, to_stderr=True)
         print(report_text(findings, colour=colour, verbose=True), end="\n\n", file=sys.stderr)
 
 
 def valid_plan(outcome: Outcome, color: str, *, with_infos: bool = False) -> Plan:
-    """The plan of a config without errors; its findings are printed with their sum.
+    """The plan of a config without errors; prints the findings and a summary.
 
     Args:
-        outcome: what became of the config.
-        color: the word of the option.
+        outcome: the compiled config.
+        color: the value of the option.
         with_infos: whether infos are printed too.
 
     Raises:

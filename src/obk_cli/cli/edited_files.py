@@ -46,7 +46,7 @@ def open_for_edit(path: str) -> EditedFile | Diagnostic:
 
 
 def write_edited(file: EditedFile, text: str) -> None:
-    """Replace the file, unless somebody else has changed it since it was read.
+    """Replace the file, unless it was changed since it was read.
 
     Raises:
         CommandFailedError: it has changed, or cannot be written.

@@ -1,7 +1,4 @@
-"""The way of every `obk new`: place, answers, files, decisions, writing, telling.
-
-In: what was asked for. Out: files on disk, and the telling of them on stdout.
-"""
+"""The steps of every `obk new`: find the target, check the answers, write files, report them."""
 
 import os
 import shutil
@@ -104,7 +101,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewOptions:
-    """The options that all kinds have."""
+    """The options that all kinds share."""
 
     dest: Path | None = None
     templates: Path | None = None
@@ -116,7 +113,7 @@ class NewOptions:
 
 
 def run_new(question: Question, options: NewOptions) -> None:
-    """Make what is asked for and tell of it.
+    """Create the files of a question and report them.
 
     Raises:
         MisuseError: a name or a message type cannot be.
@@ -164,7 +161,7 @@ def write_files(
     remedy: str = "choose another name or --dest; --force replaces ordinary files",
     finish: Callable[[], None] = lambda: None,
 ) -> tuple[Decision, ...]:
-    """Decide on each file, ask where there is somebody to ask, write, and `finish`.
+    """Decide on each file, ask on a terminal, write, and `finish`.
 
     `way_out` says what the user can do when something is in the way.
 
@@ -225,7 +222,7 @@ def require_valid(answers: Answers | tuple[Problem, ...]) -> Answers:
 
 
 def short(path: Path) -> str:
-    """As the user would type it from here."""
+    """The path as the user would type it in the working folder."""
     cwd, full = Path.cwd(), path.resolve()
     return str(full.relative_to(cwd)) if full.is_relative_to(cwd) else str(full)
 
@@ -255,7 +252,7 @@ def _answer(question: Question, target: TargetFolder) -> Answers:
 
 
 def _note_missing_packages(answers: Answers, target: TargetFolder) -> None:
-    """Tell of message packages that are not there: they may be yet to come, or misspelt."""
+    """Print a note for each missing message package: it may follow later, or be misspelt."""
     index = PackageIndex.around(target.folder, Path.cwd(), os.environ)
     used = {message.package for message in answers.messages} - {*OBELISK_MESSAGES, *ROS_MESSAGES}
     for package in sorted(name for name in used if index.message_names(name) is None):

@@ -1,4 +1,4 @@
-"""Which folder a new node goes into: a package of its own, or the package that is there.
+"""The folder of a new node: a package of its own, or an existing package.
 
 In: `--dest` and the working folder. Out: the folder and, if it is a package, its identity.
 Never writes.
@@ -43,7 +43,7 @@ _ELSEWHERE = "use --dest to make a package of its own somewhere else"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetFolder:
-    """A folder for packages, or a package that takes the node in.
+    """A folder for packages, or an existing package that the node is added to.
 
     `boundary` is the folder that the user spoke of; nothing is made outside it.
     """
@@ -119,16 +119,16 @@ def _usual_folder(config: Path | None) -> Path:
 
 def _enclosing_package(folder: Path) -> Path | None:
     """The package that a folder is in; a workspace or a checkout ends the search upward."""
-    for target in (folder, *folder.parents):
-        if (target / "package.xml").is_file():
-            return target
-        if (target / "src").is_dir() or (target / ".git").exists():
+    for parent in (folder, *folder.parents):
+        if (parent / "package.xml").is_file():
+            return parent
+        if (parent / "src").is_dir() or (parent / ".git").exists():
             return None
     return None
 
 
 def require_suitable_package(target: TargetFolder, question: Question) -> None:
-    """See that what is asked for can go into the package at this place.
+    """Reject a package that cannot take the new node.
 
     Raises:
         CommandFailedError: it cannot.

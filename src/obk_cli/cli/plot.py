@@ -44,7 +44,7 @@ def command(
 
     A field is a number, an array (a line for each number) or a message in the message (a line for
     each number in it). Time is that at which the messages were published, with --received that at
-    which the recorder got them. No ROS is needed: the recording itself tells how its messages are
+    which the recorder got them. No ROS is needed: the recording itself defines how its messages are
     read.
     """
     from obk_cli.optional_deps import require_extra

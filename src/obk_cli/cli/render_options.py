@@ -1,4 +1,4 @@
-"""The film of a launch as the user asks for it: options, and all that can be checked beforehand."""
+"""The options of `obk launch --render`, checked before anything starts."""
 
 import os
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ RenderFpsOption = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RenderArguments:
-    """What the user wrote; None: nothing."""
+    """The options as given; None: not given."""
 
     path: Path | None
     camera: str | None
@@ -54,7 +54,7 @@ class RenderArguments:
 
 
 def with_render(plan: Plan, share: Share, arguments: RenderArguments) -> Plan:
-    """The plan with the film that its simulated robot is to make.
+    """The plan with parameters that make its simulated robot record a video.
 
     Args:
         plan: a whole stack.

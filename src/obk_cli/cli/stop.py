@@ -42,7 +42,7 @@ def command(
     runs = select_runs(runs_folder(os.environ), run)
     if not all_:
         _require_one(runs)
-    ends = [_stop(folder, told, timeout, may_kill=kill) for folder, told in runs.items()]
+    ends = [_stop(folder, run_, timeout, may_kill=kill) for folder, run_ in runs.items()]
     raise typer.Exit(EXIT_DONE if all(ends) else EXIT_FAILED)
 
 
@@ -64,18 +64,18 @@ def _stop(folder: Path, run: Run, timeout_s: float, *, may_kill: bool) -> bool:
     end = end_launcher(
         folder, run, reason="asked by `obk stop`", timeout_s=timeout_s, may_kill=may_kill
     )
-    if end == "still there":
+    if end == "running":
         hint = "" if may_kill else "; `--kill` kills it"
         print(
             f"error: {run.name} (launcher {run.pid}) has not ended within {timeout_s:g} s{hint}",
             file=sys.stderr,
         )
         return False
-    told = read_run(folder)
+    ended = read_run(folder)
     if end == "killed":
         print(f"{run.name}: killed")
-    elif told and told.cause:
-        print(f"{run.name}: ended; it had failed: {plain(told.cause)}")
+    elif ended and ended.cause:
+        print(f"{run.name}: ended; it had failed: {plain(ended.cause)}")
     else:
         print(f"{run.name}: ended")
     return True

@@ -38,7 +38,7 @@ DELAY_EXAMPLE = "Example: obk topic delay est --duration 5"
 REPORT_S: Final = 1.0
 """Between two reports [s]."""
 POLL_S: Final = 0.001
-"""Delays are small: nobody waits longer than this for a message [s]."""
+"""Period of polling, small against the delays that are measured [s]."""
 
 DurationOption = Annotated[
     float | None, typer.Option(help="Seconds after which to end, with one report.")
@@ -119,7 +119,7 @@ def delay(
     """Measure how long messages were on their way, by the stamps in their headers.
 
     From the stamp to the receipt by the middleware here. Stamps of another clock, such as a
-    simulator's, tell only how much later than the quickest message the others came.
+    simulator's, show only how much later than the fastest message the others arrived.
     """
     is_json = wants_json(format)
     require_positive("--duration", duration, "seconds")
@@ -172,7 +172,7 @@ def _measure_delay(
 
 @contextmanager
 def _report_on_interrupt(report: Callable[[], None]) -> Iterator[None]:
-    """Ctrl-C is how measuring ends: what came since the last report is told, too."""
+    """Report once more on Ctrl-C, which is how measuring ends."""
     try:
         yield
     except KeyboardInterrupt:
@@ -221,7 +221,7 @@ SILENT_S: Final = 1.0
 
 
 def rate_text(rate: TopicRate) -> str:
-    """What was measured of a topic, for a person."""
+    """The measured rate of a topic as text."""
     age_s = rate.age_s or 0.0
     if rate.rate_hz is None:
         few = ("no message yet", "one message")
@@ -243,12 +243,12 @@ def rate_text(rate: TopicRate) -> str:
 
 
 def rate_data(topic: str, rate: TopicRate) -> dict[str, Any]:
-    """What was measured of a topic, for a program."""
+    """The measured rate of a topic as JSON data."""
     return {"topic": topic, **asdict(rate)}
 
 
 def delay_text(delay: Delay) -> str:
-    """The delays of a topic, for a person."""
+    """The delays of a topic as text."""
     clock = f"the stamps are of another clock, {delay.pace:.3g} times as fast"
     zero = f"  (above the quickest: {clock})" if delay.is_relative else ""
     return (
@@ -258,7 +258,7 @@ def delay_text(delay: Delay) -> str:
 
 
 def delay_data(topic: str, delay: Delay) -> dict[str, Any]:
-    """The delays of a topic, for a program."""
+    """The delays of a topic as JSON data."""
     return {"topic": topic, **asdict(delay)}
 
 

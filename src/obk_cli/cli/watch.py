@@ -1,4 +1,4 @@
-"""`obk validate --watch`: a check again whenever a file that took part in it changes."""
+"""`obk validate --watch`: check again when a file that the check has read changes."""
 
 import contextlib
 import time
@@ -62,12 +62,12 @@ def watch(check: Callable[[], Mapping[Path, Mark]], wait: Callable[[], None]) ->
 
 
 def pause() -> None:
-    """Wait for the next look at the files."""
+    """Wait until the files are polled again."""
     time.sleep(_POLL_S)
 
 
 def _settle(paths: Iterable[Path], wait: Callable[[], None]) -> None:
-    """Wait until whoever is writing has done: an editor takes the old file away first."""
+    """Wait until the files stop changing: an editor removes the old file first."""
     before = None
     while before != (now := _marks(paths)):
         before = now

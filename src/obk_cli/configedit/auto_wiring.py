@@ -29,14 +29,14 @@ _SOURCES: Mapping[str, tuple[str, ...]] = {
     "robot": ("control",),
     "sensing": ("robot", "sensing"),
 }
-"""Section -> the sections that its nodes listen to, the likelier first."""
+"""Section -> the sections that its nodes subscribe to, the likelier first."""
 _READERS: Mapping[str, tuple[str, ...]] = {
     "control": ("robot", "control"),
     "estimation": ("control", "estimation"),
     "robot": ("estimation", "control"),
     "sensing": ("estimation", "control"),
 }
-"""Section -> the sections that listen to its nodes."""
+"""Section -> the sections that subscribe to its nodes."""
 _BEFORE: Mapping[str, tuple[str, ...]] = {
     "control": ("estimation",),
     "estimation": ("robot", "sensing"),
@@ -65,7 +65,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Switch:
-    """A reader that listens to another node."""
+    """A subscriber that is wired to another publisher now."""
 
     place: Span
     """The topic that would have to be another."""
@@ -111,7 +111,7 @@ class _Chooser:
         )
 
     def publish(self, end: NewEnd) -> Link | Rejected:
-        """A topic that is read and that nobody publishes; else one of the node's own."""
+        """A topic that has subscribers and no publisher; else one of the node's own."""
         readers = self._others(end, _READERS)
         fitting = _first_by_topic(other for other in readers if self._fits(other, end))
         if not fitting and self._node.section == "control":
@@ -175,7 +175,7 @@ class _Chooser:
         )
 
     def _own_topic(self, end: NewEnd, rival: TopicEnd | None) -> Link:
-        """A topic beside the one that it would have been, told with how to switch over."""
+        """A topic of its own, with a note on how to switch the subscribers over to it."""
         real, written = self._parents(rival)
         taken = {other.topic for other in self._ends}
         names = (self._node.executable, f"{self._node.executable}_new")
@@ -320,7 +320,7 @@ def _tick(
     replaced: Node | None,
     links: Iterable[Link],
 ) -> Tick:
-    """The period of the neighbour's timer, else of what the node hears, else the usual one."""
+    """The period of the neighbour's timer, else of what the node receives, else the usual one."""
     name = identity_of(timer)
     neighbours = stack.section(new_node.section)
     for node in (replaced, *neighbours) if replaced else neighbours:

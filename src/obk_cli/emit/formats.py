@@ -1,4 +1,4 @@
-"""Every form that a plan can be written in, by the name that `--to` takes."""
+"""All output formats of a plan, by their `--to` name."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

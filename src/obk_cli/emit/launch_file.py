@@ -79,7 +79,7 @@ def step_handlers(change, nodes, then):
         return [] if waiting else then
 
     def failed(_context, node):
-        # Only while it is being brought up: what somebody asks for later is theirs to judge.
+        # Only during bring-up: later transitions are requested by a user.
         why = f"{node.node_name} did not become {after}"
         return [Shutdown(reason=why)] if node in waiting else []
 

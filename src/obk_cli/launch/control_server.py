@@ -197,7 +197,7 @@ class _Server:
         answer = self._awaited()
 
         def reply(data: bytes) -> None:
-            self._settle_from_a_thread(answer, encode_line(GraphAnswer(told=msgspec.Raw(data))))
+            self._settle_from_a_thread(answer, encode_line(GraphAnswer(value=msgspec.Raw(data))))
 
         self._look(bytes(question), reply)
         wait_s = LOOK_S + _given_s(question)

@@ -207,7 +207,7 @@ def _refusal(run: Run, other: Run) -> CommandFailedError:
 
 def _end_launcher(folder: Path, other: Run) -> None:
     end = end_launcher(folder, other, reason="replaced", timeout_s=STOP_S, may_kill=True)
-    if end == "still there":
+    if end == "running":
         raise CommandFailedError(
             f"the stack `{other.name}` in the ROS domain {other.domain} does not end "
             f"(process {other.pid})",

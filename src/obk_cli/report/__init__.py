@@ -1,1 +1,1 @@
-"""Findings for a person or a program: one bag, several voices. Each returns its text."""
+"""Findings as text for the terminal, JSON, GitHub annotations or SARIF."""

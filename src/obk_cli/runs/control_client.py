@@ -81,7 +81,7 @@ def ask_graph(
     """
     request = GraphRequest(question=msgspec.Raw(question))
     answer = _ask(folder, request, GraphAnswer, timeout_s)
-    return answer.told if isinstance(answer, GraphAnswer) else answer
+    return answer.value if isinstance(answer, GraphAnswer) else answer
 
 
 def ask_stop(folder: Path, reason: str, timeout_s: float = ANSWER_S) -> bool:

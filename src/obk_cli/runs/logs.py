@@ -1,4 +1,4 @@
-"""Log files of runs: which one a name means, its lines, and those that are added."""
+"""Log files of runs: find one by name, read its lines, follow new ones."""
 
 import os
 import time
@@ -22,7 +22,7 @@ _MOST: Final = 1 << 20
 
 
 def find_log(parent: Path, run: str | None, node: str | None) -> Path:
-    """The path of a log, which may not be there yet.
+    """The path of a log, which may not exist yet.
 
     Args:
         parent: the folder of all runs.
@@ -90,7 +90,7 @@ def read_lines(path: Path) -> Iterator[str]:
     """The lines of a file, without their ends; none where there is no file.
 
     Raises:
-        OSError: it is there and cannot be read.
+        OSError: the file exists and cannot be read.
     """
     try:
         with path.open(encoding="utf-8", errors="replace") as file:
@@ -103,7 +103,7 @@ def last_lines(path: Path, count: int) -> tuple[str, ...]:
     """The last lines of a file, however long it is; fewer where they have 1 MiB and more.
 
     Raises:
-        OSError: it is there and cannot be read.
+        OSError: the file exists and cannot be read.
     """
     try:
         with path.open("rb") as file:
@@ -128,7 +128,7 @@ def follow_lines(path: Path) -> Iterator[str | None]:
     Waits for a file that is not there yet, and goes on with one that takes its place.
 
     Raises:
-        OSError: it is there and cannot be read.
+        OSError: the file exists and cannot be read.
     """
     while True:
         try:

@@ -1,7 +1,7 @@
-"""Processes of stacks whose launcher is gone: found by their environment, and ended.
+"""Find and end orphans: processes of stacks whose launcher has ended.
 
-Every process of a stack carries the name of its run's folder (`OBK_RUN`) and its launcher's number
-and start (`OBK_LAUNCHER`); so do those that it starts in turn. Looks at this user's processes only.
+The environment of every process of a stack, and of its children, holds the name of the run folder
+(`OBK_RUN`) and the launcher's PID and start time (`OBK_LAUNCHER`). Ignores other users' processes.
 """
 
 import os
@@ -29,7 +29,7 @@ __all__ = ["UNRECORDED", "Orphan", "end_orphans", "find_orphans", "launch_marks"
 RUN_MARK: Final = "OBK_RUN"
 LAUNCHER_MARK: Final = "OBK_LAUNCHER"
 UNRECORDED: Final = "unrecorded"
-"""Stands for the run's folder where none could be made."""
+"""In place of a run folder's name if none could be created."""
 GRACE_S: Final = 2.0
 """Between SIGTERM and SIGKILL [s]."""
 KILL_S: Final = 5.0
@@ -49,7 +49,7 @@ class Orphan:
 
 
 def launch_marks(run_folder: Path | None) -> Mapping[str, str]:
-    """The variables by which the processes of this launcher are known.
+    """The environment variables that mark the processes of this launcher.
 
     Args:
         run_folder: the run's; None where it could not be made.
@@ -60,7 +60,7 @@ def launch_marks(run_folder: Path | None) -> Mapping[str, str]:
 
 
 def find_orphans(parent: Path, run: str | None = None) -> tuple[Orphan, ...]:
-    """The processes of this user whose launcher is gone, by their numbers.
+    """This user's processes whose launcher has ended, by PID.
 
     Args:
         parent: the folder of all runs.
@@ -79,7 +79,7 @@ def end_orphans(orphans: Iterable[Orphan]) -> tuple[Orphan, ...]:
     """End processes, their groups and all that they started: SIGTERM, a grace time, SIGKILL.
 
     Returns:
-        Those that are there nevertheless.
+        The orphans that are still running.
     """
     every = tuple(orphans)
     targets = _with_descendants(every)
@@ -94,7 +94,7 @@ def end_orphans(orphans: Iterable[Orphan]) -> tuple[Orphan, ...]:
 
 
 def _orphan(process: psutil.Process, parent: Path) -> Orphan | None:
-    """What is known of a process, if it has a launcher that is gone."""
+    """The process as an orphan; None if it is not one."""
     try:
         variables = process.environ()
         if RUN_MARK not in variables or not counts_as_here(process.pid):
@@ -111,7 +111,7 @@ def _orphan(process: psutil.Process, parent: Path) -> Orphan | None:
 
 
 def _is_launcher_gone(variables: Mapping[str, str], parent: Path) -> bool:
-    """Whether it is known for certain: what cannot be told is left alone."""
+    """Whether the launcher is known to have ended; if in doubt, it has not."""
     number, _, start = variables.get(LAUNCHER_MARK, "").partition(":")
     try:
         return not is_process(int(number), float(start))
@@ -129,7 +129,7 @@ def _own_processes() -> Iterable[psutil.Process]:
 
 
 def _own_ancestors() -> set[int]:
-    """This process and those above it: whoever clears up is not among what is cleared up."""
+    """This process and its ancestors, which are never ended."""
     this = psutil.Process()
     return {this.pid, *(parent.pid for parent in this.parents())}
 

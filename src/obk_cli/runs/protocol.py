@@ -152,7 +152,7 @@ class Stopping(msgspec.Struct, frozen=True, kw_only=True, tag_field="answer", ta
 class GraphAnswer(msgspec.Struct, frozen=True, kw_only=True, tag_field="answer", tag="look"):
     """What the launcher's node answers about the ROS graph."""
 
-    told: msgspec.Raw
+    value: msgspec.Raw = msgspec.field(name="told")
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True):

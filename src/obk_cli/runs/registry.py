@@ -39,7 +39,7 @@ __all__ = [
 
 NO_ANSWER: Final = "no answer"
 """In place of a node's state."""
-LauncherEnd = Literal["ended", "killed", "still there"]
+LauncherEnd = Literal["ended", "killed", "running"]
 STOP_S: Final = 15.0
 """How long a stack's way down may take before it counts as stuck [s]."""
 KILL_S: Final = 5.0
@@ -52,14 +52,14 @@ POLL_S: Final = 0.02
 
 
 def is_alive(run: Run) -> bool:
-    """Whether the run's launcher is there and has not brought the run to its end."""
+    """Whether the run's launcher is running and has not recorded its end."""
     if run.ended is not None or run.boot not in ("", boot_id()):
         return False
     return is_process(run.pid, run.started)
 
 
 def live_folders(parent: Path) -> Mapping[Path, Run]:
-    """Folder -> run of this user's launchers that are alive, newest first, in all domains."""
+    """Folder -> run of this user's live launchers, newest first, in all ROS domains."""
     if is_within_untrusted(parent):
         return {}
     own = (folder for folder in run_folders(parent) if not is_untrusted(folder))
@@ -68,13 +68,13 @@ def live_folders(parent: Path) -> Mapping[Path, Run]:
 
 
 def live_runs(parent: Path) -> tuple[Run, ...]:
-    """The runs of this machine's launchers that are alive, in every ROS domain."""
+    """This user's runs with a live launcher, in all ROS domains."""
     return tuple(live_folders(parent).values())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveStack:
-    """One launcher's stack, or its part of one."""
+    """A running stack, or the part of it that one launcher runs."""
 
     folder: Path
     run: Run
@@ -89,7 +89,7 @@ class LiveStack:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeSelection:
-    """Nodes of one stack, and whom to ask for them."""
+    """Selected nodes of one stack."""
 
     stack: LiveStack
     nodes: tuple[str, ...]
@@ -97,7 +97,7 @@ class NodeSelection:
 
 
 def live_stacks(runs: Mapping[Path, Run], timeout_s: float = ANSWER_S) -> tuple[LiveStack, ...]:
-    """How the stacks of live runs are.
+    """The stacks of live runs with the status that their launchers report.
 
     Args:
         runs: by their folders.
@@ -112,7 +112,7 @@ def live_stacks(runs: Mapping[Path, Run], timeout_s: float = ANSWER_S) -> tuple[
 def select_runs(
     parent: Path, name: str | None = None, *, domain: int | None = None
 ) -> Mapping[Path, Run]:
-    """The live runs of this host that are meant, newest first.
+    """The live runs of this host by name and ROS domain, newest first.
 
     Args:
         parent: the folder of all runs.
@@ -141,10 +141,10 @@ def select_runs(
 def node_statuses(
     stacks: Sequence[LiveStack], names: Sequence[str]
 ) -> Mapping[str, NodeStatus] | None:
-    """The nodes that are meant, by full name; None where the launchers here cannot tell them all.
+    """The status of the named nodes; None if the launchers on this host do not know them all.
 
     Args:
-        stacks: that run here.
+        stacks: running on this host.
         names: as a user gives them; none: all nodes.
     """
     if not names and not all(stack.status for stack in stacks):
@@ -163,14 +163,14 @@ def node_statuses(
 
 
 def select_stack(stacks: Sequence[LiveStack], names: Sequence[str]) -> NodeSelection | None:
-    """Whom to ask for a transition of these nodes; None where no launcher here can be asked.
+    """The stack that can change the state of these nodes; None if no launcher here can.
 
     Args:
-        stacks: that run here.
+        stacks: running on this host.
         names: as a user gives them; none: the whole stack.
 
     Raises:
-        MisuseError: nodes of more than one stack may be meant.
+        MisuseError: the names match nodes of several stacks.
     """
     matching = [
         selection for stack in stacks if (selection := _selection(stack, names)) is not None
@@ -182,7 +182,7 @@ def select_stack(stacks: Sequence[LiveStack], names: Sequence[str]) -> NodeSelec
             f"{', '.join(stack_names)}",
             help="choose one with `--run NAME`, or by its nodes' full names",
         )
-    # Two launchers of one config: its devices. Whoever runs the nodes, else whoever leads.
+    # One launcher per device: prefer the one that runs the nodes, then the leading one.
     best = max(matching, key=_fitness, default=None)
     return best if best and best.stack.status else None
 
@@ -208,7 +208,7 @@ def _fitness(selection: NodeSelection) -> tuple[bool, bool]:
 
 
 def select_nodes(name: str, known: Iterable[str]) -> tuple[str, ...]:
-    """The nodes that a user means by a name, full or short (`control_0`), or by a section's."""
+    """The nodes of a name, full or short (`control_0`), or of a section."""
     every = tuple(known)
     if name in every:
         return (name,)
@@ -218,24 +218,23 @@ def select_nodes(name: str, known: Iterable[str]) -> tuple[str, ...]:
 
 
 def stack_nodes(found: Iterable[str]) -> tuple[str, ...]:
-    """Of life-cycle nodes in the ROS graph those of a stack, in tier order.
+    """The nodes of a stack among the life-cycle nodes in the ROS graph, in tier order.
 
-    A stack's nodes are named by their sections, its state node by its config; where nothing is
-    named by a section, all are meant.
+    A stack's nodes are named after their sections. If no node is, all nodes are returned.
     """
     every = in_tier_order(found)
     return tuple(node for node in every if section_of(node)) or every
 
 
 def section_of(node: str) -> str | None:
-    """The section that a node's name tells (`/ns/obelisk_control_0` -> `control`), or None."""
+    """The section in a node's name (`/ns/obelisk_control_0` -> `control`), or None."""
     parts = node.rpartition("/")[2].split("_")
     is_ours = len(parts) > 2 and parts[0] == "obelisk" and parts[1] in TIERS
     return parts[1] if is_ours else None
 
 
 def in_tier_order(nodes: Iterable[str]) -> tuple[str, ...]:
-    """Nodes by the tier that their names tell, unknown ones last."""
+    """Nodes sorted by the tier in their names, unknown ones last."""
 
     def rank(node: str) -> tuple[int, str]:
         section = section_of(node)
@@ -247,25 +246,25 @@ def in_tier_order(nodes: Iterable[str]) -> tuple[str, ...]:
 def end_launcher(
     folder: Path, run: Run, *, reason: str, timeout_s: float = STOP_S, may_kill: bool = False
 ) -> LauncherEnd:
-    """Ask a launcher to bring its stack down, and wait for its end.
+    """Ask a launcher to shut its stack down, and wait until it has ended.
 
-    Asks over the control socket, else by SIGINT; one that was stopped goes on for that.
+    Asks over the control socket, else by SIGINT; a suspended launcher is resumed first.
 
     Args:
         folder: the run's.
-        run: whose launcher.
-        reason: what the launcher tells its user.
-        timeout_s: for the answer and the way down [s].
-        may_kill: after that, kill the launcher, and what it leaves.
+        run: the run that the folder describes.
+        reason: shown by the launcher.
+        timeout_s: for the answer and the shutdown [s].
+        may_kill: kill the launcher and its processes if it does not end in time.
     """
 
     def is_running() -> bool:
         return is_alive(read_run(folder) or run)
 
-    # One that was stopped (Ctrl-Z) has to go on to end anything.
+    # A suspended launcher (Ctrl-Z) could not shut anything down.
     signal_process(run.pid, run.started, signal.SIGCONT)
     end = time.monotonic() + timeout_s
-    # Not sooner: one that is slow to answer would take the signal for impatience, and hurry.
+    # Not sooner: a launcher that is slow to answer would take the signal for a forced quit.
     if not ask_stop(folder, reason, timeout_s / 2):
         signal_process(run.pid, run.started, signal.SIGINT)
     if _wait_until(lambda: not is_running(), end - time.monotonic()):
@@ -273,10 +272,10 @@ def end_launcher(
         wait_for_ends([(run.pid, run.started)], EXIT_S)
         return "ended"
     if not may_kill:
-        return "still there"
+        return "running"
     signal_process(run.pid, run.started, signal.SIGKILL)
     if not _wait_until(lambda: not is_running(), KILL_S):
-        return "still there"
+        return "running"
     parent = folder.parent
     _wait_until(lambda: not find_orphans(parent, run=folder.name), WARDEN_S)
     end_orphans(find_orphans(parent, run=folder.name))

@@ -1,1 +1,1 @@
-"""A running stack as a page: what it is told, what it may ask, who may ask it."""
+"""`obk web`: a running stack as a page in the browser."""

@@ -1,7 +1,7 @@
-"""The page of a running stack over HTTP, by starlette: files, a stream of events, transitions.
+"""The web server of a running stack's page: files, a stream of events, transitions.
 
-`web.guard` checks every request before anything else. The stream looks ten times a second
-at what the watching thread has put down; transitions wait in threads of their own.
+`web.auth` checks every request first. The stream polls the newest snapshot ten times a second;
+transitions wait in their own threads.
 """
 
 import asyncio
@@ -39,7 +39,7 @@ __all__ = ["HOST", "TOKEN", "PageApi", "WebServer", "make_app", "take_port"]
 
 HOST: Final = "127.0.0.1"
 END_S: Final = 2
-"""For which open streams are waited for at the end [s]."""
+"""How long the shutdown waits for open streams [s]."""
 
 
 def take_port(port: int) -> socket.socket:
@@ -49,7 +49,7 @@ def take_port(port: int) -> socket.socket:
         port: 0: one that is free.
 
     Raises:
-        CommandFailedError: it is taken, or not for this user.
+        CommandFailedError: it is in use, or this user may not use it.
     """
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     # Connections of a server that has just ended do not hold its port.
@@ -70,13 +70,13 @@ class WebServer:
     """Serves until it is ended, or by Ctrl-C."""
 
     def __init__(self) -> None:
-        """Nothing is served yet."""
+        """Create the server without starting it."""
         self._server: uvicorn.Server | None = None
         self._is_ended = False
 
     @property
     def is_ending(self) -> bool:
-        """Whether streams without an end are to end now."""
+        """Whether endless streams must end now."""
         return self._is_ended or (self._server is not None and self._server.should_exit)
 
     def run(self, app: ASGIApp, listener: socket.socket) -> None:
@@ -96,7 +96,7 @@ class WebServer:
         self._server.should_exit = self._is_ended
         try:
             self._server.run(sockets=[listener])
-        except KeyboardInterrupt:  # told once more by uvicorn, after the end
+        except KeyboardInterrupt:  # raised again by uvicorn after its shutdown
             return
 
     def end(self) -> None:
@@ -110,7 +110,7 @@ _SECOND: Final = 1e-9
 
 
 def view_data(view: StackView) -> dict[str, Any]:
-    """A stack without its log, and with the transitions that it can be asked for."""
+    """A stack without its log, with the transitions that are possible."""
     data = monitor_data(view)
     del data["lines"]
     data["transitions"] = possible_transitions(view.state)
@@ -121,7 +121,7 @@ def view_data(view: StackView) -> dict[str, Any]:
 
 
 def lines_data(lines: Iterable[str]) -> list[str]:
-    """Lines of a log without what is meant for a terminal."""
+    """Lines of a log without terminal sequences."""
     return [plain(line) for line in lines]
 
 
@@ -141,7 +141,7 @@ def event(name: str, data: dict[str, Any]) -> str:
 TOKEN: Final = "token"  # noqa: S105 - the word in front of it
 """The URL's parameter; the cookie `obk_PORT` and the header `X-Obk-Token` hold the same value."""
 POLL_S: Final = 0.1
-"""Between two looks at what there is to tell [s]."""
+"""Period of polling for changes [s]."""
 MOST_CURVES: Final = 12
 CHANGE: Final = 'expected {"transition": "activate", "node": "/name", "run": "name_of_its_folder"}'
 PAGE: Final = Path(obk_cli.web.__file__).with_name("page")
@@ -157,19 +157,19 @@ Change = Callable[[StackView, str, tuple[str, ...]], ChangeAnswer]
 
 
 class FieldSource(Protocol):
-    """What `Plots` offers."""
+    """The methods of `Plots` that the page uses."""
 
     def subscribed(self, requests: list[FieldRequest]) -> AbstractContextManager[None]:
-        """While entered, these fields are heard."""
+        """Subscribe to these fields while entered."""
         ...
 
     def data_after(self, field_request: FieldRequest, after_ns: int) -> FieldData:
-        """What came of one after a time [ns since 1970]."""
+        """The data of a field after a time [ns since 1970]."""
         ...
 
 
 class PageApi:
-    """What a page can ask for."""
+    """The requests of a page."""
 
     def __init__(
         self,
@@ -178,10 +178,10 @@ class PageApi:
         change: Change,
         is_ending: Callable[[], bool],
     ) -> None:
-        """Join what is behind the page.
+        """Connect the page to its sources.
 
         Args:
-            moment: what there is to show now.
+            moment: returns the newest snapshot.
             drawn: the fields that pages draw.
             change: carries transitions out.
             is_ending: whether the streams are to end.
@@ -258,7 +258,7 @@ class PageApi:
                 await asyncio.sleep(POLL_S)
 
     def _samples(self, until_ns: dict[FieldRequest, int]) -> dict[str, Any]:
-        """What came since the last time, which is noted."""
+        """The samples since the last call; updates the times in `until_ns`."""
         curves = []
         for field_request, after_ns in until_ns.items():
             heard = self._fields.data_after(field_request, after_ns)
@@ -279,8 +279,8 @@ def make_app(site: PageApi, *, token: str, port: int) -> ASGIApp:
     """The application.
 
     Args:
-        site: what a page can ask for.
-        token: that a request has to know.
+        site: handles the requests.
+        token: required in every request.
         port: of the server; cookies of one host are those of all its ports.
     """
     cookie = f"obk_{port}"
@@ -303,7 +303,7 @@ def make_app(site: PageApi, *, token: str, port: int) -> ASGIApp:
 
 
 class _AuthMiddleware:
-    """Refuses requests, and adds the headers that all answers have."""
+    """Rejects unauthorized requests, and adds the security headers to every response."""
 
     def __init__(self, app: ASGIApp, token: str, cookie: str) -> None:
         self._app = app
@@ -340,7 +340,7 @@ class _AuthMiddleware:
 
 
 def _changes(shown: Snapshot | None, snapshot: Snapshot) -> list[str]:
-    """What a page that has seen one moment is told of another."""
+    """The events that update a page from one snapshot to the next."""
     view = snapshot.view
     if view is None:
         return [event("waiting", {})]

@@ -1,7 +1,6 @@
-"""What pages are told of a running stack, kept by a thread that watches it.
+"""Snapshots of a running stack for the pages, updated by a thread that follows the stack.
 
-In: a watcher's views. Out: the newest of them with its number and picture, for any thread. Pages
-take it when they like; watching waits for none of them.
+Any thread can read the newest snapshot; the thread that follows the stack never waits for a page.
 """
 
 import threading
@@ -20,33 +19,33 @@ from obk_cli.runs.folder import run_plan
 __all__ = ["Feed", "Snapshot", "live_picture"]
 
 STOP_S: Final = 5.0
-"""In which a watcher stops [s]."""
+"""Limit for stopping the thread [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Snapshot:
-    """What there is to show now."""
+    """What the page shows at one moment."""
 
     number: int = 0
-    """Another one for each moment."""
+    """Increases with each snapshot."""
     view: StackView | None = None
-    """Of the last stack there was; None: of none yet."""
+    """The last stack that was seen; None: none yet."""
     is_waiting: bool = True
-    """Whether nothing runs now."""
+    """Whether no stack is running."""
     picture: str = ""
-    """An SVG; empty: there is none of it."""
+    """The graph as SVG; empty if it cannot be drawn."""
 
 
 class Feed:
-    """Watches in a thread of its own."""
+    """Follows a stack in its own thread."""
 
     def __init__(self, follower: Views, runs: Path, on_end: Callable[[], None]) -> None:
-        """Begin with nothing.
+        """Create the thread without starting it.
 
         Args:
-            watcher: what is watched.
+            watcher: yields the views of the stack.
             runs: the folder of all runs.
-            on_end: is called in the thread when watching has ended, for whatever reason.
+            on_end: called in the thread when it ends, for any reason.
         """
         self._follower = follower
         self._runs = runs
@@ -57,18 +56,18 @@ class Feed:
 
     @property
     def snapshot(self) -> Snapshot:
-        """The newest."""
+        """The newest snapshot."""
         return self._snapshot
 
     def start(self) -> None:
-        """Begin to watch."""
+        """Start the thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """End watching.
+        """Stop the thread.
 
         Raises:
-            ObkError: it could not go on before.
+            ObkError: it had failed before.
         """
         self._follower.stop()
         self._thread.join(STOP_S)

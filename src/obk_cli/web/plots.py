@@ -1,7 +1,7 @@
-"""The fields that pages draw, heard in the thread that watches the stack.
+"""Subscribe to the fields that pages plot, and keep their newest values.
 
-Pages say what they want from threads of their own; what came is kept for a while after the last
-page has gone, so that one that is loaded anew goes on where it was.
+Pages request fields from their own threads; the thread that follows the stack receives messages.
+Values are kept for a while after the last page has closed, so that a reloaded page continues.
 """
 
 import threading
@@ -47,19 +47,19 @@ __all__ = [
 SHOWN_S: Final = 30.0
 SAMPLES_HZ: Final = 50
 MOST_LINES: Final = 12
-"""Of one field: more cannot be told apart."""
+"""Lines of one plot: more cannot be distinguished."""
 _NS: Final = 1_000_000_000
 _SLOT_NS: Final = _NS // SAMPLES_HZ
 _DEEPEST: Final = 4
-"""Levels of messages within messages that are offered."""
+"""Deepest nesting of the offered fields."""
 
 Sample = tuple[int, tuple[float | None, ...]]
-"""When it came [ns since 1970], and a value for each label; None: there was none."""
+"""Time of receipt [ns since 1970] and a value for each label; None: no value."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FieldRequest:
-    """A field that somebody wants to see."""
+    """A field that a page plots."""
 
     topic: str
     """Full name."""
@@ -69,29 +69,29 @@ class FieldRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FieldData:
-    """What came of a field."""
+    """The values of a field, or why there are none."""
 
     labels: tuple[str, ...]
     """`q_joints[0]`, ...: in the order of the values."""
     samples: tuple[Sample, ...]
     """Oldest first."""
     fault: str
-    """Why nothing comes; empty: nothing is wrong."""
+    """Why there are no values; empty: no fault."""
 
 
 class Trace:
     """The newest values of one field."""
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Start without values."""
         self.fault = ""
-        """Why nothing comes; empty: nothing is wrong."""
+        """Why there are no values; empty: no fault."""
         self._labels: tuple[str, ...] = ()
         self._samples: deque[Sample] = deque()
         self._slot = -1
 
     def is_due(self, received_ns: int) -> bool:
-        """Whether a message is wanted, or enough came just before it."""
+        """Whether the next sample is due at this time; messages in between are skipped."""
         return received_ns // _SLOT_NS != self._slot
 
     def take(self, received_ns: int, numbers: Mapping[str, float]) -> None:
@@ -105,7 +105,7 @@ class Trace:
             self._samples.popleft()
 
     def data_after(self, after_ns: int) -> FieldData:
-        """What came after a time [ns since 1970]."""
+        """The samples after a time [ns since 1970]."""
         new = tuple(sample for sample in self._samples if sample[0] > after_ns)
         return FieldData(labels=self._labels, samples=new, fault=self.fault)
 
@@ -149,11 +149,11 @@ def _number_fields(kind: FieldType, name: str, fields_of: FieldsOf, depth: int) 
 
 
 KEPT_S: Final = 5.0
-"""For which nobody has to want a field before it is forgotten [s]."""
+"""How long a field without pages keeps its subscription [s]."""
 
 
 class _Plot:
-    """A field that is wanted."""
+    """A field with its subscription and the number of pages that plot it."""
 
     def __init__(self) -> None:
         self.trace = Trace()
@@ -164,17 +164,17 @@ class _Plot:
 
 
 class Plots:
-    """The fields that are wanted now."""
+    """The fields that pages plot now."""
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Start without values."""
         self._lock = threading.Lock()
         self._plots: dict[FieldRequest, _Plot] = {}
         self._look: RosLook | None = None
 
     @contextmanager
     def subscribed(self, requests: Sequence[FieldRequest]) -> Iterator[None]:
-        """While entered, these fields are heard."""
+        """Subscribe to these fields while entered."""
         with self._lock:
             for request in requests:
                 self._plots.setdefault(request, _Plot()).pages += 1
@@ -187,12 +187,12 @@ class Plots:
                     self._plots[request].left_s = monotonic_s()
 
     def data_after(self, request: FieldRequest, after_ns: int) -> FieldData:
-        """What came of a field that is wanted, after a time [ns since 1970]."""
+        """The data of a subscribed field after a time [ns since 1970]."""
         with self._lock:
             return self._plots[request].trace.data_after(after_ns)
 
     def turn(self, look: RosLook) -> None:
-        """Take what has come, several times a second.
+        """Take the received messages; to be called several times a second.
 
         Args:
             look: a participant in the stack's domain; another one means another stack.
@@ -221,13 +221,13 @@ class Plots:
                 del self._plots[request]
 
     def _listen(self, look: RosLook, request: FieldRequest, plot: _Plot) -> None:
-        """Subscribe as soon as the topic has a type, and learn of other publishers."""
+        """Subscribe as soon as the topic has a type, and adapt to new publishers."""
         if plot.raw is not None:
             plot.raw.look()
             return
         msg_type = next(iter(look.topic(request.topic).msg_types), None)
         if msg_type is None:
-            plot.trace.fault = "nobody has this topic now"
+            plot.trace.fault = "no node publishes or subscribes to this topic now"
             return
         plot.selection = parse_selection(request.field)
         kind = check_selection(plot.selection, short_type(msg_type), fields_of)

@@ -85,7 +85,7 @@ def test_every_command_is_tried() -> None:
 def test_a_command_that_needs_no_extra(said: Callable[[str], Result], verb: str) -> None:
     code, out, err = said(verb)
     assert "fault of obk" not in err
-    assert "ROS 2 is not here" not in out + err
+    assert "ROS 2 is not available" not in out + err
     assert (code, out != "") == ((1, False) if verb in FAILS_WITHOUT_A_RUN else (0, True)), err
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from obk_cli.cli.complete import complete_nodes, complete_topics
 from obk_cli.cli.main import main
-from obk_cli.cli.topic_pub import _type_and_text
+from obk_cli.cli.topic_pub import _split_arguments
 from obk_cli.introspect.target import target_of
 from obk_cli.monitor.stack_follower import Target
 from obk_cli.process.identity import this_process
@@ -166,4 +166,4 @@ def test_the_modules_of_a_topics_type_are_known_from_the_plan(home: Path) -> Non
 def test_a_type_to_publish_is_written_as_in_a_config(
     words: str, msg_type: str | None, text: str
 ) -> None:
-    assert _type_and_text(words.split()) == (msg_type, text)
+    assert _split_arguments(words.split()) == (msg_type, text)

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import pytest
 
-from obk_cli.cli.topic_rates import _count, _heard
+from obk_cli.cli.topic_rates import _measure_delay, _measure_rates
 from obk_cli.introspect import resolve
 from obk_cli.ros import latency
 from obk_cli.ros import participant as ros_look
@@ -51,7 +51,7 @@ def test_the_rate_since_the_last_report_is_told(
     monkeypatch.setattr(ros_meter, "RosMeter", Interrupted)
     for duration_s in (None, 60.0):
         with pytest.raises(KeyboardInterrupt):
-            _count(PLACE, ["est"], 10.0, duration_s, 5.0, is_json=False)
+            _measure_rates(PLACE, ["est"], 10.0, duration_s, 5.0, is_json=False)
         assert capsys.readouterr().out.startswith("/est     20.00 Hz ")
 
 
@@ -65,5 +65,5 @@ def test_the_delay_since_the_last_report_is_told(
     monkeypatch.setattr(ros_listen, "arrived", arrived)
     monkeypatch.setattr(latency, "stamp_of", lambda *_: lambda message: message)
     with pytest.raises(KeyboardInterrupt):
-        _heard(PLACE, "est", 10, None, 5.0, is_json=False)
+        _measure_delay(PLACE, "est", 10, None, 5.0, is_json=False)
     assert capsys.readouterr().out.startswith("mean 2.000 ms ")

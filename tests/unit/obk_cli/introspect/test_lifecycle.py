@@ -12,7 +12,7 @@ from obk_cli.introspect.lifecycle import Asked, change_states, node_states, poss
 from obk_cli.launch.events import Answered, ChangeAsked, InputEvent
 from obk_cli.ros import lifecycle_client
 from obk_cli.ros.environment import RosEnvironment
-from obk_cli.runs import stacks
+from obk_cli.runs import registry
 from obk_cli.runs.protocol import Member
 
 from ..runs.fake_stack import CONTROL, JOY, ROBOT, FakeStack, fake_stack  # noqa: TID252 - shared by folders of tests
@@ -170,7 +170,7 @@ def test_the_graph_is_asked_where_the_launcher_does_not_answer(
     parent: Path, environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     in_graph(monkeypatch, {ROBOT: "inactive"})
-    monkeypatch.setattr(stacks, "ask_status", lambda *_: None)
+    monkeypatch.setattr(registry, "ask_status", lambda *_: None)
     with fake_stack(parent, ACTIVE):
         assert node_states(environment, Asked()) == {ROBOT: "inactive", CONTROL: "no answer"}
         answer = change_states(environment, "activate", Asked())

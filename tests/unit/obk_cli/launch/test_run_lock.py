@@ -218,12 +218,12 @@ def test_whoever_replaces_ends_the_other_launcher_first(tmp_path: Path) -> None:
     ("end", "sentence"),
     [
         (
-            "still there",
+            "running",
             rf"the stack `s` in the ROS domain 80 does not end \(process {PID}\)",
         ),
         ("ended", "the stack `s` is started again and again from elsewhere"),
     ],
-    ids=("still there", "another one by then"),  # the process's number is another in each worker
+    ids=("running", "another one by then"),  # the process's number is another in each worker
 )
 def test_who_cannot_replace_another_says_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, sentence: str

@@ -198,7 +198,7 @@ def test_two_stacks_of_one_name_are_told_apart_by_their_folders(
 def test_a_stack_that_does_not_end_is_told(
     parent: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stop, "end_launcher", lambda *_, **__: "still there")
+    monkeypatch.setattr(stop, "end_launcher", lambda *_, **__: "running")
     with fake_stack(parent, STATES):
         assert obk("stop", "--timeout", "2") == 1
     assert capsys.readouterr().err == (

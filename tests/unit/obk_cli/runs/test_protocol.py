@@ -90,9 +90,9 @@ def test_a_question_about_the_graph_travels_as_it_is() -> None:
     request = decode_request(line)
     assert isinstance(request, GraphRequest)
     assert bytes(request.question) == question
-    answer = decode_answer(encode_line(GraphAnswer(told=msgspec.Raw(question))), GraphAnswer)
+    answer = decode_answer(encode_line(GraphAnswer(value=msgspec.Raw(question))), GraphAnswer)
     assert isinstance(answer, GraphAnswer)
-    assert bytes(answer.told) == question
+    assert bytes(answer.value) == question
 
 
 @pytest.mark.parametrize("answer", [STATUS, ANSWER, Stopping(), FAULT])

@@ -56,7 +56,7 @@ def test_a_launcher_that_was_stopped_goes_on_to_its_end(tmp_path: Path) -> None:
 
 def test_a_launcher_that_does_not_end_is_left_or_killed_as_asked(tmp_path: Path) -> None:
     with launcher(IGNORE, tmp_path) as (process, run):
-        assert end_launcher(tmp_path, run, reason="test", timeout_s=0.01) == "still there"
+        assert end_launcher(tmp_path, run, reason="test", timeout_s=0.01) == "running"
         assert process.poll() is None
         assert end_launcher(tmp_path, run, reason="test", timeout_s=0.01, may_kill=True) == "killed"
         assert process.wait(DEADLINE_S) == -signal.SIGKILL
