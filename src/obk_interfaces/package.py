@@ -10,6 +10,7 @@ import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Protocol, TypeVar
 from xml.parsers.expat import ErrorString
@@ -23,6 +24,7 @@ __all__ = [
     "Interface",
     "InterfacePackage",
     "PackageTree",
+    "cmake_calls",
     "definition_files",
     "discover",
     "load_package",
@@ -41,7 +43,7 @@ _STANDARD = frozenset(
 """Packages that every ROS 2 has: definitions may use them without a declaration."""
 _USED_TYPE = re.compile(r"^\s*([a-z]\w*)/(?:msg/)?[A-Z]", re.MULTILINE)
 _CMAKE_COMMENT = re.compile(r"#\[(=*)\[.*?\]\1\]|#[^\n]*", re.DOTALL)
-_CMAKE_CALL = re.compile(r"\b(find_package|set|rosidl_generate_interfaces)\s*\(([^()]*)\)", re.I)
+_CMAKE_CALL = re.compile(r"\b([A-Za-z_]\w*)\s*\(([^()]*)\)")
 _CMAKE_VARIABLE = re.compile(r"\$\{(\w+)\}")
 _CMAKE_OPTIONS = frozenset({"ADD_LINTER_TESTS", "LIBRARY_NAME", "SKIP_GROUP_MEMBERSHIP_CHECK"})
 _IGNORE_MARKERS = ("COLCON_IGNORE", "AMENT_IGNORE")
@@ -164,26 +166,32 @@ def _depends_elsewhere(root: Path, interfaces: Iterable[Interface]) -> frozenset
 
 def _cmake_depends(text: str) -> tuple[frozenset[str], frozenset[str]]:
     """The packages that a CMakeLists.txt finds, and those that its definitions depend on."""
-    variables: dict[str, str] = {}
     found: set[str] = set()
     generated: set[str] = set()
-    for call in _CMAKE_CALL.finditer(_CMAKE_COMMENT.sub("", text)):
-        arguments = _CMAKE_VARIABLE.sub(lambda name: variables.get(name[1], ""), call[2])
-        words = arguments.replace('"', " ").replace(";", " ").split()
-        match call[1].lower(), words:
-            case "set", [name, *values]:
-                variables[name] = " ".join(values)
-            case "find_package", [name, *_]:
-                found.add(name)
-            case "rosidl_generate_interfaces", [*_]:
-                is_dependency = False
-                for word in words:
-                    is_dependency = word == "DEPENDENCIES" or (
-                        is_dependency and word not in _CMAKE_OPTIONS
-                    )
-                    if is_dependency and word != "DEPENDENCIES":
-                        generated.add(word)
+    for command, words in cmake_calls(text):
+        if command == "find_package":
+            found.update(words[:1])
+        elif command == "rosidl_generate_interfaces" and "DEPENDENCIES" in words:
+            named = words[words.index("DEPENDENCIES") + 1 :]
+            generated.update(takewhile(lambda word: word not in _CMAKE_OPTIONS, named))
     return frozenset(found), frozenset(generated)
+
+
+def cmake_calls(text: str) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """The commands of a CMakeLists.txt, in lower case, and their arguments.
+
+    Variables that the file itself sets, and PROJECT_NAME, are filled in; nothing is run.
+    """
+    variables: dict[str, str] = {}
+    for call in _CMAKE_CALL.finditer(_CMAKE_COMMENT.sub("", text)):
+        filled = _CMAKE_VARIABLE.sub(lambda name: variables.get(name[1], ""), call[2])
+        words = tuple(filled.replace('"', " ").replace(";", " ").split())
+        command = call[1].lower()
+        if command == "set" and words:
+            variables[words[0]] = " ".join(words[1:])
+        elif command == "project" and words:
+            variables["PROJECT_NAME"] = words[0]
+        yield command, words
 
 
 def definition_files(root: Path, kind: str) -> Iterator[Path]:

@@ -5,53 +5,42 @@ not. Writes no file. The new text says what it said before and the new node, and
 """
 
 from collections import Counter
-from collections.abc import Iterable
-from collections.abc import Iterator
-from collections.abc import Mapping
-from dataclasses import dataclass
-from dataclasses import replace
-from obelisk_spec.suggestions import did_you_mean
-from obelisk_spec.suggestions import list_names
-from obk_cli.compiler import Options
-from obk_cli.compiler import Outcome
-from obk_cli.compiler import compile_source
-from obk_cli.config.environment import CodeFault
-from obk_cli.config.environment import Command
-from obk_cli.config.environment import Environment
-from obk_cli.config.environment import ExecutableMissing
-from obk_cli.config.environment import ModelFault
-from obk_cli.config.environment import ModelRead
-from obk_cli.config.environment import NodeFacts
-from obk_cli.config.environment import ReplacedMessages
-from obk_cli.config.model import Node
-from obk_cli.config.model import ONE_DEVICE
-from obk_cli.config.model import Stack
-from obk_cli.config.tree import Tree
-from obk_cli.config.tree import TreeMap
-from obk_cli.config.tree import plain_value
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from obelisk_spec.suggestions import did_you_mean, list_names
+from obk_cli.compiler import Options, Outcome, compile_source
+from obk_cli.config.environment import (
+    CodeFault,
+    Command,
+    Environment,
+    ExecutableMissing,
+    ModelFault,
+    ModelRead,
+    NodeFacts,
+    ReplacedMessages,
+)
+from obk_cli.config.model import ONE_DEVICE, Node, Stack
+from obk_cli.config.tree import Tree, TreeMap, plain_value
 from obk_cli.config.yaml_parser import parse_source
-from obk_cli.configedit.auto_wiring import Wired
-from obk_cli.configedit.auto_wiring import wire_node
-from obk_cli.configedit.block_editor import InsertionPoint
-from obk_cli.configedit.block_editor import index_of
-from obk_cli.configedit.block_editor import insert_node
-from obk_cli.configedit.block_editor import named_as
-from obk_cli.configedit.block_editor import place_of
-from obk_cli.configedit.block_editor import replace_node
-from obk_cli.configedit.block_editor import snippet_of
-from obk_cli.configedit.new_node import NewNode
-from obk_cli.configedit.new_node import Rejected
-from obk_cli.configedit.report import AddedNode
-from obk_cli.configedit.report import moved
-from obk_cli.configedit.report import notes_of
+from obk_cli.configedit.auto_wiring import Wired, wire_node
+from obk_cli.configedit.block_editor import (
+    InsertionPoint,
+    index_of,
+    insert_node,
+    named_as,
+    place_of,
+    replace_node,
+    snippet_of,
+)
+from obk_cli.configedit.new_node import NewNode, Rejected
+from obk_cli.configedit.report import AddedNode, moved, notes_of
 from obk_cli.configedit.shape import devices_of
 from obk_cli.diagnostics.diagnostic import Diagnostic
-from obk_cli.diagnostics.edits import Edit
-from obk_cli.diagnostics.edits import apply_edits
-from obk_cli.diagnostics.source import SourceFile
-from obk_cli.diagnostics.source import Span
+from obk_cli.diagnostics.edits import Edit, apply_edits
+from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.workspace.environment import MachineEnvironment
-from pathlib import Path
 
 __all__ = ["add_node", "find_replaced", "new_errors"]
 
