@@ -70,3 +70,20 @@ def test_a_node_reads_files_of_its_own_package(tmp_path: Path, options: tuple[st
     left = Path(folder.partition("logs in ")[2])
     assert left.is_dir()
     assert not (left / "prefix").exists()
+
+
+def test_two_packages_of_a_name_that_the_stack_does_not_use_do_not_matter(tmp_path: Path) -> None:
+    write_files(tmp_path / "src", PACKAGE)
+    for place, field in (("one", "float64 a"), ("two", "float64 b")):
+        folder = tmp_path / "src" / place
+        files = {"package.xml": MANIFEST.format("odd_msgs", ""), "msg/Odd.msg": f"{field}\n"}
+        write_files(folder, files)
+    config = tmp_path / "files.yaml"
+    config.write_text(CONFIG)
+    run = obk("launch", config, "--duration", "1")
+    assert run.returncode == 0, run.stdout + run.stderr
+    config.write_text(CONFIG.replace("std_msgs/String", "odd_msgs/Odd"))
+    run = obk("launch", config, "--duration", "1")
+    assert run.returncode == 1
+    assert "odd_msgs" in run.stderr
+    assert "Traceback" not in run.stderr
