@@ -326,8 +326,8 @@ def test_a_look_imports_no_generators_with_the_types() -> None:
     code = """
 import sys
 from obk_cli.ros.environment import ros_environment
-from obk_cli.ros.participant import open_look
-with open_look(ros_environment(), ("rosidl_generator_py", "std_msgs.msg")):
+from obk_cli.ros.participant import open_participant
+with open_participant(ros_environment(), ("rosidl_generator_py", "std_msgs.msg")):
     assert "std_msgs.msg" in sys.modules
     assert "lark" not in sys.modules
 import rosidl_generator_py.generate_py_impl

@@ -89,8 +89,9 @@ def test_ends_that_do_not_fit_are_told_and_no_callback_gets_their_messages() -> 
         foreign = subprocess.Popen([sys.executable, "-c", FOREIGN])
         try:
             told = (
-                "/obelisk/dummy/ctrl is a topic of obelisk_control_msgs/msg/PositionSetpoint here, "
-                "and /stranger has it as std_msgs/msg/String: none of these messages get through"
+                "/obelisk/dummy/ctrl has the type obelisk_control_msgs/msg/PositionSetpoint in "
+                "this stack and std_msgs/msg/String in /stranger: these nodes do not receive each "
+                "other's messages"
             )
             run.wait_for_line(told)
             view = json.loads(obk("monitor", "--once", "--format", "json").stdout)

@@ -17,7 +17,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Int32
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.ros.types import stand_in
+from obk_cli.ros.types import opaque_type
 
 from .looking import announce_as_a_stack_does, refused
 from .stack import DEADLINE_S, OBK, eventually, obk
@@ -90,7 +90,7 @@ def test_a_type_that_is_not_built_here_is_counted_and_cannot_be_shown() -> None:
     rclpy.init()
     try:
         node = rclpy.create_node("foreign")
-        kind = stand_in("nowhere_msgs/msg/Odd", "")
+        kind = opaque_type("nowhere_msgs/msg/Odd", "")
         qos: Any = QoSProfile(depth=10)
         with node.handle:
             publisher = rclpy_implementation.Publisher(
@@ -129,6 +129,6 @@ def test_a_type_that_is_not_built_here_is_counted_and_cannot_be_shown() -> None:
 
 
 def test_types_of_other_dds_programs_and_of_an_older_ros_are_no_fault() -> None:
-    assert stand_in("nowhere_msgs/msg/Older", "INVALID").__name__ == "Older"
+    assert opaque_type("nowhere_msgs/msg/Older", "INVALID").__name__ == "Older"
     with pytest.raises(CommandFailedError, match="`Odd`"):
-        stand_in("Odd", "")
+        opaque_type("Odd", "")

@@ -226,11 +226,11 @@ def test_publishers_that_offer_less_or_more_are_heard_all_the_same(tmp_path: Pat
         latched.publish(Int32(data=7))
         with recorder(path, "/latched", "/we*"):
 
-            def is_heard() -> bool:
+            def is_published() -> bool:
                 weak.publish(Int32(data=8))
                 return set(counts(path)) == {"/latched", "/weak"}
 
-            eventually(is_heard, "messages of both")
+            eventually(is_published, "messages of both")
         node.destroy_node()
     finally:
         rclpy.try_shutdown()

@@ -15,12 +15,12 @@ from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTran
 
 from obk_cli.launch.events import (
     Answered,
-    ChangeAsked,
+    ChangeRequested,
     InputEvent,
     Ready,
     StateAnswered,
     StateSeen,
-    TransitionBegun,
+    TransitionStarted,
 )
 from obk_cli.launch.ros_nodes import RosNodes, open_ros_nodes
 from obk_cli.launch.state_node import StateNode
@@ -93,7 +93,7 @@ class World:
     def take(self, state: str, answer: ChangeAnswer, **transition: Any) -> tuple[str, bool]:
         """What was asked for by a request in a state, and what came back."""
         self.node.show(state)
-        asked: list[ChangeAsked] = []
+        asked: list[ChangeRequested] = []
 
         def reply() -> None:
             asked.append(self.asked.get(timeout=DEADLINE_S))
@@ -233,7 +233,7 @@ def test_a_restarted_node_is_ready_when_its_new_process_answers(
             eventually(lambda: ears.count(done), "its answer")
             seen = StateSeen(node="/n", state="inactive", transition="configure")
             eventually(lambda: ears.count(seen), "what it tells")
-        assert ears.count(TransitionBegun(node="/n", transition="configure")) == 1
+        assert ears.count(TransitionStarted(node="/n", transition="configure")) == 1
         assert (ears.count(ready), ears.count(state), ears.count(seen)) == (2, 1, 1)
 
 

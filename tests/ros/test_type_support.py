@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.ros.types import find_type, raw_type, require_message, require_service, stand_in
+from obk_cli.ros.types import find_type, opaque_type, raw_type, require_message, require_service
 
 pytestmark = pytest.mark.ros
 
@@ -47,5 +47,5 @@ def test_they_are_told_in_a_sentence() -> None:
 
 
 def test_their_messages_are_counted_all_the_same() -> None:
-    assert raw_type("alien_msgs/msg/Number", ()) is stand_in("alien_msgs/msg/Number", "")
+    assert raw_type("alien_msgs/msg/Number", ()) is opaque_type("alien_msgs/msg/Number", "")
     assert raw_type("std_msgs/msg/Int32", ()) is find_type("std_msgs/msg/Int32")

@@ -19,9 +19,9 @@ from obk_cli.plan.plan import Plan
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.terminal import visible
 from obk_cli.workspace.message_build import (
+    BuildCallbacks,
     BuildOptions,
-    Built,
-    Listener,
+    BuildResult,
     build_workspace,
     needed_packages,
     refuse_conflicts,
@@ -175,7 +175,7 @@ class _DefinitionsWrongError(CommandFailedError):
         self.problems = problems
 
 
-def build_shown(workspace: Path, options: BuildOptions, *, colour: bool) -> Built:
+def build_shown(workspace: Path, options: BuildOptions, *, colour: bool) -> BuildResult:
     """Build a workspace, with the progress on stderr.
 
     Raises:
@@ -184,7 +184,7 @@ def build_shown(workspace: Path, options: BuildOptions, *, colour: bool) -> Buil
     """
     is_terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
     with _as_command_error(colour=colour), showing_progress(is_terminal=is_terminal) as show:
-        return build_workspace(workspace, options, Listener(on_progress=show, on_note=_note))
+        return build_workspace(workspace, options, BuildCallbacks(on_progress=show, on_note=_note))
 
 
 @contextmanager
@@ -224,7 +224,7 @@ def _data(problem: DefinitionProblem) -> dict[str, object]:
     }
 
 
-def _result(built: Built) -> dict[str, object]:
+def _result(built: BuildResult) -> dict[str, object]:
     return {
         "workspace": str(built.workspace),
         "overlay": str(built.overlay),
@@ -238,7 +238,7 @@ def _result(built: Built) -> dict[str, object]:
     }
 
 
-def _result_lines(built: Built) -> Iterator[str]:
+def _result_lines(built: BuildResult) -> Iterator[str]:
     if not (built.built or built.unchanged or built.installed or built.removed):
         yield f"{built.workspace} has no message packages; `obk new msgs my_msgs` makes one"
         return

@@ -10,7 +10,12 @@ import typer
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.cli.options import FormatOption, require_positive, wants_json
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, MisuseError
-from obk_cli.introspect.lifecycle import Asked, change_states, node_states, possible_transitions
+from obk_cli.introspect.lifecycle import (
+    LifecycleRequest,
+    change_states,
+    node_states,
+    possible_transitions,
+)
 from obk_cli.launch.stack_state import GONE
 from obk_cli.launch.transitions import UNKNOWN
 from obk_cli.ros.environment import ros_environment
@@ -56,7 +61,7 @@ def command(
         )
     require_positive("--timeout", timeout, "seconds")
     is_json = wants_json(format)
-    request = Asked(names=tuple(nodes or ()), run=run, timeout_s=timeout)
+    request = LifecycleRequest(names=tuple(nodes or ()), run=run, timeout_s=timeout)
     environment = ros_environment()
     if verb in TRANSITIONS:
         answer = change_states(environment, verb, request)

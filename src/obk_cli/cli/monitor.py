@@ -19,7 +19,7 @@ from obk_cli.cli.options import (
 from obk_cli.errors import EXIT_DONE, MisuseError
 from obk_cli.introspect.message_text import json_line
 from obk_cli.monitor.model import StackView
-from obk_cli.monitor.stack_follower import Target, Watcher
+from obk_cli.monitor.stack_follower import StackFollower, StackSelector
 from obk_cli.monitor.table import monitor_data, monitor_text
 from obk_cli.optional_deps import require_extra
 
@@ -48,8 +48,10 @@ def command(
     """
     is_json = wants_json(format)
     require_positive("--period", period, "seconds")
-    target = Target(environment=graph_target(domain, TIMEOUT_S).environment, domain=domain, run=run)
-    follower = Watcher(target, with_types, period)
+    target = StackSelector(
+        environment=graph_target(domain, TIMEOUT_S).environment, domain=domain, run=run
+    )
+    follower = StackFollower(target, with_types, period)
     if once or is_json:
         _print_views(follower, target, is_json=is_json, is_once=once)
         return
@@ -65,10 +67,12 @@ def command(
     run_monitor(follower, target.change)
 
 
-def _print_views(follower: Watcher, target: Target, *, is_json: bool, is_once: bool) -> None:
+def _print_views(
+    follower: StackFollower, target: StackSelector, *, is_json: bool, is_once: bool
+) -> None:
     for view in follower.views():
         if view is None:
-            raise target.nobody()
+            raise target.no_nodes_error()
         print(json_line(monitor_data(view)) if is_json else _text(view), flush=True)
         if is_once or view.has_ended:
             raise typer.Exit(EXIT_DONE)

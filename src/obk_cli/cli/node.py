@@ -55,9 +55,9 @@ def list_(
     from obk_cli.introspect.nodes import known_nodes, nodes_data, nodes_text
     from obk_cli.introspect.resolve import settle
 
-    with open_graph(target) as look:
-        settle(look, target, timeout, wait_s=wait)
-        nodes = look.nodes()
+    with open_graph(target) as source:
+        settle(source, target, timeout, wait_s=wait)
+        nodes = source.nodes()
     known = known_nodes(target)
     if is_json:
         print_json(nodes_data(nodes, known))
@@ -80,13 +80,13 @@ def info(
     target = graph_target(domain, timeout)
 
     from obk_cli.introspect.graph_source import open_graph
-    from obk_cli.introspect.nodes import look_at_node, node_data, node_text
+    from obk_cli.introspect.nodes import inspect_node, node_data, node_text
     from obk_cli.introspect.resolve import find_node, settle
 
-    with open_graph(target, node, asks_nodes=True) as look:
-        name = find_node(look, target, node, timeout)
-        settle(look, target, timeout)
-        seen = look_at_node(look, target, name, timeout)
+    with open_graph(target, node, asks_nodes=True) as source:
+        name = find_node(source, target, node, timeout)
+        settle(source, target, timeout)
+        seen = inspect_node(source, target, name, timeout)
     if is_json:
         print_json(node_data(seen))
         return

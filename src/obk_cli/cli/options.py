@@ -109,7 +109,7 @@ def graph_target(domain: int | None, timeout_s: float) -> "GraphTarget":
         CommandFailedError: ROS_DOMAIN_ID is no domain.
         MisuseError: the timeout is not above 0.
     """
-    from obk_cli.introspect.target import NOBODY_S, target_of
+    from obk_cli.introspect.target import NO_NODES_S, target_of
     from obk_cli.ros.environment import ros_environment
 
     require_positive("--timeout", timeout_s, "seconds")
@@ -117,7 +117,7 @@ def graph_target(domain: int | None, timeout_s: float) -> "GraphTarget":
     for note in environment.notes:
         print(f"warning: {note}", file=sys.stderr)
     is_given = click.get_current_context().get_parameter_source("timeout") in GIVEN
-    return target_of(environment, domain, timeout_s if is_given else NOBODY_S)
+    return target_of(environment, domain, timeout_s if is_given else NO_NODES_S)
 
 
 def with_types(target: "GraphTarget") -> "GraphTarget":

@@ -64,15 +64,15 @@ def list_(
 
     names: dict[str, tuple[str, ...]] = {}
     silent: list[str] = []
-    with open_graph(target, node, asks_nodes=True) as look:
+    with open_graph(target, node, asks_nodes=True) as source:
         if node is None:
-            settle(look, target, timeout)
-            nodes = parameter_nodes(look.graph())
+            settle(source, target, timeout)
+            nodes = parameter_nodes(source.graph())
         else:
-            nodes = (find_node(look, target, node, timeout),)
+            nodes = (find_node(source, target, node, timeout),)
         for one in nodes:
             try:
-                names[one] = parameters_of(look, one, timeout).names()
+                names[one] = parameters_of(source, one, timeout).names()
             except CommandFailedError as error:
                 silent.append(error.message)
     if is_json:
@@ -196,9 +196,9 @@ def _open_parameters(node: str, domain: int | None, timeout_s: float) -> Iterato
     from obk_cli.introspect.graph_source import open_graph, parameters_of
     from obk_cli.introspect.resolve import find_node
 
-    with open_graph(target, node, asks_nodes=True) as look:
-        found = find_node(look, target, node, timeout_s)
-        yield _NodeParameters(node=found, parameters=parameters_of(look, found, timeout_s))
+    with open_graph(target, node, asks_nodes=True) as source:
+        found = find_node(source, target, node, timeout_s)
+        yield _NodeParameters(node=found, parameters=parameters_of(source, found, timeout_s))
 
 
 def _require_known(node: str, requested: Sequence[str], known: Sequence[str]) -> None:

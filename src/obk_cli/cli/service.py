@@ -58,10 +58,12 @@ def list_(
     from obk_cli.introspect.resolve import find_node, settle
     from obk_cli.ros.graph import special_services
 
-    with open_graph(target) as look:
-        of_node = None if node is None else find_node(look, target, node, timeout)
-        settle(look, target, timeout)
-        services = look.service_types() if of_node is None else look.services_of(of_node)
+    with open_graph(target) as participant:
+        of_node = None if node is None else find_node(participant, target, node, timeout)
+        settle(participant, target, timeout)
+        services = (
+            participant.service_types() if of_node is None else participant.services_of(of_node)
+        )
     shown = services if all_ else special_services(services)
     if is_json:
         print_json({name: list(types) for name, types in shown.items()})
@@ -112,14 +114,14 @@ def _call(
     """Call a service and return its response."""
     from obk_cli.introspect.resolve import find_service, the_type
     from obk_cli.ros.message_data import plain_data, require_fit
-    from obk_cli.ros.participant import open_look
+    from obk_cli.ros.participant import open_participant
     from obk_cli.ros.services import ServiceClient
     from obk_cli.ros.types import fields_of, find_type, make_message
 
-    with open_look(target.environment, ("rosidl_generator_py",)) as look:
-        name = find_service(look, target, service, timeout_s)
-        types = (service_type,) if service_type else look.service_types()[name]
+    with open_participant(target.environment, ("rosidl_generator_py",)) as participant:
+        name = find_service(participant, target, service, timeout_s)
+        types = (service_type,) if service_type else participant.service_types()[name]
         kind = the_type("service", name, types)
         data = require_fit(request, f"{kind}_Request", fields_of)
-        client = ServiceClient(look, name, find_type(kind))
+        client = ServiceClient(participant, name, find_type(kind))
         return plain_data(client.call(make_message(f"{kind}_Request", data), timeout_s))

@@ -23,7 +23,7 @@ from obk_cli.cli.options import (
 from obk_cli.errors import MisuseError
 
 if TYPE_CHECKING:
-    from obk_cli.introspect.message_text import Shower
+    from obk_cli.introspect.message_text import MessageFormatter
     from obk_cli.introspect.target import GraphTarget
     from obk_cli.ros.field_path import Selection
 
@@ -65,9 +65,9 @@ def list_(
     from obk_cli.introspect.resolve import settle
     from obk_cli.ros.graph import visible
 
-    with open_graph(target) as look:
-        settle(look, target, timeout, wait_s=wait)
-        graph = look.graph() if all_ else visible(look.graph())
+    with open_graph(target) as participant:
+        settle(participant, target, timeout, wait_s=wait)
+        graph = participant.graph() if all_ else visible(participant.graph())
     if is_json:
         print_json(topics_data(graph))
         return
@@ -92,10 +92,10 @@ def info(
     from obk_cli.introspect.nodes import topic_data, topic_text
     from obk_cli.introspect.resolve import find_topic, settle
 
-    with open_graph(target) as look:
-        found = find_topic(look, target, topic, timeout, is_heard=False)
-        settle(look, target, timeout)
-        seen = look.topic(found.name)
+    with open_graph(target) as participant:
+        found = find_topic(participant, target, topic, timeout, is_published=False)
+        settle(participant, target, timeout)
+        seen = participant.topic(found.name)
     if is_json:
         print_json(topic_data(seen))
         return
@@ -142,11 +142,11 @@ def echo(
         raise MisuseError("`--csv` and `--format json` ask for different things")
     most = 1 if once else count
 
-    from obk_cli.introspect.message_text import Shower
+    from obk_cli.introspect.message_text import MessageFormatter
     from obk_cli.ros.field_path import parse_selection
 
     selections = [parse_selection(text) for text in (*(fields or ()), *(field or ()))]
-    formatter = Shower(selections, "csv" if csv else format, is_whole=full, warn=_warn)
+    formatter = MessageFormatter(selections, "csv" if csv else format, is_whole=full, warn=_warn)
     _print_messages(
         with_types(graph_target(domain, timeout)), topic, selections, formatter, most, timeout
     )
@@ -156,25 +156,25 @@ def _print_messages(
     target: "GraphTarget",
     topic: str,
     selections: "Sequence[Selection]",
-    formatter: "Shower",
+    formatter: "MessageFormatter",
     most: int | None,
     timeout_s: float,
 ) -> None:
     """Show the messages that a subscription receives."""
     from obk_cli.introspect.resolve import find_topic, the_type
     from obk_cli.ros.field_path import check_selection
-    from obk_cli.ros.participant import open_look
+    from obk_cli.ros.participant import open_participant
     from obk_cli.ros.raw_subscription import DropCounter, messages
     from obk_cli.ros.types import fields_of, find_type, short_type
 
     needs = ("rclpy.serialization", *target.modules([topic]))
-    with open_look(target.environment, needs) as look:
-        seen = find_topic(look, target, topic, timeout_s)
-        msg_type = the_type("topic", seen.name, seen.heard_types)
+    with open_participant(target.environment, needs) as participant:
+        seen = find_topic(participant, target, topic, timeout_s)
+        msg_type = the_type("topic", seen.name, seen.published_types)
         python_type = find_type(msg_type)
         for selection in selections:
             check_selection(selection, short_type(msg_type), fields_of)
-        raw = look.listen(seen.name, msg_type, python_type)
+        raw = participant.subscribe(seen.name, msg_type, python_type)
         drops = DropCounter()
         try:
             for message in islice(messages(raw, drops, timeout_s, each=most is not None), most):

@@ -96,27 +96,31 @@ def _publish(
     """
     from obk_cli.introspect.publishing import (
         Published,
-        refuse_moving,
+        refuse_robot_commands,
         topic_to_publish,
         wait_for_subscribers,
     )
     from obk_cli.ros.message_data import require_fit
-    from obk_cli.ros.participant import LOOKER, open_look
+    from obk_cli.ros.participant import OBSERVER_NODE, open_participant
     from obk_cli.ros.publisher import ALLOWED_PUBLISHER, RosPublisher
     from obk_cli.ros.types import fields_of, find_type, make_message
 
-    node = ALLOWED_PUBLISHER if publication.may_move else LOOKER
-    with open_look(target.environment, target.modules([publication.topic]), node) as look:
-        seen, kind = topic_to_publish(look, target, publication)
+    node = ALLOWED_PUBLISHER if publication.may_move else OBSERVER_NODE
+    with open_participant(
+        target.environment, target.modules([publication.topic]), node
+    ) as participant:
+        seen, kind = topic_to_publish(participant, target, publication)
         data = require_fit(publication.message, kind, fields_of)
         if not publication.may_move:
-            refuse_moving(seen, target)
-        publisher = RosPublisher(look, seen, find_type(kind))
-        wait_for_subscribers(look, seen.name, kind, publication, lambda: publisher.subscribers)
-        publisher.become_known(look.topic(seen.name))
+            refuse_robot_commands(seen, target)
+        publisher = RosPublisher(participant, seen, find_type(kind))
+        wait_for_subscribers(
+            participant, seen.name, kind, publication, lambda: publisher.subscribers
+        )
+        publisher.wait_until_discovered(participant.topic(seen.name))
         # Nodes of other hosts may have become known only now.
         if not publication.may_move:
-            refuse_moving(look.topic(seen.name), target)
+            refuse_robot_commands(participant.topic(seen.name), target)
         start, sent = time.monotonic(), 0
         while most is None or sent < most:
             publisher.until(start + sent / rate_hz)

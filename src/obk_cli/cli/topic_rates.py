@@ -86,15 +86,15 @@ def _measure_rates(
 ) -> "Mapping[str, TopicRate]":
     """Measure rates; without a duration, report them each second until Ctrl-C."""
     from obk_cli.introspect.resolve import find_topic, the_type
-    from obk_cli.ros.participant import open_look
+    from obk_cli.ros.participant import open_participant
     from obk_cli.ros.rate_meter import RosMeter
     from obk_cli.ros.types import raw_type
 
-    with open_look(target.environment, target.modules(topics)) as look:
-        meter = RosMeter(look, duration_s or window_s)
+    with open_participant(target.environment, target.modules(topics)) as participant:
+        meter = RosMeter(participant, duration_s or window_s)
         for topic in topics:
-            seen = find_topic(look, target, topic, timeout_s)
-            msg_type = the_type("topic", seen.name, seen.heard_types)
+            seen = find_topic(participant, target, topic, timeout_s)
+            msg_type = the_type("topic", seen.name, seen.published_types)
             hashes = (end.type_hash for end in seen.publishers)
             meter.add(seen.name, msg_type, raw_type(msg_type, hashes))
         with _report_on_interrupt(lambda: _print_rates(meter.rates(), is_json=is_json)):
@@ -141,17 +141,17 @@ def _measure_delay(
     """Measure delays; without a duration, report them each second until Ctrl-C."""
     from obk_cli.introspect.resolve import find_topic, the_type
     from obk_cli.ros.latency import DelayMeter, stamp_of
-    from obk_cli.ros.participant import open_look
+    from obk_cli.ros.participant import open_participant
     from obk_cli.ros.raw_subscription import arrived
     from obk_cli.ros.types import fields_of, find_type, short_type
 
     needs = ("rclpy.serialization", *target.modules([topic]))
-    with open_look(target.environment, needs) as look:
-        seen = find_topic(look, target, topic, timeout_s)
-        msg_type = the_type("topic", seen.name, seen.heard_types)
+    with open_participant(target.environment, needs) as participant:
+        seen = find_topic(participant, target, topic, timeout_s)
+        msg_type = the_type("topic", seen.name, seen.published_types)
         python_type = find_type(msg_type)
         stamp = stamp_of(short_type(msg_type), fields_of)
-        raw = look.listen(seen.name, msg_type, python_type)
+        raw = participant.subscribe(seen.name, msg_type, python_type)
         meter = DelayMeter(window)
         start = reported = time.monotonic()
 

@@ -13,7 +13,7 @@ import typer
 
 from obk_cli.cli.options import TIMEOUT_S, DomainOption, graph_target, with_types
 from obk_cli.errors import EXIT_DONE
-from obk_cli.monitor.stack_follower import Target, Watcher
+from obk_cli.monitor.stack_follower import StackFollower, StackSelector
 from obk_cli.optional_deps import require_extra
 from obk_cli.runs.folder import runs_folder
 
@@ -42,8 +42,10 @@ def command(
     """
     for module in ("starlette", "uvicorn"):
         require_extra(module, "web")
-    target = Target(environment=graph_target(domain, TIMEOUT_S).environment, domain=domain, run=run)
-    is_there = target.choose(target.place()) is not None
+    target = StackSelector(
+        environment=graph_target(domain, TIMEOUT_S).environment, domain=domain, run=run
+    )
+    is_there = target.find_run(target.graph_target()) is not None
 
     from obk_cli.web.app import HOST, TOKEN, PageApi, WebServer, make_app, take_port
     from obk_cli.web.auth import new_token
@@ -53,7 +55,7 @@ def command(
     with take_port(port) as listener, ExitStack() as temporary:
         number, token = listener.getsockname()[1], new_token()
         server, plots = WebServer(), Plots()
-        follower = Watcher(target, with_types, PERIOD_S, beside=plots.turn)
+        follower = StackFollower(target, with_types, PERIOD_S, on_turn=plots.turn)
         feed = Feed(follower, runs_folder(os.environ), server.end)
         site = PageApi(lambda: feed.snapshot, plots, target.change, lambda: server.is_ending)
         url = f"http://{HOST}:{number}/?{TOKEN}={token}"

@@ -9,13 +9,23 @@ from typing import Final, TypeVar
 
 from obk_cli.clock import monotonic_s
 from obk_cli.doctor.finding import Finding, error, warning
+from obk_cli.doctor.installation import judge_paths, judge_python, probe_paths, probe_python
 from obk_cli.doctor.interfaces import (
     judge_compiler,
     judge_interfaces,
     probe_compiler,
     probe_interfaces,
 )
-from obk_cli.doctor.memory import judge_shared_memory, probe_shared_memory
+from obk_cli.doctor.machine import (
+    judge_cpu,
+    judge_folders,
+    judge_realtime,
+    judge_shared_memory,
+    probe_cpu,
+    probe_folders,
+    probe_realtime,
+    probe_shared_memory,
+)
 from obk_cli.doctor.mujoco import judge_display, judge_mujoco, probe_display, probe_mujoco
 from obk_cli.doctor.network import (
     judge_discovery,
@@ -23,12 +33,13 @@ from obk_cli.doctor.network import (
     probe_discovery,
     probe_multicast,
 )
-from obk_cli.doctor.paths import judge_folders, judge_paths, probe_folders, probe_paths
-from obk_cli.doctor.python import judge_python, probe_python
 from obk_cli.doctor.ros import judge_rmw, judge_ros, probe_rmw, probe_ros
-from obk_cli.doctor.stacks import judge_stacks, probe_stacks
-from obk_cli.doctor.timing import judge_cpu, judge_realtime, probe_cpu, probe_realtime
-from obk_cli.doctor.workspace import judge_workspace, probe_workspace
+from obk_cli.doctor.workspace import (
+    judge_stacks,
+    judge_workspace,
+    probe_stacks,
+    probe_workspace,
+)
 from obk_cli.errors import ObkError
 
 __all__ = ["Answer", "Check", "checks_of", "examine"]

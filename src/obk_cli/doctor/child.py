@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-__all__ = ["Trial", "json_output", "python_command", "try_program"]
+__all__ = ["Trial", "child_command", "json_output", "try_program"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,9 +39,9 @@ class Trial:
                 return f"failed: {self.last_error or 'no output on stderr'}"
 
 
-def python_command(module: str, *arguments: str) -> tuple[str, ...]:
-    """Command that runs one of our modules; modules in the working folder cannot shadow others."""
-    return (sys.executable, "-P", "-m", module, *arguments)
+def child_command(program: str, *arguments: str) -> tuple[str, ...]:
+    """Command of a program in `child_programs`; modules in the working folder shadow no others."""
+    return (sys.executable, "-P", "-m", "obk_cli.doctor.child_programs", program, *arguments)
 
 
 def try_program(

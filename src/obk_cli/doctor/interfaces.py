@@ -10,7 +10,7 @@ from typing import Final
 
 import obk_cli
 from obelisk_spec.names import OBELISK_MESSAGES
-from obk_cli.doctor.child import json_output, python_command, try_program
+from obk_cli.doctor.child import child_command, json_output, try_program
 from obk_cli.doctor.finding import Finding, error, ok, warning
 from obk_cli.install_source import install_command
 from obk_cli.optional_deps import distribution_version
@@ -61,7 +61,7 @@ LOAD_S: Final = 20.0
 
 def probe_interfaces() -> InterfaceFacts:
     """Load each package in a child, and compare its definitions with the sources."""
-    command = python_command("obk_cli.doctor.interfaces_program", *OBELISK_MESSAGES)
+    command = child_command("interfaces", *OBELISK_MESSAGES)
     trial = try_program(command, timeout_s=LOAD_S)
     no_output = f"the process that loaded them {trial.outcome}"
     answers: dict[str, str] = json_output(trial) or dict.fromkeys(OBELISK_MESSAGES, no_output)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from obk_cli.doctor.child import Trial, json_output, python_command, try_program
+from obk_cli.doctor.child import Trial, child_command, json_output, try_program
 from obk_cli.doctor.finding import Finding, error, note, ok, warning
 from obk_cli.install_source import install_command
 from obk_cli.optional_deps import distribution_version
@@ -103,7 +103,6 @@ def _first_outcome(trials: list[Trial]) -> str:
     return trials[0].outcome if trials else "it was not tried"
 
 
-PROGRAM: Final = "obk_cli.doctor.mujoco_program"
 DRAW_S: Final = 20.0
 
 
@@ -127,7 +126,7 @@ def _draw(back_end: str) -> DrawingTrial:
     variables = {**os.environ, "MUJOCO_GL": back_end, "PYOPENGL_PLATFORM": back_end}
     if back_end == "glfw":
         del variables["PYOPENGL_PLATFORM"]
-    trial = try_program(python_command(PROGRAM), timeout_s=DRAW_S, variables=variables)
+    trial = try_program(child_command("draw"), timeout_s=DRAW_S, variables=variables)
     results = json_output(trial)
     return DrawingTrial(
         trial=trial,
@@ -139,7 +138,7 @@ def _draw(back_end: str) -> DrawingTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisplayFacts:
-    """What DISPLAY and WAYLAND_DISPLAY name, and whether anybody answers there."""
+    """What DISPLAY and WAYLAND_DISPLAY name, and whether a server answers there."""
 
     names: tuple[str, ...]
     """Such as `DISPLAY=:0`; empty where neither is set."""

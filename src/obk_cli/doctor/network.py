@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
 
-from obk_cli.doctor.child import Trial, json_output, python_command, try_program
+from obk_cli.doctor.child import Trial, child_command, json_output, try_program
 from obk_cli.doctor.finding import Fact, Finding, error, note, ok, warning
 from obk_cli.doctor.ros import find_rclpy
 from obk_cli.errors import CommandFailedError
@@ -197,7 +197,6 @@ def _reason(fault: OSError) -> str:
     return fault.strerror or str(fault)
 
 
-DISCOVERY_PROGRAM: Final = "obk_cli.doctor.discovery_program"
 CALL_S: Final = 20.0
 """Limit for the calling process, its start included; on an idle machine it takes 1 s [s]."""
 KILL_S: Final = 2.0
@@ -216,7 +215,7 @@ def probe_discovery() -> DiscoveryFacts:
         variables = {**world.variables, "ROS_DOMAIN_ID": str(domain)}
         with _answering(variables):
             trial = try_program(
-                python_command(DISCOVERY_PROGRAM, "call", str(os.getpid())),
+                child_command("call", str(os.getpid())),
                 timeout_s=CALL_S,
                 variables=variables,
             )
@@ -239,7 +238,7 @@ def _stack_environment() -> RosEnvironment:
 def _answering(variables: Mapping[str, str]) -> Iterator[None]:
     """Keep an answering process running while entered."""
     answering = subprocess.Popen(
-        python_command(DISCOVERY_PROGRAM, "answer", str(os.getpid())),
+        child_command("answer", str(os.getpid())),
         env=variables,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,

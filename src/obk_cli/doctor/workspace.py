@@ -1,4 +1,4 @@
-"""Check `workspace`: packages of the workspace, and message packages that need a build."""
+"""Checks `workspace` and `stacks`: packages and unbuilt messages; running stacks, orphans."""
 
 import re
 from collections import Counter
@@ -9,11 +9,23 @@ from typing import Final
 
 from obelisk_spec.suggestions import with_number
 from obk_cli.doctor.finding import Finding, note, ok, warning
+from obk_cli.runs.folder import runs_folder
+from obk_cli.runs.orphans import find_orphans
+from obk_cli.runs.registry import live_runs
+from obk_cli.terminal import plain
 from obk_cli.workspace.message_build import survey_of
 from obk_cli.workspace.package_index import find_workspace, package_folders
 from obk_interfaces import InterfaceError
 
-__all__ = ["WorkspaceFacts", "judge_workspace", "probe_workspace"]
+__all__ = [
+    "RunningStack",
+    "StackFacts",
+    "WorkspaceFacts",
+    "judge_stacks",
+    "judge_workspace",
+    "probe_stacks",
+    "probe_workspace",
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,4 +96,55 @@ def probe_workspace(working_folder: Path, environment: Mapping[str, str]) -> Wor
         doubled=tuple(sorted(name for name, count in counts.items() if count > 1)),
         unbuilt=unbuilt,
         fault=fault,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunningStack:
+    """A stack whose launcher is alive."""
+
+    name: str
+    domain: int
+    pid: int
+    """Of its launcher."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StackFacts:
+    """The stacks of this user on this host."""
+
+    running: tuple[RunningStack, ...]
+    leftovers: tuple[str, ...]
+    """Processes whose launcher is gone: number and command."""
+
+
+def judge_stacks(facts: StackFacts) -> Iterator[Finding]:
+    """Stacks that run and processes that should not."""
+    for stack in facts.running:
+        yield note(
+            f"stack `{stack.name}` is running in ROS domain {stack.domain} (launcher {stack.pid})",
+            f"obk stop {stack.name}",
+            domain=stack.domain,
+            pid=stack.pid,
+        )
+    if facts.leftovers:
+        count = len(facts.leftovers)
+        yield warning(
+            f"{count} process{'' if count == 1 else 'es'} outlived the launcher: "
+            f"{'; '.join(facts.leftovers[:3])}",
+            "obk reap",
+            leftovers=facts.leftovers,
+        )
+    if not facts.running and not facts.leftovers:
+        yield ok("no stack is running and no process is left over")
+
+
+def probe_stacks(environment: Mapping[str, str]) -> StackFacts:
+    """Find running launchers, and processes whose launcher has exited."""
+    parent = runs_folder(environment)
+    return StackFacts(
+        running=tuple(
+            RunningStack(name=run.name, domain=run.domain, pid=run.pid) for run in live_runs(parent)
+        ),
+        leftovers=tuple(f"{left.pid} {plain(left.command)}" for left in find_orphans(parent)),
     )

@@ -11,7 +11,7 @@ from typing import Final
 
 from obk_cli.clock import monotonic_s, wall_s
 from obk_cli.faultinject.verdict import TimedEvent, parse_event
-from obk_cli.process.child_process import BoundProcess
+from obk_cli.process.child_process import BoundChild
 from obk_cli.runs.control_client import ask_status
 from obk_cli.runs.orphans import end_orphans, find_orphans
 from obk_cli.runs.protocol import StackStatus
@@ -47,8 +47,8 @@ class LaunchedStack:
         self._other_output: list[str] = []
         self._over_s: float | None = None
         self._run: Path | None = None
-        self._child = BoundProcess(
-            command, environment, on_line=self._on_line, on_over=self._on_over
+        self._child = BoundChild(
+            command, environment, on_line=self._on_line, on_output_end=self._on_output_end
         )
 
     @property
@@ -149,7 +149,7 @@ class LaunchedStack:
                 self._other_output.append(line)
             self._changed.notify_all()
 
-    def _on_over(self) -> None:
+    def _on_output_end(self) -> None:
         with self._changed:
             self._over_s = wall_s()
             self._changed.notify_all()

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar, Union, cast
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.introspect.protocol import (
     FailedReply,
-    GraphKnown,
     GraphQuestion,
     GraphReply,
     KindReply,
+    KnownGraph,
     NamesReply,
     NodeEnds,
     ParameterQuestion,
@@ -30,18 +30,18 @@ from obk_cli.introspect.protocol import (
     parameter_of,
     wire_parameter,
 )
-from obk_cli.introspect.resolve import meant
+from obk_cli.introspect.resolve import matching_names
 from obk_cli.introspect.target import GraphTarget
-from obk_cli.ros.graph import GraphSnapshot, TopicSeen
+from obk_cli.ros.graph import GraphSnapshot, TopicInfo
 from obk_cli.ros.parameters import NodeParameter, NodeParameters
-from obk_cli.ros.participant import RosLook
+from obk_cli.ros.participant import RosParticipant
 from obk_cli.runs.control_client import ANSWER_S, ask_graph
 from obk_cli.runs.protocol import Fault, decode, encode
 
 __all__ = [
     "GraphService",
     "GraphSource",
-    "LauncherLook",
+    "LauncherGraph",
     "LauncherParameters",
     "Parameters",
     "ask_launcher",
@@ -51,31 +51,31 @@ __all__ = [
 
 if TYPE_CHECKING:
     from obk_cli.ros.parameters import NodeParameters
-    from obk_cli.ros.participant import RosLook
+    from obk_cli.ros.participant import RosParticipant
 
 
 T = TypeVar("T")
 
-LOOK_S: Final = 0.05
+POLL_S: Final = 0.05
 """Between two questions while something is waited for [s]."""
 MARGIN_S: Final = 3.0
 """For the way to the launcher and back, beside what a node may take [s]."""
 NOTHING: Final = NodeEnds(publishes={}, subscribes={}, services={})
 
 
-def ask_launcher(folders: Collection[Path]) -> "LauncherLook | None":
-    """The graph as the first of these runs' launchers tells it; None: none of them does."""
+def ask_launcher(folders: Collection[Path]) -> "LauncherGraph | None":
+    """The graph as reported by the first of these runs' launchers that answers; None: none does."""
     for folder in folders:
         known = _graph(folder)
         if known is not None:
-            return LauncherLook(folder, known)
+            return LauncherGraph(folder, known)
     return None
 
 
-class LauncherLook:
-    """The graph by a launcher's word."""
+class LauncherGraph:
+    """The graph as a launcher reports it."""
 
-    def __init__(self, folder: Path, known: GraphKnown) -> None:
+    def __init__(self, folder: Path, known: KnownGraph) -> None:
         """Start with what the launcher knows now.
 
         Args:
@@ -106,27 +106,27 @@ class LauncherLook:
         """Full name -> types of a node's services."""
         return self._known.nodes.get(node, NOTHING).services
 
-    def topic(self, name: str) -> TopicSeen:
+    def topic(self, name: str) -> TopicInfo:
         """A topic with its ends."""
         return self._known.graph.topic(name)
 
     def graph(self) -> GraphSnapshot:
-        """All that was told."""
+        """The whole graph."""
         return self._known.graph
 
     def settle(self, expected: Collection[str], _quiet_s: float, timeout_s: float) -> bool:
-        """Wait until the expected nodes are there; see `RosLook.settle`."""
+        """Wait until the expected nodes are there; see `RosParticipant.settle`."""
         wanted = frozenset(expected)
         return bool(self.wait_for(lambda: wanted <= set(self.nodes()) or None, timeout_s))
 
     def rest(self, seconds: float) -> None:
-        """Return at once: the launcher was told of others long ago."""
+        """Return at once: the launcher has discovered the other nodes long ago."""
 
     def wait_for(self, probe: Callable[[], T | None], timeout_s: float) -> T | None:
-        """What a probe finds, asked again and again; None: nothing in time."""
+        """Poll a probe until it finds something; None: nothing in time."""
         end = time.monotonic() + timeout_s
         while (found := probe()) is None and time.monotonic() < end:
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
             self._known = _graph(self._folder) or self._known
         return found
 
@@ -207,14 +207,14 @@ def _ask(folder: Path, question: Question, kind: type[T], wait_s: float) -> T:
     return decode_reply(answer, kind)
 
 
-def _graph(folder: Path) -> GraphKnown | None:
+def _graph(folder: Path) -> KnownGraph | None:
     try:
         return graph_of(_ask(folder, GraphQuestion(), GraphReply, ANSWER_S))
     except CommandFailedError:
         return None
 
 
-GraphSource = Union[LauncherLook, "RosLook"]
+GraphSource = Union[LauncherGraph, "RosParticipant"]
 """A graph that is looked at."""
 Parameters = Union[LauncherParameters, "NodeParameters"]
 """The parameters of one node."""
@@ -234,33 +234,33 @@ def open_graph(
     Raises:
         CommandFailedError: no launcher answers, and there is no rclpy, or it does not start.
     """
-    is_ours = node is None or len(meant(node, target.nodes)) == 1
-    told = ask_launcher(target.runs) if is_ours else None
-    if told is not None:
-        yield told
+    is_ours = node is None or len(matching_names(node, target.nodes)) == 1
+    launcher_graph = ask_launcher(target.runs) if is_ours else None
+    if launcher_graph is not None:
+        yield launcher_graph
         return
 
     from obk_cli.ros.parameters import MODULES
-    from obk_cli.ros.participant import open_look
+    from obk_cli.ros.participant import open_participant
 
-    with open_look(target.environment, MODULES if asks_nodes else ()) as look:
-        yield look
+    with open_participant(target.environment, MODULES if asks_nodes else ()) as source:
+        yield source
 
 
-def parameters_of(sight: GraphSource, node: str, timeout_s: float) -> Parameters:
+def parameters_of(source: GraphSource, node: str, timeout_s: float) -> Parameters:
     """The parameters of a node.
 
     Args:
-        sight: where the node was seen.
+        source: where the node was seen.
         node: full name.
         timeout_s: for each answer [s].
     """
-    if isinstance(sight, LauncherLook):
-        return sight.parameters(node, timeout_s)
+    if isinstance(source, LauncherGraph):
+        return source.parameters(node, timeout_s)
 
     from obk_cli.ros.parameters import NodeParameters
 
-    return NodeParameters(sight, node, timeout_s)
+    return NodeParameters(source, node, timeout_s)
 
 
 LONGEST_S: Final = 60.0
@@ -270,15 +270,15 @@ Reply = GraphReply | NamesReply | ValuesReply | KindReply | ReasonReply | Failed
 
 
 class GraphService:
-    """Answers with what one node knows."""
+    """Answers questions about the graph and parameters as one node sees them."""
 
-    def __init__(self, look: RosLook) -> None:
+    def __init__(self, participant: RosParticipant) -> None:
         """Serve questions.
 
         Args:
-            look: the node's.
+            participant: the node's.
         """
-        self._look = look
+        self._participant = participant
 
     def ask(self, question: bytes, reply: Callable[[bytes], None]) -> threading.Thread:
         """Answer a question; `reply` is called once, from the thread that is returned."""
@@ -305,17 +305,17 @@ class GraphService:
         if isinstance(asked, GraphQuestion):
             return graph_reply(self._graph())
         wait_s = min(asked.timeout_s, LONGEST_S)
-        return _of_parameters(NodeParameters(self._look, asked.node, wait_s), asked)
+        return _of_parameters(NodeParameters(self._participant, asked.node, wait_s), asked)
 
-    def _graph(self) -> GraphKnown:
-        look = self._look
+    def _graph(self) -> KnownGraph:
+        participant = self._participant
         nodes = {}
-        for node in (*look.nodes(), look.name):
-            publishes, subscribes = look.topics_of(node)
+        for node in (*participant.nodes(), participant.name):
+            publishes, subscribes = participant.topics_of(node)
             nodes[node] = NodeEnds(
-                publishes=publishes, subscribes=subscribes, services=look.services_of(node)
+                publishes=publishes, subscribes=subscribes, services=participant.services_of(node)
             )
-        return GraphKnown(graph=look.graph(), nodes=nodes)
+        return KnownGraph(graph=participant.graph(), nodes=nodes)
 
 
 def _of_parameters(parameters: NodeParameters, asked: ParameterQuestion) -> Reply:

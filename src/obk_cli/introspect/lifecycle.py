@@ -31,7 +31,7 @@ from obk_cli.runs.registry import (
 if TYPE_CHECKING:
     from obk_cli.ros.lifecycle_client import LifecycleClient
 
-__all__ = ["Asked", "change_states", "node_states", "possible_transitions"]
+__all__ = ["LifecycleRequest", "change_states", "node_states", "possible_transitions"]
 
 LAUNCHES_OWN_S: Final = 60.0
 """What a launch's own limit is taken for: whoever asks does not know it [s]."""
@@ -39,7 +39,7 @@ MARGIN_S: Final = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
+class LifecycleRequest:
     """What a user wants to know about, or change."""
 
     names: tuple[str, ...] = ()
@@ -50,35 +50,37 @@ class Asked:
     """For one node's answer or transition [s]; None: the launch's own."""
 
 
-def node_states(environment: RosEnvironment, asked: Asked) -> Mapping[str, str]:
+def node_states(environment: RosEnvironment, request: LifecycleRequest) -> Mapping[str, str]:
     """The states of nodes by full name, `no answer` where a node gives none.
 
     Raises:
         CommandFailedError: there is no such run or node, or no ROS.
     """
-    runs = _runs(environment, asked)
-    known = node_statuses(live_stacks(runs), asked.names) if runs else None
+    runs = _runs(environment, request)
+    known = node_statuses(live_stacks(runs), request.names) if runs else None
     if known is not None:
         return {name: _state(known[name]) for name in in_tier_order(known)}
 
-    wanted = _Search(names=asked.names, expected=_nodes(runs), if_none=_if_none(environment))
-    return _states_in_graph(environment, wanted, asked.timeout_s)
+    search = _Search(names=request.names, expected=_nodes(runs), if_none=_if_none(environment))
+    return _states_in_graph(environment, search, request.timeout_s)
 
 
-def change_states(environment: RosEnvironment, transition: str, asked: Asked) -> ChangeAnswer:
+def change_states(
+    environment: RosEnvironment, transition: str, request: LifecycleRequest
+) -> ChangeAnswer:
     """Take nodes through a transition.
 
     Raises:
         CommandFailedError: there is no such run or node, its launcher does not answer, or no ROS.
         MisuseError: nodes of more than one stack may be meant.
     """
-    runs = _runs(environment, asked)
-    choice = select_stack(live_stacks(runs), asked.names)
+    runs = _runs(environment, request)
+    choice = select_stack(live_stacks(runs), request.names)
     if choice is not None:
-        return _ask_launcher(choice, transition, asked.timeout_s)
+        return _ask_launcher(choice, transition, request.timeout_s)
 
-    wanted = _Search(names=asked.names, expected=_nodes(runs), if_none=_if_none(environment))
-    return _change_in_graph(environment, transition, wanted, asked.timeout_s)
+    search = _Search(names=request.names, expected=_nodes(runs), if_none=_if_none(environment))
+    return _change_in_graph(environment, transition, search, request.timeout_s)
 
 
 def possible_transitions(state: str) -> tuple[str, ...]:
@@ -86,8 +88,8 @@ def possible_transitions(state: str) -> tuple[str, ...]:
     return tuple(t.name for t in TRANSITIONS.values() if state in t.starts)
 
 
-def _runs(environment: RosEnvironment, asked: Asked) -> Mapping[Path, Run]:
-    return select_runs(runs_folder(environment.variables), asked.run, domain=environment.domain)
+def _runs(environment: RosEnvironment, request: LifecycleRequest) -> Mapping[Path, Run]:
+    return select_runs(runs_folder(environment.variables), request.run, domain=environment.domain)
 
 
 def _state(node: NodeStatus) -> str:
@@ -152,13 +154,13 @@ class _Search:
 
 
 def _states_in_graph(
-    environment: RosEnvironment, wanted: _Search, timeout_s: float | None
+    environment: RosEnvironment, search: _Search, timeout_s: float | None
 ) -> Mapping[str, str]:
     """The states of nodes by full name, `no answer` where a node gives none.
 
     Args:
         environment: of ROS.
-        wanted: which nodes.
+        search: which nodes.
         timeout_s: for those that are known to run, and for each node's answer [s]; None: not said.
 
     Raises:
@@ -167,12 +169,12 @@ def _states_in_graph(
     from obk_cli.ros.lifecycle_client import open_lifecycle_client
 
     with open_lifecycle_client(NODE_NAME, environment) as ros:
-        chosen = _choose(ros, environment, wanted, timeout_s)
+        chosen = _choose(ros, environment, search, timeout_s)
         return {node: _ros_state(ros, node, timeout_s) for node in chosen}
 
 
 def _change_in_graph(
-    environment: RosEnvironment, transition: str, wanted: _Search, timeout_s: float | None
+    environment: RosEnvironment, transition: str, search: _Search, timeout_s: float | None
 ) -> ChangeAnswer:
     """Take nodes to a transition's goal one after another; ends at the first that stays away.
 
@@ -181,7 +183,7 @@ def _change_in_graph(
     Args:
         environment: of ROS.
         transition: `activate`, ...
-        wanted: which nodes.
+        search: which nodes.
         timeout_s: for those that are known to run, and for each node's answer and transition [s];
             None: not said.
 
@@ -192,7 +194,7 @@ def _change_in_graph(
     from obk_cli.ros.lifecycle_client import open_lifecycle_client
 
     with open_lifecycle_client(NODE_NAME, environment) as ros:
-        chosen = _choose(ros, environment, wanted, timeout_s)
+        chosen = _choose(ros, environment, search, timeout_s)
         for node in chosen if transition in UP else reversed(chosen):
             member = _taken(ros, transition, node, timeout_s)
             members.append(member)
@@ -203,29 +205,29 @@ def _change_in_graph(
 
 
 def _choose(
-    ros: "LifecycleClient", environment: RosEnvironment, wanted: _Search, timeout_s: float | None
+    ros: "LifecycleClient", environment: RosEnvironment, search: _Search, timeout_s: float | None
 ) -> tuple[str, ...]:
     """The nodes meant, in tier order, once they are in the graph."""
-    awaited = wanted.expected or tuple(name for name in wanted.names if name.startswith("/"))
+    awaited = search.expected or tuple(name for name in search.names if name.startswith("/"))
     is_any = bool(awaited) or bool(ros.find((), NOTHING_S, 0.0))
     find_s = max(DISCOVERY_S, timeout_s or 0.0) if awaited else DISCOVERY_S
     seen = ros.find(awaited, find_s, QUIET_S) if is_any else ()
     # A node of a live run that is not found is there nevertheless: it does not answer.
-    found = tuple(dict.fromkeys((*seen, *wanted.expected)))
+    found = tuple(dict.fromkeys((*seen, *search.expected)))
     if not found:
         raise CommandFailedError(
             f"there is no life-cycle node in the ROS domain {environment.domain}",
-            help=wanted.if_none,
+            help=search.if_none,
         )
-    if not wanted.names:
-        return in_tier_order(wanted.expected) or stack_nodes(found)
-    for name in wanted.names:
+    if not search.names:
+        return in_tier_order(search.expected) or stack_nodes(found)
+    for name in search.names:
         if not select_nodes(name, found):
             raise CommandFailedError(
                 f"there is no life-cycle node `{name}` in the ROS domain {environment.domain}",
                 help=did_you_mean(name, found),
             )
-    return in_tier_order({node for name in wanted.names for node in select_nodes(name, found)})
+    return in_tier_order({node for name in search.names for node in select_nodes(name, found)})
 
 
 def _ros_state(ros: "LifecycleClient", node: str, timeout_s: float | None) -> str:

@@ -11,7 +11,7 @@ from obk_cli.ros.field_path import MISSING, Selection, selected
 from obk_cli.ros.message_data import Plain, columns, plain_data
 from obk_cli.terminal import escaped
 
-__all__ = ["MOST_ITEMS", "MOST_LETTERS", "Shower", "csv_row", "json_line", "message_text"]
+__all__ = ["MOST_ITEMS", "MOST_LETTERS", "MessageFormatter", "csv_row", "json_line", "message_text"]
 
 MOST_ITEMS: Final = 12
 """Of an array, for a person."""
@@ -101,7 +101,7 @@ def _finite(value: Plain) -> Plain:
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
-class Shower:
+class MessageFormatter:
     """Gives the lines for each message."""
 
     def __init__(

@@ -1,4 +1,4 @@
-"""One node as the graph, its services and its launcher tell of it."""
+"""Show nodes, topics and services of a ROS graph as text and as data."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,15 +8,15 @@ from obelisk_spec.suggestions import with_number
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.graph_source import GraphSource, parameters_of
 from obk_cli.introspect.target import GraphTarget
-from obk_cli.ros.graph import End, GraphSnapshot, TopicSeen, misfits, special_services
+from obk_cli.ros.graph import End, GraphSnapshot, TopicInfo, incompatible_ends, special_services
 from obk_cli.runs.control_client import ask_status
 from obk_cli.runs.protocol import NodeStatus
 from obk_cli.terminal import plain
 
 __all__ = [
-    "NodeSeen",
+    "NodeInfo",
+    "inspect_node",
     "known_nodes",
-    "look_at_node",
     "node_data",
     "node_text",
     "nodes_data",
@@ -33,7 +33,7 @@ GET_STATE: Final = "lifecycle_msgs/srv/GetState"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NodeSeen:
+class NodeInfo:
     """What is known of a node."""
 
     node: str
@@ -43,9 +43,9 @@ class NodeSeen:
     subscribes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     services: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     parameters: int | None = None
-    """How many; None: it does not tell."""
+    """How many; None: no answer."""
     state: str | None = None
-    """Of its life cycle; None: it has none, or does not tell."""
+    """Of its life cycle; None: it has none, or does not answer."""
     status: NodeStatus | None = None
     """What its launcher says, where that runs here."""
     run: str | None = None
@@ -58,59 +58,59 @@ def known_nodes(target: GraphTarget) -> Mapping[str, NodeStatus]:
     return {node.node: node for status in asked if status for node in status.nodes}
 
 
-def look_at_node(look: GraphSource, target: GraphTarget, node: str, timeout_s: float) -> NodeSeen:
+def inspect_node(source: GraphSource, target: GraphTarget, node: str, timeout_s: float) -> NodeInfo:
     """Ask for all that is known of a node; one that does not answer is shown all the same.
 
     Args:
-        look: the graph.
+        source: the graph.
         target: whose launchers are asked.
         node: full name.
         timeout_s: for each answer of the node [s].
     """
-    publishes, subscribes = look.topics_of(node)
-    services = look.services_of(node)
+    publishes, subscribes = source.topics_of(node)
+    services = source.services_of(node)
     status = known_nodes(target).get(node)
     state = status.state if status else None
     if state is None and GET_STATE in services.get(f"{node}/get_state", ()):
-        state = _state(look, node, timeout_s)
+        state = _state(source, node, timeout_s)
     runs = [folder.name for folder, run in target.runs.items() if node in run.all_nodes]
-    return NodeSeen(
+    return NodeInfo(
         node=node,
         publishes=publishes,
         subscribes=subscribes,
         services=services,
-        parameters=_parameters(look, node, timeout_s),
+        parameters=_parameters(source, node, timeout_s),
         state=state,
         status=status,
         run=runs[0] if runs else None,
     )
 
 
-def _state(look: GraphSource, node: str, timeout_s: float) -> str | None:
-    from obk_cli.ros.participant import RosLook
+def _state(source: GraphSource, node: str, timeout_s: float) -> str | None:
+    from obk_cli.ros.participant import RosParticipant
     from obk_cli.ros.services import ServiceClient
     from obk_cli.ros.types import find_type
 
-    if not isinstance(look, RosLook):  # a launcher has told all that it knows
+    if not isinstance(source, RosParticipant):  # the launcher has reported all that it knows
         return None
     kind = find_type(GET_STATE)
     try:
-        client = ServiceClient(look, f"{node}/get_state", kind)
+        client = ServiceClient(source, f"{node}/get_state", kind)
         return str(client.call(kind.Request(), timeout_s, is_question=True).current_state.label)
     except CommandFailedError:
         return None
 
 
-def _parameters(look: GraphSource, node: str, timeout_s: float) -> int | None:
-    if f"{node}/list_parameters" not in look.service_types():
+def _parameters(source: GraphSource, node: str, timeout_s: float) -> int | None:
+    if f"{node}/list_parameters" not in source.service_types():
         return None
     try:
-        return len(parameters_of(look, node, timeout_s).names())
+        return len(parameters_of(source, node, timeout_s).names())
     except CommandFailedError:
         return None
 
 
-UNNAMED = "(a node whose name was not told)"
+UNNAMED = "(a node without a known name)"
 
 
 def topics_text(graph: GraphSnapshot) -> Iterator[str]:
@@ -145,7 +145,7 @@ def services_text(services: Mapping[str, tuple[str, ...]]) -> Iterator[str]:
     return _columns([(name, ", ".join(types)) for name, types in services.items()])
 
 
-def topic_text(topic: TopicSeen) -> Iterator[str]:
+def topic_text(topic: TopicInfo) -> Iterator[str]:
     """The lines on one topic: type, ends with their quality of service, ends that do not fit."""
     yield plain(f"{topic.name}: {', '.join(topic.msg_types) or 'no type'}")
     for title, ends in (("publishers", topic.publishers), ("subscriptions", topic.subscriptions)):
@@ -153,23 +153,23 @@ def topic_text(topic: TopicSeen) -> Iterator[str]:
         yield from (f"  {line}" for line in _columns([_row(end) for end in ends]))
     hashes = {end.type_hash for end in topic.publishers + topic.subscriptions if end.type_hash}
     yield from (f"type hash: {one}" for one in sorted(hashes))
-    yield from (f"warning: {plain(sentence)}" for sentence in misfits(topic))
+    yield from (f"warning: {plain(sentence)}" for sentence in incompatible_ends(topic))
 
 
-def topic_data(topic: TopicSeen) -> dict[str, Any]:
+def topic_data(topic: TopicInfo) -> dict[str, Any]:
     """One topic with its ends."""
     return {
         "topic": topic.name,
         "types": list(topic.msg_types),
         "publishers": [_end_data(end) for end in topic.publishers],
         "subscriptions": [_end_data(end) for end in topic.subscriptions],
-        "misfits": list(misfits(topic)),
+        "misfits": list(incompatible_ends(topic)),
     }
 
 
 def _row(end: End) -> tuple[str, ...]:
     qos = end.qos
-    # What a node keeps is not told over the network: zero stands for that.
+    # The depth of a queue is not announced over the network: zero stands for that.
     depth = f" {qos.depth}" if qos.depth else ""
     history = f"{qos.history}{depth}" if qos.history != "unknown" else ""
     words = (qos.reliability, qos.durability, history, *_times(end))
@@ -229,13 +229,13 @@ def nodes_data(nodes: Iterable[str], known: Mapping[str, NodeStatus]) -> list[di
     return [{"node": node, **_status_data(known.get(node))} for node in nodes]
 
 
-def node_text(seen: NodeSeen) -> Iterator[str]:
+def node_text(seen: NodeInfo) -> Iterator[str]:
     """The lines on one node."""
     yield plain(f"{seen.node}{f': {seen.state}' if seen.state else ''}")
     if seen.status is not None:
         yield f"  run {plain(seen.run or '')}, {status_text(seen.status)}"
     asked = f"{seen.node}/list_parameters" in seen.services
-    unknown = "no answer" if asked else "it tells of none"
+    unknown = "no answer" if asked else "it reports none"
     yield f"  parameters: {unknown if seen.parameters is None else seen.parameters}"
     own = special_services(seen.services)
     for title, names in (
@@ -252,7 +252,7 @@ def node_text(seen: NodeSeen) -> Iterator[str]:
         yield f"  and {others} for its parameters"
 
 
-def node_data(seen: NodeSeen) -> dict[str, Any]:
+def node_data(seen: NodeInfo) -> dict[str, Any]:
     """One node as an object."""
     return {
         "node": seen.node,

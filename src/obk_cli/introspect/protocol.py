@@ -8,16 +8,16 @@ from typing import Annotated, Any, Literal, TypeVar, cast
 import msgspec
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.ros.graph import GraphSnapshot, TopicSeen
+from obk_cli.ros.graph import GraphSnapshot, TopicInfo
 from obk_cli.ros.parameters import KINDS, NodeParameter
 from obk_cli.runs.protocol import decode
 
 __all__ = [
     "FailedReply",
-    "GraphKnown",
     "GraphQuestion",
     "GraphReply",
     "KindReply",
+    "KnownGraph",
     "NamesReply",
     "NodeEnds",
     "ParameterQuestion",
@@ -49,7 +49,7 @@ class NodeEnds:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GraphKnown:
+class KnownGraph:
     """A graph, and what each of its nodes has."""
 
     graph: GraphSnapshot
@@ -111,7 +111,7 @@ class GraphReply(msgspec.Struct, frozen=True, kw_only=True):
     """The whole graph."""
 
     nodes: tuple[str, ...]
-    topics: tuple[TopicSeen, ...]
+    topics: tuple[TopicInfo, ...]
     services: tuple[_Named, ...]
     ends: tuple[_Node, ...]
 
@@ -171,7 +171,7 @@ def decode_reply(data: bytes | msgspec.Raw, kind: type[T]) -> T:
     raise CommandFailedError(failed.failed, help=failed.help)
 
 
-def graph_reply(known: GraphKnown) -> GraphReply:
+def graph_reply(known: KnownGraph) -> GraphReply:
     """A graph as a reply."""
     graph = known.graph
     return GraphReply(
@@ -190,9 +190,9 @@ def graph_reply(known: GraphKnown) -> GraphReply:
     )
 
 
-def graph_of(reply: GraphReply) -> GraphKnown:
+def graph_of(reply: GraphReply) -> KnownGraph:
     """The graph in a reply."""
-    return GraphKnown(
+    return KnownGraph(
         graph=GraphSnapshot(
             nodes=reply.nodes, topics=reply.topics, services=_types(reply.services)
         ),

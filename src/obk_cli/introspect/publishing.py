@@ -1,4 +1,4 @@
-"""What a command publishes, and the checks before: topic, type, subscribers, no robot is moved."""
+"""Check what `obk topic pub` publishes: topic, type, subscribers, and that it moves no robot."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from obelisk_spec.suggestions import list_names
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.introspect.resolve import find_topic, the_type
 from obk_cli.introspect.target import GraphTarget
-from obk_cli.ros.graph import TopicSeen
+from obk_cli.ros.graph import TopicInfo
 
 if TYPE_CHECKING:
     from obk_cli.introspect.graph_source import GraphSource
@@ -20,8 +20,8 @@ from obk_cli.plan.plan import Plan
 __all__ = [
     "Publication",
     "Published",
-    "moved_by",
-    "refuse_moving",
+    "refuse_robot_commands",
+    "robots_commanded_by",
     "topic_to_publish",
     "wait_for_subscribers",
 ]
@@ -29,7 +29,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Publication:
-    """What a user wants to have published."""
+    """What the user wants to publish."""
 
     topic: str
     """Full name, or the end of one."""
@@ -53,13 +53,13 @@ class Published:
     """Full name."""
     count: int
     is_confirmed: bool
-    """Whether all who hear the topic reliably have the last message."""
+    """Whether all reliable subscriptions have the last message."""
 
 
 def topic_to_publish(
-    look: "GraphSource", target: GraphTarget, publication: Publication
-) -> tuple[TopicSeen, str]:
-    """The topic and its full type; one that nobody has yet needs a full name and a type.
+    source: "GraphSource", target: GraphTarget, publication: Publication
+) -> tuple[TopicInfo, str]:
+    """The topic and its full type; a new one needs a full name and a type.
 
     Raises:
         CommandFailedError: there is none of that name, or it has another type.
@@ -67,33 +67,33 @@ def topic_to_publish(
     """
     name, msg_type, timeout_s = publication.topic, publication.msg_type, publication.timeout_s
     if msg_type is None or not name.startswith("/"):
-        seen = find_topic(look, target, name, timeout_s, is_heard=False)
+        seen = find_topic(source, target, name, timeout_s, is_published=False)
         msg_type = the_type("topic", seen.name, {msg_type} if msg_type else seen.msg_types)
     else:
         if fault := topic_name_fault(name):
             raise MisuseError(f"`{name}` is no topic: {fault}")
         # Who listens is to be known, for the sake of robots.
-        look.settle(target.nodes, 0.5, timeout_s if target.nodes else 0.5)
-        seen = look.topic(name)
+        source.settle(target.nodes, 0.5, timeout_s if target.nodes else 0.5)
+        seen = source.topic(name)
     _require_type(seen, msg_type)
     return seen, msg_type
 
 
 def wait_for_subscribers(
-    look: "GraphSource",
+    source: "GraphSource",
     name: str,
     msg_type: str,
     publication: Publication,
     count: Callable[[], int],
 ) -> None:
-    """Wait until as many hear a topic as the publication wants.
+    """Wait until a topic has as many subscriptions as the publication requires.
 
     Args:
-        look: the graph.
+        source: the graph.
         name: full, of the topic.
         msg_type: full, of what is published.
         publication: what is wanted.
-        count: how many hear it by now.
+        count: returns the number of subscriptions.
 
     Raises:
         CommandFailedError: they do not come in time, or all that are there want another type.
@@ -102,10 +102,10 @@ def wait_for_subscribers(
     def are_there() -> bool | None:
         if count() >= publication.subscribers:
             return True
-        _require_type(look.topic(name), msg_type)
+        _require_type(source.topic(name), msg_type)
         return None
 
-    if not look.wait_for(are_there, publication.timeout_s):
+    if not source.wait_for(are_there, publication.timeout_s):
         raise CommandFailedError(
             f"{count()} of {publication.subscribers} subscribers of {name} came within "
             f"{publication.timeout_s:g} s",
@@ -113,13 +113,13 @@ def wait_for_subscribers(
         )
 
 
-def refuse_moving(topic: TopicSeen, target: GraphTarget) -> None:
-    """Have nothing published where a robot listens.
+def refuse_robot_commands(topic: TopicInfo, target: GraphTarget) -> None:
+    """Reject a publication on a topic that a robot subscribes to.
 
     Raises:
         CommandFailedError: one does.
     """
-    if robots := moved_by(topic, target.plans):
+    if robots := robots_commanded_by(topic, target.plans):
         raise CommandFailedError(
             f"{topic.name} moves {list_names(robots)}, "
             f"which runs in the ROS domain {target.domain}",
@@ -127,17 +127,17 @@ def refuse_moving(topic: TopicSeen, target: GraphTarget) -> None:
         )
 
 
-def _require_type(topic: TopicSeen, msg_type: str) -> None:
+def _require_type(topic: TopicInfo, msg_type: str) -> None:
     others = [end.msg_type for end in topic.subscriptions if end.msg_type != msg_type]
     if others and len(others) == len(topic.subscriptions):
         raise CommandFailedError(
             f"{topic.name} is of the type {others[0]}, not {msg_type}",
-            help="nobody would hear the messages",
+            help="no subscription would receive the messages",
         )
 
 
-def moved_by(topic: TopicSeen, plans: Iterable[Plan]) -> tuple[str, ...]:
-    """Full names of the robots that listen to a topic.
+def robots_commanded_by(topic: TopicInfo, plans: Iterable[Plan]) -> tuple[str, ...]:
+    """Full names of the robots that subscribe to a topic.
 
     Args:
         topic: with its ends.

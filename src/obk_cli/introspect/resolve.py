@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 from obelisk_spec.suggestions import did_you_mean, list_names, near_names
 from obk_cli.errors import CommandFailedError
-from obk_cli.ros.graph import TopicSeen
+from obk_cli.ros.graph import TopicInfo
 
 if TYPE_CHECKING:
     from obk_cli.introspect.graph_source import GraphSource
@@ -20,8 +20,8 @@ __all__ = [
     "find_node",
     "find_service",
     "find_topic",
-    "meant",
-    "one_meant",
+    "matching_names",
+    "resolve_one",
     "settle",
     "the_type",
 ]
@@ -34,7 +34,7 @@ def absolute(name: str) -> str:
     return name if name.startswith("/") else f"/{name}"
 
 
-def meant(name: str, known: Iterable[str]) -> tuple[str, ...]:
+def matching_names(name: str, known: Iterable[str]) -> tuple[str, ...]:
     """The known full names that a name may stand for.
 
     The very one, else those that end in it: `est` for `/obelisk/dummy/est`, `control_0` for
@@ -48,7 +48,7 @@ def meant(name: str, known: Iterable[str]) -> tuple[str, ...]:
     return tuple(one for one in every if one.endswith((f"/{name}", f"/obelisk_{name}")))
 
 
-def one_meant(kind: Kind, name: str, known: Collection[str], domain: int) -> str:
+def resolve_one(kind: Kind, name: str, known: Collection[str], domain: int) -> str:
     """The one full name that is meant.
 
     Args:
@@ -60,7 +60,7 @@ def one_meant(kind: Kind, name: str, known: Collection[str], domain: int) -> str
     Raises:
         CommandFailedError: there is none, or there are several.
     """
-    fitting = meant(name, known)
+    fitting = matching_names(name, known)
     if len(fitting) > 1:
         raise CommandFailedError(
             f"`{name}` means several {kind}s", help=f"name one of {list_names(fitting)}"
@@ -82,93 +82,97 @@ def _near(name: str, known: Collection[str]) -> str | None:
     return did_you_mean(name, known)
 
 
-OTHERS_QUIET_S: Final = 1.0
-"""In which nothing is told any more, where it is not known who is there [s]."""
-STRANGERS_S: Final = 3.3
+OTHER_NODES_QUIET_S: Final = 1.0
+"""Without a change, the graph is complete if no nodes are expected [s]."""
+FOREIGN_NODES_S: Final = 3.3
 """Within which also nodes that announce themselves every 3 s have done so [s]."""
 
 
 def settle(
-    look: "GraphSource", target: "GraphTarget", timeout_s: float, *, wait_s: float | None = None
+    source: "GraphSource", target: "GraphTarget", timeout_s: float, *, wait_s: float | None = None
 ) -> None:
-    """Wait until the graph is told of.
+    """Wait until the graph is discovered.
 
     Args:
-        look: the graph.
+        source: the graph.
         target: whose nodes are known to run.
         timeout_s: how long to wait for these, or where there are none for any [s].
-        wait_s: since the beginning, for nodes that nobody here knows of [s].
+        wait_s: since the start, for nodes not started by obk [s].
 
     Raises:
         CommandFailedError: there is no node at all.
     """
     if wait_s is not None:
-        look.rest(wait_s)
-    _require_somebody(look, target, timeout_s)
-    look.settle(target.nodes, OTHERS_QUIET_S, timeout_s)
+        source.rest(wait_s)
+    _require_nodes(source, target, timeout_s)
+    source.settle(target.nodes, OTHER_NODES_QUIET_S, timeout_s)
 
 
 def find_topic(
-    look: "GraphSource",
+    source: "GraphSource",
     target: "GraphTarget",
     name: str,
     timeout_s: float,
     *,
-    is_heard: bool = True,
-) -> TopicSeen:
-    """A topic that somebody has.
+    is_published: bool = True,
+) -> TopicInfo:
+    """A topic that some node has.
 
     Args:
-        look: the graph.
+        source: the graph.
         target: where it is looked for.
         name: full, or the end of a name.
         timeout_s: how long to wait for it [s].
-        is_heard: whether a publisher is waited for.
+        is_published: whether a publisher is waited for.
 
     Raises:
         CommandFailedError: there is none of that name, or there are several.
     """
 
     def is_there(full: str) -> bool:
-        return full in look.topic_types() and not (is_heard and not look.topic(full).publishers)
+        return full in source.topic_types() and not (
+            is_published and not source.topic(full).publishers
+        )
 
-    full = _find(look, target, "topic", name, target.topics, is_there, timeout_s, look.topic_types)
-    return look.topic(full)
+    full = _find(
+        source, target, "topic", name, target.topics, is_there, timeout_s, source.topic_types
+    )
+    return source.topic(full)
 
 
-def find_node(look: "GraphSource", target: "GraphTarget", name: str, timeout_s: float) -> str:
+def find_node(source: "GraphSource", target: "GraphTarget", name: str, timeout_s: float) -> str:
     """The full name of a node.
 
     Raises:
         CommandFailedError: there is none of that name, or there are several.
     """
     return _find(
-        look,
+        source,
         target,
         "node",
         name,
         target.nodes,
-        lambda full: full in look.nodes(),
+        lambda full: full in source.nodes(),
         timeout_s,
-        look.nodes,
+        source.nodes,
     )
 
 
-def find_service(look: "GraphSource", target: "GraphTarget", name: str, timeout_s: float) -> str:
+def find_service(source: "GraphSource", target: "GraphTarget", name: str, timeout_s: float) -> str:
     """The full name of a service.
 
     Raises:
         CommandFailedError: there is none of that name, or there are several.
     """
     return _find(
-        look,
+        source,
         target,
         "service",
         name,
         (),
-        lambda full: full in look.service_types(),
+        lambda full: full in source.service_types(),
         timeout_s,
-        look.service_types,
+        source.service_types,
     )
 
 
@@ -176,21 +180,21 @@ def the_type(kind: Kind, name: str, types: Collection[str]) -> str:
     """The one type of a topic or service.
 
     Raises:
-        CommandFailedError: nobody tells one, or nodes do not agree.
+        CommandFailedError: no node has one, or nodes have different ones.
     """
     if len(types) != 1:
-        told = " and ".join(types) or "none"
+        listed = " and ".join(types) or "none"
         raise CommandFailedError(
-            f"the {kind} {name} has the types {told}",
-            help="`obk topic info` tells whose; one of them has to give way"
+            f"the {kind} {name} has the types {listed}",
+            help="run `obk topic info` to see which nodes; rename one of the topics"
             if kind == "topic"
-            else "`--type` names the one that is meant",
+            else "choose one with `--type`",
         )
     return next(iter(types))
 
 
 def _find(
-    look: "GraphSource",
+    source: "GraphSource",
     target: "GraphTarget",
     kind: Kind,
     name: str,
@@ -199,26 +203,26 @@ def _find(
     timeout_s: float,
     there: Callable[[], Collection[str]],
 ) -> str:
-    likely = meant(name, planned) or ((name,) if name.startswith("/") else ())
-    _require_somebody(look, target, timeout_s)
+    likely = matching_names(name, planned) or ((name,) if name.startswith("/") else ())
+    _require_nodes(source, target, timeout_s)
     if len(likely) != 1:
-        settle(look, target, timeout_s)
-        likely = meant(name, there())
+        settle(source, target, timeout_s)
+        likely = matching_names(name, there())
     if not likely:
         # The nodes that are known to run were waited for; it may be one that is not.
-        look.rest(min(target.nobody_s, STRANGERS_S))
-        likely = meant(name, there())
+        source.rest(min(target.no_nodes_s, FOREIGN_NODES_S))
+        likely = matching_names(name, there())
     if len(likely) == 1:
         full = likely[0]
-        if look.wait_for(lambda: is_there(full) or None, timeout_s):
+        if source.wait_for(lambda: is_there(full) or None, timeout_s):
             return full
-    settle(look, target, timeout_s)
-    return one_meant(kind, name, there(), target.domain)
+    settle(source, target, timeout_s)
+    return resolve_one(kind, name, there(), target.domain)
 
 
-def _require_somebody(look: "GraphSource", target: "GraphTarget", timeout_s: float) -> None:
-    def is_anybody() -> bool | None:
-        return bool(look.nodes() or look.topic_types()) or None
+def _require_nodes(source: "GraphSource", target: "GraphTarget", timeout_s: float) -> None:
+    def is_any() -> bool | None:
+        return bool(source.nodes() or source.topic_types()) or None
 
-    if not look.wait_for(is_anybody, timeout_s if target.nodes else target.nobody_s):
-        raise target.nobody()
+    if not source.wait_for(is_any, timeout_s if target.nodes else target.no_nodes_s):
+        raise target.no_nodes_error()

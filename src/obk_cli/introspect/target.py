@@ -1,4 +1,4 @@
-"""Where a command looks: a ROS domain, and the stacks of this host that run in it."""
+"""The ROS domain that a command observes, and the stacks of this host that run in it."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -6,28 +6,28 @@ from pathlib import Path
 from typing import Final
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.resolve import meant
+from obk_cli.introspect.resolve import matching_names
 from obk_cli.plan.plan import Plan
 from obk_cli.process.identity import working_folder
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.runs.folder import Run, read_run, run_plan, run_topics, runs_folder
 from obk_cli.runs.registry import live_folders
 
-__all__ = ["NOBODY_S", "GraphTarget", "find_message_types", "target_of", "with_run_types"]
+__all__ = ["NO_NODES_S", "GraphTarget", "find_message_types", "target_of", "with_run_types"]
 
 DOMAIN: Final = "ROS_DOMAIN_ID"
-NOBODY_S: Final = 1.0
-"""After which there is nobody: longer than nodes that obk started take to be found [s]."""
+NO_NODES_S: Final = 1.0
+"""After which no node is running; discovery of nodes started by obk takes less [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraphTarget:
-    """A ROS domain, and what this host's run folders tell of it."""
+    """A ROS domain, and the runs of this host in it."""
 
     environment: RosEnvironment
     runs: Mapping[Path, Run]
     """Folder -> live run of this host in the domain, newest first."""
-    nobody_s: float
+    no_nodes_s: float
     """In which some node has to be found where none is known to run [s]."""
 
     @property
@@ -42,13 +42,13 @@ class GraphTarget:
 
     @property
     def topics(self) -> Mapping[str, str | None]:
-        """The topics of the runs' plans, with their types where the plans tell."""
+        """The topics of the runs' plans, with their types as far as the plans have them."""
         return {name: kind for folder in self.runs for name, kind in run_topics(folder).items()}
 
     def modules(self, topics: Iterable[str]) -> tuple[str, ...]:
-        """The Python modules in which the types of these topics are, as far as the plans tell."""
+        """The Python modules of these topics' types, as far as the plans have them."""
         planned = self.topics
-        names = (name for topic in topics for name in meant(topic, planned))
+        names = (name for topic in topics for name in matching_names(topic, planned))
         types = (kind for name in names if (kind := planned[name]))
         packages = dict.fromkeys(kind.partition("/")[0] for kind in types)
         return ("rosidl_generator_py", *(f"{package}.msg" for package in packages))
@@ -58,7 +58,7 @@ class GraphTarget:
         """The configs of the runs as compiled."""
         return tuple(run_plan(folder) for folder in self.runs)
 
-    def nobody(self) -> CommandFailedError:
+    def no_nodes_error(self) -> CommandFailedError:
         """The error that no node was found in the domain."""
         if self.runs:
             names = ", ".join(sorted({run.name for run in self.runs.values()}))
@@ -73,15 +73,15 @@ class GraphTarget:
             help=(
                 f"in other domains there are: {', '.join(others)}; use `--domain`, see `obk ps`"
                 if others
-                else "start a stack with `obk launch`; nodes that obk did not start tell of "
-                "themselves every 3 s, `--timeout 5` waits for them; a stack on another host needs "
-                "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET here and there"
+                else "start a stack with `obk launch`; nodes not started by obk announce "
+                "themselves every 3 s; wait for them with `--timeout 5`; a stack on another host "
+                "needs ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET on both hosts"
             ),
         )
 
 
 def target_of(
-    environment: RosEnvironment, domain: int | None, nobody_s: float = NOBODY_S
+    environment: RosEnvironment, domain: int | None, no_nodes_s: float = NO_NODES_S
 ) -> GraphTarget:
     """Where to look.
 
@@ -89,7 +89,7 @@ def target_of(
         environment: of ROS, as the user has it.
         domain: as the user names it; None: that of ROS_DOMAIN_ID, else that of the stacks of this
             host where all are in one, else 0.
-        nobody_s: in which some node has to be found where none is known to run [s].
+        no_nodes_s: timeout to find any node if none is known to run [s].
     """
     variables = environment.variables
     live = live_folders(runs_folder(variables))
@@ -99,7 +99,7 @@ def target_of(
     if domain is not None:
         environment = replace(environment, variables={**variables, DOMAIN: str(domain)})
     here = {folder: run for folder, run in live.items() if run.domain == environment.domain}
-    return GraphTarget(environment=environment, runs=here, nobody_s=nobody_s)
+    return GraphTarget(environment=environment, runs=here, no_nodes_s=no_nodes_s)
 
 
 def with_run_types(environment: RosEnvironment, run_folder: Path | None) -> RosEnvironment:

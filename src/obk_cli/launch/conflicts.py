@@ -14,7 +14,7 @@ from typing import Final
 
 from obk_cli.clock import monotonic_s
 from obk_cli.errors import CommandFailedError
-from obk_cli.launch.events import InputEvent, UnknownPublisherSeen
+from obk_cli.launch.events import InputEvent, UnknownPublisherFound
 from obk_cli.launch.ros_nodes import RosNodes
 from obk_cli.plan.plan import Plan
 from obk_cli.process.identity import since_boot_s
@@ -62,8 +62,8 @@ def refuse_unknown_publishers(plan: Plan, ros: RosNodes, domain: int) -> None:
     if unknown:
         who = ", ".join(f"{node} publishes on {topic}" for topic, node in unknown)
         raise CommandFailedError(
-            f"in the ROS domain {domain} somebody else moves the robot: {who}",
-            help="end that, use another ROS_DOMAIN_ID, or let it with `--allow-foreign`",
+            f"another node is publishing robot commands in ROS domain {domain}: {who}",
+            help="stop it, use another ROS_DOMAIN_ID, or allow it with `--allow-foreign`",
         )
 
 
@@ -88,7 +88,7 @@ def watching_publishers(
             seen = ros.foreign_publishers(control_topics(plan), _names(plan), 0.0)
             found = tuple(publisher for publisher in seen if is_unknown(publisher[1]))
         for topic, node in found:
-            on_event(UnknownPublisherSeen(topic=topic, node=node))
+            on_event(UnknownPublisherFound(topic=topic, node=node))
 
     return _background_thread(check, "publishers")
 
@@ -150,10 +150,10 @@ def _others(
 
 
 def _sentence(topic: str, mine: str, other: str, ends: Sequence[str]) -> str:
-    who = ", ".join(ends) or "somebody"
+    who = ", ".join(ends) or "another node"
     return (
-        f"warning: {topic} is a topic of {mine} here, and {who} has it as {other}: "
-        "none of these messages get through"
+        f"warning: {topic} has the type {mine} in this stack and {other} in {who}: "
+        "these nodes do not receive each other's messages"
     )
 
 

@@ -17,7 +17,7 @@ from typing import Final
 
 import msgspec
 
-from obk_cli.launch.events import ChangeAsked, InputEvent, StatusAsked, StopAsked
+from obk_cli.launch.events import ChangeRequested, InputEvent, StatusRequested, StopRequested
 from obk_cli.runs.protocol import (
     CONTROL_SOCKET,
     LONGEST_REQUEST,
@@ -36,9 +36,9 @@ from obk_cli.runs.protocol import (
     encode_line,
 )
 
-__all__ = ["Look", "serve_control"]
+__all__ = ["AskGraph", "serve_control"]
 
-Look = Callable[[bytes, Callable[[bytes], None]], object]
+AskGraph = Callable[[bytes, Callable[[bytes], None]], object]
 """Takes a question about the ROS graph and what is to be called with the answer, from a thread."""
 
 READ_S: Final = 2.0
@@ -47,7 +47,7 @@ SEND_S: Final = 2.0
 """How long a client may take to read the answer [s]."""
 STATUS_S: Final = 5.0
 """How long the supervisor may take to report the stack's status [s]."""
-LOOK_S: Final = 30.0
+GRAPH_S: Final = 30.0
 """How long a question about the ROS graph may take, beyond the time limits that it sets [s]."""
 END_S: Final = 0.5
 """How long the last answers may take at the end [s]."""
@@ -58,14 +58,14 @@ _CREDENTIALS: Final = struct.Struct("3i")
 
 @contextmanager
 def serve_control(
-    folder: Path, put: Callable[[InputEvent], None], look: Look | None = None
+    folder: Path, put: Callable[[InputEvent], None], ask_graph: AskGraph | None = None
 ) -> Iterator[None]:
     """While entered, put the requests that come to a run folder's socket into an inbox.
 
     Args:
         folder: the run's; its path may be longer than a socket's address can be.
-        put: takes `StatusAsked`, `ChangeAsked` and `StopAsked`, from a thread.
-        look: answers questions about the ROS graph; None: they are rejected.
+        put: takes `StatusRequested`, `ChangeRequested` and `StopRequested`, from a thread.
+        ask_graph: answers questions about the ROS graph; None: they are rejected.
 
     Raises:
         OSError: the socket cannot be made.
@@ -79,7 +79,7 @@ def serve_control(
         listener.bind(f"/proc/self/fd/{folder_fd}/{CONTROL_SOCKET}")
         stack.callback(_remove, folder_fd)
         listener.listen(MOST_CONNECTIONS)
-        server = _Server(listener, put, look)
+        server = _Server(listener, put, ask_graph)
         stack.callback(server.end)
         server.start()
         yield
@@ -94,11 +94,11 @@ class _Server:
     """An event loop in a thread."""
 
     def __init__(
-        self, listener: socket.socket, put: Callable[[InputEvent], None], look: Look | None
+        self, listener: socket.socket, put: Callable[[InputEvent], None], ask_graph: AskGraph | None
     ) -> None:
         self._listener = listener
         self._put = put
-        self._look = look
+        self._ask_graph = ask_graph
         self._loop = asyncio.new_event_loop()
         self._ending = asyncio.Event()
         self._handlers: set[asyncio.Task[None]] = set()
@@ -163,16 +163,16 @@ class _Server:
             case ChangeRequest() as request:
                 return await self._change(request)
             case StopRequest(reason=reason):
-                self._put(StopAsked(reason=reason))
+                self._put(StopRequested(reason=reason))
                 return encode_line(Stopping())
             case GraphRequest(question=question):
-                return await self._look_at(question)
+                return await self._answer_on_graph(question)
             case Fault() as fault:
                 return encode_line(fault)
 
     async def _status(self) -> bytes:
         answer = self._awaited()
-        self._put(StatusAsked(reply=self._reply_to(answer)))
+        self._put(StatusRequested(reply=self._reply_to(answer)))
         try:
             async with asyncio.timeout(STATUS_S):
                 return await answer
@@ -182,7 +182,7 @@ class _Server:
     async def _change(self, request: ChangeRequest) -> bytes:
         answer = self._awaited()
         self._put(
-            ChangeAsked(
+            ChangeRequested(
                 transition=request.transition,
                 nodes=request.nodes,
                 timeout_s=request.timeout_s,
@@ -191,16 +191,18 @@ class _Server:
         )
         return await answer
 
-    async def _look_at(self, question: msgspec.Raw) -> bytes:
-        if self._look is None:
-            return encode_line(Fault(error="the launcher does not tell of the ROS graph"))
+    async def _answer_on_graph(self, question: msgspec.Raw) -> bytes:
+        if self._ask_graph is None:
+            return encode_line(
+                Fault(error="the launcher does not answer questions about the ROS graph")
+            )
         answer = self._awaited()
 
         def reply(data: bytes) -> None:
             self._settle_from_a_thread(answer, encode_line(GraphAnswer(value=msgspec.Raw(data))))
 
-        self._look(bytes(question), reply)
-        wait_s = LOOK_S + _given_s(question)
+        self._ask_graph(bytes(question), reply)
+        wait_s = GRAPH_S + _given_s(question)
         try:
             async with asyncio.timeout(wait_s):
                 return await answer

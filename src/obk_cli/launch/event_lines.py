@@ -49,7 +49,7 @@ STEADY: Final = {
     "started": UNCONFIGURED,
     "following": UNCONFIGURED,
 }
-"""Phases in which the stack changes only when somebody asks, and the state that each begins in."""
+"""Phases in which the stack changes only on request, and the state in which each one starts."""
 
 
 def short_name(name: str) -> str:
@@ -133,7 +133,7 @@ class LaunchReport:
                 yield f"  {name}: {event.transition} {self._paint(colour, mark)}{took}"
                 yield from self._fault(event.fault)
             case StateSeen():
-                why = "not asked for here" if event.transition else "after its failure"
+                why = "requested elsewhere" if event.transition else "after its failure"
                 yield f"  {name}: {event.state} ({why})"
             case Failed():
                 yield self._paint(_RED, f"  {name}: FAILED")
@@ -171,7 +171,7 @@ class LaunchReport:
                 return self._paint(_YELLOW, f"  the stack goes on without {names}")
 
     def _stack_state(self, state: str) -> Iterator[str]:
-        """Only what somebody asked of a steady stack: all else is told as phases."""
+        """Only requested changes of a steady stack; phases report everything else."""
         if self._known_state not in (None, state):
             self._known_state = state
             yield f"  the stack: {state}"
@@ -182,12 +182,12 @@ class LaunchReport:
             return
         yield self._paint(_RED, f"failed: {plain(event.cause)}")
         if event.origin:
-            yield f"  made by {plain(event.origin)}"
+            yield f"  defined at {plain(event.origin)}"
         if event.consequences:
             yield f"  {with_number(event.consequences, 'more failure')} after it"
 
     def _fault(self, fault: str) -> Iterable[str]:
-        """A node's own words; the traceback only where the node's output does not show it."""
+        """A node's own message; the traceback only if the node's output does not show it."""
         lines = fault.splitlines()
         shown = lines if self._quiet else _without_traceback(lines)
         return (f"    {plain(line)}" for line in shown)
@@ -234,7 +234,7 @@ class JsonReport:
         yield from self._line({"time": self._clock(), "event": "Note", "text": text})
 
     def left_out(self, count: int) -> str:
-        """Lines that nobody read in time."""
+        """Report lines that were dropped because the reader was too slow."""
         return json.dumps({"time": self._clock(), "event": "LeftOut", "lines": count})
 
     def _line(self, record: dict[str, object]) -> Iterable[str]:

@@ -18,7 +18,7 @@ __all__ = [
     "OUTPUT_EVENTS",
     "Answered",
     "AnswersAgain",
-    "ChangeAsked",
+    "ChangeRequested",
     "Ended",
     "EventBus",
     "EventPublisher",
@@ -42,19 +42,19 @@ __all__ = [
     "StackStateChanged",
     "StateAnswered",
     "StateSeen",
-    "StatusAsked",
-    "StopAsked",
-    "TransitionBegun",
+    "StatusRequested",
+    "StopRequested",
     "TransitionEnded",
-    "UnknownPublisherSeen",
+    "TransitionStarted",
+    "UnknownPublisherFound",
     "VideoReported",
     "WaitingFor",
 ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ChangeAsked:
-    """Somebody wants nodes taken through a transition; answered once, at the latest at the end."""
+class ChangeRequested:
+    """A request to take nodes through a transition; answered once, at the latest at the end."""
 
     transition: str
     reply: Callable[[ChangeAnswer], None]
@@ -66,8 +66,8 @@ class ChangeAsked:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StatusAsked:
-    """Somebody wants to know how the stack is; answered at once, also during a transition."""
+class StatusRequested:
+    """A request for the state of the stack; answered at once, also during a transition."""
 
     reply: Callable[[StackStatus], None]
 
@@ -95,7 +95,7 @@ class ProcessEnded:
 
     @property
     def how(self) -> str:
-        """The end in words."""
+        """How it ended, as a sentence."""
         if self.code < 0:
             end = f"the process was ended by {_signal_name(-self.code)}"
         else:
@@ -140,8 +140,8 @@ class StateSeen:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TransitionBegun:
-    """A node reported the begin of a transition, requested here or elsewhere."""
+class TransitionStarted:
+    """A node reported the start of a transition, requested here or elsewhere."""
 
     node: str
     transition: str
@@ -174,7 +174,7 @@ class VideoReported:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class UnknownPublisherSeen:
+class UnknownPublisherFound:
     """A node that is not part of the stack publishes on a topic that moves its robot."""
 
     topic: str
@@ -182,7 +182,7 @@ class UnknownPublisherSeen:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StopAsked:
+class StopRequested:
     """The user, or the program that runs the launcher, requests the end of the stack."""
 
     reason: str
@@ -197,14 +197,14 @@ InputEvent = (
     | Answered
     | StateAnswered
     | StateSeen
-    | TransitionBegun
+    | TransitionStarted
     | Failed
     | RatesReported
     | VideoReported
-    | ChangeAsked
-    | StatusAsked
-    | UnknownPublisherSeen
-    | StopAsked
+    | ChangeRequested
+    | StatusRequested
+    | UnknownPublisherFound
+    | StopRequested
 )
 
 
@@ -290,16 +290,16 @@ class RateBroken:
 
     @property
     def how(self) -> str:
-        """What is wrong in words."""
+        """What is wrong, as a sentence."""
         rate = self.rate
         if self.silent_s:
-            how = f"{rate.name} is promised at {rate.wanted_hz:.4g} Hz, "
-            how += f"and nothing was reported for {self.silent_s:.1f} s"
+            how = f"{rate.name} was not reported for {self.silent_s:.1f} s, "
+            how += f"expected {rate.wanted_hz:.4g} Hz"
         elif rate.late_p99_us:
-            how = f"{rate}, 99 % of its ticks at most {rate.late_p99_us / 1e3:.3g} ms late"
+            how = f"{rate} (p99 latency {rate.late_p99_us / 1e3:.3g} ms)"
         else:  # its ticks are the simulator's, which are never late for it
             how = str(rate)
-        return f"{how}; promised at {self.origin}" if self.origin else how
+        return f"{how}; set at {self.origin}" if self.origin else how
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

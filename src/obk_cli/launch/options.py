@@ -12,7 +12,7 @@ from obk_cli.launch.process_groups import Share
 from obk_cli.launch.transitions import Until
 from obk_cli.optional_deps import require_extra, require_ros
 from obk_cli.plan.plan import OnCrash, Plan, Process
-from obk_cli.process.shared_memory_check import require_shared_memory
+from obk_cli.process.shared_memory import require_shared_memory
 from obk_cli.record.recorder_job import RecordRequest
 
 __all__ = [

@@ -214,16 +214,16 @@ class WardenProcesses:
 
     def _listen(self) -> None:
         while data := self._received():
-            news = json.loads(data)
-            node = news["node"]
-            if news["news"] == "started":
-                self._running[node] = news["pid"]
-                self._report(ProcessStarted(process=node, pid=news["pid"]))
+            event = json.loads(data)
+            node = event["node"]
+            if event["event"] == "started":
+                self._running[node] = event["pid"]
+                self._report(ProcessStarted(process=node, pid=event["pid"]))
             else:
                 self._running.pop(node, None)
                 self._requested.discard(node)
-                text = news["text"] or (self._last_words(node) if news["code"] > 0 else "")
-                self._report(ProcessEnded(process=node, code=news["code"], text=text))
+                text = event["text"] or (self._last_words(node) if event["code"] > 0 else "")
+                self._report(ProcessEnded(process=node, code=event["code"], text=text))
         # The nodes die with the warden, and nothing else would report it.
         for node in sorted(self._requested):
             self._report_lost(node)

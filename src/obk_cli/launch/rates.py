@@ -41,7 +41,7 @@ class RateWatch:
         self._received[node] = now
         self._state.rates[node] = report.rates
         for rate in report.rates:
-            yield from self._news(node, rate)
+            yield from self._changes(node, rate)
 
     def silence(self, now: float) -> Iterator[OutputEvent]:
         """The news of active nodes that have stopped reporting."""
@@ -57,9 +57,9 @@ class RateWatch:
                 )
                 self._state.rates[node] = silent
                 for rate in silent:
-                    yield from self._news(node, rate, now - received)
+                    yield from self._changes(node, rate, now - received)
 
-    def _news(self, node: str, rate: Rate, silent_s: float = 0.0) -> Iterator[OutputEvent]:
+    def _changes(self, node: str, rate: Rate, silent_s: float = 0.0) -> Iterator[OutputEvent]:
         key = (node, rate.name)
         published = self._published.get(key)
         was_broken = published is not None and published.standing == "broken"

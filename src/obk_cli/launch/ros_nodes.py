@@ -21,7 +21,7 @@ from obk_cli.launch.events import (
     Ready,
     StateAnswered,
     StateSeen,
-    TransitionBegun,
+    TransitionStarted,
     VideoReported,
 )
 from obk_cli.launch.transitions import PASSED
@@ -141,7 +141,7 @@ def failed_transition(passed: str, fault: str) -> str:
     return "" if may_be_own and not fault.startswith(f"on_{passed}:") else passed
 
 
-def event_of_passage(node: str, start: str, goal: str) -> StateSeen | TransitionBegun | None:
+def event_of_passage(node: str, start: str, goal: str) -> StateSeen | TransitionStarted | None:
     """The event for a node that went from one state to another; None for error processing.
 
     Args:
@@ -150,7 +150,7 @@ def event_of_passage(node: str, start: str, goal: str) -> StateSeen | Transition
         goal: a state's label.
     """
     if goal in PASSED:
-        return TransitionBegun(node=node, transition=PASSED[goal])
+        return TransitionStarted(node=node, transition=PASSED[goal])
     if goal in RESTING:
         return StateSeen(node=node, state=goal, transition=PASSED.get(start, ""))
     return None
@@ -171,7 +171,7 @@ class NodeWatch:
         Args:
             node: of rclpy, that subscribes.
             clients: of the nodes to come.
-            on_event: takes `Ready`, `TransitionBegun`, `StateSeen` and `Failed`.
+            on_event: takes `Ready`, `TransitionStarted`, `StateSeen` and `Failed`.
             wake: wakes the thread that spins.
         """
         self._node = node

@@ -40,7 +40,7 @@ from obk_cli.launch.events import (
     OutputEvent,
     OutputLine,
     StackStateChanged,
-    StopAsked,
+    StopRequested,
 )
 from obk_cli.launch.options import LaunchOptions
 from obk_cli.launch.process_groups import Unit, units_of
@@ -52,7 +52,7 @@ from obk_cli.launch.state_node import StateNode, state_node_name
 from obk_cli.launch.supervisor import Supervisor
 from obk_cli.plan.plan import Plan
 from obk_cli.process.shared_memory import remove_dead_segments
-from obk_cli.process.signals import end_signals_heard
+from obk_cli.process.signals import handle_end_signals
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.runs.orphans import launch_marks
 from obk_cli.workspace.package_index import PackageIndex
@@ -84,9 +84,9 @@ def run_plan(
     inbox, share = SimpleQueue[InputEvent](), options.share
     executables, units = _units(plan, packages, options)
     with ExitStack() as stack:
-        stack.enter_context(end_signals_heard(_requesting_stop(inbox)))
+        stack.enter_context(handle_end_signals(_requesting_stop(inbox)))
         stack.callback(remove_dead_segments)
-        console.screen.when_closed(lambda: inbox.put(StopAsked(reason="the output was closed")))
+        console.screen.when_closed(lambda: inbox.put(StopRequested(reason="the output was closed")))
         lock = stack.enter_context(locked_run(plan, environment, options))
         formatter = console.formatter(plan, units, leads=share.leads)
         output = stack.enter_context(Output(lock.folder, console.screen, formatter, units))
@@ -220,7 +220,7 @@ def _serve_others(
     if folder is None:
         return
     try:
-        stack.enter_context(serve_control(folder, inbox.put, GraphService(ros.look()).ask))
+        stack.enter_context(serve_control(folder, inbox.put, GraphService(ros.participant()).ask))
     except OSError as error:
         output.note(f"warning: other terminals are not answered: {error}")
 
@@ -256,6 +256,6 @@ def _commands(
 def _requesting_stop(inbox: "SimpleQueue[InputEvent]") -> Callable[[signal.Signals], None]:
     def request(number: signal.Signals) -> None:
         # A closing terminal sends SIGHUP more than once; that is no urgent request.
-        inbox.put(StopAsked(reason=number.name, is_urgent=number != signal.SIGHUP))
+        inbox.put(StopRequested(reason=number.name, is_urgent=number != signal.SIGHUP))
 
     return request

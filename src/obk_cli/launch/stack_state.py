@@ -162,13 +162,13 @@ class StackState:
         """The state shown for the whole stack during a transition; empty: that of its nodes."""
         self._on_crash: OnCrash = on_crash
 
-    def is_here(self, node: str) -> bool:
+    def is_local(self, node: str) -> bool:
         """Whether a node's process is one of this launch."""
         return node in self.unit_of
 
     def is_present(self, node: str) -> bool:
         """Whether requests to a node make sense."""
-        if not self.is_here(node):
+        if not self.is_local(node):
             return node not in self.lost
         return self.unit_of[node] in self.running
 
@@ -177,14 +177,14 @@ class StackState:
         names = self.with_lifecycle.intersection(self.units[unit].node_names)
         return not names <= self.ready
 
-    def here(self) -> frozenset[str]:
+    def local_nodes(self) -> frozenset[str]:
         """The nodes with a life cycle whose processes are of this launch."""
-        return frozenset(node for node in self.with_lifecycle if self.is_here(node))
+        return frozenset(node for node in self.with_lifecycle if self.is_local(node))
 
-    def elsewhere(self) -> frozenset[str]:
+    def remote_nodes(self) -> frozenset[str]:
         """The nodes with a life cycle whose processes are of other launches."""
         return frozenset(
-            name for name, p in self.nodes.items() if p.has_lifecycle and not self.is_here(name)
+            name for name, p in self.nodes.items() if p.has_lifecycle and not self.is_local(name)
         )
 
     def missing(self, nodes: Collection[str]) -> frozenset[str]:

@@ -1,7 +1,7 @@
 """The stack as one life-cycle node in the ROS graph, `/dummy`, for any ROS 2 client.
 
-Its services turn requests into `ChangeAsked` and answers into responses; `show` sets its state. It
-rejects only what the present state does not allow, and changes nothing itself.
+Its services turn requests into `ChangeRequested` and answers into responses; `show` sets its state.
+It rejects only what the present state does not allow, and changes nothing itself.
 """
 
 import re
@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Any, Final
 
 from obelisk_spec.names import node_name_fault
-from obk_cli.launch.events import ChangeAsked, InputEvent
+from obk_cli.launch.events import ChangeRequested, InputEvent
 from obk_cli.launch.transitions import (
     EDGES,
     STATES,
@@ -63,7 +63,7 @@ class StateNode:
         Args:
             ros: spins it.
             name: of the stack; see `state_node_name`.
-            on_request: takes `ChangeAsked`; the response goes out when that is answered.
+            on_request: takes `ChangeRequested`; the response goes out when that is answered.
             log: takes a line on each rejected request; None: the node's own log.
         """
         from lifecycle_msgs.msg import TransitionEvent
@@ -118,7 +118,7 @@ class StateNode:
             self._answer(answered, ChangeAnswer(success=False, why=why))
         else:
             self._on_request(
-                ChangeAsked(transition=edge.label, reply=lambda a: self._answer(answered, a))
+                ChangeRequested(transition=edge.label, reply=lambda a: self._answer(answered, a))
             )
         return answered
 

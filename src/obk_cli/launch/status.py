@@ -284,8 +284,8 @@ def _entry(node: NodeStatus, phase: str) -> Text:
     if node.restarts and word != _RESTARTING:
         entry.append(f" (restarted {node.restarts}x)", "yellow")
     for rate in node.rates:
-        told = f" {rate.name} {rate.measured_hz:.4g}/{rate.wanted_hz:.4g} Hz"
-        entry.append(told, "bold red" if rate.standing == "broken" else "yellow")
+        text = f" {rate.name} {rate.measured_hz:.4g}/{rate.wanted_hz:.4g} Hz"
+        entry.append(text, "bold red" if rate.standing == "broken" else "yellow")
     return entry
 
 

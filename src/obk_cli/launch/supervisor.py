@@ -13,7 +13,7 @@ from obk_cli.launch.event_loop import EventLoop, Inbox, Lifecycle, Limits, Proce
 from obk_cli.launch.events import (
     Answered,
     AnswersAgain,
-    ChangeAsked,
+    ChangeRequested,
     Ended,
     EventPublisher,
     Failed,
@@ -27,11 +27,11 @@ from obk_cli.launch.events import (
     Ready,
     StateAnswered,
     StateSeen,
-    StatusAsked,
-    StopAsked,
-    TransitionBegun,
+    StatusRequested,
+    StopRequested,
     TransitionEnded,
-    UnknownPublisherSeen,
+    TransitionStarted,
+    UnknownPublisherFound,
     VideoReported,
     WaitingFor,
 )
@@ -123,7 +123,7 @@ class Supervisor:
         self._restarts = RestartPolicy(self._context, self._control, self._runner)
         self._rates = RateWatch(state)
         self._strict_rates = strict_rates
-        self._changes: deque[ChangeAsked] = deque()
+        self._changes: deque[ChangeRequested] = deque()
         """Changes that wait to be made."""
         self._busy_with = ""
         """Why no change can be made now, as words after "the stack is"; empty: it can."""
@@ -169,7 +169,7 @@ class Supervisor:
             return False
         context.publisher.phase("ready")
         if state.lead is not None:
-            context.lifecycle.watch(state.elsewhere())
+            context.lifecycle.watch(state.remote_nodes())
             context.publisher.phase("following", state.lead)
             return True
         if not all(self._make(transition) for transition in way_up(UNTIL[until])):
@@ -181,7 +181,7 @@ class Supervisor:
         """Wait until every node of this machine is ready, or lost."""
         context, state = self._context, self._state
         deadline = context.loop.now() + context.limits.start_s
-        while self._run.may_go_on and (late := state.missing(state.here())):
+        while self._run.may_go_on and (late := state.missing(state.local_nodes())):
             if state.crashes:
                 self._restarts.handle_crashes()
             elif context.loop.wait(deadline) is None:
@@ -195,7 +195,7 @@ class Supervisor:
     def _wait_for_others(self) -> bool:
         """Wait until every node of other devices is ready; users start them, so without limit."""
         context, state = self._context, self._state
-        others = state.with_lifecycle - state.here()
+        others = state.with_lifecycle - state.local_nodes()
         context.lifecycle.watch(others)
         reminder = context.loop.now()
         while self._run.may_go_on and (late := state.missing(others)):
@@ -208,7 +208,7 @@ class Supervisor:
                 reminder = context.loop.now() + REMINDER_S
         silent = self._runner.learn_states(others) if self._run.may_go_on else frozenset()
         for node in sorted(silent):
-            self._run.fail(f"{node}: does not tell its state", node)
+            self._run.fail(f"{node}: does not report its state", node)
         return self._run.may_go_on
 
     def _make(self, transition: Transition) -> bool:
@@ -251,7 +251,7 @@ class Supervisor:
                 if self._context.loop.wait(until) is None:
                     return
 
-    def _change(self, requested: ChangeAsked) -> ChangeAnswer:
+    def _change(self, requested: ChangeRequested) -> ChangeAnswer:
         """Make a requested change."""
         state = self._state
         unknown = sorted(set(requested.nodes) - state.with_lifecycle)
@@ -291,7 +291,7 @@ class Supervisor:
             self._control.report_evidence(node)
         for tier in tiers_down(state.plan):
             self._take_down(state.with_lifecycle.intersection(tier), busy, silent)
-        for unit in {state.unit_of[n] for n in silent if state.is_here(n)}:
+        for unit in {state.unit_of[n] for n in silent if state.is_local(n)}:
             if not state.hung.isdisjoint(state.units[unit].node_names):
                 self._control.kill(unit)
         self._control.end_all()
@@ -321,7 +321,7 @@ class Supervisor:
         for node in sorted(self._runner.learn_states(present)):
             silent.add(node)
             if node not in busy and not self._run.force_quit:
-                text = f"{node}: does not tell its state within {limits.answer_s:g} s"
+                text = f"{node}: does not report its state within {limits.answer_s:g} s"
                 self._run.fail(text, node)
         for transition in way_down(ACTIVE):
             if self._run.force_quit:
@@ -377,7 +377,7 @@ class Supervisor:
     def _is_given_up(self, hung: Hung) -> bool:
         """Whether a node that another launch is to restart has been missing for too long."""
         node, state = hung.node, self._state
-        if state.is_here(node) or state.on_crash(node) != "restart":
+        if state.is_local(node) or state.on_crash(node) != "restart":
             return False
         if hung.seconds <= self._context.limits.restart_window_s:
             return False
@@ -410,7 +410,7 @@ class Supervisor:
             case StateAnswered(node=node, state=state):
                 self._alive(node)
                 self._state_answered(node, state)
-            case TransitionBegun(node=node) if node != lead:
+            case TransitionStarted(node=node) if node != lead:
                 now, limit_s = self._context.loop.now(), self._context.limits.transition_s
                 self._context.heartbeat.received(node, now, limit_s)
             case StateSeen(node=node) if node != lead:
@@ -428,22 +428,22 @@ class Supervisor:
     def _dispatch_request(self, event: InputEvent) -> None:
         """Dispatch what comes from outside the stack."""
         match event:
-            case StopAsked(reason=reason, is_urgent=is_urgent):
+            case StopRequested(reason=reason, is_urgent=is_urgent):
                 self._run.request_stop(reason, self._context.loop.now(), is_urgent=is_urgent)
-            case StatusAsked():
+            case StatusRequested():
                 event.reply(self._context.publisher.status())
-            case UnknownPublisherSeen(topic=topic, node=node):
+            case UnknownPublisherFound(topic=topic, node=node):
                 if not self._run.is_going_down:
                     text = f"{node}, which is not of this stack, publishes on {topic} too"
                     self._run.fail(text)
-            case ChangeAsked() if self._busy_with:
+            case ChangeRequested() if self._busy_with:
                 self._refuse(event)
-            case ChangeAsked():
+            case ChangeRequested():
                 self._changes.append(event)
             case _:
                 pass
 
-    def _refuse(self, requested: ChangeAsked) -> None:
+    def _refuse(self, requested: ChangeRequested) -> None:
         requested.reply(ChangeAnswer(success=False, why=f"the stack is {self._busy_with}"))
 
     def _process_started(self, event: ProcessStarted) -> None:
@@ -481,7 +481,7 @@ class Supervisor:
         if node == state.lead:
             self._watch({node})
             return
-        if not state.is_here(node):
+        if not state.is_local(node):
             self._context.lifecycle.ask_state(node)
         elif node not in state.ready:
             state.states[node] = UNCONFIGURED
@@ -514,7 +514,7 @@ class Supervisor:
         if transition.is_up and transition.undo and not is_requested and not is_down:
             context.publisher.episode("rolling back", node)
             self._changes.append(
-                ChangeAsked(transition=transition.undo, nodes=(node,), reply=lambda _: None)
+                ChangeRequested(transition=transition.undo, nodes=(node,), reply=lambda _: None)
             )
 
     def _state_answered(self, node: str, answer: str) -> None:
@@ -539,7 +539,7 @@ class Supervisor:
             state.requested[event.node] = event.state
         self._context.publisher.publish(event)
         # Without a transition it is the end of a failure, which is published by itself.
-        if event.transition and state.are_all(state.here() - state.lost, FINALIZED):
+        if event.transition and state.are_all(state.local_nodes() - state.lost, FINALIZED):
             self._run.stop(FROM_ELSEWHERE)
 
     def _failed(self, event: Failed) -> None:

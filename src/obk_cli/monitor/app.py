@@ -1,7 +1,7 @@
 """The live table of a running stack in a terminal, drawn by textual.
 
-Takes views from a thread that watches, shows them, and hands the user's wishes to a function that
-carries them out, in a thread too: the screen waits for nobody.
+A thread that follows the stack delivers views. Transitions that the user requests run in another
+thread, so the screen never waits.
 """
 
 import asyncio
@@ -46,7 +46,7 @@ VERBS: Final = {
 }
 """Key -> transitions."""
 MOVING: Final = "activate"
-LOOKING: Final = "looking for a stack ..."
+SEARCHING: Final = "looking for a stack ..."
 WAITING: Final = "no stack runs here; waiting for one (`obk launch`)"
 KEYS: Final = "a activate  d deactivate  r restart  / filter  ? help  q quit"
 HELP: Final = (
@@ -62,24 +62,24 @@ HELP: Final = (
 )
 
 
-class Seen(Message):
-    """A view has come; None: nothing runs."""
+class ViewReceived(Message):
+    """A new view; None: no stack is running."""
 
     def __init__(self, view: StackView | None) -> None:
         self.view = view
         super().__init__()
 
 
-class Broken(Message):
-    """Watching cannot go on."""
+class FollowFailed(Message):
+    """The stack cannot be followed any further."""
 
     def __init__(self, error: Exception) -> None:
         self.error = error
         super().__init__()
 
 
-class Said(Message):
-    """A wish was carried out, or was not."""
+class ChangeProgress(Message):
+    """A requested transition started, ended or failed."""
 
     def __init__(self, text: str, *, is_done: bool) -> None:
         self.text = text
@@ -87,19 +87,19 @@ class Said(Message):
         super().__init__()
 
 
-def run_monitor(watcher: Views, change: Change) -> None:
+def run_monitor(follower: Views, change: Change) -> None:
     """Show the live table until the user quits.
 
     Args:
-        watcher: gives the views.
+        follower: delivers the views.
         change: carries transitions out.
 
     Raises:
-        Exception: watching cannot go on: what the watcher raised, or a change that is no ObkError.
+        Exception: the follower raised it, or a transition raised one that is no ObkError.
     """
-    app = MonitorApp(watcher, change)
+    app = MonitorApp(follower, change)
     error = app.run()
-    app.end_watching()
+    app.stop_following()
     if error is not None:
         raise error
 
@@ -116,7 +116,7 @@ class MonitorApp(App[Exception | None]):
     #topics { height: auto; max-height: 45%; margin-top: 1; scrollbar-size: 0 0; }
     #log { height: 1fr; margin-top: 1; scrollbar-size: 0 0; }
     #filter { display: none; height: 1; border: none; padding: 0; }
-    #said { height: 1; }
+    #message { height: 1; }
     #keys { height: 1; text-style: dim; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -132,23 +132,23 @@ class MonitorApp(App[Exception | None]):
         Binding("ctrl+c", "quit", show=False, priority=True),
     ]
 
-    def __init__(self, watcher: Views, change: Change) -> None:
-        """Make it; nothing is watched before it runs.
+    def __init__(self, follower: Views, change: Change) -> None:
+        """Make the app; it follows nothing before it runs.
 
         Args:
-            watcher: gives the views.
+            follower: delivers the views.
             change: carries transitions out.
         """
         super().__init__()
-        self._watcher = watcher
+        self._follower = follower
         self._change = change
         self._thread = threading.Thread(target=self._take_views, daemon=True)
         self._view: StackView | None = None
-        self._has_looked = False
+        self._has_received = False
         self._chosen = ""
         """The full name of a node; empty: the stack."""
-        self._asked: tuple[StackView, str, tuple[str, ...]] | None = None
-        """A stack as it was seen, a key and nodes that wait for the user's yes."""
+        self._to_confirm: tuple[StackView, str, tuple[str, ...]] | None = None
+        """A stack, a key and nodes that wait for the user's confirmation."""
         self._is_busy = False
         self._part = ""
         self._shows_help = False
@@ -160,11 +160,11 @@ class MonitorApp(App[Exception | None]):
             with VerticalScroll(id=name, can_focus=False):
                 yield Static(id=f"{name}_text")
         yield Input(id="filter", placeholder="words in log lines; Enter keeps, Esc clears")
-        yield Static(id="said", markup=False)
+        yield Static(id="message", markup=False)
         yield Static(Text(KEYS), id="keys")
 
     def on_mount(self) -> None:
-        """Begin to watch."""
+        """Start to follow the stack."""
         for number in (signal.SIGTERM, signal.SIGHUP):
             asyncio.get_running_loop().add_signal_handler(number, self.exit)
         self.set_focus(None)
@@ -175,31 +175,31 @@ class MonitorApp(App[Exception | None]):
         """Draw for the new width."""
         self.call_after_refresh(self._draw)
 
-    def end_watching(self) -> None:
-        """Wait until the watching thread has let go of ROS."""
-        self._watcher.stop()
+    def stop_following(self) -> None:
+        """Wait until the following thread has left ROS."""
+        self._follower.stop()
         self._thread.join()
 
-    def on_seen(self, message: Seen) -> None:
-        """Show a view; what was seen last of a stack that has ended stays."""
-        self._has_looked = True
+    def on_view_received(self, message: ViewReceived) -> None:
+        """Show a view; the last view of a stack that has ended stays."""
+        self._has_received = True
         is_ended = self._view is not None and self._view.has_ended
         if message.view is not None and (self._view is None or is_ended):
-            self._say("")  # of a time when nothing ran
+            self._show_message("")  # of a time when nothing ran
         if message.view is not None or not is_ended:
             self._view = message.view
         if self._view is None or self._chosen not in (node.node for node in self._view.nodes):
             self._chosen = ""
         self._draw()
 
-    def on_broken(self, message: Broken) -> None:
+    def on_follow_failed(self, message: FollowFailed) -> None:
         """End with the error."""
         self.exit(message.error)
 
-    def on_said(self, message: Said) -> None:
-        """Show how a wish was carried out."""
+    def on_change_progress(self, message: ChangeProgress) -> None:
+        """Show the progress of a requested transition."""
         self._is_busy = not message.is_done
-        self._say(message.text)
+        self._show_message(message.text)
 
     def action_move(self, step: int) -> None:
         """Choose the next or the last one."""
@@ -209,48 +209,48 @@ class MonitorApp(App[Exception | None]):
         self._draw()
 
     def action_ask(self, key: str) -> None:
-        """Ask whether transitions are really meant."""
+        """Ask the user to confirm transitions."""
         view = self._view
-        if not self._has_looked:
+        if not self._has_received:
             return  # the first line says so
         if self._is_busy or view is None or view.has_ended:
-            self._say("wait for the last one to end" if self._is_busy else "nothing runs")
+            self._show_message("wait for the last one to end" if self._is_busy else "nothing runs")
             return
-        self._asked = (view, key, (self._chosen,) if self._chosen else ())
+        self._to_confirm = (view, key, (self._chosen,) if self._chosen else ())
         who = short_name(self._chosen) if self._chosen else f"all {len(view.nodes)} nodes"
         moves = "; the robot may move" if MOVING in VERBS[key] else ""
-        self._say(f"{', '.join(VERBS[key])} {who}{moves}?  y / n")
+        self._show_message(f"{', '.join(VERBS[key])} {who}{moves}?  y / n")
 
     def action_confirm(self) -> None:
-        """Carry out what was asked."""
-        if self._asked is None:
+        """Request the confirmed transitions."""
+        if self._to_confirm is None:
             return
-        (view, key, nodes), self._asked = self._asked, None
+        (view, key, nodes), self._to_confirm = self._to_confirm, None
         self._is_busy = True
         threading.Thread(
             target=self._carry_out, args=(view, VERBS[key], nodes), daemon=True
         ).start()
 
     def action_drop(self) -> None:
-        """Do not."""
-        if self._asked is not None:
-            self._asked = None
-            self._say("")
+        """Cancel the question."""
+        if self._to_confirm is not None:
+            self._to_confirm = None
+            self._show_message("")
 
     def action_leave(self) -> None:
-        """Leave whatever is open: question, help, filter, choice of a node."""
+        """Close what is open: question, help, filter, selection of a node."""
         box = self.query_one("#filter", Input)
         if box.display:
             box.value = ""
             self._close_filter()
-        elif self._asked is None and not self._shows_help:
+        elif self._to_confirm is None and not self._shows_help:
             self._chosen, self._part = "", ""
         self._shows_help = False
         self.action_drop()
         self._draw()
 
     def action_filter(self) -> None:
-        """Let the user write what log lines are to have in them."""
+        """Let the user type the text that log lines must contain."""
         box = self.query_one("#filter", Input)
         box.display = True
         box.focus()
@@ -273,38 +273,40 @@ class MonitorApp(App[Exception | None]):
 
     def _take_views(self) -> None:
         try:
-            for view in self._watcher.views():
-                self.post_message(Seen(view))
+            for view in self._follower.views():
+                self.post_message(ViewReceived(view))
         except Exception as error:  # raised again where the screen is not in the way
-            self.post_message(Broken(error))
+            self.post_message(FollowFailed(error))
 
     def _carry_out(
         self, view: StackView, transitions: Sequence[str], nodes: tuple[str, ...]
     ) -> None:
         who = short_name(nodes[0]) if nodes else "all nodes"
         for transition in transitions:
-            self.post_message(Said(f"{transition} {who} ...", is_done=False))
+            self.post_message(ChangeProgress(f"{transition} {who} ...", is_done=False))
             try:
                 answer = self._change(view, transition, nodes)
                 fault = "" if answer.success else answer.why or "no reason was given"
             except ObkError as error:
                 fault = f"{error.message}; {error.help}" if error.help else error.message
             except Exception as error:  # raised again where the screen is not in the way
-                self.post_message(Broken(error))
+                self.post_message(FollowFailed(error))
                 return
             if fault:
-                self.post_message(Said(f"{transition} {who} failed: {fault}", is_done=True))
+                self.post_message(
+                    ChangeProgress(f"{transition} {who} failed: {fault}", is_done=True)
+                )
                 return
-        self.post_message(Said(f"{', '.join(transitions)} {who}: done", is_done=True))
+        self.post_message(ChangeProgress(f"{', '.join(transitions)} {who}: done", is_done=True))
 
-    def _say(self, text: str) -> None:
+    def _show_message(self, text: str) -> None:
         # A node's own words may have more lines; the first one names the fault.
-        self.query_one("#said", Static).update(Text(plain(text.partition("\n")[0])))
+        self.query_one("#message", Static).update(Text(plain(text.partition("\n")[0])))
 
     def _draw(self) -> None:
         width, view = self.size.width, self._view
         if view is None:
-            text = WAITING if self._has_looked else LOOKING
+            text = WAITING if self._has_received else SEARCHING
             self._put("head", [TableLine(text=text, style="bold yellow")])
             for name in ("nodes_text", "topics_text", "log_text"):
                 self._put(

@@ -1,4 +1,4 @@
-"""Which topics, rates and real-time factor a plan promises, for comparison with what runs."""
+"""The topics, rates and real-time factors that a plan expects, to compare with a running stack."""
 
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -11,7 +11,13 @@ from obk_cli.ros.parameters import NodeParameter
 from obk_cli.runs.lifecycle import ACTIVE, INACTIVE
 from obk_cli.runs.protocol import NodeStatus
 
-__all__ = ["REALTIME_FACTOR", "PlannedTopic", "Speeds", "planned_topics", "simulated_robots"]
+__all__ = [
+    "REALTIME_FACTOR",
+    "PlannedTopic",
+    "RealtimeFactors",
+    "planned_topics",
+    "simulated_robots",
+]
 
 REALTIME_FACTOR: Final = "realtime_factor"
 """The parameter: simulation time over wall time; 0: as fast as possible."""
@@ -20,11 +26,11 @@ AskFactor = Callable[[str], NodeParameter]
 """Asks a node, by its full name, for the parameter; raises a CommandFailedError without answer."""
 
 
-class Speeds:
+class RealtimeFactors:
     """The real-time factors of the simulated robots of one stack."""
 
     def __init__(self, simulated: Collection[str], ask: AskFactor) -> None:
-        """Begin with none.
+        """Know no factor yet.
 
         Args:
             simulated: full names of the robots.
@@ -36,26 +42,26 @@ class Speeds:
 
     @property
     def factors(self) -> Mapping[str, float]:
-        """Full name -> factor of the robots that are configured and have told."""
+        """Full name -> factor of the configured robots that have answered."""
         return dict(self._known)
 
-    def hear(self, _received_ns: int, event: bytes) -> None:
+    def take_event(self, _received_ns: int, event: bytes) -> None:
         """Take a serialized `ParameterEvent` of any node."""
         if REALTIME_FACTOR.encode() in event:
             self._known.clear()
 
-    def look(self, nodes: Iterable[NodeStatus]) -> None:
-        """Ask the robots that are configured by now and have not told yet."""
+    def query_missing(self, nodes: Iterable[NodeStatus]) -> None:
+        """Ask the configured robots whose factor is not known yet."""
         for node in nodes:
             is_configured = node.state in (INACTIVE, ACTIVE)
             if node.node in self._simulated and is_configured and node.node not in self._known:
-                self._learn(node.node)
+                self._query(node.node)
 
-    def _learn(self, node: str) -> None:
+    def _query(self, node: str) -> None:
         try:
             value = self._ask(node).value
         except CommandFailedError:
-            return  # it is asked again with the next look
+            return  # asked again by the next call
         if isinstance(value, int | float):
             self._known[node] = float(value)
 
@@ -74,7 +80,7 @@ class PlannedTopic:
     msg_type: str | None
     """Full; None: only the code knows it."""
     wanted_hz: float | None
-    """The sum of what its publishers promise, in wall time; None: one of them promises nothing."""
+    """The sum of its publishers' expected rates, in wall time; None: one of them has none."""
     publishers: tuple[str, ...]
     """Full names of nodes."""
     made_from: tuple[str, ...]
@@ -88,20 +94,20 @@ def planned_topics(
 
     Args:
         plan: a whole stack.
-        factors: full name -> real-time factor of simulated robots, where they have told.
+        factors: full name -> real-time factor of simulated robots, as far as known.
     """
-    clock = _speed_of_clock(plan, factors)
+    clock = _clock_factor(plan, factors)
     kinds: dict[str, str | None] = {}
     promised: defaultdict[str, list[float | None]] = defaultdict(list)
     publishers: defaultdict[str, dict[str, None]] = defaultdict(dict)
     sources: defaultdict[str, dict[str, None]] = defaultdict(dict)
     for process in plan.processes:
-        speed = _speed(process, clock, factors)
+        factor = _factor_of(process, clock, factors)
         for end in process.subscribes:
             kinds[end.topic] = kinds.get(end.topic) or end.msg_type
         for end in process.publishes:
             kinds[end.topic] = kinds.get(end.topic) or end.msg_type
-            promised[end.topic].append(_in_wall_time(end.rate_hz, speed))
+            promised[end.topic].append(_in_wall_time(end.rate_hz, factor))
             publishers[end.topic][process.full_name] = None
             if process.section not in _MEASURING:
                 sources[end.topic].update(dict.fromkeys(one.topic for one in process.subscribes))
@@ -123,25 +129,25 @@ def simulated_robots(plan: Plan) -> tuple[str, ...]:
     return tuple(process.full_name for process in plan.processes if process.model)
 
 
-def _speed_of_clock(plan: Plan, factors: Mapping[str, float]) -> float:
-    """The speed of `/clock`; 0 where nobody knows it: no robot is simulated, or several differ."""
+def _clock_factor(plan: Plan, factors: Mapping[str, float]) -> float:
+    """The speed of `/clock`; 0 if unknown: no robot is simulated, or several differ."""
     simulated = (process for process in plan.processes if process.model)
-    speeds = {_speed(process, 0.0, factors) for process in simulated}
-    return speeds.pop() if len(speeds) == 1 else 0.0
+    factors_found = {_factor_of(process, 0.0, factors) for process in simulated}
+    return factors_found.pop() if len(factors_found) == 1 else 0.0
 
 
-def _speed(process: Process, clock: float, factors: Mapping[str, float]) -> float:
+def _factor_of(process: Process, clock: float, factors: Mapping[str, float]) -> float:
     """How fast the time passes in which a node keeps its rates, over wall time; 0: not known."""
     if process.model:
         planned = process.parameters.get(REALTIME_FACTOR, 1.0)
-        # A robot refuses what is no number, and its speed is not known then.
+        # A robot rejects what is no number; its factor is unknown then.
         own = float(planned) if isinstance(planned, int | float) else 0.0
         return factors.get(process.full_name, own)
     return clock if process.parameters.get("use_sim_time") else 1.0
 
 
-def _in_wall_time(rate_hz: float | None, speed: float) -> float | None:
-    return rate_hz * speed if rate_hz and speed else None
+def _in_wall_time(rate_hz: float | None, factor: float) -> float | None:
+    return rate_hz * factor if rate_hz and factor else None
 
 
 def _sum(rates: list[float | None]) -> float | None:

@@ -6,10 +6,20 @@ from typing import Protocol
 
 from obelisk_spec.runtime_protocol import TOLERANCE
 from obelisk_spec.runtime_protocol import Rate as Promised
-from obk_cli.process.load import ProcessLoad
 from obk_cli.ros.rate_meter import TopicRate
 
-__all__ = ["NodeView", "Passage", "StackView", "TopicView", "Views"]
+__all__ = ["MessageAge", "NodeView", "ProcessLoad", "StackView", "TopicView", "Views"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProcessLoad:
+    """What a process uses of this machine."""
+
+    cpu_percent: float
+    """Of one core."""
+    memory_bytes: int
+    """Resident."""
+    uptime_s: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,16 +37,16 @@ class NodeView:
     shares_process: bool
     """Whether other nodes run in its process, so that the load is that of all."""
     load: ProcessLoad | None
-    """None: it runs not, or not here."""
+    """None: not running, or on another host."""
     restarts: int
     hangs: bool
     promises: tuple[Promised, ...]
-    """The rates of its timers and sensors as it told them last."""
+    """The rates of its timers and sensors as it reported them last."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Passage:
-    """How old a topic's messages are when they come, by the stamps in their headers."""
+class MessageAge:
+    """Age of a topic's messages on arrival, by the stamps in their headers."""
 
     p50_s: float
     p99_s: float
@@ -52,21 +62,21 @@ class TopicView:
     msg_type: str | None
     publishers: int
     subscriptions: int
-    """Without that of whoever measures."""
+    """Without the subscription that measures."""
     wanted_hz: float | None
     """What the config promises; None: nothing."""
     rate: TopicRate | None
-    """As measured; None: it is not listened to."""
-    passage: Passage | None = None
+    """As measured; None: not subscribed."""
+    passage: MessageAge | None = None
     """None: no stamps, or those of another clock."""
     is_expected: bool = True
-    """Whether it should be kept now: its publisher is active, and was listened to for a while."""
+    """Whether the rate is due now: its publisher is active and was measured for a while."""
     made_from: tuple[str, ...] = ()
     """Topics that its publishers subscribe to; none where these measure the world."""
 
     @property
     def is_off(self) -> bool:
-        """Whether it is more than a tenth off what is promised, while it should be kept."""
+        """Whether it is more than a tenth off what is expected, while it is due."""
         if self.wanted_hz is None or self.rate is None or not self.is_expected:
             return False
         measured = self.rate.rate_hz or 0.0
@@ -86,13 +96,13 @@ class StackView:
     phase: str
     uptime_s: float
     realtime_factor: float | None
-    """Simulation time over wall time; None: nothing is simulated, or it is not told yet."""
+    """Simulation time over wall time; None: nothing is simulated, or not reported yet."""
     nodes: tuple[NodeView, ...]
     topics: tuple[TopicView, ...]
     lines: tuple[str, ...]
     """The last ones of the launcher's log, oldest first."""
     cost_percent: float
-    """What looking takes, of one core."""
+    """Processor use of the monitor itself, of one core [%]."""
     has_ended: bool = False
     """Whether its launcher is gone, elsewhere its nodes: nothing will change any more."""
     cause: str = ""
@@ -100,7 +110,7 @@ class StackView:
 
 
 class Views(Protocol):
-    """What the watcher of a stack offers to a terminal or a page."""
+    """What a follower of a stack offers to a terminal or a page."""
 
     def views(self) -> Iterator[StackView | None]:
         """A view each period, None while nothing runs."""

@@ -1,10 +1,13 @@
 """Observe a running stack: a local one through its launcher, any other one over ROS."""
 
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
+
+import psutil
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.graph_source import LauncherParameters
@@ -12,15 +15,14 @@ from obk_cli.launch.transitions import UNKNOWN
 from obk_cli.monitor.expected_topics import (
     REALTIME_FACTOR,
     PlannedTopic,
-    Speeds,
+    RealtimeFactors,
     planned_topics,
     simulated_robots,
 )
-from obk_cli.monitor.model import NodeView, StackView
+from obk_cli.monitor.model import NodeView, ProcessLoad, StackView
 from obk_cli.monitor.topic_watch import RTF_TYPE, TopicWatch
-from obk_cli.process.load import OwnCost, ProcessLoad, ProcessLoads
 from obk_cli.ros.parameters import NodeParameter
-from obk_cli.ros.participant import LOOKER, RosLook
+from obk_cli.ros.participant import OBSERVER_NODE, RosParticipant
 from obk_cli.ros.services import ServiceClient
 from obk_cli.ros.types import find_type
 from obk_cli.runs.control_client import ask_status
@@ -30,39 +32,39 @@ from obk_cli.runs.logs import LAUNCH_LOG, last_lines
 from obk_cli.runs.protocol import NodeStatus, StackStatus
 from obk_cli.runs.registry import in_tier_order, is_alive, section_of
 
-__all__ = ["ElsewhereObserver", "Observer"]
+__all__ = ["LocalObserver", "OwnCpuUse", "ProcessLoads", "RemoteObserver"]
 
 LINES: Final = 200
 ANSWER_S: Final = 0.2
-"""For a robot's word on its speed: others are not kept waiting [s]."""
+"""For a robot's reply; longer would delay the other nodes [s]."""
 
 
-class Observer:
-    """Looks at one stack; call `turn` again and again, and `view` when something is to be shown."""
+class LocalObserver:
+    """Observes one stack of this host: call `turn` repeatedly, and `view` to read the result."""
 
-    def __init__(self, folder: Path, run: Run, look: RosLook) -> None:
-        """Listen to the topics of the run's plan.
+    def __init__(self, folder: Path, run: Run, participant: RosParticipant) -> None:
+        """Subscribe to the topics of the run's plan.
 
         Args:
             folder: the run's.
-            run: what it tells.
-            look: a participant in its domain.
+            run: its description.
+            participant: a participant in its domain.
         """
         self._folder = folder
         self._run = run
         self._loads = ProcessLoads()
         self._plan = run_plan(folder)
-        self._watch = TopicWatch(look)
-        self._watch.want(planned_topics(self._plan))
+        self._watch = TopicWatch(participant)
+        self._watch.set_topics(planned_topics(self._plan))
         simulated = simulated_robots(self._plan)
-        self._speeds = Speeds(simulated, self._ask_factor)
+        self._factors = RealtimeFactors(simulated, self._ask_factor)
         for node in simulated:
-            self._watch.want_realtime_factor(f"{node}/rtf")
+            self._watch.watch_realtime_factor(f"{node}/rtf")
         if simulated:
-            self._watch.want_parameter_events(self._speeds.hear)
-        self._cost = OwnCost()
-        self._told = tuple(_untold(run))
-        """What the launcher said last of its nodes."""
+            self._watch.watch_parameter_events(self._factors.take_event)
+        self._cost = OwnCpuUse()
+        self._last_nodes = tuple(_unreported(run))
+        """The nodes as the launcher reported them last."""
 
     def turn(self) -> None:
         """Count what has come; returns after 20 ms."""
@@ -77,7 +79,7 @@ class Observer:
         status = ask_status(self._folder)
         run = self._run if status else read_run(self._folder) or self._run
         if status is not None:
-            self._follow_speeds(status)
+            self._update_expected_rates(status)
         has_ended = status is None and not is_alive(run)
         nodes = () if has_ended else self._nodes(status)
         active = {node.node for node in nodes if node.state == ACTIVE}
@@ -97,26 +99,26 @@ class Observer:
             cause=run.cause,
         )
 
-    def _follow_speeds(self, status: StackStatus) -> None:
-        """Want the rates that go with the speeds at which robots are simulated by now."""
-        before = self._speeds.factors
-        self._speeds.look(status.nodes)
-        if self._speeds.factors != before:
-            self._watch.want(planned_topics(self._plan, self._speeds.factors))
+    def _update_expected_rates(self, status: StackStatus) -> None:
+        """Update the expected rates if the real-time factors of simulated robots have changed."""
+        before = self._factors.factors
+        self._factors.query_missing(status.nodes)
+        if self._factors.factors != before:
+            self._watch.set_topics(planned_topics(self._plan, self._factors.factors))
 
     def _ask_factor(self, node: str) -> NodeParameter:
         parameters = LauncherParameters(self._folder, node, ANSWER_S)
         return parameters.values([REALTIME_FACTOR])[REALTIME_FACTOR]
 
     def _nodes(self, status: StackStatus | None) -> tuple[NodeView, ...]:
-        told = status.nodes if status else tuple(map(_in_doubt, self._told))
-        self._told = told
-        loads = self._loads.look({node.pid for node in told if node.pid is not None})
-        return tuple(_node(node, told, loads) for node in told)
+        nodes_now = status.nodes if status else tuple(map(_with_unknown_state, self._last_nodes))
+        self._last_nodes = nodes_now
+        loads = self._loads.measure({node.pid for node in nodes_now if node.pid is not None})
+        return tuple(_node(node, nodes_now, loads) for node in nodes_now)
 
 
-def _untold(run: Run) -> Iterator[NodeStatus]:
-    """The nodes of a run whose launcher has not told of them."""
+def _unreported(run: Run) -> Iterator[NodeStatus]:
+    """The nodes of a run whose launcher has not reported them yet."""
     for name in run.all_nodes:
         yield NodeStatus(
             node=name,
@@ -130,8 +132,8 @@ def _untold(run: Run) -> Iterator[NodeStatus]:
         )
 
 
-def _in_doubt(node: NodeStatus) -> NodeStatus:
-    """A node of which the launcher tells nothing now: its process may go on as it was."""
+def _with_unknown_state(node: NodeStatus) -> NodeStatus:
+    """A node that the launcher does not report now; its process may still be running."""
     return replace(node, state=UNKNOWN if node.state else "", hangs=False, rates=())
 
 
@@ -157,25 +159,25 @@ FIRST_ANSWER_S: Final = 1.0
 """For a node's state, while its service is being found [s]."""
 REMOTE_ANSWER_S: Final = 0.2
 """For a node's state later on: others are not kept waiting [s]."""
-OF_LOOKERS: Final = f"/{LOOKER}_"
+OF_OBSERVERS: Final = f"/{OBSERVER_NODE}_"
 OF_EVERY_NODE: Final = ("/rosout", "/parameter_events", "/diagnostics")
 
 
-class ElsewhereObserver:
-    """Looks at all nodes of a ROS domain; used like an `Observer`."""
+class RemoteObserver:
+    """Observes all nodes of a ROS domain; used like a `LocalObserver`."""
 
-    def __init__(self, look: RosLook) -> None:
-        """Begin to look.
+    def __init__(self, participant: RosParticipant) -> None:
+        """Observe nothing yet.
 
         Args:
-            look: a participant in the domain.
+            participant: a participant in the domain.
         """
-        self._look = look
-        self._watch = TopicWatch(look)
+        self._participant = participant
+        self._watch = TopicWatch(participant)
         self._clients: dict[str, ServiceClient] = {}
         self._states: dict[str, str] = {}
-        self._want_what_is_there()
-        self._cost = OwnCost()
+        self._watch_present_topics()
+        self._cost = OwnCpuUse()
 
     def turn(self) -> None:
         """Count what has come; returns after 20 ms."""
@@ -187,14 +189,16 @@ class ElsewhereObserver:
 
     def view(self) -> StackView:
         """The domain as it is now."""
-        self._want_what_is_there()
-        names = in_tier_order({name for name in self._look.nodes() if not _is_looking(name)})
+        self._watch_present_topics()
+        names = in_tier_order(
+            {name for name in self._participant.nodes() if not _is_observer(name)}
+        )
         nodes = tuple(self._node(name) for name in names)
         active = {node.node for node in nodes if node.state == ACTIVE}
         return StackView(
             run="",
             name="",
-            domain=self._look.domain,
+            domain=self._participant.domain,
             state="",
             phase="",
             uptime_s=0.0,
@@ -206,13 +210,13 @@ class ElsewhereObserver:
             has_ended=not nodes,
         )
 
-    def _want_what_is_there(self) -> None:
-        topics = self._look.topic_types()
+    def _watch_present_topics(self) -> None:
+        topics = self._participant.topic_types()
         shown = {name: types for name, types in topics.items() if not _is_of_every_node(name)}
         for name, types in shown.items():
             if name.endswith("/rtf") and types == (RTF_TYPE,):
-                self._watch.want_realtime_factor(name)
-        self._watch.want(
+                self._watch.watch_realtime_factor(name)
+        self._watch.set_topics(
             PlannedTopic(
                 name=name,
                 msg_type=types[0] if len(types) == 1 else None,
@@ -237,14 +241,14 @@ class ElsewhereObserver:
         )
 
     def _state(self, node: str) -> str:
-        """What it answered last; empty where it has none, or never answered."""
+        """Its last reply; empty if it has no life cycle or never replied."""
         service = f"{node}/get_state"
-        if GET_STATE not in self._look.services_of(node).get(service, ()):
+        if GET_STATE not in self._participant.services_of(node).get(service, ()):
             return ""
         kind = find_type(GET_STATE)
         wait_s = REMOTE_ANSWER_S
         if node not in self._clients:
-            self._clients[node] = ServiceClient(self._look, service, kind)
+            self._clients[node] = ServiceClient(self._participant, service, kind)
             wait_s = FIRST_ANSWER_S
         with suppress(CommandFailedError):
             response = self._clients[node].call(kind.Request(), wait_s, is_question=True)
@@ -256,6 +260,58 @@ def _is_of_every_node(topic: str) -> bool:
     return topic in OF_EVERY_NODE or topic.endswith("/transition_event")
 
 
-def _is_looking(node: str) -> bool:
-    """Whether it is one of those who look into the stack as this one does."""
-    return node.startswith(OF_LOOKERS)
+def _is_observer(node: str) -> bool:
+    """Whether a node belongs to a command that observes, like this one."""
+    return node.startswith(OF_OBSERVERS)
+
+
+_PERCENT: Final = 100.0
+
+
+class ProcessLoads:
+    """Measures processes again and again; each measurement is over the time since the last one."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, psutil.Process] = {}
+
+    def measure(self, pids: Collection[int]) -> Mapping[int, ProcessLoad]:
+        """Load by process; processes that have ended are left out.
+
+        A process that was not measured before counts from its start.
+        """
+        self._known = {pid: known for pid, known in self._known.items() if pid in pids}
+        loads = {}
+        for pid in pids:
+            try:
+                loads[pid] = self._load(pid)
+            except psutil.Error:
+                self._known.pop(pid, None)
+        return loads
+
+    def _load(self, pid: int) -> ProcessLoad:
+        is_new = pid not in self._known
+        process = self._known.setdefault(pid, psutil.Process(pid))
+        with process.oneshot():
+            uptime_s = max(time.time() - process.create_time(), 1e-3)
+            measured = process.cpu_percent()
+            times = process.cpu_times()
+            since_start = _PERCENT * (times.user + times.system) / uptime_s
+            return ProcessLoad(
+                cpu_percent=since_start if is_new else measured,
+                memory_bytes=process.memory_info().rss,
+                uptime_s=uptime_s,
+            )
+
+
+class OwnCpuUse:
+    """The processor time that this process uses."""
+
+    def __init__(self) -> None:
+        self._cpu_s, self._wall_s = time.process_time(), time.monotonic()
+
+    def percent(self) -> float:
+        """Use of one core since the last call [%]."""
+        cpu_s, wall_s = time.process_time(), time.monotonic()
+        used, passed = cpu_s - self._cpu_s, max(wall_s - self._wall_s, 1e-6)
+        self._cpu_s, self._wall_s = cpu_s, wall_s
+        return _PERCENT * used / passed

@@ -1,7 +1,7 @@
-"""Which stack is watched, and its views in a row: until it ends, and from when another one begins.
+"""Follow a stack: one view after another until it ends, then the next stack that starts.
 
-In: where to look. Out: a `StackView` each period, None while nothing runs. ROS is loaded when the
-first view is asked for, in the thread that asks.
+In: which stack. Out: a `StackView` each period, None while no stack is running. ROS is loaded with
+the first view, in the thread that requests it.
 """
 
 from collections.abc import Callable, Iterator
@@ -12,74 +12,76 @@ from typing import Final, Protocol
 
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.errors import CommandFailedError, MisuseError
-from obk_cli.introspect.lifecycle import Asked, change_states
+from obk_cli.introspect.lifecycle import LifecycleRequest, change_states
 from obk_cli.introspect.target import DOMAIN, GraphTarget, target_of
 from obk_cli.monitor.model import StackView
-from obk_cli.monitor.observers import ElsewhereObserver, Observer
+from obk_cli.monitor.observers import LocalObserver, RemoteObserver
 from obk_cli.ros.environment import RosEnvironment
-from obk_cli.ros.participant import RosLook, open_look
+from obk_cli.ros.participant import RosParticipant, open_participant
 from obk_cli.runs.folder import Run, runs_folder
 from obk_cli.runs.protocol import ChangeAnswer
 from obk_cli.runs.registry import live_folders
 
-__all__ = ["Target", "Watcher"]
+__all__ = ["StackFollower", "StackSelector"]
 
 QUIET_S: Final = 0.3
-"""In which no more nodes are told of where those of another host are looked for [s]."""
+"""Without a new node, discovery of another host counts as complete [s]."""
 SLICE_S: Final = 0.1
-"""In which a watcher that is to stop does so [s]."""
+"""Within which a follower stops [s]."""
 
 
-class _Observer(Protocol):
+class Observer(Protocol):
     def turn_for(self, seconds: float) -> None: ...
 
     def view(self) -> StackView: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Target:
-    """What a user wants to watch."""
+class StackSelector:
+    """Which stack the user wants to follow."""
 
     environment: RosEnvironment
-    """As it was found: watching puts one of its own into effect."""
+    """As found; following puts another one into effect."""
     domain: int | None = None
-    """None: that of ROS_DOMAIN_ID, else of the stack."""
+    """None: that of ROS_DOMAIN_ID, otherwise that of the stack."""
     run: str | None = None
-    """A config's name or a run folder's; None: whatever runs there."""
+    """Name of a config or a run folder; None: any."""
 
-    def place(self) -> GraphTarget:
-        """Where it is now."""
+    def graph_target(self) -> GraphTarget:
+        """The ROS domain of the stack, and the runs in it."""
         if self.run is None or self.domain is not None:
             return target_of(self.environment, self.domain)
         live = live_folders(runs_folder(self.environment.variables))
-        meant = (run.domain for folder, run in live.items() if self._is_meant(folder, run))
-        return target_of(self.environment, next(meant, None))
+        domains = (run.domain for folder, run in live.items() if self._matches(folder, run))
+        return target_of(self.environment, next(domains, None))
 
-    def nobody(self) -> CommandFailedError:
-        """The error that nothing of what is meant runs."""
-        place = self.place()
-        names = sorted({run.name for run in place.runs.values()})
+    def no_nodes_error(self) -> CommandFailedError:
+        """The error for a stack that is not running."""
+        graph_target = self.graph_target()
+        names = sorted({run.name for run in graph_target.runs.values()})
         if self.run is None or not names:
-            return place.nobody()
+            return graph_target.no_nodes_error()
         return CommandFailedError(
-            f"no stack `{self.run}` runs in the ROS domain {place.domain}",
+            f"no stack `{self.run}` runs in the ROS domain {graph_target.domain}",
             help=did_you_mean(self.run, names),
         )
 
-    def choose(self, place: GraphTarget) -> tuple[Path, Run] | None:
-        """The run there that is meant; None: no launcher of this host runs one.
+    def find_run(self, graph_target: GraphTarget) -> tuple[Path, Run] | None:
+        """The selected run in the domain; None: no launcher of this host runs it.
 
         Raises:
             MisuseError: several stacks run there, and none was named.
         """
-        runs = [(folder, run) for folder, run in place.runs.items() if self._is_meant(folder, run)]
+        runs = [
+            (folder, run) for folder, run in graph_target.runs.items() if self._matches(folder, run)
+        ]
         names = sorted({run.name for _, run in runs})
         if len(names) > 1:
             raise MisuseError(
-                f"several stacks run in the ROS domain {place.domain}: {', '.join(names)}",
+                f"several stacks run in the ROS domain {graph_target.domain}: {', '.join(names)}",
                 help="choose one with `--run NAME`",
             )
-        # Two launchers of one config: its devices. Whoever leads knows of all nodes.
+        # Two launchers of one config: its devices. The leading one knows all nodes.
         return max(runs, key=lambda one: one[1].leads, default=None)
 
     def change(self, view: StackView, verb: str, nodes: tuple[str, ...]) -> ChangeAnswer:
@@ -95,34 +97,34 @@ class Target:
         """
         variables = {**self.environment.variables, DOMAIN: str(view.domain)}
         environment = replace(self.environment, variables=variables)
-        return change_states(environment, verb, Asked(names=nodes, run=view.run or None))
+        return change_states(environment, verb, LifecycleRequest(names=nodes, run=view.run or None))
 
-    def _is_meant(self, folder: Path, run: Run) -> bool:
+    def _matches(self, folder: Path, run: Run) -> bool:
         return self.run in (None, run.name, folder.name)
 
 
-class Watcher:
-    """Watches one stack at a time."""
+class StackFollower:
+    """Follows one stack at a time."""
 
     def __init__(
         self,
-        target: Target,
+        target: StackSelector,
         with_types: Callable[[GraphTarget], GraphTarget],
         period_s: float,
-        beside: Callable[[RosLook], None] = lambda _: None,
+        on_turn: Callable[[RosParticipant], None] = lambda _: None,
     ) -> None:
-        """Begin with nothing.
+        """Follow nothing yet.
 
         Args:
-            target: what to watch.
+            target: which stack.
             with_types: makes the message types of a place's stacks known to this process.
             period_s: between two views [s].
-            beside: is called several times a second with the participant that watches.
+            on_turn: called several times a second with the participant.
         """
         self._target = target
         self._with_types = with_types
         self._period_s = period_s
-        self._beside = beside
+        self._on_turn = on_turn
         self._stop = Event()
 
     def stop(self) -> None:
@@ -133,44 +135,44 @@ class Watcher:
         """A view each period, None while nothing runs; without end unless it is stopped.
 
         Raises:
-            CommandFailedError: there is no ROS.
-            MisuseError: several stacks may be meant.
+            CommandFailedError: ROS is missing.
+            MisuseError: several stacks match.
         """
         while not self._stop.is_set():
-            place = self._target.place()
-            chosen = self._target.choose(place)
+            graph_target = self._target.graph_target()
+            chosen = self._target.find_run(graph_target)
             if chosen is not None:
-                yield from self._of_run(place, *chosen)
+                yield from self._follow_run(graph_target, *chosen)
             elif self._target.run is None:
-                yield from self._of_graph(place)
+                yield from self._follow_graph(graph_target)
             else:
                 yield None
                 self._stop.wait(self._period_s)
 
-    def _of_run(self, place: GraphTarget, folder: Path, run: Run) -> Iterator[StackView]:
-        with open_look(self._with_types(place).environment) as look:
-            observer = Observer(folder, run, look)
+    def _follow_run(self, graph_target: GraphTarget, folder: Path, run: Run) -> Iterator[StackView]:
+        with open_participant(self._with_types(graph_target).environment) as participant:
+            observer = LocalObserver(folder, run, participant)
             while not self._stop.is_set():
-                view = self._next(observer, look)
+                view = self._next_view(observer, participant)
                 yield view
                 if view.has_ended:
                     return
 
-    def _of_graph(self, place: GraphTarget) -> Iterator[StackView | None]:
-        """Of nodes without a launcher here, until one begins."""
-        with open_look(self._with_types(place).environment) as look:
-            look.settle((), QUIET_S, self._period_s)
-            observer = ElsewhereObserver(look)
+    def _follow_graph(self, graph_target: GraphTarget) -> Iterator[StackView | None]:
+        """Views of nodes without a launcher on this host, until one starts."""
+        with open_participant(self._with_types(graph_target).environment) as participant:
+            participant.settle((), QUIET_S, self._period_s)
+            observer = RemoteObserver(participant)
             while not self._stop.is_set():
-                view = self._next(observer, look)
+                view = self._next_view(observer, participant)
                 yield view if view.nodes else None
-                if self._target.choose(self._target.place()) is not None:
+                if self._target.find_run(self._target.graph_target()) is not None:
                     return
 
-    def _next(self, observer: _Observer, look: RosLook) -> StackView:
+    def _next_view(self, observer: Observer, participant: RosParticipant) -> StackView:
         left_s = self._period_s
         while left_s > 0 and not self._stop.is_set():
             observer.turn_for(min(SLICE_S, left_s))
             left_s -= SLICE_S
-            self._beside(look)
+            self._on_turn(participant)
         return observer.view()

@@ -358,7 +358,7 @@ def _ms(seconds: float | None, digits: int = 2) -> str:
 
 
 def _fitted(text: str, width: int) -> str:
-    """The text, whoever it is of, cut where it is longer."""
+    """The text without control characters, cut to the width."""
     shown = plain(text)
     if cell_len(shown) <= width:
         return shown

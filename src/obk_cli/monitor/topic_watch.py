@@ -1,7 +1,7 @@
-"""Topics that are counted: how often, how late and how many messages come, held against a plan.
+"""Measure the rates and ages of a stack's topics and compare them with its plan.
 
-In: the topics that are wanted, a participant. Out: a `TopicView` of each. No message is
-deserialized. A topic whose type the plan does not tell is listened to when its publisher is there.
+In: the topics to measure, a participant. Out: a `TopicView` of each. No message is deserialized. If
+the plan does not name a topic's type, the subscription waits for its publisher.
 """
 
 import struct
@@ -13,14 +13,14 @@ from typing import Any, Final
 from obk_cli.clock import monotonic_s, wall_s
 from obk_cli.errors import CommandFailedError
 from obk_cli.monitor.expected_topics import PlannedTopic
-from obk_cli.monitor.model import Passage, TopicView
-from obk_cli.ros.graph import TopicSeen
+from obk_cli.monitor.model import MessageAge, TopicView
+from obk_cli.ros.graph import TopicInfo
 from obk_cli.ros.latency import HEADER, OTHER_CLOCK_NS
-from obk_cli.ros.participant import RosLook
+from obk_cli.ros.participant import RosParticipant
 from obk_cli.ros.rate_meter import RosMeter, TopicRate, Watch
 from obk_cli.ros.types import fields_of, find_type, raw_type, short_type
 
-__all__ = ["RTF_TYPE", "WINDOW_S", "PassageMeter", "TopicWatch"]
+__all__ = ["RTF_TYPE", "WINDOW_S", "MessageAgeMeter", "TopicWatch"]
 
 _LITTLE: Final = struct.Struct("<iI")
 _BIG: Final = struct.Struct(">iI")
@@ -33,11 +33,11 @@ _CARRIED: Final = 0.5
 """The share of stamps known from further up from which a topic counts as carrying them on."""
 
 
-class PassageMeter:
+class MessageAgeMeter:
     """Keeps the stamps and delays of a topic's newest messages."""
 
     def __init__(self, window_s: float) -> None:
-        """Begin with none.
+        """Measure over a window.
 
         Args:
             window_s: how far back figures go [s].
@@ -69,27 +69,29 @@ class PassageMeter:
         """Of the newest messages [ns]."""
         return self._stamps
 
-    def passage(self, now_ns: int, further_up: "Collection[PassageMeter]" = ()) -> Passage | None:
+    def passage(
+        self, now_ns: int, upstream: "Collection[MessageAgeMeter]" = ()
+    ) -> MessageAge | None:
         """What was measured by now; None without stamps, or where they are of another clock.
 
         Args:
             now_ns: the clock by which messages were received [ns since 1970].
-            further_up: of the topics that this one is made from.
+            upstream: of the topics that this one is made from.
         """
         self._forget(now_ns - self._window_ns)
         if not self._delays_ns or abs(min(self._delays_ns)) > OTHER_CLOCK_NS:
             return None
         delays = sorted(self._delays_ns)
-        return Passage(
+        return MessageAge(
             p50_s=delays[len(delays) // 2] / _NS,
             p99_s=delays[min(len(delays) - 1, int(_NEAR_ALL * len(delays)))] / _NS,
-            is_carried=self._are_carried([meter.stamps for meter in further_up if meter.stamps]),
+            is_carried=self._are_carried([meter.stamps for meter in upstream if meter.stamps]),
         )
 
-    def _are_carried(self, further_up: Sequence[Collection[int]]) -> bool:
+    def _are_carried(self, upstream: Sequence[Collection[int]]) -> bool:
         """Whether the stamps are known from further up, as far back as all of there are kept."""
-        since = max(map(min, further_up), default=0)
-        known = frozenset(chain.from_iterable(further_up))
+        since = max(map(min, upstream), default=0)
+        known = frozenset(chain.from_iterable(upstream))
         judged = [stamp for stamp in self._stamps if stamp >= since]
         return sum(stamp in known for stamp in judged) > _CARRIED * len(judged)
 
@@ -103,7 +105,7 @@ class PassageMeter:
 WINDOW_S: Final = 2.0
 """How far back rates go: a topic that is throttled is marked within this [s]."""
 TURN_S: Final = 0.02
-"""Between two looks at what has come: fewer looks cost less [s]."""
+"""Between two polls of the subscriptions; fewer polls cost less [s]."""
 PERIODS: Final = 5
 """That a slow topic's window holds."""
 FOUND_S: Final = 0.5
@@ -119,37 +121,37 @@ _RTF: Final = struct.Struct("<4xd")
 class TopicWatch:
     """Counts the messages of topics; call `turn_for` again and again."""
 
-    def __init__(self, look: RosLook) -> None:
-        """Begin with no topic.
+    def __init__(self, participant: RosParticipant) -> None:
+        """Measure no topic yet.
 
         Args:
-            look: a participant.
+            participant: a participant.
         """
-        self._look = look
-        self._meter = RosMeter(look, WINDOW_S, TURN_S)
+        self._participant = participant
+        self._meter = RosMeter(participant, WINDOW_S, TURN_S)
         self._topics: dict[str, PlannedTopic] = {}
-        self._heard: dict[str, PassageMeter | None] = {}
+        self._age_meters: dict[str, MessageAgeMeter | None] = {}
         self._expected_since: dict[str, float] = {}
         self.realtime_factor: float | None = None
         """The newest that came."""
 
-    def want(self, topics: Iterable[PlannedTopic]) -> None:
-        """Show these, in this order; counting goes on where it is done already."""
+    def set_topics(self, topics: Iterable[PlannedTopic]) -> None:
+        """Measure these topics, shown in this order; topics measured already keep their figures."""
         self._topics = {topic.name: topic for topic in topics}
-        for name in [name for name in self._heard if name not in self._topics]:
+        for name in [name for name in self._age_meters if name not in self._topics]:
             self._meter.drop(name)
-            del self._heard[name]
+            del self._age_meters[name]
         for topic in self._topics.values():
-            if topic.msg_type is not None and topic.name not in self._heard:
-                self._listen_to_known(topic, topic.msg_type)
+            if topic.msg_type is not None and topic.name not in self._age_meters:
+                self._subscribe_planned(topic, topic.msg_type)
 
-    def want_realtime_factor(self, topic: str) -> None:
-        """Listen to what a simulator says of its speed."""
+    def watch_realtime_factor(self, topic: str) -> None:
+        """Subscribe to the real-time factor that a simulator publishes."""
         self._meter.add(topic, RTF_TYPE, find_type(RTF_TYPE), self._take_rtf)
 
-    def want_parameter_events(self, hear: Watch) -> None:
-        """Listen to what nodes say of their parameters."""
-        self._meter.add(EVENTS, EVENTS_TYPE, find_type(EVENTS_TYPE), hear)
+    def watch_parameter_events(self, on_event: Watch) -> None:
+        """Subscribe to the parameter events of all nodes."""
+        self._meter.add(EVENTS, EVENTS_TYPE, find_type(EVENTS_TYPE), on_event)
 
     def turn(self) -> None:
         """Count what has come; returns after 20 ms."""
@@ -165,7 +167,7 @@ class TopicWatch:
         """The topics as they are now.
 
         Args:
-            active: full names of the nodes that are.
+            active: full names of the active nodes.
         """
         rates = self._meter.rates()
         return tuple(self._view(topic, rates, active) for topic in self._topics.values())
@@ -173,17 +175,17 @@ class TopicWatch:
     def _view(
         self, topic: PlannedTopic, rates: Mapping[str, TopicRate], active: Collection[str]
     ) -> TopicView:
-        seen = self._look.topic(topic.name)
-        if topic.name not in self._heard:
-            self._listen_to_seen(topic, seen)
-        own = self._look.name
-        passage = self._heard.get(topic.name)
-        up = [meter for name in topic.made_from if (meter := self._heard.get(name))]
+        found = self._participant.topic(topic.name)
+        if topic.name not in self._age_meters:
+            self._subscribe_discovered(topic, found)
+        own = self._participant.name
+        passage = self._age_meters.get(topic.name)
+        up = [meter for name in topic.made_from if (meter := self._age_meters.get(name))]
         return TopicView(
             topic=topic.name,
-            msg_type=topic.msg_type or next(iter(seen.msg_types), None),
-            publishers=len(seen.publishers),
-            subscriptions=sum(end.node != own for end in seen.subscriptions),
+            msg_type=topic.msg_type or next(iter(found.msg_types), None),
+            publishers=len(found.publishers),
+            subscriptions=sum(end.node != own for end in found.subscriptions),
             wanted_hz=topic.wanted_hz,
             rate=rates.get(topic.name),
             passage=passage.passage(round(wall_s() * 1e9), up) if passage else None,
@@ -192,8 +194,8 @@ class TopicWatch:
         )
 
     def _is_expected(self, topic: PlannedTopic, active: Collection[str]) -> bool:
-        """Whether its publishers are active, and have been listened to for long enough."""
-        if topic.name not in self._heard or not topic.publishers:
+        """Whether its publishers are active, and have been measured for long enough."""
+        if topic.name not in self._age_meters or not topic.publishers:
             return False
         now = monotonic_s()
         if not set(topic.publishers) <= set(active):
@@ -202,32 +204,32 @@ class TopicWatch:
         wait_s = FOUND_S + (PERIODS_TO_JUDGE / topic.wanted_hz if topic.wanted_hz else 0.0)
         return now - self._expected_since[topic.name] >= wait_s
 
-    def _listen_to_known(self, topic: PlannedTopic, msg_type: str) -> None:
+    def _subscribe_planned(self, topic: PlannedTopic, msg_type: str) -> None:
         try:
-            self._listen(topic, msg_type, find_type(msg_type))
+            self._subscribe(topic, msg_type, find_type(msg_type))
         except CommandFailedError:
-            return  # not built here: told by its publisher, it is counted all the same
+            return  # not built here: subscribed once its publisher names the type
 
-    def _listen_to_seen(self, topic: PlannedTopic, seen: TopicSeen) -> None:
-        if len(seen.msg_types) != 1 or not seen.publishers:
+    def _subscribe_discovered(self, topic: PlannedTopic, found: TopicInfo) -> None:
+        if len(found.msg_types) != 1 or not found.publishers:
             return
-        (msg_type,) = seen.msg_types
+        (msg_type,) = found.msg_types
         try:
-            python_type = raw_type(msg_type, (end.type_hash for end in seen.publishers))
-            self._listen(topic, msg_type, python_type)
+            python_type = raw_type(msg_type, (end.type_hash for end in found.publishers))
+            self._subscribe(topic, msg_type, python_type)
         except CommandFailedError:
             return
 
-    def _listen(self, topic: PlannedTopic, msg_type: str, python_type: Any) -> None:
+    def _subscribe(self, topic: PlannedTopic, msg_type: str, python_type: Any) -> None:
         window_s = max(WINDOW_S, PERIODS / topic.wanted_hz if topic.wanted_hz else 0.0)
-        passage = PassageMeter(window_s) if _begins_with_header(msg_type) else None
+        passage = MessageAgeMeter(window_s) if _begins_with_header(msg_type) else None
         watch = passage.take if passage is not None else None
         self._meter.add(topic.name, msg_type, python_type, watch, window_s=window_s, is_light=True)
-        self._heard[topic.name] = passage
+        self._age_meters[topic.name] = passage
         self._expected_since[topic.name] = monotonic_s()
 
     def _take_rtf(self, _received_ns: int, data: bytes) -> None:
-        if len(data) >= _RTF.size:  # else it is no such message
+        if len(data) >= _RTF.size:  # otherwise it is no such message
             (self.realtime_factor,) = _RTF.unpack_from(data)
 
 

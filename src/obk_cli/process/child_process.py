@@ -19,13 +19,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-__all__ = ["BoundProcess"]
+__all__ = ["BoundChild"]
 
 KILL_S: Final = 5.0
 """How long the kernel may take for a process that was killed [s]."""
 
 
-class BoundProcess:
+class BoundChild:
     """A child and its output."""
 
     def __init__(
@@ -34,15 +34,15 @@ class BoundProcess:
         environment: Mapping[str, str],
         *,
         on_line: Callable[[str], None],
-        on_over: Callable[[], None],
+        on_output_end: Callable[[], None],
     ) -> None:
-        """Start a program; only from the main thread, with whose end it gets its signal.
+        """Start a program; only from the main thread, whose end triggers the signal.
 
         Args:
             command: the program and its arguments.
             environment: all of its variables.
             on_line: takes each line of its output and errors, from a thread.
-            on_over: is told that there will be no more, from that thread.
+            on_output_end: called when its output has ended, from that thread.
         """
         binding = [sys.executable, "-I", "-S", str(Path(__file__))]
         self._child = subprocess.Popen(
@@ -56,13 +56,13 @@ class BoundProcess:
             start_new_session=True,
         )
         self._on_line = on_line
-        self._on_over = on_over
+        self._on_output_end = on_output_end
         self._reader = threading.Thread(target=self._read, name="child", daemon=True)
         self._reader.start()
 
     @property
     def pid(self) -> int:
-        """The child's number."""
+        """The child's process id."""
         return self._child.pid
 
     @property
@@ -78,11 +78,11 @@ class BoundProcess:
             return None
 
     def signal(self, number: int) -> None:
-        """Signal the child alone, if it is there."""
+        """Signal the child alone, if it is running."""
         self._child.send_signal(number)
 
     def close(self) -> None:
-        """Kill the child where it still runs, and let go of its output."""
+        """Kill the child if it is still running, and close its output."""
         self._child.kill()
         self.wait(KILL_S)
         # What the child started may hold the other end for a while longer.
@@ -93,14 +93,14 @@ class BoundProcess:
         with self._child.stdout as output:
             for line in output:
                 self._on_line(line.rstrip("\n"))
-        self._on_over()
+        self._on_output_end()
 
 
 PR_SET_PDEATHSIG = 1
 
 
 def main(parent: int, *command: str) -> None:
-    """Become the program of a command; end at once where the parent is gone already."""
+    """Become the program of a command; end at once if the parent has ended."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:
         sys.exit(1)

@@ -1,4 +1,4 @@
-"""Processes by number and start, which tells one apart from a later one that got its number.
+"""Identify processes by number and start time, which differs when a number is reused.
 
 Read from the kernel, in its clock since boot, which setting the time of day does not move. Source:
 proc(5), `/proc/<pid>/stat`.
@@ -14,9 +14,9 @@ from typing import Final
 
 __all__ = [
     "boot_id",
-    "counts_as_here",
     "is_process",
     "seconds_since",
+    "shares_pid_namespace",
     "signal_process",
     "since_boot_s",
     "start_s",
@@ -34,7 +34,7 @@ _START_TICKS: Final = 19
 
 
 def start_s(pid: int) -> float | None:
-    """When a process started [s since boot]; None: there is none, or only its zombie."""
+    """When a process started [s since boot]; None: no such process, or a zombie."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_bytes()
     except OSError:
@@ -45,13 +45,13 @@ def start_s(pid: int) -> float | None:
 
 
 def is_process(pid: int, started: float) -> bool:
-    """Whether the process of this number that started then [s since boot] is there."""
+    """Whether the process of this number that started then [s since boot] is running."""
     start = start_s(pid)
     return start is not None and abs(start - started) < SAME_S
 
 
 def signal_process(pid: int, started: float, number: int) -> None:
-    """Signal a process if it is there, and certainly no other one that has its number by now."""
+    """Signal a process if it is running, and never another one that reuses its number."""
     with suppress(OSError):
         descriptor = os.pidfd_open(pid)
         try:
@@ -74,7 +74,7 @@ def seconds_since(started: float) -> float:
 def wait_for_ends(
     processes: Collection[tuple[int, float]], timeout_s: float
 ) -> list[tuple[int, float]]:
-    """Wait until processes have ended, by number and start; those that have not in time."""
+    """Wait until processes, by number and start, have ended; returns those still running."""
     end = time.monotonic() + timeout_s
     while left := [process for process in processes if is_process(*process)]:
         if time.monotonic() > end:
@@ -84,7 +84,7 @@ def wait_for_ends(
 
 
 def this_process() -> tuple[int, float]:
-    """This process's number and start [s since boot], as a run tells them."""
+    """This process's number and start [s since boot], as a run records them."""
     pid = os.getpid()
     start = start_s(pid)
     assert start is not None, "a process that runs is in /proc"
@@ -92,17 +92,17 @@ def this_process() -> tuple[int, float]:
 
 
 def working_folder(pid: int) -> Path | None:
-    """The folder that a process works in; None where there is no such process of this user's."""
+    """The working directory of a process; None if this user has no such process."""
     try:
         return Path(f"/proc/{pid}/cwd").readlink()
     except OSError:
         return None
 
 
-def counts_as_here(pid: int) -> bool:
-    """Whether a process of this user's knows others by the numbers that they have here.
+def shares_pid_namespace(pid: int) -> bool:
+    """Whether a process of this user shares our PID namespace.
 
-    One in a container does not: its launcher's number is one of in there.
+    A process in a container does not: process ids there differ from those here.
     Source: pid_namespaces(7).
     """
     try:
@@ -112,5 +112,5 @@ def counts_as_here(pid: int) -> bool:
 
 
 def boot_id() -> str:
-    """What this start of this machine is called, other than every other one."""
+    """The unique id of this boot of the machine."""
     return Path("/proc/sys/kernel/random/boot_id").read_text().strip()

@@ -1,15 +1,18 @@
-"""Files of Fast DDS in shared memory that nobody uses any more.
+"""Remove files of Fast DDS in shared memory that no process uses, and require room for ROS.
 
-A process that is killed leaves them behind, half a megabyte and more each time. Two kinds:
+A process that is killed leaves them behind, half a megabyte and more each time. There are two
+kinds:
 
-A segment, `fastrtps_<id>`, belongs to one process. For as long as that lives, whatever ends it, it
-holds an exclusive flock on the empty file beside it, `fastrtps_<id>_el`.
+A segment, `fastrtps_<id>`, belongs to one process. Until that process ends, it holds an exclusive
+flock on the empty file beside it, `fastrtps_<id>_el`.
 
 A port, `fastrtps_port<number>`, belongs to all who read from it or write to it, and each of them
-keeps it mapped. Beside it are the lock of its readers (`_el` or `_sl`), and the semaphore that one
-holds who opens or removes it, `sem.fastrtps_port<number>_mutex`. Whether anybody has a file open or
-mapped, of whatever user or container, the kernel knows: only then it refuses a write lease. And
-while a lease is held whoever opens the file waits, so nobody comes in between.
+keeps it mapped. Beside it are the lock of its readers (`_el` or `_sl`), and the semaphore that a
+process holds while it opens or removes the port, `sem.fastrtps_port<number>_mutex`. The kernel
+refuses a write lease on a file that any process, of any user or container, has open or mapped.
+While a lease is held, a process that opens the file waits, so it stays unused until its removal.
+
+The warden runs this module as a program with the standard library only.
 
 Source: fcntl(2), "Leases"; Fast DDS, shared memory transport.
 """
@@ -17,15 +20,18 @@ Source: fcntl(2), "Leases"; Fast DDS, shared memory transport.
 import fcntl
 import os
 import re
+import shutil
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-__all__ = ["remove_dead_segments"]
+__all__ = ["remove_dead_segments", "require_shared_memory"]
 
-SHARED_MEMORY: Final = Path("/dev/shm")  # noqa: S108 - where DDS has it
+SHARED_MEMORY: Final = Path("/dev/shm")  # noqa: S108 - where DDS keeps it
+NEEDED: Final = 1 << 14
+"""For a few pages [bytes]."""
 _LOCK: Final = re.compile(r"fastrtps_[0-9a-f]{16}_el")
 _OF_PORT: Final = re.compile(
     r"(?:sem\.)?(?P<port>fastrtps_port[0-9]+)(?:|_el|_sl|_mutex)", re.ASCII
@@ -33,7 +39,7 @@ _OF_PORT: Final = re.compile(
 
 
 def remove_dead_segments(folder: Path = SHARED_MEMORY) -> int:
-    """Remove segments and ports that nobody uses; gives how many there were.
+    """Remove segments and ports that no process uses; returns how many were removed.
 
     Those of other users, and of living processes, are left alone.
     """
@@ -42,6 +48,31 @@ def remove_dead_segments(folder: Path = SHARED_MEMORY) -> int:
     ports = sorted({found["port"] for name in names if (found := _OF_PORT.fullmatch(name))})
     dead += [_remove_port(folder / port) for port in ports]
     return sum(dead)
+
+
+def require_shared_memory(folder: Path = SHARED_MEMORY) -> None:
+    """Require room for ROS, which maps a page of a file there and writes to it when it is loaded.
+
+    Without room for that page the kernel ends the process with SIGBUS. If the memory is full,
+    files that no process uses are removed first.
+
+    Raises:
+        CommandFailedError: the shared memory is full.
+    """
+    if _is_full(folder):
+        remove_dead_segments(folder)
+    if _is_full(folder):
+        from obk_cli.errors import CommandFailedError
+
+        raise CommandFailedError(
+            f"{folder} is full: any process that loads ROS would crash with SIGBUS",
+            help="remove files from it, or see `obk doctor shared-memory`",
+        )
+
+
+def _is_full(folder: Path) -> bool:
+    # ROS works without shared memory if it cannot write to it at all.
+    return os.access(folder, os.W_OK) and shutil.disk_usage(folder).free < NEEDED
 
 
 def _names(folder: Path) -> list[str]:
@@ -66,7 +97,7 @@ def _remove_port(port: Path) -> bool:
 def _remove(
     *, leased: tuple[Path, ...], flocked: tuple[Path, ...], others: tuple[Path, ...] = ()
 ) -> bool:
-    """Remove files if nobody has those to be leased open, nor holds the locks; false if not so."""
+    """Remove files unless a process has one of `leased` open or holds a lock in `flocked`."""
     try:
         with ExitStack() as held:
             for path in leased:
@@ -84,7 +115,7 @@ def _remove(
 def _leased(path: Path) -> Iterator[None]:
     with _opened(path) as descriptor:
         if descriptor is not None:
-            # Whoever waits for a lease has its holder signalled; the usual signal would end us.
+            # The kernel signals the holder when a process waits for the lease; SIGIO would end us.
             fcntl.fcntl(descriptor, fcntl.F_SETSIG, signal.SIGURG)
             fcntl.fcntl(descriptor, fcntl.F_SETLEASE, fcntl.F_WRLCK)
         yield
@@ -100,11 +131,11 @@ def _flocked(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[int | None]:
-    """A descriptor of a file of our own, None where there is none; closed at the end.
+    """A descriptor of a file of this user, None if it does not exist; closed at the end.
 
     Raises:
         PermissionError: the file is another user's.
-        OSError: somebody else has a lease of it, or it cannot be opened.
+        OSError: another process has a lease of it, or it cannot be opened.
     """
     flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
     descriptor = None

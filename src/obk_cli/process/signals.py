@@ -8,28 +8,28 @@ from typing import Final
 
 import psutil
 
-__all__ = ["end_signals_heard", "freeze", "kill", "thaw"]
+__all__ = ["freeze", "handle_end_signals", "kill", "thaw"]
 
 _END_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextmanager
-def end_signals_heard(hear: Callable[[signal.Signals], None]) -> Iterator[None]:
-    """While entered, SIGINT, SIGTERM and SIGHUP are heard; only from the main thread.
+def handle_end_signals(on_signal: Callable[[signal.Signals], None]) -> Iterator[None]:
+    """While entered, handle SIGINT, SIGTERM and SIGHUP; only from the main thread.
 
-    Where SIGHUP was ignored before, as `nohup` has it, a terminal that closes ends nothing. SIGINT
-    is heard all the same: shells ignore it for whatever they start in the background.
+    SIGHUP stays ignored if it was ignored before, as by `nohup`. SIGINT is handled even then,
+    because shells ignore it for programs that they start in the background.
 
     Args:
-        hear: takes a signal, in whatever the main thread is doing.
+        on_signal: takes a signal; it interrupts the main thread anywhere.
     """
 
     def handle(number: int, _frame: FrameType | None) -> None:
-        hear(signal.Signals(number))
+        on_signal(signal.Signals(number))
 
     is_ignored = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
-    heard = (number for number in _END_SIGNALS if number != signal.SIGHUP or not is_ignored)
-    before = {number: signal.signal(number, handle) for number in heard}
+    handled = (number for number in _END_SIGNALS if number != signal.SIGHUP or not is_ignored)
+    before = {number: signal.signal(number, handle) for number in handled}
     try:
         yield
     finally:
@@ -51,7 +51,7 @@ def freeze(pid: int) -> None:
 
 
 def thaw(pid: int) -> None:
-    """Have a frozen process go on, and all that it started."""
+    """Resume a frozen process and all that it started."""
     for process in _family(pid):
         with suppress(psutil.Error):
             process.resume()

@@ -1,12 +1,12 @@
-"""The process between the launcher and the nodes: nothing that it started outlives the launcher.
+"""Keep nodes from outliving the launcher: the process between them, and the parent of all nodes.
 
-Run as a program of its own (`python -I -S warden.py`), with its standard input one end of a Unix
-socket of packets. Takes JSON requests, gives JSON news (`started`, `ended`). Each request is a file
-of its own, handed over by descriptor, for an environment may be larger than a packet: `start`, with
-a second descriptor for the output, `signal`, and `end` before the last. It is the parent of the
-nodes and adopts their orphans (child subreaper). When the launcher's end of the socket closes,
-whatever the reason, all of them get SIGTERM, then SIGKILL; after a launcher that did not say `end`
-this process clears shared memory too. Imports the standard library only, so that it is up at once.
+Run as a program of its own (`python -I -S warden.py`); its standard input is one end of a Unix
+socket of packets. It takes JSON requests and sends JSON events (`started`, `ended`). Each request
+is a file, passed by descriptor, because an environment may be larger than a packet: `start`, with a
+second descriptor for the output, `signal`, and `end` before the last. It is the parent of the nodes
+and adopts their orphans (child subreaper). When the launcher's end of the socket closes, for any
+reason, all of them get SIGTERM, then SIGKILL; if the launcher did not send `end`, the warden also
+clears shared memory. It imports the standard library only, so that it starts at once.
 Source: prctl(2), PR_SET_CHILD_SUBREAPER and PR_SET_PDEATHSIG.
 """
 
@@ -31,9 +31,11 @@ GRACE_S = 1.0
 """Between SIGTERM and SIGKILL once the launcher is gone [s]."""
 KILL_S = 5.0
 """For the ends after SIGKILL; what the kernel holds on to is left [s]."""
+RETRY_S = 0.1
+"""Until an orphan whose environment was not readable yet is checked again [s]."""
 LARGEST_PACKET = 1 << 16
 START_MARK = "OBK_START"
-"""The variable by which it is known which of the warden's starts a process comes from."""
+"""The environment variable that names the start from which a process descends."""
 SWEEPER = Path(__file__).with_name("shared_memory.py")
 
 
@@ -46,23 +48,28 @@ class Warden:
         self._pid = os.getpid()
         self._pids: dict[int, str] = {}
         self._starts: dict[int, str] = {}
-        """Process -> what stands in its `START_MARK`, and in those that it starts."""
-        self._over: set[str] = set()
+        """Process -> its `START_MARK`, which the processes that it starts inherit."""
+        self._ended_starts: set[str] = set()
         """The starts whose process has ended."""
-        self._asked: set[int] = set()
-        """Orphans that were asked to end."""
+        self._terminated: set[int] = set()
+        """Orphans that got SIGTERM."""
+        self._has_unknown_orphan = False
+        """Whether the environment of an orphan was not readable yet."""
         self._count = 0
-        self.ends_in_order = False
-        """Whether the launcher said that it is through."""
+        self.ends_cleanly = False
+        """Whether the launcher sent `end`."""
 
     def serve(self) -> None:
         """Answer requests until the launcher's end of the socket closes."""
-        children_fd = _wakeups()
+        children_fd = _child_signals()
         with selectors.DefaultSelector() as selector:
             selector.register(self._link, selectors.EVENT_READ)
             selector.register(children_fd, selectors.EVENT_READ)
             while True:
-                for key, _ in selector.select():
+                ready = selector.select(RETRY_S if self._has_unknown_orphan else None)
+                if not ready:
+                    self._terminate_orphans()
+                for key, _ in ready:
                     if key.fileobj == children_fd:
                         os.read(children_fd, 512)
                         self._reap()
@@ -73,7 +80,7 @@ class Warden:
         """End every process below this one: SIGTERM, a grace time, SIGKILL."""
         deadline = time.monotonic() + GRACE_S
         for pid in _children():
-            _ask_to_end(pid)
+            _terminate(pid)
         while _children() and time.monotonic() < deadline:
             self._reap()
             time.sleep(0.01)
@@ -97,7 +104,7 @@ class Warden:
         if request["do"] == "start":
             self._start(request, fds[1])
         elif request["do"] == "end":
-            self.ends_in_order = True
+            self.ends_cleanly = True
         else:
             self._signal(request["node"], request["number"])
         return True
@@ -119,12 +126,12 @@ class Warden:
                 preexec_fn=self._in_child,
             )
         except (OSError, ValueError, subprocess.SubprocessError) as error:
-            self._send(news="ended", node=node, code=127, text=f"it cannot start: {error}")
+            self._send(event="ended", node=node, code=127, text=f"it cannot start: {error}")
         else:
             self._pids[child.pid] = node
             self._starts[child.pid] = start
             child.returncode = 0
-            self._send(news="started", node=node, pid=child.pid)
+            self._send(event="started", node=node, pid=child.pid)
         finally:
             os.close(output)
 
@@ -141,33 +148,40 @@ class Warden:
                 _kill_group(pid, number)
 
     def _reap(self) -> None:
-        for pid, status in _waited():
+        for pid, status in _reaped():
             node = self._pids.pop(pid, None)
-            self._asked.discard(pid)
+            self._terminated.discard(pid)
             if node is not None:
                 # What the node left of its own children must not go on without it.
                 _kill_group(pid, signal.SIGKILL)
-                self._over.add(self._starts.pop(pid))
-                self._ask_orphans()
-                self._send(news="ended", node=node, code=os.waitstatus_to_exitcode(status), text="")
-        self._ask_orphans()
+                self._ended_starts.add(self._starts.pop(pid))
+                self._terminate_orphans()
+                self._send(
+                    event="ended", node=node, code=os.waitstatus_to_exitcode(status), text=""
+                )
+        self._terminate_orphans()
 
-    def _ask_orphans(self) -> None:
-        """Ask for the end of what ended nodes have started in sessions of its own, each once."""
+    def _terminate_orphans(self) -> None:
+        """Send SIGTERM, once, to what ended nodes have started in sessions of their own."""
+        self._has_unknown_orphan = False
         for pid in _children():
-            if pid not in self._pids and pid not in self._asked and _start_mark(pid) in self._over:
-                self._asked.add(pid)
-                _ask_to_end(pid)
+            if pid in self._pids or pid in self._terminated:
+                continue
+            mark = _start_mark(pid)
+            self._has_unknown_orphan |= mark is None
+            if mark in self._ended_starts:
+                self._terminated.add(pid)
+                _terminate(pid)
 
-    def _send(self, **news: object) -> None:
+    def _send(self, **event: object) -> None:
         try:
-            self._link.send(json.dumps(news).encode())
+            self._link.send(json.dumps(event).encode())
         except OSError:
-            # The launcher is gone; the closed socket is seen in `serve`.
+            # The launcher has ended; `serve` notices the closed socket.
             return
 
 
-def _wakeups() -> int:
+def _child_signals() -> int:
     """A descriptor that gets a byte for each SIGCHLD.
 
     Signals that ask for an end are for the launcher: `systemctl stop` sends SIGTERM to all at once,
@@ -181,7 +195,7 @@ def _wakeups() -> int:
     return read_fd
 
 
-def _waited() -> Iterator[tuple[int, int]]:
+def _reaped() -> Iterator[tuple[int, int]]:
     while True:
         try:
             pid, status = os.waitpid(-1, os.WNOHANG)
@@ -197,7 +211,7 @@ def _children() -> list[int]:
     return [int(pid) for pid in Path("/proc/thread-self/children").read_text().split()]
 
 
-def _ask_to_end(pid: int) -> None:
+def _terminate(pid: int) -> None:
     """Send SIGTERM to a process and its group, once: nodes take a second one for haste."""
     try:
         os.killpg(pid, signal.SIGTERM)
@@ -206,12 +220,20 @@ def _ask_to_end(pid: int) -> None:
 
 
 def _start_mark(pid: int) -> str | None:
+    """The mark in a process's environment, empty without one; None: no environment to read yet.
+
+    Within `exec` the kernel shows an empty environment, for up to 30 ms on a busy machine.
+    """
     try:
-        variables = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+        environment = Path(f"/proc/{pid}/environ").read_bytes()
     except OSError:  # ended meanwhile, or another user's
+        return ""
+    if not environment:
         return None
     begin = f"{START_MARK}=".encode()
-    found = (entry.removeprefix(begin) for entry in variables if entry.startswith(begin))
+    found = (
+        entry.removeprefix(begin) for entry in environment.split(b"\0") if entry.startswith(begin)
+    )
     return os.fsdecode(next(found, b""))
 
 
@@ -239,7 +261,7 @@ def main() -> None:
             warden.serve()
         finally:
             warden.end_all()
-    if not warden.ends_in_order:
+    if not warden.ends_cleanly:
         os.execv(sys.executable, [sys.executable, "-I", "-S", str(SWEEPER)])  # noqa: S606 - itself
 
 

@@ -16,7 +16,7 @@ from mcap.writer import Writer
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import unwritable
 from obk_cli.optional_deps import run_versions
-from obk_cli.ros.raw_subscription import Offer
+from obk_cli.ros.raw_subscription import OfferedQos
 
 __all__ = ["FLUSH_S", "BagWriter", "offers_text"]
 
@@ -132,7 +132,7 @@ def _as_utf8(text: str) -> str:
     return text.encode(errors="backslashreplace").decode()
 
 
-def offers_text(offers: Iterable[Offer]) -> str:
+def offers_text(offers: Iterable[OfferedQos]) -> str:
     """The offers as YAML, one for each publisher, as rosbag2 reads them for playback.
 
     Source: rosbag2, `offered_qos_profiles` of a topic, metadata version 9.
@@ -140,7 +140,7 @@ def offers_text(offers: Iterable[Offer]) -> str:
     return yaml.safe_dump([_profile(offer) for offer in offers], sort_keys=False)
 
 
-def _profile(offer: Offer) -> Mapping[str, object]:
+def _profile(offer: OfferedQos) -> Mapping[str, object]:
     return {
         "history": offer.history,
         "depth": offer.depth,

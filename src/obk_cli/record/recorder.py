@@ -23,8 +23,8 @@ from typing import Any, Final
 from obk_cli.errors import EXIT_DONE, EXIT_MISUSE, CommandFailedError
 from obk_cli.files import explain_os_error
 from obk_cli.optional_deps import no_ros
-from obk_cli.process.shared_memory_check import require_shared_memory
-from obk_cli.process.signals import end_signals_heard
+from obk_cli.process.shared_memory import require_shared_memory
+from obk_cli.process.signals import handle_end_signals
 from obk_cli.record.mcap_writer import FLUSH_S, BagWriter, offers_text
 from obk_cli.record.recorder_job import (
     BEGUN,
@@ -36,7 +36,7 @@ from obk_cli.record.recorder_job import (
     unmatched_requests,
 )
 from obk_cli.record.recording import DROPS
-from obk_cli.ros.raw_subscription import DropCounter, RawTopic
+from obk_cli.ros.raw_subscription import DropCounter, RawSubscription
 from obk_cli.ros.types import find_type
 from obk_cli.workspace.overlay import underlays_of
 
@@ -102,7 +102,7 @@ REPORT_S: Final = 5.0
 class _Topic:
     """One topic that is recorded."""
 
-    raw: RawTopic
+    raw: RawSubscription
     counter: DropCounter = field(default_factory=DropCounter)
     channel: int | None = None
 
@@ -192,7 +192,7 @@ class RosRecorder:
                 types = " and ".join(kinds)
                 self._report(f"warning: {name} is not recorded while it has the types {types}")
         for topic in self._topics.values():
-            topic.raw.look()
+            topic.raw.refresh()
 
     def finish(self) -> None:
         """Write the remaining messages; topics without a message are recorded as well.
@@ -212,7 +212,7 @@ class RosRecorder:
 
     def _begin(self, name: str, msg_type: str) -> None:
         try:
-            raw = RawTopic(self._node.handle, name, msg_type, find_type(msg_type))
+            raw = RawSubscription(self._node.handle, name, msg_type, find_type(msg_type))
         except Exception as error:  # a generated package may raise anything
             self._rejected.add(name)
             self._report(f"warning: {name} is not recorded: {error}")
@@ -267,7 +267,7 @@ def record(job: RecorderJob, report: Callable[[str], None]) -> Recorded:
     """
     with ExitStack() as stack:
         is_over = threading.Event()
-        stack.enter_context(end_signals_heard(lambda _: is_over.set()))
+        stack.enter_context(handle_end_signals(lambda _: is_over.set()))
         node = stack.enter_context(_node())
         writer = BagWriter(job.path)
         try:

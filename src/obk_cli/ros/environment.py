@@ -63,7 +63,7 @@ def _fault(variables: MutableMapping[str, str]) -> str | None:
 
 
 def _folder_of_this_user() -> Path:
-    """A folder for temporary files that is nobody else's.
+    """A folder for temporary files that belongs to this user only.
 
     Raises:
         OSError: there is none.
@@ -85,15 +85,15 @@ PEERS: Final = "ROS_STATIC_PEERS"
 OLD_SWITCH: Final = "ROS_LOCALHOST_ONLY"
 """What came before `RANGE`; ROS warns of it in every process, and when it is 1 heeds only it."""
 PROFILES_FILES: Final = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-"""Where Fast DDS is told of settings; the second by newer versions."""
+"""Variables that name settings of Fast DDS; newer versions use the second."""
 SKIP_FOLDER: Final = "SKIP_DEFAULT_XML_FILE"
 """Whether Fast DDS leaves alone what lies in the working folder under the name of its settings."""
 LOCALHOST_PROFILE: Final = str(Path(__file__).with_name("dds_localhost.xml"))
 LAN_PROFILE: Final = str(Path(__file__).with_name("dds_lan.xml"))
 AS_THE_PROFILE_SAYS: Final = "SYSTEM_DEFAULT"
-"""The range with which ROS adds nothing to what Fast DDS is told by its settings."""
+"""The range with which ROS leaves the settings of Fast DDS unchanged."""
 FAST_DDS: Final = ("", OUR_RMW, "rmw_fastrtps_dynamic_cpp")
-"""Middlewares that heed them; the first is that of a ROS 2 which is not told of any."""
+"""Middlewares that use them; the first is the default of ROS 2."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -213,14 +213,14 @@ FIRST_PORT: Final = 7400
 PORTS: Final = 250
 """Of one domain."""
 MARK: Final = 9
-"""An offset that DDS does not use: bound by whoever has taken the domain here."""
+"""An offset that DDS does not use: bound by the process that has taken the domain on this host."""
 DOMAINS: Final = range(100, 0, -1)
 """From above, as people take small ones; higher up the ports are handed out to others."""
 
 
 @contextmanager
 def free_domain() -> Iterator[int]:
-    """While entered, a domain that is taken by nobody else who asks here.
+    """While entered, reserve a ROS domain that no other caller on this host has.
 
     Raises:
         CommandFailedError: there is none.

@@ -1,8 +1,8 @@
-"""Who is in the ROS graph: nodes by their names, publishers by their topics.
+"""Read the ROS graph: nodes by name, publishers and subscriptions by topic.
 
-What is found is what DDS has told by now. A participant is found by its next announcement: after
-0.2 s for obk's nodes, which announce themselves often (`dds_localhost.xml`), and after up to 3.1 s
-for others, whose announcements come every 3 s unless somebody has set another period.
+The graph holds what DDS has discovered so far. A participant is found by its next announcement:
+after 0.2 s for obk's nodes, which announce themselves often (`dds_localhost.xml`), and after up to
+3.1 s for others, whose announcements come every 3 s unless another period is set.
 """
 
 import time
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
-from obk_cli.ros.raw_subscription import Offer, Request
+from obk_cli.ros.raw_subscription import OfferedQos, RequestedQos
 
 __all__ = [
     "FOREIGN_DISCOVERY_S",
@@ -20,9 +20,9 @@ __all__ = [
     "GraphSnapshot",
     "Role",
     "RosGraph",
-    "TopicSeen",
+    "TopicInfo",
     "full_name",
-    "misfits",
+    "incompatible_ends",
     "parameter_nodes",
     "special_services",
     "visible",
@@ -33,10 +33,10 @@ OWN_DISCOVERY_S: Final = 0.4
 FOREIGN_DISCOVERY_S: Final = 3.3
 """How long any node may take to be found, with the middleware's own settings [s]."""
 UNNAMED: Final = "(a participant without a node's name)"
-"""A publisher of another DDS program, or of a node whose name was not told yet."""
+"""A publisher of another DDS program, or of a node whose name is not known yet."""
 GET_STATE: Final = "lifecycle_msgs/srv/GetState"
-NAME_NOT_TOLD: Final = "_NODE_NAME_UNKNOWN_"
-LOOK_S: Final = 0.01
+NAME_UNKNOWN: Final = "_NODE_NAME_UNKNOWN_"
+POLL_S: Final = 0.01
 
 
 class RosGraph:
@@ -68,7 +68,7 @@ class RosGraph:
             is_quiet = bool(seen) and now - changed > quiet_s
             if (wanted and wanted <= seen) or (not wanted and is_quiet):
                 break
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
         return tuple(sorted(seen))
 
     def taken(self, names: Iterable[str], discovery_s: float) -> tuple[str, ...]:
@@ -109,11 +109,11 @@ class RosGraph:
         return tuple(sorted(found()))
 
     def topic_types(self) -> Mapping[str, Sequence[str]]:
-        """Topic -> the full types that its ends have, of whomever they are."""
+        """Topic -> the full types that its ends have, of any node."""
         return dict(self._node.get_topic_names_and_types())
 
     def ends_of_type(self, topic: str, msg_type: str) -> tuple[str, ...]:
-        """Full names of the nodes that publish or hear a topic by this type."""
+        """Full names of the nodes that publish or subscribe to a topic with this type."""
         node = self._node
         ends = (
             *node.get_publishers_info_by_topic(topic),
@@ -131,7 +131,7 @@ class RosGraph:
 
     def _wait(self, condition: Callable[[], bool], discovery_s: float) -> None:
         while not condition() and time.monotonic() < self._begin + discovery_s:
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
 
 
 def _name_of(end: Any) -> str:
@@ -139,8 +139,8 @@ def _name_of(end: Any) -> str:
 
 
 def full_name(name: str, namespace: str) -> str:
-    """A node's name in the graph, `/ns/name`; empty where the middleware was not told it."""
-    return "" if name == NAME_NOT_TOLD else f"{namespace.rstrip('/')}/{name}"
+    """A node's name in the graph, `/ns/name`; empty if the middleware does not know it."""
+    return "" if name == NAME_UNKNOWN else f"{namespace.rstrip('/')}/{name}"
 
 
 Role = Literal["publisher", "subscription"]
@@ -153,17 +153,17 @@ class End:
     """One publisher or subscription of a topic."""
 
     node: str
-    """Full name; empty where it was not told."""
+    """Full name; empty if unknown."""
     role: Role
     msg_type: str
     """Full, `pkg/msg/Name`."""
-    qos: Offer
+    qos: OfferedQos
     """What a publisher offers, what a subscription asks for."""
     type_hash: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TopicSeen:
+class TopicInfo:
     """A topic with its ends."""
 
     name: str
@@ -173,24 +173,24 @@ class TopicSeen:
     subscriptions: tuple[End, ...] = ()
 
     @property
-    def heard_types(self) -> tuple[str, ...]:
+    def published_types(self) -> tuple[str, ...]:
         """What is published, whatever the subscriptions ask for."""
         return tuple(dict.fromkeys(end.msg_type for end in self.publishers)) or self.msg_types
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraphSnapshot:
-    """All that a node has been told of by now."""
+    """The graph as a node has discovered it so far."""
 
     nodes: tuple[str, ...] = ()
     """Full names; a name that two nodes have stands twice."""
-    topics: tuple[TopicSeen, ...] = ()
+    topics: tuple[TopicInfo, ...] = ()
     services: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Full name -> types (`pkg/srv/Name`)."""
 
-    def topic(self, name: str) -> TopicSeen:
-        """The topic of a name, without ends where nobody has it."""
-        empty = TopicSeen(name=name, msg_types=())
+    def topic(self, name: str) -> TopicInfo:
+        """The topic of a name, without ends if it does not exist."""
+        empty = TopicInfo(name=name, msg_types=())
         return next((topic for topic in self.topics if topic.name == name), empty)
 
 
@@ -221,8 +221,8 @@ def special_services(services: Mapping[str, tuple[str, ...]]) -> Mapping[str, tu
     }
 
 
-def misfits(topic: TopicSeen) -> Iterator[str]:
-    """Sentences on ends that do not hear each other: types that differ, QoS that asks too much."""
+def incompatible_ends(topic: TopicInfo) -> Iterator[str]:
+    """Sentences on publishers and subscriptions with incompatible types or QoS."""
     for publisher in topic.publishers:
         for subscription in topic.subscriptions:
             who = f"{subscription.node or 'a node'} does not hear {publisher.node or 'a node'}: "
@@ -235,8 +235,8 @@ def misfits(topic: TopicSeen) -> Iterator[str]:
                 yield f"{who}it asks for `transient_local`, and `volatile` is offered"
 
 
-def _request(qos: Offer) -> Request:
-    return Request(
+def _request(qos: OfferedQos) -> RequestedQos:
+    return RequestedQos(
         is_reliable=qos.reliability == "reliable",
         is_transient_local=qos.durability == "transient_local",
     )

@@ -18,7 +18,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.optional_deps import no_ros
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.ros.graph import RosGraph
-from obk_cli.ros.participant import RosLook, leave_generator_for_later
+from obk_cli.ros.participant import RosParticipant, defer_message_generator
 from obk_cli.ros.services import ASK_AGAIN_S
 
 __all__ = [
@@ -154,12 +154,12 @@ class LifecycleClient:
         self._executor.add_node(node)
         return node
 
-    def look(self) -> RosLook:
+    def participant(self) -> RosParticipant:
         """The graph as our node sees it, for any thread."""
         from rclpy.impl.implementation_singleton import rclpy_implementation
 
         domain = self._context.get_domain_id()
-        return RosLook(self._node.handle, rclpy_implementation, domain)
+        return RosParticipant(self._node.handle, rclpy_implementation, domain)
 
     def find(self, expected: Iterable[str], timeout_s: float, quiet_s: float) -> tuple[str, ...]:
         """Full names of the life-cycle nodes in the graph; see `RosGraph.find`."""
@@ -240,7 +240,7 @@ def open_client(name: str, environment: RosEnvironment, kind: type[C]) -> Iterat
         from rclpy.signals import SignalHandlerOptions
     except ImportError as error:
         raise no_ros(error) from error
-    leave_generator_for_later()
+    defer_message_generator()
     with ExitStack() as stack:
         context = rclpy.Context()
         try:

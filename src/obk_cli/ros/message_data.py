@@ -70,7 +70,7 @@ def require_fit(value: object, msg_type: str, fields_of: FieldsOf) -> Data:
     """The fields that a user gives, held against a message type as `fill` does.
 
     Raises:
-        MisuseError: they do not fit; every fault is told.
+        MisuseError: they do not fit; every fault is listed.
     """
     filled = fill(value, msg_type, fields_of)
     if filled.faults:

@@ -10,7 +10,7 @@ from typing import Any, Final
 from obelisk_spec.suggestions import with_article
 from obelisk_spec.values import ParameterValue
 from obk_cli.errors import MisuseError
-from obk_cli.ros.participant import RosLook
+from obk_cli.ros.participant import RosParticipant
 from obk_cli.ros.services import ServiceClient
 from obk_cli.ros.types import find_type
 
@@ -149,15 +149,15 @@ MODULES: Final = ("rosidl_generator_py", f"{PACKAGE}.msg", f"{PACKAGE}.srv")
 class NodeParameters:
     """The parameters of one node; every question has the same deadline."""
 
-    def __init__(self, look: RosLook, node: str, timeout_s: float) -> None:
+    def __init__(self, participant: RosParticipant, node: str, timeout_s: float) -> None:
         """Ask nothing yet.
 
         Args:
-            look: whose participant asks.
+            participant: whose participant asks.
             node: full name.
             timeout_s: for each answer [s].
         """
-        self._look = look
+        self._participant = participant
         self._node = node
         self._timeout_s = timeout_s
 
@@ -176,11 +176,11 @@ class NodeParameters:
         Raises:
             CommandFailedError: the node gives no answer.
         """
-        told = self._told(names)
-        if len(told) != len(names):
+        values = self._values(names)
+        if len(values) != len(names):
             # Where one has no value, rclpy's nodes tell of none; so each is asked for.
-            told = [next(iter(self._told([name])), None) for name in names]
-        return {name: _parameter(value) for name, value in zip(names, told, strict=True)}
+            values = [next(iter(self._values([name])), None) for name in names]
+        return {name: _parameter(value) for name, value in zip(names, values, strict=True)}
 
     def declared_kind(self, name: str) -> str:
         """The type that a parameter is declared with, also where it has no value.
@@ -206,7 +206,7 @@ class NodeParameters:
         result = client.call(request, self._timeout_s).results[0]
         return None if result.successful else str(result.reason) or "it gave no reason"
 
-    def _told(self, names: Sequence[str]) -> Sequence[Any]:
+    def _values(self, names: Sequence[str]) -> Sequence[Any]:
         response = self._ask("GetParameters", "get_parameters", names=list(names))
         values: Sequence[Any] = response.values
         return values
@@ -217,7 +217,7 @@ class NodeParameters:
 
     def _client(self, kind: str, service: str) -> ServiceClient:
         python_type = find_type(f"{PACKAGE}/srv/{kind}")
-        return ServiceClient(self._look, f"{self._node}/{service}", python_type)
+        return ServiceClient(self._participant, f"{self._node}/{service}", python_type)
 
 
 def _parameter(message: Any) -> NodeParameter:

@@ -1,8 +1,8 @@
-"""A bare participant that looks into a ROS graph: no executor, no services, nothing published.
+"""Observe a ROS graph with a bare participant: no executor, no services, nothing published.
 
 rclpy's own node brings a publisher, a service and the packages of their types with it, which takes
-longer than all that is asked here. What comes is polled; every wait has a deadline; what rclpy
-raises is mapped here.
+longer than the queries themselves. Results are polled, every wait has a deadline, and errors of
+rclpy become errors of obk here.
 """
 
 import importlib
@@ -15,19 +15,19 @@ from typing import Any, Final, TypeVar
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.optional_deps import no_ros
-from obk_cli.process.shared_memory_check import require_shared_memory
+from obk_cli.process.shared_memory import require_shared_memory
 from obk_cli.ros.environment import RosEnvironment
-from obk_cli.ros.graph import End, GraphSnapshot, Role, TopicSeen, full_name
-from obk_cli.ros.raw_subscription import RawTopic, offer_of
+from obk_cli.ros.graph import End, GraphSnapshot, Role, TopicInfo, full_name
+from obk_cli.ros.raw_subscription import RawSubscription, offered_qos
 
-__all__ = ["LOOKER", "RosLook", "leave_generator_for_later", "open_look"]
+__all__ = ["OBSERVER_NODE", "RosParticipant", "defer_message_generator", "open_participant"]
 
 PACKAGE: Final = "rosidl_generator_py"
 GENERATOR: Final = f"{PACKAGE}.generate_py_impl"
 
 
-def leave_generator_for_later() -> None:
-    """Import `rosidl_generator_py` so that its generator is imported when somebody wants it.
+def defer_message_generator() -> None:
+    """Import `rosidl_generator_py` so that its generator is imported on first use.
 
     Does nothing where the package is imported already, or is not there.
     """
@@ -36,7 +36,7 @@ def leave_generator_for_later() -> None:
     sys.modules[GENERATOR] = None  # type: ignore[assignment]
     try:
         package = importlib.import_module(PACKAGE)
-    except ImportError:  # whoever wants a message will say that there is no ROS
+    except ImportError:  # the first use of a message reports that ROS is missing
         return
     finally:
         del sys.modules[GENERATOR]
@@ -52,23 +52,23 @@ def _late(name: str) -> object:
 
 T = TypeVar("T")
 
-LOOKER: Final = "obk_look"
-"""The name of the node of whoever only looks; the process id follows."""
-LOOK_S: Final = 0.005
+OBSERVER_NODE: Final = "obk_look"
+"""Name of the node of a command that only observes; the process id follows."""
+POLL_S: Final = 0.005
 """Between two looks at what has come [s]."""
 QUIET_S: Final = 0.03
-"""In which nothing more is told of nodes that are all there [s]."""
+"""Without a change, the graph of nodes that are all present is complete [s]."""
 
 
 @contextmanager
-def open_look(
-    environment: RosEnvironment, needs: Iterable[str] = (), name: str = LOOKER
-) -> "Iterator[RosLook]":
+def open_participant(
+    environment: RosEnvironment, needs: Iterable[str] = (), name: str = OBSERVER_NODE
+) -> "Iterator[RosParticipant]":
     """A participant in the ROS domain of the environment.
 
     Args:
         environment: put into effect for this process first.
-        needs: modules that will be wanted; they are imported while others tell of themselves.
+        needs: modules that will be needed; they are imported during discovery.
         name: of the node; the process id is added.
 
     Raises:
@@ -91,23 +91,23 @@ def open_look(
     except Exception as error:
         context.try_shutdown()
         raise CommandFailedError(f"ROS 2 does not start: {error}") from error
-    leave_generator_for_later()
+    defer_message_generator()
     for module in ("rclpy.topic_endpoint_info", *needs):
-        # Whoever wants it will say what is wrong with it.
+        # The first use of it reports what is wrong.
         with suppress(Exception):
             importlib.import_module(module)
     try:
-        yield RosLook(node, rclpy_implementation, environment.domain)
+        yield RosParticipant(node, rclpy_implementation, environment.domain)
     finally:
         node.destroy_when_not_in_use()
         context.try_shutdown()
 
 
-class RosLook:
-    """The graph as a bare participant sees it, and ends of its own."""
+class RosParticipant:
+    """A bare participant: the ROS graph as it sees it, and subscriptions of its own."""
 
     def __init__(self, node: Any, functions: Any, domain: int) -> None:
-        """Begin to be told of others.
+        """Start discovery.
 
         Args:
             node: rclpy's handle of a node.
@@ -123,23 +123,23 @@ class RosLook:
         self._begin = time.monotonic()
 
     def topic_types(self) -> dict[str, tuple[str, ...]]:
-        """Full name -> types of the topics that are told of by now."""
+        """Full name -> types of the topics discovered so far."""
         with self.node:
-            told = self._functions.rclpy_get_topic_names_and_types(self.node, False)
-        return {name: tuple(types) for name, types in sorted(told)}
+            entries = self._functions.rclpy_get_topic_names_and_types(self.node, False)
+        return {name: tuple(types) for name, types in sorted(entries)}
 
     def service_types(self) -> dict[str, tuple[str, ...]]:
-        """Full name -> types of the services that are told of by now."""
+        """Full name -> types of the services discovered so far."""
         with self.node:
-            told = self._functions.rclpy_get_service_names_and_types(self.node)
-        return {name: tuple(types) for name, types in sorted(told)}
+            entries = self._functions.rclpy_get_service_names_and_types(self.node)
+        return {name: tuple(types) for name, types in sorted(entries)}
 
     def nodes(self) -> tuple[str, ...]:
-        """Full names of the other nodes that are told of by now."""
+        """Full names of the other nodes discovered so far."""
         with self.node:
-            told = self.node.get_node_names_and_namespaces()
+            entries = self.node.get_node_names_and_namespaces()
             own = self.node.get_node_name()
-        names = (full_name(name, space) for name, space in told if name != own)
+        names = (full_name(name, space) for name, space in entries if name != own)
         return tuple(sorted(name for name in names if name))
 
     def topics_of(self, node: str) -> tuple[dict[str, tuple[str, ...]], ...]:
@@ -153,12 +153,12 @@ class RosLook:
         """Full name -> types of a node's services."""
         return self._of(self._functions.rclpy_get_service_names_and_types_by_node, node)
 
-    def topic(self, name: str) -> TopicSeen:
-        """A topic with the ends that are told of by now."""
+    def topic(self, name: str) -> TopicInfo:
+        """A topic with the ends discovered so far."""
         publishers = self._ends(name, "publisher")
         subscriptions = self._ends(name, "subscription")
         types = dict.fromkeys(end.msg_type for end in (*publishers, *subscriptions))
-        return TopicSeen(
+        return TopicInfo(
             name=name,
             msg_types=tuple(types),
             publishers=publishers,
@@ -166,7 +166,7 @@ class RosLook:
         )
 
     def graph(self) -> GraphSnapshot:
-        """All that is told of by now."""
+        """The graph as discovered so far."""
         return GraphSnapshot(
             nodes=self.nodes(),
             topics=tuple(self.topic(name) for name in self.topic_types()),
@@ -174,7 +174,7 @@ class RosLook:
         )
 
     def settle(self, expected: Collection[str], quiet_s: float, timeout_s: float) -> bool:
-        """Wait until the expected nodes are there, and no more is told.
+        """Wait until the expected nodes are present and the graph has stopped changing.
 
         Args:
             expected: full names; none: for whatever node there is.
@@ -189,29 +189,29 @@ class RosLook:
         changed = time.monotonic()
         while True:
             nodes, now = self.nodes(), time.monotonic()
-            told = (nodes, self.topic_types(), self.service_types())
-            if told != seen:
-                seen, changed = told, now
+            entries = (nodes, self.topic_types(), self.service_types())
+            if entries != seen:
+                seen, changed = entries, now
             is_all = wanted <= set(nodes) and bool(nodes)
             is_quiet = now - changed > (QUIET_S if wanted else quiet_s)
             if (is_all and is_quiet) or now > self._begin + timeout_s:
                 return is_all
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
 
     def rest(self, seconds: float) -> None:
-        """Let others tell of themselves, until so long after the beginning [s]."""
+        """Wait for discovery until so long after the start [s]."""
         time.sleep(max(0.0, self._begin + seconds - time.monotonic()))
 
     def wait_for(self, probe: Callable[[], T | None], timeout_s: float) -> T | None:
-        """What a probe finds, asked again and again; None: nothing in time."""
+        """Poll a probe until it finds something; None: nothing in time."""
         end = time.monotonic() + timeout_s
         while (found := probe()) is None and time.monotonic() < end:
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
         return found
 
-    def listen(
+    def subscribe(
         self, name: str, msg_type: str, python_type: Any, *, is_light: bool = False
-    ) -> RawTopic:
+    ) -> RawSubscription:
         """Subscribe to a topic, as its publishers offer it.
 
         Args:
@@ -220,16 +220,16 @@ class RosLook:
             python_type: the message's class.
             is_light: cost the publishers little, and miss a message rather.
         """
-        return RawTopic(self.node, name, msg_type, python_type, is_light=is_light)
+        return RawSubscription(self.node, name, msg_type, python_type, is_light=is_light)
 
     def _of(self, ask: Any, node: str, *hidden: bool) -> dict[str, tuple[str, ...]]:
         namespace, _, name = node.rpartition("/")
         with self.node:
             try:
-                told = ask(self.node, *hidden, name, namespace or "/")
+                entries = ask(self.node, *hidden, name, namespace or "/")
             except self._functions.NodeNameNonExistentError:  # it has gone meanwhile
-                told = []
-        return {name: tuple(types) for name, types in sorted(told)}
+                entries = []
+        return {name: tuple(types) for name, types in sorted(entries)}
 
     def _ends(self, name: str, role: Role) -> tuple[End, ...]:
         ask = (
@@ -238,8 +238,8 @@ class RosLook:
             else self._functions.rclpy_get_subscriptions_info_by_topic
         )
         with self.node:
-            told = ask(self.node, name, False)
-        return tuple(_end(info, role) for info in told)
+            entries = ask(self.node, name, False)
+        return tuple(_end(info, role) for info in entries)
 
 
 def _end(info: dict[str, Any], role: Role) -> End:
@@ -250,6 +250,6 @@ def _end(info: dict[str, Any], role: Role) -> End:
         node=full_name(end.node_name, end.node_namespace),
         role=role,
         msg_type=end.topic_type,
-        qos=offer_of(end.qos_profile),
+        qos=offered_qos(end.qos_profile),
         type_hash=str(end.topic_type_hash),
     )

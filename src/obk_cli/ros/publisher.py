@@ -1,4 +1,4 @@
-"""Publishing from a node that has nothing else of rclpy: one topic, once or at a rate."""
+"""Publish on one topic, once or at a rate, from a bare participant."""
 
 import os
 import re
@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from obk_cli.process.identity import start_s
-from obk_cli.ros.graph import TopicSeen
-from obk_cli.ros.participant import RosLook
+from obk_cli.ros.graph import TopicInfo
+from obk_cli.ros.participant import RosParticipant
 from obk_cli.ros.types import require_message
 
 __all__ = ["ALLOWED_PUBLISHER", "RosPublisher", "is_allowed_publisher"]
@@ -16,18 +16,18 @@ __all__ = ["ALLOWED_PUBLISHER", "RosPublisher", "is_allowed_publisher"]
 ACK_S: Final = 5.0
 """How long a subscriber that is there may take to have the last message [s]."""
 KNOWN_S: Final = 0.1
-"""How long those who hear with best effort may take to know of a publisher [s]."""
+"""How long best-effort subscriptions may take to discover a publisher [s]."""
 
 
 class RosPublisher:
-    """One topic's publisher; reliable, which everybody hears."""
+    """One topic's publisher; reliable, which matches every subscription."""
 
-    def __init__(self, look: RosLook, topic: TopicSeen, python_type: Any) -> None:
+    def __init__(self, participant: RosParticipant, topic: TopicInfo, python_type: Any) -> None:
         """Make the publisher.
 
         Args:
-            look: whose participant publishes.
-            topic: with those who hear it; `transient_local` is offered where one asks for it.
+            participant: the participant that publishes.
+            topic: with its subscriptions; `transient_local` is offered if one requests it.
             python_type: the message's class.
 
         Raises:
@@ -43,19 +43,19 @@ class RosPublisher:
             depth=10,
             durability=durability.TRANSIENT_LOCAL if is_latched else durability.VOLATILE,
         )
-        with look.node:
+        with participant.node:
             self._publisher: Any = rclpy_implementation.Publisher(
-                look.node, python_type, topic.name, qos.get_c_qos_profile()
+                participant.node, python_type, topic.name, qos.get_c_qos_profile()
             )
 
     @property
     def subscribers(self) -> int:
-        """How many hear it by now."""
+        """The number of matched subscriptions."""
         return int(self._publisher.get_subscription_count())
 
     @staticmethod
-    def become_known(topic: TopicSeen) -> None:
-        """Wait for those who hear with best effort: what they miss is not sent to them again."""
+    def wait_until_discovered(topic: TopicInfo) -> None:
+        """Wait for best-effort subscriptions: what they miss is not sent again."""
         if any(end.qos.reliability != "reliable" for end in topic.subscriptions):
             time.sleep(KNOWN_S)
 
@@ -64,7 +64,7 @@ class RosPublisher:
         self._publisher.publish(message)
 
     def rest(self) -> bool:
-        """Wait until those who hear it reliably have the last message; whether they have."""
+        """Wait until reliable subscriptions have the last message; return whether they have."""
         from rclpy.duration import Duration
 
         duration: Any = Duration(seconds=ACK_S)

@@ -1,6 +1,6 @@
-"""Rates of many topics at once, from messages as they are sent: nothing is deserialized.
+"""Measure the rates of many topics at once from serialized messages.
 
-One thread calls `turn` again and again: whatever has come is counted, every 5 ms unless told
+One thread calls `turn` again and again: what has arrived is counted, every 5 ms unless set
 otherwise. For live tables and for single measurements alike.
 """
 
@@ -13,8 +13,8 @@ from math import sqrt
 from operator import sub
 from typing import Any, Final
 
-from obk_cli.ros.participant import RosLook
-from obk_cli.ros.raw_subscription import DropCounter, RawTopic
+from obk_cli.ros.participant import RosParticipant
+from obk_cli.ros.raw_subscription import DropCounter, RawSubscription
 
 __all__ = ["MOST_KEPT", "Meter", "RosMeter", "TopicRate", "Watch"]
 
@@ -68,7 +68,7 @@ class Meter:
         self._lost: deque[int] = deque(maxlen=MOST_KEPT)
         self._tally = DropCounter()
         self.publishers = 0
-        """How many there are now; set by whoever knows."""
+        """The number of publishers now; set by the caller."""
         self.bytes = 0
         """Of all messages."""
 
@@ -102,10 +102,10 @@ class Meter:
         seen = len(times)
         lost = self._tally.dropped if self.publishers <= 1 else None
         age_s = (now_ns - times[-1]) * _NS if times else None
-        told = TopicRate(count=self.count, lost=lost, seen=seen, window_s=0.0, age_s=age_s)
+        without_rate = TopicRate(count=self.count, lost=lost, seen=seen, window_s=0.0, age_s=age_s)
         span_ns = times[-1] - times[0] if seen > 1 else 0
         if span_ns <= 0:
-            return told
+            return without_rate
         intervals = sorted(map(sub, islice(times, 1, None), times))
         mean_ns = span_ns / (seen - 1)
         off = sorted(abs(interval - mean_ns) for interval in intervals)
@@ -114,7 +114,7 @@ class Meter:
         come = sum(self._sizes) - self._sizes[0]
         published = seen - 1 + self._lost[-1] - self._lost[0]
         return replace(
-            told,
+            without_rate,
             window_s=span_ns * _NS,
             rate_hz=published / (span_ns * _NS),
             min_s=intervals[0] * _NS,
@@ -138,7 +138,7 @@ Watch = Callable[[int, bytes], None]
 
 TURN_S: Final = 0.005
 """Between two looks at the subscriptions [s]."""
-LOOK_S: Final = 0.1
+REFRESH_S: Final = 0.1
 """Between two looks at the publishers [s]."""
 
 OLD_NS: Final = 500_000_000
@@ -148,15 +148,17 @@ OLD_NS: Final = 500_000_000
 class RosMeter:
     """Counts the messages of topics."""
 
-    def __init__(self, look: RosLook, window_s: float, turn_s: float = TURN_S) -> None:
+    def __init__(
+        self, participant: RosParticipant, window_s: float, turn_s: float = TURN_S
+    ) -> None:
         """Begin with no topic.
 
         Args:
-            look: whose participant listens.
+            participant: the participant that subscribes.
             window_s: how far back figures go [s].
             turn_s: between two looks at what has come [s]; times are the middleware's all the same.
         """
-        self._look = look
+        self._participant = participant
         self._window_s = window_s
         self._turn_s = turn_s
         self._topics: dict[str, _Counted] = {}
@@ -183,7 +185,7 @@ class RosMeter:
             is_light: cost its publishers little, and miss a message rather.
         """
         if name not in self._topics:
-            raw = self._look.listen(name, msg_type, python_type, is_light=is_light)
+            raw = self._participant.subscribe(name, msg_type, python_type, is_light=is_light)
             self._topics[name] = _Counted(raw, Meter(window_s or self._window_s), watch)
 
     def drop(self, name: str) -> None:
@@ -209,10 +211,10 @@ class RosMeter:
         return {name: topic.meter.rate(now_ns) for name, topic in self._topics.items()}
 
     def _take(self, begin: float) -> None:
-        if begin - self._looked > LOOK_S:
+        if begin - self._looked > REFRESH_S:
             self._looked = begin
             for topic in self._topics.values():
-                topic.raw.look()
+                topic.raw.refresh()
         for topic in self._topics.values():
             meter, watch = topic.meter, topic.watch
             meter.publishers = topic.raw.publishers
@@ -231,7 +233,7 @@ class _Counted:
 
     __slots__ = ("_begun_ns", "_first_ns", "is_fresh", "meter", "raw", "watch")
 
-    def __init__(self, raw: RawTopic, meter: Meter, watch: Watch | None) -> None:
+    def __init__(self, raw: RawSubscription, meter: Meter, watch: Watch | None) -> None:
         self.raw = raw
         self.meter = meter
         self.watch = watch
@@ -241,7 +243,7 @@ class _Counted:
         self._first_ns: int | None = None
 
     def is_old(self, received_ns: int, published_ns: int) -> bool:
-        """Whether it was published before anybody listened here.
+        """Whether it was published before this subscription existed.
 
         Such messages come all at once, as if the rate were higher. A publisher's clock may be
         behind: so this ends soon after the first message.

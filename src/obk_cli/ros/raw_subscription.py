@@ -1,7 +1,7 @@
 """Raw subscriptions: serialized messages of a topic, taken without an executor.
 
-Messages wait in the subscription until `RawTopic.take`. The subscription requests the strongest
-quality of service that all publishers offer, and is replaced when a weaker publisher appears.
+Messages wait in the subscription until `RawSubscription.take`. The subscription requests the
+strongest quality of service that all publishers offer, and is replaced when a weaker one appears.
 `DropCounter` counts gaps in the publisher's sequence numbers.
 """
 
@@ -16,14 +16,14 @@ from obk_cli.ros.types import require_message
 
 __all__ = [
     "DropCounter",
-    "Offer",
-    "RawTopic",
-    "Request",
+    "OfferedQos",
+    "RawSubscription",
+    "RequestedQos",
     "arrived",
     "deserialized",
     "messages",
-    "offer_of",
-    "request_for",
+    "offered_qos",
+    "requested_qos",
     "serialized",
 ]
 
@@ -33,7 +33,7 @@ DEPTH: Final = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Offer:
+class OfferedQos:
     """The quality of service of one publisher, in the words of rmw: `keep_last`, `reliable`."""
 
     history: str
@@ -47,28 +47,30 @@ class Offer:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
-    """What a subscription asks for."""
+class RequestedQos:
+    """The quality of service that a subscription requests."""
 
     is_reliable: bool = True
     is_transient_local: bool = False
     """Whether what was published before is wanted too."""
 
 
-def request_for(offers: Collection[Offer], *, is_light: bool = False) -> Request:
-    """The most that all of them have to offer; without any, what Obelisk's nodes offer.
+def requested_qos(offers: Collection[OfferedQos], *, is_light: bool = False) -> RequestedQos:
+    """The strongest that all publishers offer; without publishers, what Obelisk's nodes offer.
 
     Args:
         offers: one for each publisher.
         is_light: let them send each message once, without waiting for a word that it came: a third
             less work. What was published before is not had so; where it is wanted, it is reliable.
     """
-    request = Request(
+    request = RequestedQos(
         is_reliable=all(offer.reliability == "reliable" for offer in offers),
         is_transient_local=bool(offers)
         and all(offer.durability == "transient_local" for offer in offers),
     )
-    return request if request.is_transient_local or not is_light else Request(is_reliable=False)
+    return (
+        request if request.is_transient_local or not is_light else RequestedQos(is_reliable=False)
+    )
 
 
 class DropCounter:
@@ -96,8 +98,8 @@ class DropCounter:
         self._last = sequence
 
 
-class RawTopic:
-    """One topic that is listened to."""
+class RawSubscription:
+    """A raw subscription to one topic."""
 
     def __init__(
         self, node: Any, name: str, msg_type: str, python_type: Any, *, is_light: bool = False
@@ -109,10 +111,10 @@ class RawTopic:
             name: full.
             msg_type: full, `pkg/msg/Name`.
             python_type: the message's class.
-            is_light: cost the publishers little; see `request_for`.
+            is_light: cost the publishers little; see `requested_qos`.
 
         Raises:
-            CommandFailedError: messages of the class cannot be heard here.
+            CommandFailedError: messages of the class cannot be received here.
         """
         from rclpy.impl.implementation_singleton import rclpy_implementation
         from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -125,32 +127,32 @@ class RawTopic:
         """How many there were at the last look."""
         self.hashes: tuple[str, ...] = ()
         """Of the publishers' types."""
-        self.offers: tuple[Offer, ...] = ()
+        self.offers: tuple[OfferedQos, ...] = ()
         self._node = node
         self._is_light = is_light
         self._functions = rclpy_implementation
         self._end: Any = TopicEndpointInfo
         self._has_taken = False
         self.learn()
-        self._request = request_for(self.offers, is_light=is_light)
+        self._request = requested_qos(self.offers, is_light=is_light)
         self._subscription = self._subscribe()
 
     def learn(self) -> None:
-        """Learn of publishers."""
+        """Check the publishers."""
         with self._node:
-            told = self._functions.rclpy_get_publishers_info_by_topic(self._node, self.name, False)
-        ends = [self._end(**info) for info in told]
+            infos = self._functions.rclpy_get_publishers_info_by_topic(self._node, self.name, False)
+        ends = [self._end(**info) for info in infos]
         self.publishers = len(ends)
-        self.offers = tuple(offer_of(end.qos_profile) for end in ends)
+        self.offers = tuple(offered_qos(end.qos_profile) for end in ends)
         self.hashes = tuple(str(end.topic_type_hash) for end in ends)
 
-    def look(self) -> None:
-        """Learn of publishers, and subscribe anew where what they offer asks for it.
+    def refresh(self) -> None:
+        """Check the publishers, and subscribe again if their QoS requires it.
 
         Not while what has come is being taken.
         """
         self.learn()
-        request = request_for(self.offers, is_light=self._is_light)
+        request = requested_qos(self.offers, is_light=self._is_light)
         # What was published before is asked for only while nothing has come: no doubles.
         is_weaker = self._request.is_reliable and not request.is_reliable
         is_latched = request.is_transient_local and not self._request.is_transient_local
@@ -173,7 +175,7 @@ class RawTopic:
             yield taken
 
     def close(self) -> None:
-        """Listen no more."""
+        """Unsubscribe."""
         self._subscription.destroy_when_not_in_use()
 
     def _subscribe(self) -> Any:
@@ -182,7 +184,7 @@ class RawTopic:
             return self._functions.Subscription(self._node, self.python_type, self.name, qos)
 
 
-def _profile(request: Request) -> Any:
+def _profile(request: RequestedQos) -> Any:
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
     reliability, durability = ReliabilityPolicy, DurabilityPolicy
@@ -195,9 +197,9 @@ def _profile(request: Request) -> Any:
     )
 
 
-def offer_of(qos: Any) -> Offer:
+def offered_qos(qos: Any) -> OfferedQos:
     """A profile of rclpy as a value."""
-    return Offer(
+    return OfferedQos(
         history=qos.history.name.lower(),
         depth=qos.depth,
         reliability=qos.reliability.name.lower(),
@@ -210,17 +212,19 @@ def offer_of(qos: Any) -> Offer:
 
 
 POLL_S: Final = 0.002
-LOOK_S: Final = 0.1
+REFRESH_S: Final = 0.1
 """Between two looks at the publishers [s]."""
 
 
-def messages(raw: RawTopic, tally: DropCounter, timeout_s: float, *, each: bool) -> Iterator[Any]:
+def messages(
+    raw: RawSubscription, drops: DropCounter, timeout_s: float, *, each: bool
+) -> Iterator[Any]:
     """The messages that come, without end; see `serialized`."""
-    for data in serialized(raw, tally, timeout_s, each=each):
+    for data in serialized(raw, drops, timeout_s, each=each):
         yield deserialized(data, raw)
 
 
-def deserialized(data: bytes, raw: RawTopic) -> Any:
+def deserialized(data: bytes, raw: RawSubscription) -> Any:
     """A message of a topic as an object.
 
     Raises:
@@ -238,41 +242,41 @@ def deserialized(data: bytes, raw: RawTopic) -> Any:
 
 
 def serialized(
-    raw: RawTopic, tally: DropCounter, timeout_s: float, *, each: bool
+    raw: RawSubscription, drops: DropCounter, timeout_s: float, *, each: bool
 ) -> Iterator[bytes]:
     """The messages that come as they were sent, without end.
 
     Args:
         raw: the topic.
-        tally: counts them, and those that were lost.
+        drops: counts them, and those that were lost.
         timeout_s: for the first message [s].
         each: whether the deadline is for every later one too.
 
     Raises:
         CommandFailedError: none came in time.
     """
-    heard = looked = time.monotonic()
+    last_received = last_refresh = time.monotonic()
     while True:
         for data, info in raw.take():
-            tally.take(info["publication_sequence_number"], raw.publishers)
-            heard = time.monotonic()
+            drops.take(info["publication_sequence_number"], raw.publishers)
+            last_received = time.monotonic()
             yield data
         now = time.monotonic()
-        if now > heard + timeout_s and (each or not tally.count):
+        if now > last_received + timeout_s and (each or not drops.count):
             raise CommandFailedError(
                 f"no message came on {raw.name} within {timeout_s:g} s",
                 help=f"it has {with_number(raw.publishers, 'publisher')}: "
                 f"`obk topic info {raw.name}` shows them, `obk lifecycle get` whether their nodes "
                 "are active",
             )
-        if now > looked + LOOK_S:
-            looked = now
-            raw.look()
+        if now > last_refresh + REFRESH_S:
+            last_refresh = now
+            raw.refresh()
         time.sleep(POLL_S)
 
 
 def arrived(
-    raw: RawTopic, is_wanted: Callable[[int], bool] = lambda _: True
+    raw: RawSubscription, is_wanted: Callable[[int], bool] = lambda _: True
 ) -> Iterator[tuple[int, Any]]:
     """When each message that waits was received [ns since 1970], and the message.
 

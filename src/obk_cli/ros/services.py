@@ -1,4 +1,4 @@
-"""Service calls from a bare participant: asked, then polled for; each has a deadline.
+"""Call services from a bare participant: send, then poll until a deadline.
 
 A request to a node that dies is never answered, and the answer of one that was not told of the
 client yet is lost. So questions are asked again, and before anything else one is asked.
@@ -9,14 +9,14 @@ from contextlib import suppress
 from typing import Any, Final
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.ros.participant import RosLook
+from obk_cli.ros.participant import RosParticipant
 from obk_cli.ros.types import find_type, require_service
 
 __all__ = ["ServiceClient"]
 
 POLL_S: Final = 0.001
 ASK_AGAIN_S: Final = 0.5
-"""The first answer to a client is lost if the node was not told of the client by then [s]."""
+"""The first answer to a client is lost if the node has not discovered the client by then [s]."""
 KNOWN_S: Final = 2.0
 """For a node to be found and to answer that it knows a client; it may have no time for that [s]."""
 QUESTIONS: Final = {
@@ -29,11 +29,11 @@ QUESTIONS: Final = {
 class ServiceClient:
     """One service's client."""
 
-    def __init__(self, look: RosLook, name: str, python_type: Any) -> None:
+    def __init__(self, participant: RosParticipant, name: str, python_type: Any) -> None:
         """Make the client.
 
         Args:
-            look: whose participant asks.
+            participant: whose participant asks.
             name: full, of the service.
             python_type: the service's class.
 
@@ -46,11 +46,11 @@ class ServiceClient:
         require_service(python_type)
         self._name = name
         self._type = python_type
-        self._look = look
+        self._participant = participant
         profile: Any = qos_profile_services_default
-        with look.node:
+        with participant.node:
             self._client: Any = rclpy_implementation.Client(
-                look.node, python_type, name, profile.get_c_qos_profile()
+                participant.node, python_type, name, profile.get_c_qos_profile()
             )
 
     def call(self, request: Any, timeout_s: float, *, is_question: bool = False) -> Any:
@@ -65,13 +65,13 @@ class ServiceClient:
             CommandFailedError: none came in time, or there is no server.
         """
         end = time.monotonic() + timeout_s
-        is_there = self._look.wait_for(
+        is_there = self._participant.wait_for(
             lambda: self._client.service_server_is_available() or None, timeout_s
         )
         if is_there is None:
             raise CommandFailedError(f"nobody serves {self._name} within {timeout_s:g} s")
         if not is_question:
-            self._become_known(end)
+            self._wait_until_discovered(end)
         numbers = {self._client.send_request(request)}
         again = time.monotonic() + ASK_AGAIN_S
         while (now := time.monotonic()) < end:
@@ -87,25 +87,28 @@ class ServiceClient:
             help="its node may hang; `obk lifecycle get` asks for its state",
         )
 
-    def _become_known(self, end: float) -> None:
-        """Have the server's node told of this client, as far as it can be asked, until a time.
+    def _wait_until_discovered(self, end: float) -> None:
+        """Wait until the server's node has discovered this client, as far as it can be checked.
 
-        Nodes are told of clients in order: one that answers a later client knows this one too.
+        Nodes discover clients in order: one that answers a later client knows this one too.
         """
         until = min(end, time.monotonic() + KNOWN_S)
         # A service may be found before its node's name is.
-        node = self._look.wait_for(self._node, until - time.monotonic())
-        there = {} if node is None else self._look.services_of(node)
+        node = self._participant.wait_for(self._node, until - time.monotonic())
+        there = {} if node is None else self._participant.services_of(node)
         asked = (s for s, kind in QUESTIONS.items() if kind in there.get(f"{node}/{s}", ()))
         service = next(asked, None)
         if service is None or f"{node}/{service}" == self._name:
             return
         with suppress(CommandFailedError):
             kind = find_type(QUESTIONS[service])
-            client = ServiceClient(self._look, f"{node}/{service}", kind)
+            client = ServiceClient(self._participant, f"{node}/{service}", kind)
             client.call(kind.Request(), until - time.monotonic(), is_question=True)
 
     def _node(self) -> str | None:
-        """The full name of the server's node, once it is told of."""
-        look = self._look
-        return next((node for node in look.nodes() if self._name in look.services_of(node)), None)
+        """The full name of the server's node, once it is discovered."""
+        participant = self._participant
+        return next(
+            (node for node in participant.nodes() if self._name in participant.services_of(node)),
+            None,
+        )

@@ -17,16 +17,16 @@ __all__ = [
     "fields_of",
     "find_type",
     "make_message",
+    "opaque_type",
     "raw_type",
     "require_message",
     "require_service",
     "short_type",
-    "stand_in",
 ]
 
 
 def require_message(python_type: Any) -> None:
-    """Make sure that messages of a class can be sent and heard.
+    """Make sure that messages of a class can be sent and received.
 
     Raises:
         CommandFailedError: they cannot.
@@ -91,7 +91,7 @@ def find_type(name: str) -> Any:
 def _import_section(package: str, section: str) -> ModuleType:
     """Import the messages of a package, and nothing else that goes by such a name.
 
-    Names come from whoever is in the ROS graph, and importing a module runs it.
+    Names come from any node in the ROS graph, and importing a module runs it.
 
     Raises:
         ImportError: there is no package with such messages.
@@ -118,7 +118,7 @@ def raw_type(name: str, hashes: Iterable[str]) -> Any:
         python_type = find_type(name)
         require_message(python_type)
     except CommandFailedError:
-        return stand_in(name, max(hashes, default=""))
+        return opaque_type(name, max(hashes, default=""))
     return python_type
 
 
@@ -214,7 +214,7 @@ _made: Final[dict[str, Any]] = {}
 """By name; what the middleware keeps pointers into must not go."""
 
 
-def stand_in(name: str, type_hash: str) -> Any:
+def opaque_type(name: str, type_hash: str) -> Any:
     """What a raw subscription takes for the class of a message that is not built here.
 
     Args:
@@ -226,11 +226,11 @@ def stand_in(name: str, type_hash: str) -> Any:
             ROS 2.
     """
     if name not in _made:
-        _made[name] = _made_up(name, type_hash)
+        _made[name] = _make_opaque(name, type_hash)
     return _made[name]
 
 
-def _made_up(name: str, type_hash: str) -> Any:
+def _make_opaque(name: str, type_hash: str) -> Any:
     from std_msgs.msg import String
 
     String.__class__.__import_type_support__()
@@ -271,7 +271,7 @@ def _made_up(name: str, type_hash: str) -> Any:
         (type,),
         {
             "_TYPE_SUPPORT": capsule(ctypes.addressof(support), None, None),
-            # rclpy wants them to be there; nobody converts a message that stays serialized.
+            # rclpy requires them; a message that stays serialized is never converted.
             **dict.fromkeys(CONVERSIONS, NotImplemented),
             "kept": (support, special, callbacks, its_hash, give_hash, finds),
         },
@@ -288,7 +288,7 @@ def _parts(name: str) -> list[str]:
 
 
 def _digest(type_hash: str) -> bytes:
-    """The 32 bytes of a hash; zeros where none is told, as by an older ROS 2."""
+    """The 32 bytes of a hash; zeros if there is none, as with an older ROS 2."""
     is_told = type_hash.startswith(HASH_PREFIX)
     return bytes.fromhex(type_hash.removeprefix(HASH_PREFIX)) if is_told else bytes(32)
 

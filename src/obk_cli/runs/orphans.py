@@ -15,8 +15,8 @@ from typing import Final
 import psutil
 
 from obk_cli.process.identity import (
-    counts_as_here,
     is_process,
+    shares_pid_namespace,
     signal_process,
     start_s,
     this_process,
@@ -97,7 +97,7 @@ def _orphan(process: psutil.Process, parent: Path) -> Orphan | None:
     """The process as an orphan; None if it is not one."""
     try:
         variables = process.environ()
-        if RUN_MARK not in variables or not counts_as_here(process.pid):
+        if RUN_MARK not in variables or not shares_pid_namespace(process.pid):
             return None
         if not _is_launcher_gone(variables, parent):
             return None

@@ -161,7 +161,7 @@ class Problem:
 def check_name(name: str, *, kind: str, owner_of: Callable[[str], str | None]) -> Problem | None:
     """Why `name` can be no package or node, None if it can.
 
-    `kind` makes suggestions ("class" -> "class_controller"); `owner_of` tells who has a name
+    `kind` makes suggestions ("class" -> "class_controller"); `owner_of` returns the owner of a name
     already, in words that follow "is" ("a module of Python's standard library").
 
     Source: REP 144 (package names); PEP 8 (module names).

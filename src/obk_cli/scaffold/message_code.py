@@ -12,15 +12,15 @@ from obk_cli.scaffold.questions import MessageType
 
 __all__ = [
     "LINE_LENGTH",
-    "Filling",
-    "control_filling",
-    "estimate_filling",
+    "MessageCode",
+    "control_code",
+    "estimate_code",
     "has_header",
     "import_block",
     "import_line",
     "is_position_control",
     "message_imports",
-    "reading_filling",
+    "reading_code",
 ]
 
 _STAMP = "msg.header.stamp = self.get_clock().now().to_msg()"
@@ -32,7 +32,7 @@ _WITH_HEADER_PACKAGES = ("obelisk_control_msgs", "obelisk_estimator_msgs", "obel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Filling:
+class MessageCode:
     """Lines that fill a message called `msg`, and lines of the test that look at it.
 
     `sample` are lines of the test that fill the sensor message called `reading`.
@@ -53,7 +53,7 @@ _WITH_U_MUJOCO = frozenset(
 )
 _LONGEST_LIST = 6
 """Controls that are written one by one; more are written as a product."""
-_VELOCITY = Filling(
+_VELOCITY = MessageCode(
     statements=(
         "msg.v_x = self.amplitude * math.sin(self.t)  # [m/s] your control law goes here",
         "msg.v_y = 0.0  # [m/s]",
@@ -65,7 +65,7 @@ _ESTIMATE = {
     (
         "obelisk_estimator_msgs/msg/EstimatedState",
         "obelisk_sensor_msgs/msg/JointEncoders",
-    ): Filling(
+    ): MessageCode(
         statements=("msg.q_joints = self.sensor_msg.y",),
         sample=("reading.y = [0.25, -0.5]",),
         assertions=("assert list(msg.q_joints) == [0.25, -0.5]",),
@@ -73,7 +73,7 @@ _ESTIMATE = {
     (
         "obelisk_estimator_msgs/msg/EstimatedState",
         "obelisk_sensor_msgs/msg/ObkJointEncoders",
-    ): Filling(
+    ): MessageCode(
         statements=(
             "msg.joint_names = self.sensor_msg.joint_names",
             "msg.q_joints = self.sensor_msg.joint_pos",
@@ -88,7 +88,7 @@ _ESTIMATE = {
 }
 
 
-def control_filling(ctrl: MessageType, controls: int = 1) -> Filling:
+def control_code(ctrl: MessageType, controls: int = 1) -> MessageCode:
     """How `compute_control` fills its message; `controls` are the model's actuators."""
     if ctrl.full in _WITH_U_MUJOCO:
         return _stamped(ctrl, _u_mujoco(controls))
@@ -96,10 +96,10 @@ def control_filling(ctrl: MessageType, controls: int = 1) -> Filling:
     return _stamped(ctrl, _VELOCITY if is_velocity else None)
 
 
-def _u_mujoco(controls: int) -> Filling:
+def _u_mujoco(controls: int) -> MessageCode:
     is_short = controls <= _LONGEST_LIST
     values = f"[{', '.join(['u'] * controls)}]" if is_short else f"[u] * {controls}"
-    return Filling(
+    return MessageCode(
         statements=(
             "u = self.amplitude * math.sin(self.t)  # your control law goes here",
             f"msg.u_mujoco = {values}",
@@ -111,16 +111,16 @@ def _u_mujoco(controls: int) -> Filling:
     )
 
 
-def estimate_filling(est: MessageType, sensor: MessageType) -> Filling:
+def estimate_code(est: MessageType, sensor: MessageType) -> MessageCode:
     """How `compute_state_estimate` fills its message from the newest sensor message."""
     known = _ESTIMATE.get((est.full, sensor.full))
     if not (has_header(est) and has_header(sensor)):
         return _stamped(est, known)
-    filling = _stamped(est, known, _STAMP_OF_SENSOR)
+    code = _stamped(est, known, _STAMP_OF_SENSOR)
     return replace(
-        filling,
-        sample=("reading.header.stamp.sec = 3", *filling.sample),
-        assertions=("assert msg.header.stamp.sec == 3", *filling.assertions),
+        code,
+        sample=("reading.header.stamp.sec = 3", *code.sample),
+        assertions=("assert msg.header.stamp.sec == 3", *code.assertions),
     )
 
 
@@ -129,37 +129,37 @@ def is_position_control(ctrl: MessageType) -> bool:
     return ctrl.full in _WITH_U_MUJOCO
 
 
-def reading_filling(sensor: MessageType, positions: str) -> Filling:
+def reading_code(sensor: MessageType, positions: str) -> MessageCode:
     """How a robot or a sensor fills its message; `positions` is code for the joints' [rad or m]."""
-    fillings = {
-        "obelisk_sensor_msgs/msg/JointEncoders": Filling(statements=(f"msg.y = {positions}",)),
-        "obelisk_sensor_msgs/msg/ObkJointEncoders": Filling(
+    codes = {
+        "obelisk_sensor_msgs/msg/JointEncoders": MessageCode(statements=(f"msg.y = {positions}",)),
+        "obelisk_sensor_msgs/msg/ObkJointEncoders": MessageCode(
             statements=(
                 f"msg.joint_pos = {positions}",
                 "msg.joint_vel = [0.0] * len(msg.joint_pos)",
             ),
             assertions=("assert len(msg.joint_pos) == len(msg.joint_vel)",),
         ),
-        "obelisk_sensor_msgs/msg/ObkImu": Filling(
+        "obelisk_sensor_msgs/msg/ObkImu": MessageCode(
             statements=(
                 "msg.orientation.w = 1.0",
                 "msg.linear_acceleration.z = 9.81  # [m/s^2] at rest",
             ),
             assertions=("assert msg.linear_acceleration.z > 0.0",),
         ),
-        "obelisk_sensor_msgs/msg/ObkFramePose": Filling(
+        "obelisk_sensor_msgs/msg/ObkFramePose": MessageCode(
             statements=('msg.frame_name = "base"', "msg.orientation.w = 1.0"),
             assertions=("assert msg.orientation.w == 1.0",),
         ),
     }
-    return _stamped(sensor, fillings.get(sensor.full))
+    return _stamped(sensor, codes.get(sensor.full))
 
 
-def _stamped(message: MessageType, filling: Filling | None, stamp: str = _STAMP) -> Filling:
-    known = filling or Filling(statements=("# the other fields of msg are yours to fill",))
+def _stamped(message: MessageType, code: MessageCode | None, stamp: str = _STAMP) -> MessageCode:
+    known = code or MessageCode(statements=("# the other fields of msg are yours to fill",))
     if not has_header(message):
         return known
-    return Filling(
+    return MessageCode(
         statements=(stamp, *known.statements),
         assertions=known.assertions,
         sample=known.sample,
@@ -167,7 +167,7 @@ def _stamped(message: MessageType, filling: Filling | None, stamp: str = _STAMP)
 
 
 def has_header(message: MessageType) -> bool:
-    """Whether a message has a stamp: by its definition, else as far as its name tells."""
+    """Whether a message has a stamp: by its definition, otherwise by its name."""
     if message.definition is not None:
         return _HEADER.search(message.definition) is not None
     if message.package in _WITH_HEADER_PACKAGES:

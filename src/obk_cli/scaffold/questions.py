@@ -148,7 +148,7 @@ def check_answers(
 ) -> Answers | tuple[Problem, ...]:
     """Check all that was typed; the node goes into a new package of its own name.
 
-    `owner_of` tells who has a top-level module name already, None if nobody; `messages` what
+    `owner_of` returns the owner of a top-level module name, None if it is free; `messages` what
     the packages that are there define; a package that is not may be yet to come.
     """
     language = _check_language(question)

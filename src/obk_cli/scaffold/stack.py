@@ -149,19 +149,19 @@ def choose_nodes(
 
 
 def _fit(nodes: tuple[StackNode, ...]) -> bool:
-    """Whether each message that one of them hears is sent by another, or can be simulated."""
+    """Whether each message that one of them subscribes to is published by another or simulated."""
     stack = StackSketch(name="", nodes=nodes, model=None)
     sent = {topic for node in nodes for topic in _topics(stack, node, "publisher")}
-    heard = {topic for node in nodes for topic in _topics(stack, node, "subscriber")}
+    subscribed = {topic for node in nodes for topic in _topics(stack, node, "subscriber")}
     if any(node.kind == "robot" for node in nodes):
-        return heard <= sent
-    return all(message and message.name in SENSOR_GROUPS for _, message in heard - sent)
+        return subscribed <= sent
+    return all(message and message.name in SENSOR_GROUPS for _, message in subscribed - sent)
 
 
 def _topics(
     stack: StackSketch, node: StackNode, kind: ComponentKind
 ) -> Iterator[tuple[str, MessageType | None]]:
-    for component in _wanted(node):
+    for component in _subscribed_types(node):
         if component.kind == kind:
             message = _message_of(component)
             yield _topic_of(stack, component, message), message
@@ -188,7 +188,7 @@ def _node_lines(stack: StackSketch, node: StackNode) -> Iterator[str]:
     if node.kind == "robot":
         yield "    is_simulated: false"
     for title, kind in COMPONENT_LISTS.items():
-        components = [c for c in _wanted(node) if c.kind == kind]
+        components = [c for c in _subscribed_types(node) if c.kind == kind]
         if components:
             yield f"    {title}:"
         for component in components:
@@ -196,7 +196,7 @@ def _node_lines(stack: StackSketch, node: StackNode) -> Iterator[str]:
             yield from (f"        {line}" for line in _settings(stack, node, component))
 
 
-def _wanted(node: StackNode) -> Iterator[CodeComponent]:
+def _subscribed_types(node: StackNode) -> Iterator[CodeComponent]:
     return (c for c in node.code.components if not (c.is_optional or c.has_default) and c.name)
 
 
@@ -272,14 +272,14 @@ def _control_type(stack: StackSketch) -> MessageType:
 def _sensor_groups(
     stack: StackSketch, model: Model
 ) -> Iterator[tuple[MessageType, Sequence[ModelSensor]]]:
-    """Each sensor message that a node hears, with the model's sensors for it."""
-    heard = (
+    """Each sensor message that a node subscribes to, with the model's sensors for it."""
+    subscribed = (
         _message_of(component)
         for node in stack.nodes
-        for component in _wanted(node)
+        for component in _subscribed_types(node)
         if component.kind == "subscriber"
     )
-    for message in dict.fromkeys(message for message in heard if message):
+    for message in dict.fromkeys(message for message in subscribed if message):
         rule = SENSOR_GROUPS.get(message.name)
         if rule is None or not rule.reads_sensors or rule.published != message.full:
             continue

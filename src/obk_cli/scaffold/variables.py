@@ -9,12 +9,12 @@ from obk_cli.scaffold.cpp import cpp_control, cpp_estimate, cpp_header, cpp_type
 from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
 from obk_cli.scaffold.message_code import (
     LINE_LENGTH,
-    control_filling,
-    estimate_filling,
+    control_code,
+    estimate_code,
     import_block,
     is_position_control,
     message_imports,
-    reading_filling,
+    reading_code,
 )
 from obk_cli.scaffold.questions import Answers, MessageType
 
@@ -60,14 +60,14 @@ def wires_of(answers: Answers, topics: str = TOPICS_TO_FILL_IN) -> dict[str, tup
     ctrl = (f"{topics}/ctrl", answers.ctrl)
     est = (f"{topics}/est", answers.est)
     sensor = (sensor_topic(answers.sensor, topics), answers.sensor)
-    sends = {"controller": ("pub_ctrl", *ctrl), "estimator": ("pub_est", *est)}
-    hears = {
+    publishes = {"controller": ("pub_ctrl", *ctrl), "estimator": ("pub_est", *est)}
+    subscribes = {
         "controller": ("sub_est", *est),
         "estimator": ("sub_sensor", *sensor),
         "robot": ("sub_ctrl", *ctrl),
     }
-    publisher = sends.get(answers.kind, ("pub_sensor", *sensor))
-    subscriber = hears.get(answers.kind)
+    publisher = publishes.get(answers.kind, ("pub_sensor", *sensor))
+    subscriber = subscribes.get(answers.kind)
     return {
         "publishers": (Wire(*publisher),),
         "subscribers": (Wire(*subscriber),) if subscriber else (),
@@ -99,7 +99,7 @@ def config_snippet(answers: Answers, topics: str = TOPICS_TO_FILL_IN) -> str:
 def _parameter_lines(answers: Answers) -> tuple[str, ...]:
     """The parameters that the generated node declares."""
     is_python_controller = answers.kind == "controller" and answers.language == "py"
-    if is_python_controller and control_filling(answers.ctrl).uses_math:
+    if is_python_controller and control_code(answers.ctrl).uses_math:
         return ("  params:", "    amplitude: 1.0")
     return ()
 
@@ -158,9 +158,9 @@ def _node_variables(answers: Answers, topics: str) -> dict[str, object]:
         "entry_point_noqa": _noqa(entry_point(answers)),
         "section": SECTIONS[answers.kind],
         "config_snippet": config_snippet(answers, topics),
-        "control": control_filling(answers.ctrl, answers.controls),
-        "estimate": estimate_filling(answers.est, answers.sensor),
-        "reading": reading_filling(answers.sensor, positions),
+        "control": control_code(answers.ctrl, answers.controls),
+        "estimate": estimate_code(answers.est, answers.sensor),
+        "reading": reading_code(answers.sensor, positions),
         "follows_positions": follows,
         "dependencies": dependencies(answers),
         "release": answers.release,

@@ -43,7 +43,7 @@ class Feed:
         """Create the thread without starting it.
 
         Args:
-            watcher: yields the views of the stack.
+            follower: yields the views of the stack.
             runs: the folder of all runs.
             on_end: called in the thread when it ends, for any reason.
         """

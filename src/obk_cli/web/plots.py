@@ -28,8 +28,8 @@ from obk_cli.ros.field_path import (
     selected,
 )
 from obk_cli.ros.message_data import columns, plain_data
-from obk_cli.ros.participant import RosLook
-from obk_cli.ros.raw_subscription import RawTopic, arrived
+from obk_cli.ros.participant import RosParticipant
+from obk_cli.ros.raw_subscription import RawSubscription, arrived
 from obk_cli.ros.types import fields_of, find_type, short_type
 
 __all__ = [
@@ -159,7 +159,7 @@ class _Plot:
         self.trace = Trace()
         self.pages = 0
         self.left_s = 0.0
-        self.raw: RawTopic | None = None
+        self.raw: RawSubscription | None = None
         self.selection: Selection | None = None
 
 
@@ -170,7 +170,7 @@ class Plots:
         """Start without values."""
         self._lock = threading.Lock()
         self._plots: dict[FieldRequest, _Plot] = {}
-        self._look: RosLook | None = None
+        self._participant: RosParticipant | None = None
 
     @contextmanager
     def subscribed(self, requests: Sequence[FieldRequest]) -> Iterator[None]:
@@ -191,22 +191,22 @@ class Plots:
         with self._lock:
             return self._plots[request].trace.data_after(after_ns)
 
-    def turn(self, look: RosLook) -> None:
+    def turn(self, participant: RosParticipant) -> None:
         """Take the received messages; to be called several times a second.
 
         Args:
-            look: a participant in the stack's domain; another one means another stack.
+            participant: a participant in the stack's domain; another one means another stack.
         """
         with self._lock:
             self._drop_unused()
             plots = list(self._plots.items())
-            if look is not self._look:
-                self._look = look
+            if participant is not self._participant:
+                self._participant = participant
                 for _, plot in plots:
                     plot.raw = None
         for request, plot in plots:
             try:
-                self._listen(look, request, plot)
+                self._listen(participant, request, plot)
                 if plot.raw is not None and plot.selection is not None:
                     self._take(request, plot, plot.raw, plot.selection)
             except ObkError as error:
@@ -220,12 +220,12 @@ class Plots:
                     plot.raw.close()
                 del self._plots[request]
 
-    def _listen(self, look: RosLook, request: FieldRequest, plot: _Plot) -> None:
+    def _listen(self, participant: RosParticipant, request: FieldRequest, plot: _Plot) -> None:
         """Subscribe as soon as the topic has a type, and adapt to new publishers."""
         if plot.raw is not None:
-            plot.raw.look()
+            plot.raw.refresh()
             return
-        msg_type = next(iter(look.topic(request.topic).msg_types), None)
+        msg_type = next(iter(participant.topic(request.topic).msg_types), None)
         if msg_type is None:
             plot.trace.fault = "no node publishes or subscribes to this topic now"
             return
@@ -234,11 +234,11 @@ class Plots:
         if isinstance(kind.item if isinstance(kind, ArrayType) else kind, Text):
             plot.trace.fault = f"`{request.field}` is text, not numbers"
             return
-        plot.raw = look.listen(request.topic, msg_type, find_type(msg_type))
+        plot.raw = participant.subscribe(request.topic, msg_type, find_type(msg_type))
         plot.trace.fault = ""
 
     def _take(
-        self, request: FieldRequest, plot: _Plot, raw: RawTopic, selection: Selection
+        self, request: FieldRequest, plot: _Plot, raw: RawSubscription, selection: Selection
     ) -> None:
         for received_ns, message in arrived(raw, plot.trace.is_due):
             numbers = numbers_in(selected(message, selection), request.field)

@@ -25,7 +25,7 @@ __all__ = ["MachineEnvironment"]
 class MachineEnvironment:
     """One run's view of the machine; every file is read at most once.
 
-    `note` hears of the files that the answers depend on, each before it is read.
+    `note` gets the files that the answers depend on, each before it is read.
     """
 
     def __init__(

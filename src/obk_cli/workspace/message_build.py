@@ -20,7 +20,7 @@ from obk_cli.workspace.overlay import (
     BuiltPackage,
     OverlayRecord,
     build_folder,
-    build_turn,
+    build_lock,
     new_overlay,
     overlay_folder,
     overlay_prefixes,
@@ -45,9 +45,9 @@ from obk_interfaces import (
 )
 
 __all__ = [
+    "BuildCallbacks",
     "BuildOptions",
-    "Built",
-    "Listener",
+    "BuildResult",
     "Survey",
     "build_workspace",
     "choose",
@@ -68,7 +68,7 @@ State = Literal["built", "missing", "changed", "installed"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Surveyed:
+class SurveyedPackage:
     """One message package of the workspace."""
 
     package: InterfacePackage
@@ -92,14 +92,14 @@ class Survey:
     """A workspace's message packages, each after those that it needs."""
 
     workspace: Path
-    packages: tuple[Surveyed, ...]
+    packages: tuple[SurveyedPackage, ...]
     gone: tuple[str, ...]
     """Packages that the overlay has and the workspace no more, or installed ones."""
     ros: str
     conflicts: "tuple[Conflict, ...]"
 
     @property
-    def stale(self) -> tuple[Surveyed, ...]:
+    def stale(self) -> tuple[SurveyedPackage, ...]:
         """Those to be built."""
         return tuple(package for package in self.packages if package.is_stale)
 
@@ -203,7 +203,7 @@ def survey_workspace(workspace: Path, underlays: Sequence[Path]) -> Survey:
         gone = tuple(record.packages) if record else ()
         return Survey(workspace=workspace, packages=(), gone=gone, ros="", conflicts=())
     prefixes = Prefixes(layers=tuple(underlays), ros=find_ros_prefix())
-    surveyed: dict[str, Surveyed] = {}
+    surveyed: dict[str, SurveyedPackage] = {}
     for package in packages:
         surveyed[package.name] = _survey(package, surveyed, prefixes, record)
     kept = {one.name for one in surveyed.values() if one.state != "installed"}
@@ -218,21 +218,21 @@ def survey_workspace(workspace: Path, underlays: Sequence[Path]) -> Survey:
 
 def _survey(
     package: InterfacePackage,
-    before: Mapping[str, Surveyed],
+    before: Mapping[str, SurveyedPackage],
     prefixes: Prefixes,
     record: OverlayRecord | None,
-) -> Surveyed:
+) -> SurveyedPackage:
     own = [before[name] for name in package.depends if name in before]
     needs = [one for one in own if one.state != "installed"]
     share = prefixes.share_of(package.name)
     if not needs and share is not None and _has_same(package, share, set(_definitions(share))):
-        return Surveyed(package=package, state="installed", digest="")
+        return SurveyedPackage(package=package, state="installed", digest="")
     digest = digest_of(package, prefixes, built_with=(one.digest for one in needs))
     built = record.packages.get(package.name) if record else None
     state: State = "missing" if built is None else "changed"
     if built is not None and built.digest == digest:
         state = "built"
-    return Surveyed(package=package, state=state, digest=digest)
+    return SurveyedPackage(package=package, state=state, digest=digest)
 
 
 def _has_same(package: InterfacePackage, folder: Path, files: set[str]) -> bool:
@@ -248,7 +248,9 @@ def _definitions(share: Path) -> Iterable[str]:
         yield from (f"{kind}/{file.name}" for file in share.glob(f"{kind}/*.{kind}"))
 
 
-def choose(survey: Survey, names: Collection[str], *, present: Collection[str]) -> list[Surveyed]:
+def choose(
+    survey: Survey, names: Collection[str], *, present: Collection[str]
+) -> list[SurveyedPackage]:
     """The packages that a build takes, in build order; without names, all.
 
     With names: those, what they need, and of those that are `present` in the overlay the ones that
@@ -296,7 +298,7 @@ def find_colcon(environment: Mapping[str, str]) -> Path | None:
 
 
 def run_colcon(arguments: Sequence[str], workspace: Path, environment: Mapping[str, str]) -> None:
-    """Run colcon in a workspace to its end; its words go to stderr.
+    """Run colcon in a workspace to its end; its output goes to stderr.
 
     Raises:
         CommandFailedError: it failed.
@@ -333,8 +335,8 @@ class BuildOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Listener:
-    """Who hears how a build goes on."""
+class BuildCallbacks:
+    """Callbacks for the progress of a build."""
 
     on_progress: Callable[[Progress], None] = lambda _: None
     on_note: Callable[[str], None] = lambda _: None
@@ -342,7 +344,7 @@ class Listener:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Built:
+class BuildResult:
     """What a build has done; names in build order."""
 
     workspace: Path
@@ -369,8 +371,8 @@ def survey_of(workspace: Path, environment: Mapping[str, str]) -> Survey:
 
 
 def build_workspace(
-    workspace: Path, options: BuildOptions, listener: Listener | None = None
-) -> Built:
+    workspace: Path, options: BuildOptions, callbacks: BuildCallbacks | None = None
+) -> BuildResult:
     """Build the message packages of a workspace, those only that have changed.
 
     Of two builds at once the second one waits.
@@ -382,24 +384,24 @@ def build_workspace(
         obk_interfaces.InterfaceError: a definition is wrong, or the compiler failed.
     """
     started = monotonic_s()
-    heard = listener or Listener()
+    reported = callbacks or BuildCallbacks()
     colcon = find_colcon(options.environment)
     survey = survey_of(workspace, options.environment)
     _check(survey, options)
     if _has_nothing_to_do(survey, options, colcon):
         return _outcome(survey, (), started)
-    with build_turn(workspace, heard.on_note):
+    with build_lock(workspace, reported.on_note):
         # Another build may have done it meanwhile.
         survey = survey_of(workspace, options.environment)
         chosen = _check(survey, options)
         if colcon is not None:
-            built = _by_colcon(survey, chosen, colcon, options, heard)
+            built = _by_colcon(survey, chosen, colcon, options, reported)
         else:
-            built = _by_engine(survey, chosen, options, heard)
+            built = _by_engine(survey, chosen, options, reported)
         return _outcome(survey, built, started)
 
 
-def _check(survey: Survey, options: BuildOptions) -> list[Surveyed]:
+def _check(survey: Survey, options: BuildOptions) -> list[SurveyedPackage]:
     known = [one.name for one in survey.packages]
     refuse_conflicts(survey, options.names or (known if options.needed is None else options.needed))
     record = read_record(survey.workspace)
@@ -413,7 +415,10 @@ def _has_nothing_to_do(survey: Survey, options: BuildOptions, colcon: Path | Non
 
 
 def _by_engine(
-    survey: Survey, chosen: Sequence[Surveyed], options: BuildOptions, listener: Listener
+    survey: Survey,
+    chosen: Sequence[SurveyedPackage],
+    options: BuildOptions,
+    callbacks: BuildCallbacks,
 ) -> tuple[str, ...]:
     workspace = survey.workspace
     if options.is_clean:
@@ -422,9 +427,9 @@ def _by_engine(
     stays = bool(options.names) or not options.is_clean
     record = read_record(workspace)
     is_own = record is not None and record.builder == "obk"
-    stage = new_overlay(workspace, as_now=stays and is_own)
+    stage = new_overlay(workspace, with_current=stays and is_own)
     try:
-        built = _build_into(stage, survey, chosen, options, listener)
+        built = _build_into(stage, survey, chosen, options, callbacks)
     except BaseException:
         rmtree(stage, ignore_errors=True)
         raise
@@ -435,9 +440,9 @@ def _by_engine(
 def _build_into(
     stage: Path,
     survey: Survey,
-    chosen: Sequence[Surveyed],
+    chosen: Sequence[SurveyedPackage],
     options: BuildOptions,
-    listener: Listener,
+    callbacks: BuildCallbacks,
 ) -> tuple[str, ...]:
     for name in survey.gone:
         remove_package(name, stage)
@@ -450,17 +455,17 @@ def _build_into(
         prefix=stage,
         underlays=underlays_of(options.environment, [overlay_folder(survey.workspace)]),
         jobs=options.jobs,
-        on_progress=listener.on_progress,
+        on_progress=callbacks.on_progress,
     )
     return report.built
 
 
 def _by_colcon(
     survey: Survey,
-    chosen: Sequence[Surveyed],
+    chosen: Sequence[SurveyedPackage],
     colcon: Path,
     options: BuildOptions,
-    listener: Listener,
+    callbacks: BuildCallbacks,
 ) -> tuple[str, ...]:
     workspace = survey.workspace
     names = [one.name for one in chosen]
@@ -472,9 +477,9 @@ def _by_colcon(
             rmtree(workspace / "install" / name, ignore_errors=True)
     if names:
         command = colcon_command(str(colcon), names, jobs=options.jobs)
-        listener.on_note(f"a ROS 2 is sourced: {' '.join(command)}")
+        callbacks.on_note(f"a ROS 2 is sourced: {' '.join(command)}")
         run_colcon(command, workspace, options.environment)
-    stage = new_overlay(workspace, as_now=False)
+    stage = new_overlay(workspace, with_current=False)
     prefixes = _colcon_prefixes(workspace, [one.name for one in chosen])
     replace_overlay(workspace, stage, _record(survey, chosen, "colcon", prefixes))
     return tuple(names)
@@ -489,9 +494,9 @@ def _colcon_prefixes(workspace: Path, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _record(
-    survey: Survey, chosen: Sequence[Surveyed], builder: Builder, prefixes: tuple[str, ...]
+    survey: Survey, chosen: Sequence[SurveyedPackage], builder: Builder, prefixes: tuple[str, ...]
 ) -> OverlayRecord:
-    """What the new overlay says of itself: of the packages that stay, what the old one said."""
+    """The record of the new overlay; packages that stay keep their entry of the old one."""
     before = read_record(survey.workspace)
     packages = dict(before.packages) if before and before.builder == builder else {}
     known = {one.name for one in survey.packages}
@@ -511,10 +516,10 @@ def _record(
     )
 
 
-def _outcome(survey: Survey, built: tuple[str, ...], started: float) -> Built:
+def _outcome(survey: Survey, built: tuple[str, ...], started: float) -> BuildResult:
     record = read_record(survey.workspace)
     present = record.packages if record else {}
-    return Built(
+    return BuildResult(
         workspace=survey.workspace,
         overlay=overlay_folder(survey.workspace),
         builder=record.builder if record else "obk",

@@ -25,7 +25,7 @@ _LONGEST_SCRIPT_BYTES = 1_000_000
 class NodeSources:
     """Finds and reads the source of nodes.
 
-    `shown` gives the path that a person is told; `note` hears of every file that is looked for,
+    `shown` gives the path to show; `note` gets every file that is looked for,
     before it is read.
     """
 

@@ -27,7 +27,7 @@ __all__ = [
     "BuiltPackage",
     "OverlayRecord",
     "build_folder",
-    "build_turn",
+    "build_lock",
     "import_from",
     "new_overlay",
     "overlay_folder",
@@ -156,12 +156,12 @@ TURN_S: Final = 900.0
 POLL_S: Final = 0.05
 
 
-def new_overlay(workspace: Path, *, as_now: bool) -> Path:
-    """A folder that is to become the overlay; `as_now`: with what the present one holds."""
+def new_overlay(workspace: Path, *, with_current: bool) -> Path:
+    """A folder that is to become the overlay; `with_current`: with what the present one holds."""
     folder = Path(tempfile.mkdtemp(dir=workspace / FOLDER, prefix=STAGE))
     folder.chmod(0o755)
     now = overlay_folder(workspace)
-    if as_now and now.is_dir():
+    if with_current and now.is_dir():
         # Links, as no file of a prefix is ever written in place.
         shutil.copytree(now, folder, dirs_exist_ok=True, copy_function=os.link)
     return folder
@@ -170,8 +170,8 @@ def new_overlay(workspace: Path, *, as_now: bool) -> Path:
 def replace_overlay(workspace: Path, folder: Path, record: OverlayRecord) -> None:
     """Have a new folder be the overlay from now on, and remove the old one."""
     (folder / RECORD).unlink(missing_ok=True)  # a link to the old one's
-    told = {"about": ABOUT, "workspace": str(workspace), **asdict(record)}
-    write_text(folder / RECORD, json.dumps(told, indent=1) + "\n")
+    data = {"about": ABOUT, "workspace": str(workspace), **asdict(record)}
+    write_text(folder / RECORD, json.dumps(data, indent=1) + "\n")
     link = overlay_folder(workspace)
     write_text(link.parent / "setup.sh", SETUP.format(overlay=link))
     moved = link.with_name(f"{link.name}.new")
@@ -188,11 +188,11 @@ def _remove_others(workspace: Path, kept: Path) -> None:
 
 
 @contextmanager
-def build_turn(workspace: Path, on_wait: Callable[[str], None]) -> Iterator[None]:
+def build_lock(workspace: Path, on_wait: Callable[[str], None]) -> Iterator[None]:
     """Hold the one right to build in a workspace; waits for another build to end.
 
-    `on_wait` hears once who is waited for. What a build left behind that did not come to its end
-    is removed.
+    `on_wait` is called once with the build that is waited for. What an interrupted build left
+    behind is removed.
 
     Raises:
         CommandFailedError: the workspace cannot be written or has another user's overlay, or the

@@ -68,7 +68,7 @@ def find_workspace(start: Path) -> Path:
 
 def _folders_up(folder: Path) -> Iterator[Path]:
     """A folder and those above it in which a workspace of its owner may begin."""
-    owners = {os.geteuid(), 0, _owner_and_mode(folder)[0]}
+    owners = {os.geteuid(), _owner_and_mode(folder)[0]}
     home = Path(os.path.realpath(Path("~").expanduser()))
     yield folder
     for child, parent in pairwise((folder, *folder.parents)):

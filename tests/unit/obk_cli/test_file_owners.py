@@ -14,7 +14,7 @@ from obk_cli.launch.run_lock import claim_run
 from obk_cli.process.identity import this_process
 from obk_cli.runs.folder import Run
 from obk_cli.runs.registry import live_folders
-from obk_cli.workspace.overlay import FOLDER, RECORD, build_turn, overlay_prefixes
+from obk_cli.workspace.overlay import FOLDER, RECORD, build_lock, overlay_prefixes
 from obk_cli.workspace.package_index import PackageIndex, is_workspace, package_names_in
 
 ANOTHER = 54321
@@ -103,7 +103,7 @@ def test_it_is_no_overlay(shared: Path, give_away: Give) -> None:
     assert folder not in PackageIndex.around(shared, shared, {}).prefixes
     with (
         pytest.raises(CommandFailedError, match=r"\.obk is another user's"),
-        build_turn(shared, print),
+        build_lock(shared, print),
     ):
         pass
 

@@ -7,7 +7,16 @@ import pytest
 from obk_cli.doctor.child import Trial
 from obk_cli.doctor.finding import GIB, MIB, bytes_text
 from obk_cli.doctor.interfaces import CompilerFacts, judge_compiler
-from obk_cli.doctor.memory import SharedMemoryFacts, judge_shared_memory
+from obk_cli.doctor.machine import (
+    CpuFacts,
+    FolderFacts,
+    RealtimeFacts,
+    SharedMemoryFacts,
+    judge_cpu,
+    judge_folders,
+    judge_realtime,
+    judge_shared_memory,
+)
 from obk_cli.doctor.mujoco import (
     DisplayFacts,
     DrawingTrial,
@@ -15,8 +24,6 @@ from obk_cli.doctor.mujoco import (
     judge_display,
     judge_mujoco,
 )
-from obk_cli.doctor.paths import FolderFacts, judge_folders
-from obk_cli.doctor.timing import CpuFacts, RealtimeFacts, judge_cpu, judge_realtime
 from obk_cli.install_source import install_command
 
 from .findings import severities, the_one

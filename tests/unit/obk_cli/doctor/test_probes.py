@@ -6,15 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.doctor.child import json_output, python_command, try_program
+from obk_cli.doctor.child import child_command, json_output, try_program
+from obk_cli.doctor.child_programs import load_error
+from obk_cli.doctor.installation import probe_paths
 from obk_cli.doctor.interfaces import probe_compiler
-from obk_cli.doctor.interfaces_program import fault_of
-from obk_cli.doctor.memory import probe_shared_memory
+from obk_cli.doctor.machine import probe_cpu, probe_folders, probe_shared_memory
 from obk_cli.doctor.mujoco import probe_display
 from obk_cli.doctor.network import probe_discovery
-from obk_cli.doctor.paths import probe_folders, probe_paths
 from obk_cli.doctor.ros import probe_rmw
-from obk_cli.doctor.timing import probe_cpu
 from obk_cli.doctor.workspace import probe_workspace
 from obk_cli.errors import CommandFailedError
 
@@ -75,12 +74,12 @@ def test_a_module_in_the_working_folder_takes_no_ones_place(
 ) -> None:
     (tmp_path / "json.py").write_text("raise SystemExit('not me')\n")
     monkeypatch.chdir(tmp_path)
-    command = python_command("obk_cli.doctor.interfaces_program", "no_such_msgs")
+    command = child_command("interfaces", "no_such_msgs")
     assert "no_such_msgs" in try_program(command, timeout_s=20.0).stdout
 
 
 def test_a_message_package_that_is_not_there_has_a_fault() -> None:
-    assert fault_of("no_such_msgs") == "No module named 'no_such_msgs'"
+    assert load_error("no_such_msgs") == "No module named 'no_such_msgs'"
 
 
 def test_shared_memory_that_is_not_there_has_no_size(tmp_path: Path) -> None:

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from obk_cli.doctor.installation import PythonFacts, judge_python
 from obk_cli.doctor.interfaces import InterfaceFacts, judge_interfaces
-from obk_cli.doctor.python import PythonFacts, judge_python
 from obk_cli.doctor.ros import RmwFacts, RosFacts, judge_rmw, judge_ros
 from obk_cli.install_source import install_command
 

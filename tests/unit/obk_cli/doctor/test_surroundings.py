@@ -2,9 +2,14 @@
 
 from dataclasses import replace
 
-from obk_cli.doctor.paths import PathFacts, judge_paths
-from obk_cli.doctor.stacks import RunningStack, StackFacts, judge_stacks
-from obk_cli.doctor.workspace import WorkspaceFacts, judge_workspace
+from obk_cli.doctor.installation import PathFacts, judge_paths
+from obk_cli.doctor.workspace import (
+    RunningStack,
+    StackFacts,
+    WorkspaceFacts,
+    judge_stacks,
+    judge_workspace,
+)
 
 from .findings import severities, the_one
 

@@ -10,7 +10,7 @@ from obk_cli.cli.complete import complete_nodes, complete_topics
 from obk_cli.cli.main import main
 from obk_cli.cli.topic_pub import _split_arguments
 from obk_cli.introspect.target import target_of
-from obk_cli.monitor.stack_follower import Target
+from obk_cli.monitor.stack_follower import StackSelector
 from obk_cli.process.identity import this_process
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.runs.folder import MadeFrom, Run, make_run_folder, write_run
@@ -65,10 +65,10 @@ def environment(home: Path, **variables: str) -> RosEnvironment:
 
 def test_where_all_stacks_run_in_one_domain_it_is_looked_at(home: Path) -> None:
     runs_in(home, arm=7, leg=7)
-    place = target_of(environment(home), None)
-    assert place.domain == 7
-    assert place.nodes == ("/obelisk_robot_0", "/joy") * 2
-    assert place.topics == {"/arm/est": "pkg/msg/State", "/arm/imu": None}
+    graph_target = target_of(environment(home), None)
+    assert graph_target.domain == 7
+    assert graph_target.nodes == ("/obelisk_robot_0", "/joy") * 2
+    assert graph_target.topics == {"/arm/est": "pkg/msg/State", "/arm/imu": None}
 
 
 def test_a_domain_that_is_named_or_set_comes_first(home: Path) -> None:
@@ -80,28 +80,35 @@ def test_a_domain_that_is_named_or_set_comes_first(home: Path) -> None:
 
 def test_stacks_in_several_domains_leave_it_to_the_user(home: Path) -> None:
     runs_in(home, arm=7, leg=8)
-    place = target_of(environment(home), None)
-    assert place.domain == 0
-    nobody = place.nobody()
-    assert nobody.message.startswith("no stack runs in the ROS domain 0")
-    assert nobody.help is not None
+    graph_target = target_of(environment(home), None)
+    assert graph_target.domain == 0
+    no_nodes_error = graph_target.no_nodes_error()
+    assert no_nodes_error.message.startswith("no stack runs in the ROS domain 0")
+    assert no_nodes_error.help is not None
     assert {"arm in 7", "leg in 8"} <= set(
-        nobody.help.removeprefix("in other domains there are: ").partition(";")[0].split(", ")
+        no_nodes_error.help.removeprefix("in other domains there are: ")
+        .partition(";")[0]
+        .split(", ")
     )
 
 
 def test_stacks_whose_nodes_were_not_found_in_time_are_not_said_not_to_run(home: Path) -> None:
     runs_in(home, arm=7, leg=7)
-    nobody = target_of(environment(home), None).nobody()
-    assert nobody.message == "none of the nodes of arm, leg was found in the ROS domain 7 in time"
+    no_nodes_error = target_of(environment(home), None).no_nodes_error()
+    assert (
+        no_nodes_error.message
+        == "none of the nodes of arm, leg was found in the ROS domain 7 in time"
+    )
 
 
 def test_a_stack_to_watch_that_does_not_run_is_told_with_those_that_do(home: Path) -> None:
     runs_in(home, arm=7)
-    nobody = Target(environment=environment(home), domain=7, run="amr").nobody()
-    assert nobody.message == "no stack `amr` runs in the ROS domain 7"
-    assert nobody.help == "did you mean `arm`?"
-    elsewhere = Target(environment=environment(home), domain=8, run="arm").nobody()
+    no_nodes_error = StackSelector(
+        environment=environment(home), domain=7, run="amr"
+    ).no_nodes_error()
+    assert no_nodes_error.message == "no stack `amr` runs in the ROS domain 7"
+    assert no_nodes_error.help == "did you mean `arm`?"
+    elsewhere = StackSelector(environment=environment(home), domain=8, run="arm").no_nodes_error()
     assert elsewhere.message.startswith("no stack runs in the ROS domain 8")
 
 
@@ -149,8 +156,8 @@ def test_a_command_that_is_wrong_is_told_so_before_ros_is_loaded(
 
 def test_the_modules_of_a_topics_type_are_known_from_the_plan(home: Path) -> None:
     runs_in(home, arm=7)
-    place = target_of(environment(home), None)
-    assert place.modules(["est", "imu", "other"]) == ("rosidl_generator_py", "pkg.msg")
+    graph_target = target_of(environment(home), None)
+    assert graph_target.modules(["est", "imu", "other"]) == ("rosidl_generator_py", "pkg.msg")
 
 
 @pytest.mark.parametrize(

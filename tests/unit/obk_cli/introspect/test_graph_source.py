@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.graph_source import GraphService, LauncherLook, ask_launcher
+from obk_cli.introspect.graph_source import GraphService, LauncherGraph, ask_launcher
 from obk_cli.launch.control_server import serve_control
-from obk_cli.ros.graph import GraphSnapshot, TopicSeen
+from obk_cli.ros.graph import GraphSnapshot, TopicInfo
 from obk_cli.ros.parameters import NodeParameter
 
 WAIT_S = 20.0
@@ -38,7 +38,7 @@ class Node:
         return SERVICES if node == "/n0" else {}
 
     def graph(self) -> GraphSnapshot:
-        topics = (TopicSeen(name="/q", msg_types=("p/msg/M",)),)
+        topics = (TopicInfo(name="/q", msg_types=("p/msg/M",)),)
         names = tuple(f"/n{number}" for number in range(self.asked))
         return GraphSnapshot(nodes=names, topics=topics, services=SERVICES)
 
@@ -46,7 +46,7 @@ class Node:
 @contextmanager
 def launcher(
     folder: Path, answer: Callable[[Mapping[str, Any]], Mapping[str, Any]] | None = None
-) -> Iterator[LauncherLook]:
+) -> Iterator[LauncherGraph]:
     """The look of a launcher with such a node; `answer` answers later questions in its place."""
     service = GraphService(Node())  # type: ignore[arg-type]
 
@@ -142,7 +142,7 @@ def test_a_launcher_that_does_not_tell_is_passed_over(tmp_path: Path) -> None:
 @pytest.mark.parametrize("told", [None, 5, "x", ["x"], {"x": {"y": 1}}])
 def test_whatever_a_launcher_says_it_raises_nothing_else(told: object, tmp_path: Path) -> None:
     keys = ("names", "values", "kind")
-    asked: tuple[Callable[[LauncherLook], object], ...] = (
+    asked: tuple[Callable[[LauncherGraph], object], ...] = (
         lambda look: look.parameters("/n0", WAIT_S).names(),
         lambda look: look.parameters("/n0", WAIT_S).values(("a", "b")),
         lambda look: look.parameters("/n0", WAIT_S).declared_kind("a"),

@@ -14,7 +14,7 @@ from obk_cli.ros import participant as ros_look
 from obk_cli.ros import rate_meter as ros_meter
 from obk_cli.ros import raw_subscription as ros_listen
 from obk_cli.ros import types as ros_types
-from obk_cli.ros.graph import TopicSeen
+from obk_cli.ros.graph import TopicInfo
 from obk_cli.ros.rate_meter import TopicRate
 
 PLACE: Final[Any] = SimpleNamespace(environment=None, modules=lambda _: ())
@@ -37,9 +37,9 @@ class Interrupted:
 
 @pytest.fixture(autouse=True)
 def _topic(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = TopicSeen(name="/est", msg_types=("p/msg/M",))
-    look = SimpleNamespace(listen=lambda *_: None)
-    monkeypatch.setattr(ros_look, "open_look", lambda *_: nullcontext(look))
+    seen = TopicInfo(name="/est", msg_types=("p/msg/M",))
+    look = SimpleNamespace(subscribe=lambda *_: None)
+    monkeypatch.setattr(ros_look, "open_participant", lambda *_: nullcontext(look))
     monkeypatch.setattr(resolve, "find_topic", lambda *_: seen)
     for name in ("find_type", "raw_type"):
         monkeypatch.setattr(ros_types, name, lambda *_: object)

@@ -8,8 +8,13 @@ import pytest
 
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.introspect import lifecycle
-from obk_cli.introspect.lifecycle import Asked, change_states, node_states, possible_transitions
-from obk_cli.launch.events import Answered, ChangeAsked, InputEvent
+from obk_cli.introspect.lifecycle import (
+    LifecycleRequest,
+    change_states,
+    node_states,
+    possible_transitions,
+)
+from obk_cli.launch.events import Answered, ChangeRequested, InputEvent
 from obk_cli.ros import lifecycle_client
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.runs import registry
@@ -67,26 +72,29 @@ def in_graph(
 
 
 def changes(stack: FakeStack) -> list[tuple[str, tuple[str, ...], float | None]]:
-    asked: list[InputEvent] = [heard for heard in stack.heard if isinstance(heard, ChangeAsked)]
-    return [(a.transition, a.nodes, a.timeout_s) for a in asked if isinstance(a, ChangeAsked)]
+    asked: list[InputEvent] = [heard for heard in stack.heard if isinstance(heard, ChangeRequested)]
+    return [(a.transition, a.nodes, a.timeout_s) for a in asked if isinstance(a, ChangeRequested)]
 
 
 def test_a_stack_of_this_host_is_asked_without_ros(
     parent: Path, environment: RosEnvironment
 ) -> None:
     with fake_stack(parent, {**ACTIVE, JOY: ""}) as stack:
-        assert node_states(environment, Asked()) == ACTIVE
-        assert node_states(environment, Asked(names=("control",))) == {CONTROL: "active"}
+        assert node_states(environment, LifecycleRequest()) == ACTIVE
+        assert node_states(environment, LifecycleRequest(names=("control",))) == {CONTROL: "active"}
         stack.hung.add(ROBOT)
-        assert node_states(environment, Asked()) == {ROBOT: "no answer", CONTROL: "active"}
+        assert node_states(environment, LifecycleRequest()) == {
+            ROBOT: "no answer",
+            CONTROL: "active",
+        }
 
 
 def test_a_change_goes_to_the_launcher(parent: Path, environment: RosEnvironment) -> None:
     with fake_stack(parent, ACTIVE) as stack:
-        answer = change_states(environment, "deactivate", Asked(timeout_s=2.0))
+        answer = change_states(environment, "deactivate", LifecycleRequest(timeout_s=2.0))
         assert answer.success
         assert [member.node for member in answer.members] == [ROBOT, CONTROL]
-        change_states(environment, "activate", Asked(names=("control_0", "robot")))
+        change_states(environment, "activate", LifecycleRequest(names=("control_0", "robot")))
         assert changes(stack) == [
             ("deactivate", (), 2.0),
             ("activate", (ROBOT, CONTROL), None),
@@ -98,7 +106,7 @@ def test_the_launchers_refusal_is_told_with_each_member(
 ) -> None:
     with fake_stack(parent, ACTIVE) as stack:
         stack.broken.add(CONTROL)
-        answer = change_states(environment, "deactivate", Asked())
+        answer = change_states(environment, "deactivate", LifecycleRequest())
     assert not answer.success
     assert answer.why == f"{CONTROL}: no torque"
     assert [(m.node, m.result) for m in answer.members] == [
@@ -111,14 +119,18 @@ def test_of_several_stacks_a_change_is_of_the_one_that_is_named(
     parent: Path, environment: RosEnvironment
 ) -> None:
     with fake_stack(parent, ACTIVE) as dummy, fake_stack(parent, OTHER, name="left") as left:
-        assert node_states(environment, Asked()) == {**ACTIVE, **OTHER}
-        assert node_states(environment, Asked(run="left")) == OTHER
-        assert change_states(environment, "activate", Asked(run="left")).success
-        assert change_states(environment, "deactivate", Asked(names=("control_0",))).success
-        assert change_states(environment, "activate", Asked(run=dummy.folder.name)).success
+        assert node_states(environment, LifecycleRequest()) == {**ACTIVE, **OTHER}
+        assert node_states(environment, LifecycleRequest(run="left")) == OTHER
+        assert change_states(environment, "activate", LifecycleRequest(run="left")).success
+        assert change_states(
+            environment, "deactivate", LifecycleRequest(names=("control_0",))
+        ).success
+        assert change_states(
+            environment, "activate", LifecycleRequest(run=dummy.folder.name)
+        ).success
         for names in ((), ("control",)):
             with pytest.raises(MisuseError, match="several stacks run in the ROS domain 7: d") as e:
-                change_states(environment, "deactivate", Asked(names=names))
+                change_states(environment, "deactivate", LifecycleRequest(names=names))
         assert e.value.help == "choose one with `--run NAME`, or by its nodes' full names"
         assert len(changes(left)) == 1
         assert len(changes(dummy)) == 2
@@ -136,10 +148,10 @@ def test_of_two_launchers_of_one_stack_the_one_with_the_nodes_is_asked_else_the_
             parent, robot, devices=("onboard",), elsewhere={CONTROL: "unknown"}, leads=False
         ) as onboard,
     ):
-        assert node_states(environment, Asked()) == ACTIVE
-        assert change_states(environment, "deactivate", Asked()).success
+        assert node_states(environment, LifecycleRequest()) == ACTIVE
+        assert change_states(environment, "deactivate", LifecycleRequest()).success
         assert (len(changes(onboard)), len(changes(offboard))) == (0, 1)
-        assert change_states(environment, "deactivate", Asked(names=("robot",))).success
+        assert change_states(environment, "deactivate", LifecycleRequest(names=("robot",))).success
         assert (len(changes(onboard)), len(changes(offboard))) == (1, 1)
 
 
@@ -150,7 +162,7 @@ def test_a_run_that_is_not_there_is_told_with_near_names(
         fake_stack(parent, ACTIVE),
         pytest.raises(CommandFailedError, match="no stack `dumy` runs in the ROS dom") as raised,
     ):
-        node_states(environment, Asked(run="dumy"))
+        node_states(environment, LifecycleRequest(run="dumy"))
     assert raised.value.help == "did you mean `dummy`?"
 
 
@@ -159,9 +171,9 @@ def test_the_graph_is_asked_where_no_launcher_has_the_nodes(
 ) -> None:
     in_graph(monkeypatch, {**ACTIVE, "/nav": "inactive"})
     with fake_stack(parent, ACTIVE):
-        assert node_states(environment, Asked(names=("nav",))) == {"/nav": "inactive"}
+        assert node_states(environment, LifecycleRequest(names=("nav",))) == {"/nav": "inactive"}
         with pytest.raises(CommandFailedError, match="no life-cycle node `contrl_0`") as raised:
-            node_states(environment, Asked(names=("contrl_0",)))
+            node_states(environment, LifecycleRequest(names=("contrl_0",)))
     assert raised.value.help is not None
     assert "`/obelisk_control_0`" in raised.value.help
 
@@ -172,8 +184,11 @@ def test_the_graph_is_asked_where_the_launcher_does_not_answer(
     in_graph(monkeypatch, {ROBOT: "inactive"})
     monkeypatch.setattr(registry, "ask_status", lambda *_: None)
     with fake_stack(parent, ACTIVE):
-        assert node_states(environment, Asked()) == {ROBOT: "inactive", CONTROL: "no answer"}
-        answer = change_states(environment, "activate", Asked())
+        assert node_states(environment, LifecycleRequest()) == {
+            ROBOT: "inactive",
+            CONTROL: "no answer",
+        }
+        answer = change_states(environment, "activate", LifecycleRequest())
     assert answer.why == f"{CONTROL}: no answer to `activate` within 10 s"
     assert [(m.node, m.result) for m in answer.members] == [
         (ROBOT, "reached"),
@@ -185,9 +200,9 @@ def test_in_the_graph_the_state_node_is_left_out_and_down_goes_control_first(
     environment: RosEnvironment, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     in_graph(monkeypatch, {"/dummy": "active", **ACTIVE})
-    assert node_states(environment, Asked()) == ACTIVE
-    assert node_states(environment, Asked(names=("dummy",))) == {"/dummy": "active"}
-    answer = change_states(environment, "deactivate", Asked())
+    assert node_states(environment, LifecycleRequest()) == ACTIVE
+    assert node_states(environment, LifecycleRequest(names=("dummy",))) == {"/dummy": "active"}
+    answer = change_states(environment, "deactivate", LifecycleRequest())
     assert [member.node for member in answer.members] == [CONTROL, ROBOT]
 
 
@@ -203,7 +218,7 @@ def test_in_the_graph_a_refusal_says_why(
 ) -> None:
     state = "inactive" if transition == "activate" else "active"
     in_graph(monkeypatch, {ROBOT: state}, {ROBOT: "no torque"})
-    answer = change_states(environment, transition, Asked())
+    answer = change_states(environment, transition, LifecycleRequest())
     assert answer.members == (Member(node=ROBOT, result="refused", state=state, fault=fault),)
     assert answer.why == f"{ROBOT}: {fault}"
 
@@ -213,11 +228,11 @@ def test_nothing_in_this_domain_is_told_with_where_something_is(
 ) -> None:
     in_graph(monkeypatch, {})
     with pytest.raises(CommandFailedError, match="no life-cycle node in the ROS domain 7") as none:
-        node_states(environment, Asked())
+        node_states(environment, LifecycleRequest())
     assert none.value.help is not None
     assert none.value.help.startswith("start a stack with `obk launch`")
     with fake_stack(parent, ACTIVE, domain=8), pytest.raises(CommandFailedError) as elsewhere:
-        node_states(environment, Asked())
+        node_states(environment, LifecycleRequest())
     assert elsewhere.value.help == "a stack runs in the ROS domain 8; set ROS_DOMAIN_ID"
 
 
@@ -250,6 +265,6 @@ def test_over_ros_a_limit_that_is_given_is_for_finding_and_for_answers_too(
         (None, [lifecycle.DISCOVERY_S, lifecycle.ANSWER_S]),
     ):
         waits.clear()
-        asked = Asked(names=(ROBOT,), timeout_s=limit_s)
+        asked = LifecycleRequest(names=(ROBOT,), timeout_s=limit_s)
         assert node_states(environment, asked) == {ROBOT: "active"}
         assert waits == expected

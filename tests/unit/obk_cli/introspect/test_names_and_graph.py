@@ -3,21 +3,21 @@
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.introspect.publishing import moved_by
-from obk_cli.introspect.resolve import meant, one_meant
+from obk_cli.introspect.publishing import robots_commanded_by
+from obk_cli.introspect.resolve import matching_names, resolve_one
 from obk_cli.plan.plan import Endpoint, Plan
 from obk_cli.ros.graph import (
     End,
     GraphSnapshot,
     Role,
-    TopicSeen,
-    misfits,
+    TopicInfo,
+    incompatible_ends,
     parameter_nodes,
     special_services,
     visible,
 )
 from obk_cli.ros.latency import stamp_of
-from obk_cli.ros.raw_subscription import Offer
+from obk_cli.ros.raw_subscription import OfferedQos
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
 from ..ros.definitions import Message, fields_of  # noqa: TID252 - shared by folders of tests
@@ -32,7 +32,7 @@ def end(
     durability: str = "volatile",
     msg_type: str = "pkg/msg/State",
 ) -> End:
-    qos = Offer(
+    qos = OfferedQos(
         history="keep_last",
         depth=10,
         reliability=reliability,
@@ -58,22 +58,22 @@ def end(
     ],
 )
 def test_a_name_means_itself_or_what_ends_in_it(name: str, expected: tuple[str, ...]) -> None:
-    assert meant(name, TOPICS) == expected
+    assert matching_names(name, TOPICS) == expected
 
 
 def test_a_name_that_means_several_or_none_is_told_with_what_is_there() -> None:
     with pytest.raises(CommandFailedError) as several:
-        one_meant("topic", "est", TOPICS, 7)
+        resolve_one("topic", "est", TOPICS, 7)
     assert several.value.help == "name one of `/a/est`, `/b/est`"
     with pytest.raises(CommandFailedError) as none:
-        one_meant("topic", "/a/esst", TOPICS, 7)
+        resolve_one("topic", "/a/esst", TOPICS, 7)
     assert none.value.message == "there is no topic `/a/esst` in the ROS domain 7"
     assert none.value.help is not None
     assert none.value.help.startswith("did you mean `/a/est`")
 
 
 def test_ends_that_do_not_hear_each_other_are_told() -> None:
-    topic = TopicSeen(
+    topic = TopicInfo(
         name="/t",
         msg_types=("pkg/msg/State",),
         publishers=(end("/p", "publisher", "best_effort"),),
@@ -82,7 +82,7 @@ def test_ends_that_do_not_hear_each_other_are_told() -> None:
             end("/strong", "subscription", "reliable", "transient_local"),
         ),
     )
-    assert list(misfits(topic)) == [
+    assert list(incompatible_ends(topic)) == [
         "/strong does not hear /p: it asks for `reliable`, and `best_effort` is offered",
         "/strong does not hear /p: it asks for `transient_local`, and `volatile` is offered",
     ]
@@ -94,7 +94,7 @@ def test_what_is_hidden_and_what_every_node_has_is_left_out() -> None:
         "/n/reset": ("std_srvs/srv/Trigger",),
         "/act/_action/send_goal": ("x/action/A_SendGoal",),
     }
-    topics = (TopicSeen(name="/t", msg_types=()), TopicSeen(name="/act/_action/x", msg_types=()))
+    topics = (TopicInfo(name="/t", msg_types=()), TopicInfo(name="/act/_action/x", msg_types=()))
     graph = GraphSnapshot(topics=topics, services=services)
     assert [topic.name for topic in visible(graph).topics] == ["/t"]
     assert set(visible(graph).services) == {"/n/list_parameters", "/n/reset"}
@@ -105,13 +105,13 @@ def test_what_is_hidden_and_what_every_node_has_is_left_out() -> None:
 def test_robots_that_listen_to_a_topic_are_known_by_plan_or_by_name() -> None:
     hears = {"subscribes": (Endpoint(topic="/c", msg_type=None),)}
     plan = Plan(name="arm", processes=(node("arm", "robot", **hears), node("k", **hears)))
-    topic = TopicSeen(
+    topic = TopicInfo(
         name="/c",
         msg_types=(),
         subscriptions=(end("/obelisk_robot_0", "subscription"), end("/k", "subscription")),
     )
-    assert moved_by(topic, [plan]) == ("/arm", "/obelisk_robot_0")
-    assert moved_by(TopicSeen(name="/d", msg_types=()), [plan]) == ()
+    assert robots_commanded_by(topic, [plan]) == ("/arm", "/obelisk_robot_0")
+    assert robots_commanded_by(TopicInfo(name="/d", msg_types=()), [plan]) == ()
 
 
 def test_stamps_are_found_by_type() -> None:
@@ -123,14 +123,14 @@ def test_stamps_are_found_by_type() -> None:
 
 def test_a_slip_in_a_short_name_is_told_by_the_whole_one() -> None:
     with pytest.raises(CommandFailedError) as caught:
-        one_meant("topic", "ctlr", TOPICS, 7)
+        resolve_one("topic", "ctlr", TOPICS, 7)
     assert caught.value.help == "did you mean `/a/ctrl`?"
 
 
 def test_what_is_heard_is_what_is_published() -> None:
     talks, hears = end("/a", "publisher"), end("/b", "subscription", msg_type="pkg/msg/Other")
     types = (talks.msg_type, hears.msg_type)
-    seen = TopicSeen(name="/t", msg_types=types, publishers=(talks,), subscriptions=(hears,))
-    assert seen.heard_types == ("pkg/msg/State",)
-    silent = TopicSeen(name="/t", msg_types=(hears.msg_type,), subscriptions=(hears,))
-    assert silent.heard_types == ("pkg/msg/Other",)
+    seen = TopicInfo(name="/t", msg_types=types, publishers=(talks,), subscriptions=(hears,))
+    assert seen.published_types == ("pkg/msg/State",)
+    silent = TopicInfo(name="/t", msg_types=(hears.msg_type,), subscriptions=(hears,))
+    assert silent.published_types == ("pkg/msg/Other",)

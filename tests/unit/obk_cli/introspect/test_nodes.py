@@ -1,17 +1,17 @@
 """A node as lines for a person."""
 
-from obk_cli.introspect.nodes import NodeSeen, node_text
+from obk_cli.introspect.nodes import NodeInfo, node_text
 
 OWN = {"/arm/get_state": ("lifecycle_msgs/srv/GetState",)}
 ASKED = {"/arm/list_parameters": ("rcl_interfaces/srv/ListParameters",)}
 
 
-def seen(services: dict[str, tuple[str, ...]]) -> NodeSeen:
-    return NodeSeen(node="/arm", publishes={}, subscribes={}, services=services)
+def seen(services: dict[str, tuple[str, ...]]) -> NodeInfo:
+    return NodeInfo(node="/arm", publishes={}, subscribes={}, services=services)
 
 
 def test_a_node_without_parameters_is_not_said_to_give_no_answer() -> None:
-    assert "  parameters: it tells of none" in node_text(seen(OWN))
+    assert "  parameters: it reports none" in node_text(seen(OWN))
     assert "  parameters: no answer" in node_text(seen(OWN | ASKED))
 
 

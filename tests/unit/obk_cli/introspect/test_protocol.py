@@ -7,8 +7,8 @@ import pytest
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.protocol import (
     FailedReply,
-    GraphKnown,
     GraphReply,
+    KnownGraph,
     NamesReply,
     NodeEnds,
     ReasonReply,
@@ -19,12 +19,12 @@ from obk_cli.introspect.protocol import (
     parameter_of,
     wire_parameter,
 )
-from obk_cli.ros.graph import End, GraphSnapshot, TopicSeen
+from obk_cli.ros.graph import End, GraphSnapshot, TopicInfo
 from obk_cli.ros.parameters import NOT_SET, NodeParameter
-from obk_cli.ros.raw_subscription import Offer
+from obk_cli.ros.raw_subscription import OfferedQos
 from obk_cli.runs.protocol import decode, encode
 
-OFFER = Offer(
+OFFER = OfferedQos(
     history="keep_last",
     depth=10,
     reliability="reliable",
@@ -35,10 +35,10 @@ OFFER = Offer(
     lease_ns=2**63 - 1,
 )
 TALKER = End(node="/talker", role="publisher", msg_type="p/msg/M", qos=OFFER, type_hash="RIHS01_0")
-KNOWN = GraphKnown(
+KNOWN = KnownGraph(
     graph=GraphSnapshot(
         nodes=("/talker", "/talker"),
-        topics=(TopicSeen(name="/q", msg_types=("p/msg/M",), publishers=(TALKER,)),),
+        topics=(TopicInfo(name="/q", msg_types=("p/msg/M",), publishers=(TALKER,)),),
         services={"/talker/get_state": ("p/srv/S", "p/srv/T")},
     ),
     nodes={

@@ -10,14 +10,14 @@ import pytest
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.introspect.publishing import (
     Publication,
-    refuse_moving,
+    refuse_robot_commands,
     topic_to_publish,
     wait_for_subscribers,
 )
 from obk_cli.introspect.target import GraphTarget
 from obk_cli.plan.plan import Endpoint, Plan
-from obk_cli.ros.graph import End, TopicSeen
-from obk_cli.ros.raw_subscription import Offer
+from obk_cli.ros.graph import End, TopicInfo
+from obk_cli.ros.raw_subscription import OfferedQos
 from obk_cli.runs.folder import Run
 
 from ..plans import node  # noqa: TID252 - shared by folders of tests
@@ -29,7 +29,9 @@ ROBOT = "/left/obelisk_robot_0"
 def place(*runs: str) -> GraphTarget:
     """Where these runs are, whose folders tell nothing."""
     folders = {Path("gone", run): RUN for run in runs}
-    return GraphTarget(environment=cast(Any, SimpleNamespace(domain=7)), runs=folders, nobody_s=1.0)
+    return GraphTarget(
+        environment=cast(Any, SimpleNamespace(domain=7)), runs=folders, no_nodes_s=1.0
+    )
 
 
 def wanted(topic: str = "state", **more: Any) -> Publication:
@@ -57,13 +59,13 @@ class Look:
     def topic_types(self) -> dict[str, tuple[str, ...]]:
         return {"/arm/state": ("pkg/msg/State",)}
 
-    def topic(self, name: str) -> TopicSeen:
-        qos = cast(Offer, None)
+    def topic(self, name: str) -> TopicInfo:
+        qos = cast(OfferedQos, None)
         ends = tuple(
             End(node=node, role="subscription", msg_type=kind, qos=qos)
             for node, kind in self._listeners[: self.looks]
         )
-        return TopicSeen(name=name, msg_types=("pkg/msg/State",), subscriptions=ends)
+        return TopicInfo(name=name, msg_types=("pkg/msg/State",), subscriptions=ends)
 
     def settle(self, *_: object) -> bool:
         return True
@@ -123,10 +125,10 @@ def test_a_message_of_another_type_than_the_subscribers_is_refused() -> None:
 
 def test_a_topic_that_a_robot_subscribes_to_is_refused() -> None:
     look = Look((ROBOT, "pkg/msg/State"))
-    refuse_moving(look.topic("/arm/state"), place())
+    refuse_robot_commands(look.topic("/arm/state"), place())
     look.looks = 1
     with pytest.raises(CommandFailedError, match=f"/arm/state moves `{ROBOT}`"):
-        refuse_moving(look.topic("/arm/state"), place())
+        refuse_robot_commands(look.topic("/arm/state"), place())
 
 
 def test_the_robots_of_every_stack_here_count_before_they_subscribe(
@@ -136,6 +138,6 @@ def test_the_robots_of_every_stack_here_count_before_they_subscribe(
     plans = {"a": Plan(name="a", processes=()), "b": Plan(name="b", processes=(robot,))}
     monkeypatch.setattr("obk_cli.introspect.target.run_plan", lambda folder: plans[folder.name])
     topic = Look().topic("/arm/state")
-    refuse_moving(topic, place("a"))
+    refuse_robot_commands(topic, place("a"))
     with pytest.raises(CommandFailedError, match="/arm/state moves `/r`"):
-        refuse_moving(topic, place("a", "b"))
+        refuse_robot_commands(topic, place("a", "b"))

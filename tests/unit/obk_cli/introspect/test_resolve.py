@@ -7,9 +7,9 @@ import pytest
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.resolve import find_node, find_topic, settle
-from obk_cli.introspect.target import NOBODY_S, GraphTarget
+from obk_cli.introspect.target import NO_NODES_S, GraphTarget
 from obk_cli.ros.environment import RosEnvironment
-from obk_cli.ros.participant import RosLook
+from obk_cli.ros.participant import RosParticipant
 from obk_cli.runs.folder import Run
 
 RUN = Run(name="dummy", pid=1, started=0.0, domain=7, config="dummy.yaml", nodes=("/arm",))
@@ -35,17 +35,17 @@ class Nobody:
         self.waited_s.append(seconds)
 
 
-def place(tmp_path: Path, nobody_s: float = NOBODY_S, *, runs: bool = False) -> GraphTarget:
+def place(tmp_path: Path, no_nodes_s: float = NO_NODES_S, *, runs: bool = False) -> GraphTarget:
     variables = {"ROS_DOMAIN_ID": "7", "OBK_HOME": str(tmp_path)}
     environment = RosEnvironment(variables=variables, range="LOCALHOST", notes=())
     folders = {tmp_path / "dummy": RUN} if runs else {}
-    return GraphTarget(environment=environment, runs=folders, nobody_s=nobody_s)
+    return GraphTarget(environment=environment, runs=folders, no_nodes_s=no_nodes_s)
 
 
 def waited_for(where: GraphTarget, *, wait_s: float | None = None) -> list[float]:
     look = Nobody()
     with pytest.raises(CommandFailedError, match="was found in"):
-        settle(cast(RosLook, look), where, 5.0, wait_s=wait_s)
+        settle(cast(RosParticipant, look), where, 5.0, wait_s=wait_s)
     return look.waited_s
 
 
@@ -67,7 +67,7 @@ def test_what_is_named_is_not_waited_for_where_nobody_is(tmp_path: Path, name: s
     for find in (find_topic, find_node):
         look = Nobody()
         with pytest.raises(CommandFailedError, match="no stack runs"):
-            find(cast(RosLook, look), place(tmp_path), name, 5.0)
+            find(cast(RosParticipant, look), place(tmp_path), name, 5.0)
         assert look.waited_s == [1.0]
 
 
@@ -87,10 +87,10 @@ class Later(Nobody):
 def test_a_node_that_is_not_of_the_stack_is_given_time_to_tell_of_itself(tmp_path: Path) -> None:
     look = Later()
     where = place(tmp_path, runs=True)
-    assert find_node(cast(RosLook, look), where, "talker", 5.0) == "/talker"
+    assert find_node(cast(RosParticipant, look), where, "talker", 5.0) == "/talker"
     assert look.waited_s == [1.0]
-    assert find_node(cast(RosLook, Later()), where, "arm", 5.0) == "/arm"
+    assert find_node(cast(RosParticipant, Later()), where, "arm", 5.0) == "/arm"
     patient = Later()
     with pytest.raises(CommandFailedError, match="there is no node `walker`"):
-        find_node(cast(RosLook, patient), place(tmp_path, 20.0, runs=True), "walker", 5.0)
+        find_node(cast(RosParticipant, patient), place(tmp_path, 20.0, runs=True), "walker", 5.0)
     assert patient.waited_s == [3.3]

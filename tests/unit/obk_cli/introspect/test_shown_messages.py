@@ -10,7 +10,7 @@ import yaml
 from obk_cli.introspect.message_text import (
     MOST_ITEMS,
     MOST_LETTERS,
-    Shower,
+    MessageFormatter,
     json_line,
     message_text,
 )
@@ -41,11 +41,13 @@ PLAIN: Plain = {
 }
 
 
-def shower(*fields: str, format: str = "text", is_whole: bool = False) -> Shower:
+def shower(*fields: str, format: str = "text", is_whole: bool = False) -> MessageFormatter:
     def warn(sentence: str) -> None:
         warnings.append(sentence)
 
-    return Shower([parse_selection(f) for f in fields], format, is_whole=is_whole, warn=warn)
+    return MessageFormatter(
+        [parse_selection(f) for f in fields], format, is_whole=is_whole, warn=warn
+    )
 
 
 warnings: list[str] = []

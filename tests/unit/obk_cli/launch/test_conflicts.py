@@ -22,7 +22,7 @@ from obk_cli.launch.conflicts import (
     watching_publishers,
     watching_types,
 )
-from obk_cli.launch.events import InputEvent, UnknownPublisherSeen
+from obk_cli.launch.events import InputEvent, UnknownPublisherFound
 from obk_cli.plan.plan import Endpoint, Plan
 from obk_cli.ros.graph import OWN_DISCOVERY_S, UNNAMED
 from obk_cli.ros.publisher import ALLOWED_PUBLISHER, is_allowed_publisher
@@ -97,7 +97,7 @@ def test_for_a_real_robot_the_look_is_as_long_as_it_takes() -> None:
 def test_one_that_is_found_late_is_told() -> None:
     heard: SimpleQueue[InputEvent] = SimpleQueue()
     with watching_publishers(PLAN, Graph(("/ctrl", "/teleop")), heard.put):  # type: ignore[arg-type]
-        assert heard.get(timeout=20) == UnknownPublisherSeen(topic="/ctrl", node="/teleop")
+        assert heard.get(timeout=20) == UnknownPublisherFound(topic="/ctrl", node="/teleop")
 
 
 def test_one_without_a_name_yet_is_no_stranger_once_our_nodes_have_started() -> None:
@@ -116,7 +116,7 @@ def test_a_command_that_is_let_publish_after_the_start_is_no_stranger(
         graph = Graph(("/ctrl", f"/{ALLOWED_PUBLISHER}_{pid}"))
         # It began before this launch: whom it was to move is another matter.
         with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
-            assert isinstance(heard.get(timeout=20), UnknownPublisherSeen)
+            assert isinstance(heard.get(timeout=20), UnknownPublisherFound)
         monkeypatch.setattr(conflicts, "since_boot_s", lambda: 0.0)
         graph = Graph(*graph.strangers)
         with watching_publishers(PLAN, graph, heard.put):  # type: ignore[arg-type]
@@ -219,8 +219,8 @@ def test_another_type_is_told_once_with_both_types_and_whose_it_is(
     both = {"/ctrl": [CONTROL, STRING]}
     looks = ({"/ctrl": [CONTROL]}, both, {}, both)
     assert told_of(*looks, monkeypatch=monkeypatch) == [
-        f"warning: /ctrl is a topic of {CONTROL} here, and /a, /b has it as {STRING}: none of "
-        "these messages get through"
+        f"warning: /ctrl has the type {CONTROL} in this stack and {STRING} in /a, /b: "
+        "these nodes do not receive each other's messages"
     ]
 
 
@@ -233,7 +233,7 @@ def test_a_nodes_name_is_waited_for_and_the_type_told_without_it_in_the_end(
     ends: Sequence[tuple[str, ...]], who: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (told,) = told_of({"/ctrl": [CONTROL, STRING]}, monkeypatch=monkeypatch, ends=ends)
-    assert f"and {who} has it as {STRING}" in told
+    assert f"and {STRING} in {who}: " in told
 
 
 def test_other_topics_and_those_without_a_type_in_the_plan_do_not_matter(

@@ -13,7 +13,7 @@ import pytest
 
 from obk_cli.launch import control_server
 from obk_cli.launch.control_server import serve_control
-from obk_cli.launch.events import ChangeAsked, InputEvent, StatusAsked, StopAsked
+from obk_cli.launch.events import ChangeRequested, InputEvent, StatusRequested, StopRequested
 from obk_cli.runs.control_client import ask_change, ask_status, ask_stop
 from obk_cli.runs.protocol import ChangeAnswer, Member, StackStatus
 
@@ -25,9 +25,9 @@ ANSWER = ChangeAnswer(success=True, members=(Member(node="/a", result="reached",
 
 def answer_all(heard: InputEvent) -> None:
     match heard:
-        case StatusAsked():
+        case StatusRequested():
             heard.reply(STATUS)
-        case ChangeAsked():
+        case ChangeRequested():
             heard.reply(ANSWER)
         case _:
             return
@@ -86,14 +86,14 @@ def test_a_change_is_handed_on_with_all_that_was_asked(tmp_path: Path) -> None:
         answer = ask_change(tmp_path, "activate", ("/a",), timeout_s=2.5, wait_s=DEADLINE_S)
         assert answer == ANSWER
     asked = heard.get()
-    assert isinstance(asked, ChangeAsked)
+    assert isinstance(asked, ChangeRequested)
     assert (asked.transition, asked.nodes, asked.timeout_s) == ("activate", ("/a",), 2.5)
 
 
 def test_a_stop_is_heard_without_waiting_for_the_end(tmp_path: Path) -> None:
     with served(tmp_path, leave_open) as heard:
         assert ask_stop(tmp_path, "asked by `obk stop`")
-    assert heard.get() == StopAsked(reason="asked by `obk stop`")
+    assert heard.get() == StopRequested(reason="asked by `obk stop`")
 
 
 def test_the_socket_is_its_owners_and_gone_at_the_end(tmp_path: Path) -> None:
@@ -210,7 +210,7 @@ def test_a_change_that_is_open_at_the_end_is_answered(tmp_path: Path) -> None:
         asked = heard.get()
     asker.join()
     assert answers == [ChangeAnswer(success=False, why="the stack has ended")]
-    assert isinstance(asked, ChangeAsked)
+    assert isinstance(asked, ChangeRequested)
     asked.reply(ANSWER)  # too late, and no fault
 
 
@@ -229,7 +229,7 @@ def test_without_an_answer_there_is_none(tmp_path: Path) -> None:
 def test_a_question_about_the_graph_that_nobody_answers_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(control_server, "LOOK_S", 0.05)
+    monkeypatch.setattr(control_server, "GRAPH_S", 0.05)
     question = json.dumps({"ask": "look", "question": {"about": "graph", "timeout_s": 0.05}})
     with serve_control(tmp_path, leave_open, lambda _question, _reply: None):
         told = raw(tmp_path, question.encode() + b"\n")

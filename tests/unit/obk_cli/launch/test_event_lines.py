@@ -72,7 +72,7 @@ def test_a_refused_transition_shows_the_nodes_own_words_and_traceback() -> None:
 
 def test_a_change_from_elsewhere_is_told() -> None:
     seen = StateSeen(node=CONTROL, state="inactive", transition="deactivate")
-    assert lines_of(seen) == ["  control_0: inactive (not asked for here)"]
+    assert lines_of(seen) == ["  control_0: inactive (requested elsewhere)"]
 
 
 def test_the_way_out_of_a_failure_is_not_told_as_a_change_from_elsewhere() -> None:
@@ -93,7 +93,7 @@ def test_failures_are_told_with_their_cause() -> None:
 def test_the_first_cause_comes_first_then_its_origin_then_the_count_of_what_followed() -> None:
     assert lines_of(
         Ended(exit_code=1, cause="a died", consequences=2, origin="dummy.yaml:12:3")
-    ) == ["failed: a died", "  made by dummy.yaml:12:3", "  2 more failures after it"]
+    ) == ["failed: a died", "  defined at dummy.yaml:12:3", "  2 more failures after it"]
     assert lines_of(Ended(exit_code=1, cause="a died", consequences=1)) == [
         "failed: a died",
         "  1 more failure after it",
@@ -133,9 +133,9 @@ def test_a_rate_is_told_when_it_breaks_and_when_it_is_kept_again() -> None:
         RateBroken(node=CONTROL, rate=rate, origin="", silent_s=3.21),
         RateKept(node=CONTROL, rate=rate),
     ) == [
-        "  control_0: RATE: timer_ctrl runs at 187.5 of 1000 Hz, 99 % of its ticks at most "
-        "5.12 ms late; promised at c.yaml:7:21",
-        "  control_0: RATE: timer_ctrl is promised at 1000 Hz, and nothing was reported for 3.2 s",
+        "  control_0: RATE: timer_ctrl runs at 187.5 of 1000 Hz (p99 latency 5.12 ms); "
+        "set at c.yaml:7:21",
+        "  control_0: RATE: timer_ctrl was not reported for 3.2 s, expected 1000 Hz",
         "  control_0: timer_ctrl runs at 187.5 of 1000 Hz again",
     ]
 

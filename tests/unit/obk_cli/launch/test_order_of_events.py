@@ -8,7 +8,7 @@ import pytest
 
 from obk_cli.launch.events import (
     Answered,
-    ChangeAsked,
+    ChangeRequested,
     Failed,
     GoesOnWithout,
     InputEvent,
@@ -19,7 +19,7 @@ from obk_cli.launch.events import (
     Restarted,
     StackStateChanged,
     StateSeen,
-    StopAsked,
+    StopRequested,
     TransitionEnded,
 )
 from obk_cli.plan.plan import Origin, Plan
@@ -27,7 +27,7 @@ from obk_cli.runs.protocol import ChangeAnswer
 
 from .world import CONTROLLER, ESTIMATOR, ROBOT, World, process
 
-STOP = StopAsked(reason="SIGINT")
+STOP = StopRequested(reason="SIGINT")
 ALL = frozenset({CONTROLLER, ESTIMATOR, ROBOT})
 
 
@@ -35,8 +35,8 @@ def died(name: str = ROBOT) -> ProcessEnded:
     return ProcessEnded(process=name, code=-11)
 
 
-def ignored(transition: str, *nodes: str) -> ChangeAsked:
-    return ChangeAsked(transition=transition, nodes=nodes, reply=lambda _: None)
+def ignored(transition: str, *nodes: str) -> ChangeRequested:
+    return ChangeRequested(transition=transition, nodes=nodes, reply=lambda _: None)
 
 
 def when(world: World, name: str) -> float:
@@ -115,7 +115,7 @@ def test_a_node_that_is_deactivated_late_stays_so_and_is_known_to_be() -> None:
         world.states[ROBOT] = "inactive"
         world.inbox.append(Answered(node=ROBOT, transition="deactivate", success=True, fault=""))
 
-    again = ChangeAsked(transition="cleanup", nodes=(ROBOT,), reply=answers.append)
+    again = ChangeRequested(transition="cleanup", nodes=(ROBOT,), reply=answers.append)
     world.later.extend([ignored("deactivate", ROBOT), 11.0, arrive, 1.0, again, STOP])
     assert world.run(duration_s=None).exit_code == 0
     assert answers[0].success
@@ -216,7 +216,7 @@ def test_a_hung_node_that_is_ignored_does_not_keep_the_others_from_a_change() ->
     world = World(on_crash="ignore", mute={ESTIMATOR})
     world.mute = set()
     world.later.extend([lambda: world.mute.add(ESTIMATOR), 5.0])
-    world.later.extend([ChangeAsked(transition="deactivate", reply=answers.append), STOP])
+    world.later.extend([ChangeRequested(transition="deactivate", reply=answers.append), STOP])
     world.run(duration_s=None)
     assert answers[0].success
     assert [member.node for member in answers[0].members] == [CONTROLLER, ROBOT]
@@ -225,7 +225,7 @@ def test_a_hung_node_that_is_ignored_does_not_keep_the_others_from_a_change() ->
 def test_a_hung_node_is_not_asked_for_what_it_would_do_once_it_wakes() -> None:
     answers: list[ChangeAnswer] = []
     world = World(on_crash="ignore")
-    asked = ChangeAsked(transition="deactivate", nodes=(ESTIMATOR,), reply=answers.append)
+    asked = ChangeRequested(transition="deactivate", nodes=(ESTIMATOR,), reply=answers.append)
     world.later.extend([lambda: world.mute.add(ESTIMATOR), 5.0, asked, STOP])
     world.run(duration_s=None)
     assert answers[0].why == (
@@ -291,7 +291,7 @@ def test_a_node_of_another_launch_that_was_started_anew_is_where_it_says() -> No
         world.mute.add(ROBOT)
         world.states[ROBOT] = "unconfigured"
 
-    configure = ChangeAsked(transition="configure", nodes=(ROBOT,), reply=answers.append)
+    configure = ChangeRequested(transition="configure", nodes=(ROBOT,), reply=answers.append)
     world.later.extend([ends, 5.0, lambda: world.mute.discard(ROBOT), 1.0, configure, STOP])
     assert world.run(duration_s=None).exit_code == 0
     assert answers[0].success
@@ -309,7 +309,7 @@ def test_a_node_that_failed_and_is_ignored_does_not_keep_the_others_from_a_chang
     world = World(on_crash="ignore", later=deque([Failed(node=ESTIMATOR, fault="boom")]))
     world.later.append(lambda: world.states.update({ESTIMATOR: "unconfigured"}))
     names = ("deactivate", "cleanup", "configure")
-    world.later.extend(ChangeAsked(transition=name, reply=answers.append) for name in names)
+    world.later.extend(ChangeRequested(transition=name, reply=answers.append) for name in names)
     world.later.append(STOP)
     assert world.run(duration_s=None).exit_code == 0
     assert [answer.success for answer in answers] == [True, True, True]
@@ -334,7 +334,7 @@ def test_the_end_of_a_shared_process_is_blamed_on_the_node_that_its_last_words_n
 
 def test_a_node_that_is_told_to_be_ready_once_more_stays_where_it_is() -> None:
     answers: list[ChangeAnswer] = []
-    asked = ChangeAsked(transition="deactivate", nodes=(ROBOT,), reply=answers.append)
+    asked = ChangeRequested(transition="deactivate", nodes=(ROBOT,), reply=answers.append)
     world = World(later=deque([Ready(node=ROBOT), asked, STOP]))
     assert world.run(duration_s=None).exit_code == 0
     assert answers[0].success

@@ -88,9 +88,9 @@ def test_where_there_can_be_no_gate_nothing_is_early(tmp_path: Path) -> None:
 def test_of_a_run_that_is_refused_no_process_gets_past_the_gate(tmp_path: Path) -> None:
     started = Started(tmp_path)
     with (
-        pytest.raises(CommandFailedError, match="somebody else"),
+        pytest.raises(CommandFailedError, match="another node"),
         held_at_gate(tmp_path, (), started),  # type: ignore[arg-type]
     ):
-        raise CommandFailedError("somebody else moves the robot")
+        raise CommandFailedError("another node moves the robot")
     assert started.ended_held == [True]
     assert not is_closed(tmp_path)

@@ -152,6 +152,35 @@ def test_what_hides_in_sessions_of_its_own_goes_with_its_node_and_not_with_anoth
     assert all(map(_is_alive, others))
 
 
+SLOW_EXEC = f"""
+import pathlib, runpy, time
+read_bytes, loaded_at = pathlib.Path.read_bytes, {{}}
+def read_late(path):
+    loaded = loaded_at.setdefault(path, time.monotonic() + 0.05)
+    is_early = path.name == "environ" and time.monotonic() < loaded
+    return b"" if is_early else read_bytes(path)
+pathlib.Path.read_bytes = read_late
+runpy.run_path({warden.__file__!r}, run_name="__main__")
+"""
+"""The warden, with processes that take 50 ms to load their program."""
+
+
+def test_a_process_that_is_still_loading_its_program_goes_with_its_node(
+    bench: MakeBench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The kernel shows an empty environment then, so its start is known only later."""
+    program = tmp_path / "warden.py"
+    program.write_text(SLOW_EXEC)
+    monkeypatch.setattr(warden, "__file__", str(program))
+    detached = "subprocess.Popen(['sleep', '600'], start_new_session=True)"
+    run = bench({"a": f"import subprocess, time; print({detached}.pid, flush=True); time.sleep(9)"})
+    node = run.start("a")
+    hidden = psutil.Process(int(run.line()))
+    os.kill(node, signal.SIGKILL)
+    assert run.ended() == ProcessEnded(process="/a", code=-signal.SIGKILL)
+    hidden.wait(DEADLINE_S)
+
+
 def test_at_the_end_each_process_is_asked_once_and_may_come_down_in_order(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

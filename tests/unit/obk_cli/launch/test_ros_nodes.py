@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from obelisk_spec.runtime_protocol import Rate, rate_values
-from obk_cli.launch.events import RatesReported, StateSeen, TransitionBegun
+from obk_cli.launch.events import RatesReported, StateSeen, TransitionStarted
 from obk_cli.launch.ros_nodes import (
     event_of_passage,
     failed_transition,
@@ -17,7 +17,7 @@ from obk_cli.launch.ros_nodes import (
 
 def test_a_passage_begins_a_transition_ends_one_or_fails() -> None:
     begun = event_of_passage("/n", "inactive", "activating")
-    assert begun == TransitionBegun(node="/n", transition="activate")
+    assert begun == TransitionStarted(node="/n", transition="activate")
     seen = event_of_passage("/n", "activating", "active")
     assert seen == StateSeen(node="/n", state="active", transition="activate")
     assert event_of_passage("/n", "activating", "errorprocessing") is None

@@ -24,7 +24,7 @@ from .shown import Shown
 class Ros:
     """The interface to ROS, unused here."""
 
-    def look(self) -> None:
+    def participant(self) -> None:
         return None
 
 

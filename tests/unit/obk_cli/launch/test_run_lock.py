@@ -264,9 +264,9 @@ def test_why_a_run_could_not_begin_stands_in_its_folder(tmp_path: Path) -> None:
         locked_run(PLAN, environment, OPTIONS) as lock,
         Output(lock.folder, Shown(), voice, ()),
     ):
-        raise CommandFailedError("somebody else moves the robot", help="end that")
+        raise CommandFailedError("another node moves the robot", help="end that")
     (folder,) = (tmp_path / "runs").glob("s_*")
     told = cast(dict[str, Any], json.loads((folder / "run.json").read_text()))
-    assert (told["exit_code"], told["cause"]) == (1, "somebody else moves the robot")
+    assert (told["exit_code"], told["cause"]) == (1, "another node moves the robot")
     assert told["ended"] is not None
-    assert (folder / "launch.log").read_text() == "failed: somebody else moves the robot\n"
+    assert (folder / "launch.log").read_text() == "failed: another node moves the robot\n"

@@ -15,7 +15,7 @@ from obk_cli.launch.events import (
     ProcessStarted,
     StackStateChanged,
     StateSeen,
-    StopAsked,
+    StopRequested,
     TransitionEnded,
 )
 from obk_cli.plan.plan import Plan
@@ -62,7 +62,7 @@ def test_until_none_makes_no_transition_but_the_last() -> None:
 
 
 def test_a_stop_that_is_asked_for_ends_in_order() -> None:
-    world = World(later=deque([StopAsked(reason="SIGINT")]))
+    world = World(later=deque([StopRequested(reason="SIGINT")]))
     ended = world.run(duration_s=None)
     assert ended.exit_code == 0
     stopping = Phase(name="stopping", seconds=0.0, detail="SIGINT")
@@ -205,7 +205,7 @@ def test_a_node_without_an_answer_on_the_way_down_is_asked_nothing_more() -> Non
 
 
 def test_a_stop_before_a_node_is_ready_ends_it_without_a_word_of_python() -> None:
-    world = World(never_ready={ROBOT}, later=deque([StopAsked(reason="SIGINT")]))
+    world = World(never_ready={ROBOT}, later=deque([StopRequested(reason="SIGINT")]))
     ended = world.run()
     assert (ROBOT, signal.SIGTERM) in world.signals
     assert (ROBOT, signal.SIGINT) not in world.signals
@@ -241,7 +241,7 @@ def test_a_stack_that_is_shut_down_from_elsewhere_ends_in_order() -> None:
 
 def test_a_state_changed_from_elsewhere_is_known_on_the_way_down() -> None:
     seen = StateSeen(node=CONTROLLER, state="inactive", transition="deactivate")
-    world = World(later=deque([seen, StopAsked(reason="SIGTERM")]))
+    world = World(later=deque([seen, StopRequested(reason="SIGTERM")]))
     world.run(duration_s=None)
     assert (CONTROLLER, "deactivate") not in world.done
     assert (CONTROLLER, "cleanup") in world.done
@@ -249,7 +249,7 @@ def test_a_state_changed_from_elsewhere_is_known_on_the_way_down() -> None:
 
 def test_an_old_message_does_not_stand_for_the_state_after_the_newest_answer() -> None:
     late = StateSeen(node=CONTROLLER, state="inactive", transition="configure")
-    world = World(stale=late, later=deque([late, StopAsked(reason="SIGINT")]))
+    world = World(stale=late, later=deque([late, StopRequested(reason="SIGINT")]))
     ended = world.run(duration_s=None)
     assert ended.exit_code == 0
     assert late not in world.published
@@ -306,13 +306,13 @@ def test_the_death_of_a_process_without_a_life_cycle_takes_the_stack_down() -> N
 def test_a_process_that_knows_nothing_of_sigint_ends_in_order_by_it() -> None:
     world = World(plan=Plan(name="s", processes=(JOY,)), deaf_to={(JOY.full_name, signal.SIGINT)})
     world.later.append(ProcessEnded(process=JOY.full_name, code=-signal.SIGINT))
-    world.later.appendleft(StopAsked(reason="SIGTERM"))
+    world.later.appendleft(StopRequested(reason="SIGTERM"))
     assert world.run(duration_s=None).exit_code == 0
 
 
 def test_a_stop_during_the_bring_up_ends_the_wait_at_once() -> None:
     world = World(silent={(ROBOT, "configure")}, mute={ROBOT})
-    world.later.append(StopAsked(reason="SIGINT"))
+    world.later.append(StopRequested(reason="SIGINT"))
     ended = world.run()
     assert ended.exit_code == 0
     assert world.now == 2.0  # the question for its state
@@ -320,7 +320,7 @@ def test_a_stop_during_the_bring_up_ends_the_wait_at_once() -> None:
 
 
 def test_a_second_stop_skips_the_transitions_that_are_left_and_shortens_the_grace() -> None:
-    again = StopAsked(reason="SIGINT", is_urgent=True)
+    again = StopRequested(reason="SIGINT", is_urgent=True)
     world = World(
         silent={(CONTROLLER, "deactivate")},
         deaf_to={(ROBOT, signal.SIGINT), (ROBOT, signal.SIGTERM)},
@@ -334,14 +334,14 @@ def test_a_second_stop_skips_the_transitions_that_are_left_and_shortens_the_grac
 
 
 def test_two_signals_at_once_are_one_request() -> None:
-    stop = StopAsked(reason="SIGTERM", is_urgent=True)
+    stop = StopRequested(reason="SIGTERM", is_urgent=True)
     world = World(silent={(CONTROLLER, "deactivate")}, later=deque([stop, stop]))
     world.run(duration_s=None)
     assert world.transitions_of(ROBOT)[2:] == ["deactivate", "cleanup", "shutdown"]
 
 
 def test_a_stop_that_is_not_urgent_hurries_nobody() -> None:
-    stop = StopAsked(reason="SIGHUP")
+    stop = StopRequested(reason="SIGHUP")
     world = World(silent={(CONTROLLER, "deactivate")}, later=deque([stop, 1.0, stop]))
     world.run(duration_s=None)
     assert (ROBOT, "deactivate") in world.done

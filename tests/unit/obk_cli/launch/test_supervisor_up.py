@@ -8,7 +8,7 @@ import pytest
 
 from obk_cli.launch.events import (
     AnswersAgain,
-    ChangeAsked,
+    ChangeRequested,
     Evidence,
     Failed,
     GoesOnWithout,
@@ -19,8 +19,8 @@ from obk_cli.launch.events import (
     Restarting,
     StackStateChanged,
     StateSeen,
-    StatusAsked,
-    StopAsked,
+    StatusRequested,
+    StopRequested,
     TransitionEnded,
     WaitingFor,
 )
@@ -29,7 +29,7 @@ from obk_cli.runs.protocol import ChangeAnswer, StackStatus
 
 from .world import CONTROLLER, ESTIMATOR, ROBOT, World, process
 
-STOP = StopAsked(reason="SIGINT")
+STOP = StopRequested(reason="SIGINT")
 
 
 def died(name: str = ROBOT) -> ProcessEnded:
@@ -65,7 +65,7 @@ def test_restarts_wait_longer_each_time_and_end_when_the_budget_is_spent() -> No
 
 def test_what_is_to_be_ignored_is_told_and_left_out_of_the_stack() -> None:
     answers: list[ChangeAnswer] = []
-    ask = ChangeAsked(transition="deactivate", reply=answers.append)
+    ask = ChangeRequested(transition="deactivate", reply=answers.append)
     world = World(on_crash="ignore", later=deque([died(CONTROLLER), ask, STOP]))
     ended = world.run(duration_s=None)
     assert ended.exit_code == 0
@@ -150,7 +150,7 @@ def ask(world: World, transition: str, *nodes: str) -> ChangeAnswer:
     """Ask a stack that is up for a change, then stop it."""
     answers: list[ChangeAnswer] = []
     world.later.extend(
-        [ChangeAsked(transition=transition, nodes=nodes, reply=answers.append), 0.1, STOP]
+        [ChangeRequested(transition=transition, nodes=nodes, reply=answers.append), 0.1, STOP]
     )
     world.run(duration_s=None)
     (answer,) = answers
@@ -229,7 +229,7 @@ def test_a_node_that_is_not_there_is_named() -> None:
 def test_a_shutdown_of_all_ends_the_run_in_order() -> None:
     world = World()
     answers: list[ChangeAnswer] = []
-    world.later.append(ChangeAsked(transition="shutdown", reply=answers.append))
+    world.later.append(ChangeRequested(transition="shutdown", reply=answers.append))
     assert world.run(duration_s=None).exit_code == 0
     assert answers[0].success
 
@@ -237,7 +237,7 @@ def test_a_shutdown_of_all_ends_the_run_in_order() -> None:
 def test_a_change_asked_for_during_another_one_is_refused() -> None:
     answers: list[ChangeAnswer] = []
     world = World(silent={(ROBOT, "configure")})
-    world.later.append(ChangeAsked(transition="activate", reply=answers.append))
+    world.later.append(ChangeRequested(transition="activate", reply=answers.append))
     world.run()
     assert answers == [ChangeAnswer(success=False, why="the stack is on its way up")]
 
@@ -245,7 +245,7 @@ def test_a_change_asked_for_during_another_one_is_refused() -> None:
 def test_how_the_stack_is_can_be_asked_at_any_time() -> None:
     seen: list[StackStatus] = []
     world = World(silent={(ROBOT, "configure")})
-    world.later.append(StatusAsked(reply=seen.append))
+    world.later.append(StatusRequested(reply=seen.append))
     world.run()
     assert seen[0].state == "configuring"
     assert seen[0].nodes[2].node == ROBOT

@@ -4,8 +4,7 @@ from dataclasses import replace
 from typing import Final
 
 from obelisk_spec.runtime_protocol import Rate as Promised
-from obk_cli.monitor.model import NodeView, Passage, StackView, TopicView
-from obk_cli.process.load import ProcessLoad
+from obk_cli.monitor.model import MessageAge, NodeView, ProcessLoad, StackView, TopicView
 from obk_cli.ros.rate_meter import TopicRate
 
 __all__ = ["BROKEN", "COMPOSED", "ELSEWHERE", "HEALTHY", "node", "topic"]
@@ -57,7 +56,7 @@ def topic(
         passage=(
             None
             if age_s is None
-            else Passage(p50_s=age_s, p99_s=3 * age_s, is_carried=bool(made_from))
+            else MessageAge(p50_s=age_s, p99_s=3 * age_s, is_carried=bool(made_from))
         ),
         made_from=tuple(f"/obelisk/dummy/{one}" for one in made_from),
     )

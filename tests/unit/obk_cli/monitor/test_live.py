@@ -90,7 +90,7 @@ def live(
         async with world.app.run_test(size=size) as pilot:
             world.pilot = pilot
             await steps(world)
-        world.app.end_watching()
+        world.app.stop_following()
 
     asyncio.run(run())
     assert world.watch.has_stopped
@@ -101,17 +101,17 @@ def test_before_anything_runs_it_says_so_and_then_shows_the_stack() -> None:
     async def steps(world: World) -> None:
         await world.shows("head", "looking for a stack")
         await world.press("a")
-        assert not world.text("said")
+        assert not world.text("message")
         world.watch.put(None)
         await world.shows("head", "no stack runs here; waiting for one")
         await world.press("a")
-        await world.shows("said", "nothing runs")
+        await world.shows("message", "nothing runs")
         world.watch.put(HEALTHY)
         await world.shows("head", "dummy  active  up 0:01:23")
         await world.shows("nodes_text", "estimation_0  active")
         await world.shows("topics_text", "age along the way")
         await world.shows("log_text", "[WARN] the simulation fell behind")
-        assert not world.text("said")
+        assert not world.text("message")
 
     live(steps)
 
@@ -130,14 +130,14 @@ def test_a_transition_of_the_stack_is_asked_for_before_it_is_carried_out() -> No
     async def steps(world: World) -> None:
         await world.shows("head", "dummy")
         await world.press("a")
-        await world.shows("said", "activate all 3 nodes; the robot may move?  y / n")
+        await world.shows("message", "activate all 3 nodes; the robot may move?  y / n")
         await world.press("n")
-        assert world.text("said") == ""
+        assert world.text("message") == ""
         await world.press("y")
         await world.press("d")
-        await world.shows("said", "deactivate all 3 nodes?  y / n")
+        await world.shows("message", "deactivate all 3 nodes?  y / n")
         await world.press("y")
-        await world.shows("said", "deactivate all nodes: done")
+        await world.shows("message", "deactivate all nodes: done")
 
     assert live(steps, HEALTHY).asked == [("deactivate", ())]
 
@@ -148,11 +148,11 @@ def test_a_yes_is_for_the_stack_that_was_asked_about() -> None:
     async def steps(world: World) -> None:
         await world.shows("head", "dummy")
         await world.press("a")
-        await world.shows("said", "the robot may move?")
+        await world.shows("message", "the robot may move?")
         world.watch.put(other)
         await world.shows("head", "arm")
         await world.press("y")
-        await world.shows("said", "activate all nodes: done")
+        await world.shows("message", "activate all nodes: done")
 
     assert live(steps, HEALTHY).runs == [HEALTHY.run]
 
@@ -161,9 +161,9 @@ def test_the_chosen_node_is_restarted_step_by_step() -> None:
     async def steps(world: World) -> None:
         await world.shows("head", "dummy")
         await world.press("down", "r")
-        await world.shows("said", "activate control_0; the robot may move?")
+        await world.shows("message", "activate control_0; the robot may move?")
         await world.press("y")
-        await world.shows("said", "activate control_0: done")
+        await world.shows("message", "activate control_0: done")
 
     verbs = ("deactivate", "cleanup", "configure", "activate")
     assert live(steps, HEALTHY).asked == [(verb, (CONTROL,)) for verb in verbs]
@@ -174,10 +174,10 @@ def test_a_failure_is_shown_with_its_cause_and_ends_the_rest() -> None:
         await world.shows("head", "dummy")
         world.answer = ChangeAnswer(success=False, why="/obelisk_control_0: no gains\nTraceback")
         await world.press("c", "y")
-        await world.shows("said", "configure all nodes failed: /obelisk_control_0: no gains")
-        assert "Traceback" not in world.text("said")
+        await world.shows("message", "configure all nodes failed: /obelisk_control_0: no gains")
+        assert "Traceback" not in world.text("message")
         await world.press("x", "y")
-        await world.shows("said", "cleanup all nodes failed: no answer; see `obk ps`")
+        await world.shows("message", "cleanup all nodes failed: no answer; see `obk ps`")
 
     assert [verb for verb, _ in live(steps, HEALTHY).asked] == ["configure", "cleanup"]
 
@@ -187,14 +187,14 @@ def test_while_one_transition_goes_on_no_other_is_asked_for() -> None:
         await world.shows("head", "dummy")
         world.may_answer.clear()
         await world.press("d", "y")
-        await world.shows("said", "deactivate all nodes ...")
+        await world.shows("message", "deactivate all nodes ...")
         await world.press("a")
-        await world.shows("said", "wait for the last one to end")
+        await world.shows("message", "wait for the last one to end")
         await world.press("y")
         world.watch.put(replace(HEALTHY, name="still drawn"))
         await world.shows("head", "still drawn")
         world.may_answer.set()
-        await world.shows("said", "deactivate all nodes: done")
+        await world.shows("message", "deactivate all nodes: done")
 
     assert live(steps, HEALTHY).asked == [("deactivate", ())]
 
@@ -207,7 +207,7 @@ def test_the_log_is_filtered_while_its_words_are_written() -> None:
         assert "simulation" not in world.text("log_text")
         await world.press("enter", "d")
         await world.shows("keys", "[GOAL]")
-        await world.shows("said", "deactivate")
+        await world.shows("message", "deactivate")
         await world.press("escape", "escape")
         await world.shows("log_text", "simulation")
         assert not world.app.query_one("#filter", Input).display
@@ -240,7 +240,7 @@ def test_a_stack_that_has_ended_stays_to_be_seen_until_another_begins() -> None:
         world.watch.put(None)
         await world.shows("head", "has ended: /a hangs")
         await world.press("a")
-        await world.shows("said", "nothing runs")
+        await world.shows("message", "nothing runs")
         world.watch.put(BROKEN)
         await world.shows("head", "2 topics off")
 

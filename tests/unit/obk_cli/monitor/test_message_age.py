@@ -2,8 +2,8 @@
 
 import struct
 
-from obk_cli.monitor.model import Passage
-from obk_cli.monitor.topic_watch import PassageMeter
+from obk_cli.monitor.model import MessageAge
+from obk_cli.monitor.topic_watch import MessageAgeMeter
 
 S = 1_000_000_000
 NOW = 1_800_000_000 * S
@@ -15,14 +15,14 @@ def message(stamp_ns: int, *, order: str = "<") -> bytes:
 
 
 def test_half_of_the_messages_and_nearly_all_are_at_most_so_old() -> None:
-    meter = PassageMeter(2.0)
+    meter = MessageAgeMeter(2.0)
     for number in range(200):
         meter.take(NOW + number * 1_000_000, message(NOW, order="<>"[number % 2]))
-    assert meter.passage(NOW) == Passage(p50_s=0.1, p99_s=0.198, is_carried=False)
+    assert meter.passage(NOW) == MessageAge(p50_s=0.1, p99_s=0.198, is_carried=False)
 
 
 def test_a_stamp_that_was_taken_over_tells_the_age_of_the_chain() -> None:
-    up, down, other = (PassageMeter(2.0) for _ in range(3))
+    up, down, other = (MessageAgeMeter(2.0) for _ in range(3))
     for number in range(10):
         stamp = NOW + number
         up.take(stamp + 1000, message(stamp))
@@ -36,7 +36,7 @@ def test_a_stamp_that_was_taken_over_tells_the_age_of_the_chain() -> None:
 
 
 def test_stamps_that_were_never_set_or_are_of_another_clock_tell_nothing() -> None:
-    meter = PassageMeter(2.0)
+    meter = MessageAgeMeter(2.0)
     meter.take(NOW, message(0))
     meter.take(NOW, b"\x00\x01\x00\x00")
     assert meter.passage(NOW) is None
@@ -45,7 +45,7 @@ def test_stamps_that_were_never_set_or_are_of_another_clock_tell_nothing() -> No
 
 
 def test_a_topic_on_which_nothing_comes_any_more_has_no_age() -> None:
-    meter = PassageMeter(2.0)
+    meter = MessageAgeMeter(2.0)
     meter.take(NOW + S // 10, message(NOW))
     meter.take(NOW + S, message(NOW + S // 2))
     now = meter.passage(NOW + 3 * S)
@@ -55,7 +55,7 @@ def test_a_topic_on_which_nothing_comes_any_more_has_no_age() -> None:
 
 
 def test_stamps_of_a_slower_topic_are_held_against_those_that_are_still_known() -> None:
-    up, down = PassageMeter(2.0), PassageMeter(5.0)
+    up, down = MessageAgeMeter(2.0), MessageAgeMeter(5.0)
     for number in range(20_000):  # 20 s at 1 kHz, of which 1 s is kept
         stamp = NOW + number * S // 1000
         up.take(stamp, message(stamp))

@@ -9,7 +9,7 @@ from typing import Any, Final
 import pytest
 
 from obk_cli.monitor import observers
-from obk_cli.monitor.observers import Observer
+from obk_cli.monitor.observers import LocalObserver
 from obk_cli.monitor.topic_watch import TopicWatch
 from obk_cli.process.identity import this_process
 from obk_cli.runs.folder import Run
@@ -62,7 +62,7 @@ def test_nodes_of_a_launcher_that_never_answered_are_those_of_its_run(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     answering(monkeypatch, None)
-    view = Observer(folder, RUN, LOOK).view()
+    view = LocalObserver(folder, RUN, LOOK).view()
     assert not view.has_ended
     assert [(n.node, n.section, n.state, n.pid) for n in view.nodes] == [
         (ROBOT, "robot", "unknown", None),
@@ -73,7 +73,7 @@ def test_nodes_of_a_launcher_that_never_answered_are_those_of_its_run(
 def test_when_the_launcher_stops_to_answer_its_nodes_stay_in_view_without_states(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    watched = Observer(folder, RUN, LOOK)
+    watched = LocalObserver(folder, RUN, LOOK)
     answering(monkeypatch, STATUS)
     assert [node.state for node in watched.view().nodes] == ["active", ""]
     answering(monkeypatch, None)
@@ -89,7 +89,7 @@ def test_when_the_launcher_stops_to_answer_its_nodes_stay_in_view_without_states
 def test_a_run_that_has_ended_has_no_nodes(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answering(monkeypatch, None)
     (folder / "run.json").write_text(json.dumps(asdict(replace(RUN, ended=1.0))))
-    view = Observer(folder, RUN, LOOK).view()
+    view = LocalObserver(folder, RUN, LOOK).view()
     assert (view.has_ended, view.nodes) == (True, ())
 
 

@@ -1,7 +1,7 @@
-"""The speeds of simulated robots, with a function in the place of their nodes."""
+"""The factors of simulated robots, with a function in the place of their nodes."""
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.monitor.expected_topics import Speeds
+from obk_cli.monitor.expected_topics import RealtimeFactors
 from obk_cli.ros.parameters import NodeParameter
 from obk_cli.runs.protocol import NodeStatus
 
@@ -37,33 +37,33 @@ def status(state: str, node: str = "/arm/r") -> NodeStatus:
 
 def test_a_robot_is_asked_once_it_is_configured() -> None:
     robots = Robots()
-    speeds = Speeds({"/arm/r"}, robots.ask)
+    factors = RealtimeFactors({"/arm/r"}, robots.ask)
     for state in ("unconfigured", "inactive", "active"):
-        speeds.look([status(state), status(state, "/arm/c")])
-    assert (robots.asked, speeds.factors) == (["/arm/r"], {"/arm/r": 1.0})
+        factors.query_missing([status(state), status(state, "/arm/c")])
+    assert (robots.asked, factors.factors) == (["/arm/r"], {"/arm/r": 1.0})
 
 
 def test_a_robot_whose_factor_was_set_is_asked_once_it_is_configured_anew() -> None:
     robots = Robots()
-    speeds = Speeds({"/arm/r"}, robots.ask)
-    speeds.look([status("active")])
+    factors = RealtimeFactors({"/arm/r"}, robots.ask)
+    factors.query_missing([status("active")])
     robots.factor = 0.5
-    speeds.hear(0, b"/arm/r report_rates")
-    speeds.look([status("active")])
+    factors.take_event(0, b"/arm/r report_rates")
+    factors.query_missing([status("active")])
     assert len(robots.asked) == 1
-    speeds.hear(0, EVENT)
-    speeds.look([status("unconfigured")])
-    assert speeds.factors == {}
-    speeds.look([status("inactive")])
-    assert speeds.factors == {"/arm/r": 0.5}
+    factors.take_event(0, EVENT)
+    factors.query_missing([status("unconfigured")])
+    assert factors.factors == {}
+    factors.query_missing([status("inactive")])
+    assert factors.factors == {"/arm/r": 0.5}
 
 
 def test_a_robot_that_does_not_answer_is_asked_again() -> None:
     robots = Robots()
     robots.factor = None
-    speeds = Speeds({"/arm/r"}, robots.ask)
-    speeds.look([status("active")])
-    assert speeds.factors == {}
+    factors = RealtimeFactors({"/arm/r"}, robots.ask)
+    factors.query_missing([status("active")])
+    assert factors.factors == {}
     robots.factor = 0.0
-    speeds.look([status("active")])
-    assert speeds.factors == {"/arm/r": 0.0}
+    factors.query_missing([status("active")])
+    assert factors.factors == {"/arm/r": 0.0}

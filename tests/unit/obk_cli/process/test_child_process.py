@@ -11,7 +11,7 @@ import psutil
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.process.child_process import BoundProcess
+from obk_cli.process.child_process import BoundChild
 from obk_cli.process.signals import freeze, kill, thaw
 from obk_cli.ros.environment import free_domain
 
@@ -29,8 +29,8 @@ def test_a_child_is_heard_line_by_line_to_its_end() -> None:
     lines: list[str] = []
     over = threading.Event()
     say = "import sys; print('one'); sys.stdout.flush(); print('two', file=sys.stderr); sys.exit(3)"
-    child = BoundProcess(
-        [sys.executable, "-c", say], os.environ, on_line=lines.append, on_over=over.set
+    child = BoundChild(
+        [sys.executable, "-c", say], os.environ, on_line=lines.append, on_output_end=over.set
     )
     assert child.wait(DEADLINE_S) == 3
     assert over.wait(DEADLINE_S)
@@ -39,7 +39,7 @@ def test_a_child_is_heard_line_by_line_to_its_end() -> None:
 
 
 def test_a_child_has_a_session_of_its_own_and_is_killed_at_the_close() -> None:
-    child = BoundProcess(["sleep", "60"], os.environ, on_line=print, on_over=lambda: None)
+    child = BoundChild(["sleep", "60"], os.environ, on_line=print, on_output_end=lambda: None)
     assert child.exit_code is None
     assert os.getsid(child.pid) != os.getsid(0)
     child.close()
@@ -48,8 +48,8 @@ def test_a_child_has_a_session_of_its_own_and_is_killed_at_the_close() -> None:
 
 STARTER = """
 import os, sys, time
-from obk_cli.process.child_process import BoundProcess
-child = BoundProcess(["sleep", "60"], os.environ, on_line=print, on_over=lambda: None)
+from obk_cli.process.child_process import BoundChild
+child = BoundChild(["sleep", "60"], os.environ, on_line=print, on_output_end=lambda: None)
 while "sleep" not in open(f"/proc/{child.pid}/cmdline").read().split("\\0")[0]:
     time.sleep(0.01)
 print(child.pid, flush=True)

@@ -3,11 +3,13 @@
 import fcntl
 import mmap
 import os
+import shutil
 from pathlib import Path
 
 import pytest
 
-from obk_cli.process.shared_memory import remove_dead_segments
+from obk_cli.errors import CommandFailedError
+from obk_cli.process.shared_memory import NEEDED, remove_dead_segments, require_shared_memory
 
 DEAD, ALIVE = "fastrtps_0123456789abcdef", "fastrtps_fedcba9876543210"
 PORT = ("fastrtps_port7411", "fastrtps_port7411_el", "sem.fastrtps_port7411_mutex")
@@ -71,3 +73,35 @@ def test_what_is_not_ours_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_a_folder_that_is_not_there_has_none(tmp_path: Path) -> None:
     assert remove_dead_segments(tmp_path / "nowhere") == 0
+
+
+@pytest.fixture
+def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder that is full while there is anything in it."""
+    usage = shutil.disk_usage(tmp_path)
+
+    def used(folder: Path) -> object:
+        return usage._replace(free=0 if any(folder.iterdir()) else NEEDED)
+
+    monkeypatch.setattr("shutil.disk_usage", used)
+    return tmp_path
+
+
+def test_what_dead_processes_have_left_makes_room(small: Path) -> None:
+    (small / DEAD).touch()
+    (small / f"{DEAD}_el").touch()
+    require_shared_memory(small)
+    assert list(small.iterdir()) == []
+
+
+def test_memory_that_is_full_nevertheless_is_reported(small: Path) -> None:
+    (small / "used").touch()
+    with pytest.raises(CommandFailedError, match=f"{small} is full: ") as refused:
+        require_shared_memory(small)
+    assert refused.value.help is not None
+    assert "obk doctor shared-memory" in refused.value.help
+    assert [path.name for path in small.iterdir()] == ["used"]
+
+
+def test_without_shared_memory_ros_is_loaded_anyway(small: Path) -> None:
+    require_shared_memory(small / "nowhere")

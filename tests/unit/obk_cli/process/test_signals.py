@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from obk_cli.process.signals import end_signals_heard
+from obk_cli.process.signals import handle_end_signals
 
 
 @pytest.fixture(autouse=True)
@@ -20,7 +20,7 @@ def _as_before() -> Iterator[None]:
 def test_each_is_heard_and_afterwards_all_is_as_before() -> None:
     heard: list[signal.Signals] = []
     before = signal.getsignal(signal.SIGTERM)
-    with end_signals_heard(heard.append):
+    with handle_end_signals(heard.append):
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.raise_signal(number)
     assert heard == [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
@@ -31,7 +31,7 @@ def test_under_nohup_the_terminal_may_go_and_sigint_still_ends() -> None:
     heard: list[signal.Signals] = []
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    with end_signals_heard(heard.append):
+    with handle_end_signals(heard.append):
         signal.raise_signal(signal.SIGHUP)
         signal.raise_signal(signal.SIGINT)
     assert heard == [signal.SIGINT]

@@ -18,7 +18,7 @@ from obk_cli.record.mcap_reader import messages_of, read_bag
 from obk_cli.record.mcap_writer import BagWriter, offers_text
 from obk_cli.record.plot import PlotField, draw, parse_field
 from obk_cli.record.recording import DROPS, BagTopic
-from obk_cli.ros.raw_subscription import Offer
+from obk_cli.ros.raw_subscription import OfferedQos
 
 TYPE = "std_msgs/msg/Float64"
 BEGIN_NS = 1_700_000_000_000_000_000
@@ -260,7 +260,7 @@ def test_bytes_of_names_that_are_no_utf8_are_escaped(tmp_path: Path) -> None:
 
 
 FOR_EVER = 2**63 - 1
-OFFER = Offer(
+OFFER = OfferedQos(
     history="keep_last",
     depth=10,
     reliability="reliable",

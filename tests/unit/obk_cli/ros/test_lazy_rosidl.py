@@ -5,8 +5,8 @@ import sys
 
 CODE = """
 import sys
-from obk_cli.ros.participant import leave_generator_for_later
-leave_generator_for_later()
+from obk_cli.ros.participant import defer_message_generator
+defer_message_generator()
 from obelisk_control_msgs.msg import PositionSetpoint
 PositionSetpoint.__import_type_support__()
 assert PositionSetpoint._TYPE_SUPPORT is not None

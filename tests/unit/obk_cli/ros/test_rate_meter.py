@@ -37,7 +37,7 @@ class Look:
     def __init__(self) -> None:
         self.topic = Topic()
 
-    def listen(self, *_: object, is_light: bool) -> Topic:
+    def subscribe(self, *_: object, is_light: bool) -> Topic:
         assert not is_light
         return self.topic
 

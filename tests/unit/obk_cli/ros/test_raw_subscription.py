@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from obk_cli.ros.raw_subscription import DropCounter, Offer, Request, request_for
+from obk_cli.ros.raw_subscription import DropCounter, OfferedQos, RequestedQos, requested_qos
 
 FOR_EVER = 2**63 - 1
-RELIABLE = Offer(
+RELIABLE = OfferedQos(
     history="keep_last",
     depth=10,
     reliability="reliable",
@@ -20,20 +20,20 @@ UNRELIABLE = replace(RELIABLE, reliability="best_effort")
 
 
 def test_what_all_publishers_offer_is_asked_for() -> None:
-    assert request_for([]) == Request(is_reliable=True, is_transient_local=False)
-    assert request_for([RELIABLE]) == Request(is_reliable=True, is_transient_local=False)
-    assert request_for([LATCHED]) == Request(is_reliable=True, is_transient_local=True)
+    assert requested_qos([]) == RequestedQos(is_reliable=True, is_transient_local=False)
+    assert requested_qos([RELIABLE]) == RequestedQos(is_reliable=True, is_transient_local=False)
+    assert requested_qos([LATCHED]) == RequestedQos(is_reliable=True, is_transient_local=True)
 
 
 def test_one_weaker_publisher_among_them_is_heard_too() -> None:
-    assert request_for([LATCHED, RELIABLE]) == Request()
-    assert request_for([RELIABLE, UNRELIABLE]) == Request(is_reliable=False)
+    assert requested_qos([LATCHED, RELIABLE]) == RequestedQos()
+    assert requested_qos([RELIABLE, UNRELIABLE]) == RequestedQos(is_reliable=False)
 
 
 def test_a_light_one_is_reliable_only_for_what_was_published_before() -> None:
-    assert request_for([], is_light=True) == Request(is_reliable=False)
-    assert request_for([RELIABLE], is_light=True) == Request(is_reliable=False)
-    assert request_for([LATCHED], is_light=True) == request_for([LATCHED])
+    assert requested_qos([], is_light=True) == RequestedQos(is_reliable=False)
+    assert requested_qos([RELIABLE], is_light=True) == RequestedQos(is_reliable=False)
+    assert requested_qos([LATCHED], is_light=True) == requested_qos([LATCHED])
 
 
 def counted(*sequence: int, publishers: int = 1) -> tuple[int, int]:

@@ -68,7 +68,7 @@ def client(lossy: LossyClient) -> ServiceClient:
     vars(made).update(
         _name="/n/get_state",
         _type=SimpleNamespace(Response=object),
-        _look=SimpleNamespace(wait_for=lambda probe, timeout_s: probe(), nodes=tuple),
+        _participant=SimpleNamespace(wait_for=lambda probe, timeout_s: probe(), nodes=tuple),
         _client=lossy,
     )
     return made
@@ -116,16 +116,16 @@ def test_a_node_is_asked_something_before_it_is_asked_to_do_something(
             self.asked = 2
             return 2
 
-    def make(self: ServiceClient, look: object, of: str, kind: object) -> None:
-        vars(self).update(_name=of, _type=kind, _look=look, _client=Told(of))
+    def make(self: ServiceClient, participant: object, of: str, kind: object) -> None:
+        vars(self).update(_name=of, _type=kind, _participant=participant, _client=Told(of))
 
     monkeypatch.setattr(ServiceClient, "__init__", make)
     kind = SimpleNamespace(Request=object, Response=object)
     monkeypatch.setattr(ros_calls, "find_type", lambda _: kind)
-    look: Any = SimpleNamespace(
+    participant: Any = SimpleNamespace(
         wait_for=lambda probe, timeout_s: probe(),
         nodes=lambda: tuple(SERVICES),
         services_of=SERVICES.__getitem__,
     )
-    assert ServiceClient(look, name, kind).call("request", 60.0) == "the answer"
+    assert ServiceClient(participant, name, kind).call("request", 60.0) == "the answer"
     assert sent == asked

@@ -8,7 +8,7 @@ from pathlib import Path
 from queue import SimpleQueue
 
 from obk_cli.launch.control_server import serve_control
-from obk_cli.launch.events import ChangeAsked, InputEvent, StatusAsked, StopAsked
+from obk_cli.launch.events import ChangeRequested, InputEvent, StatusRequested, StopRequested
 from obk_cli.launch.run_lock import claim_run
 from obk_cli.process.identity import this_process
 from obk_cli.runs.folder import Run, record_end
@@ -34,16 +34,16 @@ class FakeStack:
     def answer(self, heard: InputEvent) -> None:
         self.heard.append(heard)
         match heard:
-            case StatusAsked():
+            case StatusRequested():
                 heard.reply(self._status())
-            case ChangeAsked():
+            case ChangeRequested():
                 heard.reply(self._changed(heard))
-            case StopAsked():
+            case StopRequested():
                 record_end(self.folder, self.run, 1.0, exit_code=0)
             case _:
                 return
 
-    def _changed(self, asked: ChangeAsked) -> ChangeAnswer:
+    def _changed(self, asked: ChangeRequested) -> ChangeAnswer:
         goal = TRANSITIONS[asked.transition].goal
         members = []
         for node in asked.nodes or self.run.nodes:

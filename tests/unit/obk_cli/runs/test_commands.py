@@ -12,7 +12,7 @@ import pytest
 from obk_cli.cli import stop
 from obk_cli.cli.main import main
 from obk_cli.introspect import lifecycle
-from obk_cli.launch.events import StopAsked
+from obk_cli.launch.events import StopRequested
 from obk_cli.process.identity import this_process
 from obk_cli.runs import orphans as leftovers
 from obk_cli.runs import registry
@@ -167,7 +167,7 @@ def test_stop_ends_the_only_stack(parent: Path, capsys: pytest.CaptureFixture[st
     with fake_stack(parent, STATES) as stack:
         assert obk("stop") == 0
         assert capsys.readouterr().out == "dummy: ended\n"
-        assert stack.heard == [StopAsked(reason="asked by `obk stop`")]
+        assert stack.heard == [StopRequested(reason="asked by `obk stop`")]
         assert obk("stop") == 1
     assert capsys.readouterr().err.startswith("error: no stack runs on this host")
 

@@ -157,5 +157,5 @@ def test_what_runs_in_a_container_is_left_to_it(
     with running(WAIT, {"OBK_RUN": RUN, "OBK_LAUNCHER": GONE}) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        monkeypatch.setattr(leftovers, "counts_as_here", lambda pid: pid != process.pid)
+        monkeypatch.setattr(leftovers, "shares_pid_namespace", lambda pid: pid != process.pid)
         assert not find_orphans(tmp_path, run=RUN)

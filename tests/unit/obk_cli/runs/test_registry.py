@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.launch.control_server import serve_control
-from obk_cli.launch.events import StopAsked
+from obk_cli.launch.events import StopRequested
 from obk_cli.process.identity import start_s
 from obk_cli.runs import registry
 from obk_cli.runs.control_client import ANSWER_S
@@ -76,7 +76,7 @@ def test_a_launcher_that_answers_is_asked_and_not_signalled(
 
         with serve_control(tmp_path, hear):
             assert end_launcher(tmp_path, run, reason="test") == "ended"
-        assert heard == [StopAsked(reason="test")]
+        assert heard == [StopRequested(reason="test")]
         assert process.poll() is None
 
 

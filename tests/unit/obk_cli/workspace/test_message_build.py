@@ -7,7 +7,12 @@ from pathlib import Path
 import pytest
 
 from obk_cli.errors import CommandFailedError
-from obk_cli.workspace.message_build import BuildOptions, Listener, build_workspace, find_colcon
+from obk_cli.workspace.message_build import (
+    BuildCallbacks,
+    BuildOptions,
+    build_workspace,
+    find_colcon,
+)
 from obk_cli.workspace.overlay import underlays_of, with_overlays
 
 MANIFEST = "<package format='3'><name>{}</name><version>0.1.0</version></package>"
@@ -53,7 +58,7 @@ def test_colcon_builds_where_a_ros_is_sourced_and_is_told_of(
     workspace: Path, sourced: dict[str, str]
 ) -> None:
     notes: list[str] = []
-    listener = Listener(on_note=notes.append)
+    listener = BuildCallbacks(on_note=notes.append)
     built = build_workspace(workspace, BuildOptions(environment=sourced), listener)
     select = ["build", "--packages-select", "my_msgs", "node"]
     assert asked(sourced) == [str(workspace), *select]

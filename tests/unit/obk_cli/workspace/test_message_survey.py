@@ -17,7 +17,7 @@ from obk_cli.workspace.message_build import (
 from obk_cli.workspace.overlay import (
     BuiltPackage,
     OverlayRecord,
-    build_turn,
+    build_lock,
     new_overlay,
     overlay_folder,
     overlay_prefixes,
@@ -57,8 +57,8 @@ def build_as_if(survey: Survey, *names: str) -> None:
     record = OverlayRecord(
         builder="obk", python="3", ros=survey.ros, prefixes=(".",), packages=packages
     )
-    with build_turn(survey.workspace, pytest.fail):
-        replace_overlay(survey.workspace, new_overlay(survey.workspace, as_now=False), record)
+    with build_lock(survey.workspace, pytest.fail):
+        replace_overlay(survey.workspace, new_overlay(survey.workspace, with_current=False), record)
 
 
 def states(survey: Survey) -> dict[str, str]:
@@ -154,8 +154,8 @@ def test_a_new_overlay_takes_the_place_of_the_old_one_as_a_whole(workspace: Path
     first = overlay_folder(workspace).resolve()
     (first / "share").mkdir()
     (first / "share" / "kept").write_text("x")
-    with build_turn(workspace, pytest.fail):
-        stage = new_overlay(workspace, as_now=True)
+    with build_lock(workspace, pytest.fail):
+        stage = new_overlay(workspace, with_current=True)
         assert (stage / "share" / "kept").samefile(first / "share" / "kept")
         record = read_record(workspace)
         assert record is not None
@@ -168,9 +168,9 @@ def test_a_new_overlay_takes_the_place_of_the_old_one_as_a_whole(workspace: Path
 
 def test_what_a_killed_build_left_behind_is_removed_by_the_next(workspace: Path) -> None:
     build_as_if(survey_workspace(workspace, ()))
-    with build_turn(workspace, pytest.fail):
-        left = new_overlay(workspace, as_now=True)
-    with build_turn(workspace, pytest.fail):
+    with build_lock(workspace, pytest.fail):
+        left = new_overlay(workspace, with_current=True)
+    with build_lock(workspace, pytest.fail):
         assert not left.exists()
         assert overlay_folder(workspace).is_dir()
 
@@ -191,9 +191,9 @@ def test_another_build_is_told_of_and_not_waited_for_without_end(
     told: list[str] = []
     said = f"process {os.getpid()} has been building for 0 min"
     with (
-        build_turn(workspace, pytest.fail),
+        build_lock(workspace, pytest.fail),
         pytest.raises(CommandFailedError, match=said),
-        build_turn(workspace, told.append),
+        build_lock(workspace, told.append),
     ):
         pytest.fail("two build at once")
     assert told == [f"process {os.getpid()} builds in this workspace; waiting for it"]

@@ -2,20 +2,20 @@
 
 import os
 
-from obk_cli.process.load import OwnCost, ProcessLoads
+from obk_cli.monitor.observers import OwnCpuUse, ProcessLoads
 
 
 def test_a_process_is_looked_at_and_one_that_is_gone_is_left_out() -> None:
     gone = 2**22 + 1  # above the kernel's highest number
     loads = ProcessLoads()
-    first = loads.look({os.getpid(), gone})
+    first = loads.measure({os.getpid(), gone})
     assert set(first) == {os.getpid()}
-    again = loads.look({os.getpid()})[os.getpid()]
+    again = loads.measure({os.getpid()})[os.getpid()]
     assert again.memory_bytes > 1_000_000
     assert again.uptime_s >= first[os.getpid()].uptime_s > 0
 
 
 def test_working_costs_more_than_nothing() -> None:
-    cost = OwnCost()
+    cost = OwnCpuUse()
     sum(range(1_000_000))
     assert cost.percent() > 0

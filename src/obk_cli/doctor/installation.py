@@ -1,29 +1,91 @@
-"""Check `paths`: whether the shell's search paths lead to several installations."""
+"""Checks `python` and `paths`: this installation of obk, and others on the shell's search paths."""
 
 import os
 import re
+import shlex
 import shutil
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from obk_cli.doctor.finding import GIB, MIB, Fact, Finding, bytes_text, note, ok, warning
-from obk_cli.doctor.memory import write_fault
+import obk_cli
+from obk_cli.doctor.finding import Fact, Finding, error, note, ok, warning
 from obk_cli.doctor.ros import wheels_distribution
-from obk_cli.runs.folder import runs_folder
-from obk_cli.workspace.model_cache import cache_folder
+from obk_cli.optional_deps import distribution_version
 
-__all__ = [
-    "FolderFacts",
-    "PathFacts",
-    "judge_folders",
-    "judge_paths",
-    "probe_folders",
-    "probe_paths",
-]
+__all__ = ["PathFacts", "PythonFacts", "judge_paths", "judge_python", "probe_paths", "probe_python"]
+
+OLDEST: Final = (3, 11)
+NEWEST_WITH_WHEELS: Final = (3, 13)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PythonFacts:
+    """The interpreter that runs obk."""
+
+    version: tuple[int, int, int]
+    executable: str
+    prefix: str
+    is_virtual: bool
+    """Whether it is in a virtual or a conda environment."""
+    obk_version: str | None
+    """Of the installed distribution, None where obk runs without being installed."""
+    obk_folder: str
+    """Where obk's own modules lie."""
+
+
+def judge_python(facts: PythonFacts) -> Iterator[Finding]:
+    """The interpreter and its environment."""
+    text = ".".join(map(str, facts.version))
+    measured: dict[str, Fact] = {
+        "version": text,
+        "executable": facts.executable,
+        "prefix": facts.prefix,
+    }
+    if facts.version[:2] < OLDEST:
+        yield error(
+            f"Python {text} is too old: obk needs 3.11 to 3.13",
+            "python3.12 -m venv .venv",
+            **measured,
+        )
+    elif facts.version[:2] > NEWEST_WITH_WHEELS:
+        yield warning(
+            f"Python {text} is newer than the versions that obk is tested with (3.11 to 3.13); "
+            "no ROS wheels exist for it",
+            "python3.12 -m venv .venv",
+            **measured,
+        )
+    else:
+        yield ok(f"Python {text} in {facts.prefix}", **measured)
+    if not facts.is_virtual:
+        yield note(
+            f"{facts.executable} is the system Python; packages installed into it are shared",
+            "python3 -m venv .venv",
+        )
+    if facts.obk_version is None:
+        yield warning(
+            f"obk runs from {facts.obk_folder} without being installed: "
+            "nodes that import obelisk_py may not find it",
+            f"pip install --editable {shlex.quote(str(Path(facts.obk_folder).parents[1]))}",
+        )
+    else:
+        yield ok(f"obk {facts.obk_version} in {facts.obk_folder}", obk=facts.obk_version)
+
+
+def probe_python() -> PythonFacts:
+    """Version, place, and whether it is an environment of its own."""
+    is_conda = Path(sys.prefix, "conda-meta").is_dir()
+    return PythonFacts(
+        version=(sys.version_info.major, sys.version_info.minor, sys.version_info.micro),
+        executable=sys.executable,
+        prefix=sys.prefix,
+        is_virtual=sys.prefix != sys.base_prefix or is_conda,
+        obk_version=distribution_version("obelisk-cli"),
+        obk_folder=str(Path(obk_cli.__file__).parent),
+    )
+
 
 _OF_DISTRIBUTION: Final = re.compile(r"/opt/ros/(?P<name>[a-z]+)/")
 _OF_PYTHON: Final = re.compile(r"/python(?P<version>\d\.\d+)(?:/|$)")
@@ -163,69 +225,3 @@ def _holds_foreign_ros(folder: str) -> bool:
 
 def _entries(environment: Mapping[str, str], name: str) -> tuple[str, ...]:
     return tuple(entry for entry in environment.get(name, "").split(os.pathsep) if entry)
-
-
-ENOUGH_BYTES: Final = GIB
-LEAST_BYTES: Final = 100 * MIB
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FolderFacts:
-    """One folder that obk writes to."""
-
-    purpose: str
-    """What is kept there."""
-    folder: str | None
-    """None: the user has no place for it."""
-    fault: str
-    """Why nothing can be written there; empty: it can."""
-    free_bytes: int
-    mover: str
-    """The variable that puts the folder elsewhere."""
-
-
-def judge_folders(folders: tuple[FolderFacts, ...]) -> Iterator[Finding]:
-    """Each folder that obk writes to."""
-    for facts in folders:
-        move = f"export {facts.mover}=/a/folder/with/room"
-        measured: dict[str, Fact] = {"folder": facts.folder, "free_bytes": facts.free_bytes}
-        if facts.folder is None:
-            yield warning(f"no folder is available for {facts.purpose}", move)
-        elif facts.fault:
-            yield warning(f"{facts.purpose}: {facts.folder}: {facts.fault}", move, **measured)
-        elif facts.free_bytes < ENOUGH_BYTES:
-            much = "almost full" if facts.free_bytes < LEAST_BYTES else "filling up"
-            yield warning(
-                f"{facts.purpose}: the disk of {facts.folder} is {much}, "
-                f"{bytes_text(facts.free_bytes)} free",
-                f"du -sh {facts.folder}    # or: {move}",
-                **measured,
-            )
-        else:
-            yield ok(
-                f"{facts.purpose}: {facts.folder}, {bytes_text(facts.free_bytes)} free", **measured
-            )
-
-
-def probe_folders(environment: Mapping[str, str]) -> tuple[FolderFacts, ...]:
-    """Measure each folder, or its nearest existing parent."""
-    return (
-        _facts("runs and their logs", runs_folder(environment), "OBK_HOME"),
-        _facts("the cache of models", cache_folder(environment), "XDG_CACHE_HOME"),
-        _facts("temporary files", Path(tempfile.gettempdir()), "TMPDIR"),
-    )
-
-
-def _facts(purpose: str, folder: Path | None, mover: str) -> FolderFacts:
-    if folder is None:
-        return FolderFacts(purpose=purpose, folder=None, fault="", free_bytes=0, mover=mover)
-    existing = next(path for path in (folder, *folder.parents) if path.exists())
-    is_folder = existing.is_dir()
-    space = os.statvfs(existing)
-    return FolderFacts(
-        purpose=purpose,
-        folder=str(folder),
-        fault=write_fault(existing) if is_folder else f"{existing} is a file",
-        free_bytes=space.f_frsize * space.f_bavail,
-        mover=mover,
-    )

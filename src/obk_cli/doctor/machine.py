@@ -1,8 +1,9 @@
-"""Checks `realtime` and `cpu`: priority, locked memory, processors and clock for control loops."""
+"""Checks of the machine: `shared-memory`, `folders`, `realtime` and `cpu`."""
 
 import getpass
 import os
 import resource
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -10,16 +11,166 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from obk_cli.doctor.finding import MIB, Fact, Finding, bytes_text, note, ok, warning
+from obk_cli.doctor.finding import GIB, MIB, Fact, Finding, bytes_text, note, ok, warning
+from obk_cli.runs.folder import runs_folder
+from obk_cli.workspace.model_cache import cache_folder
 
 __all__ = [
     "CpuFacts",
+    "FolderFacts",
     "RealtimeFacts",
+    "SharedMemoryFacts",
     "judge_cpu",
+    "judge_folders",
     "judge_realtime",
+    "judge_shared_memory",
     "probe_cpu",
+    "probe_folders",
     "probe_realtime",
+    "probe_shared_memory",
 ]
+
+LEAST_SHARED_BYTES: Final = 64 * MIB
+"""A node takes about half a MiB, a camera's images many."""
+MANY_FILES: Final = 500
+GROW: Final = (
+    "sudo mount -o remount,size=512M /dev/shm    # a container: docker run --shm-size=512m"
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SharedMemoryFacts:
+    """The folder /dev/shm."""
+
+    total_bytes: int | None
+    """None: there is no such folder."""
+    free_bytes: int
+    fault: str
+    """Why a file cannot be made there; empty: it can."""
+    dds_files: int
+    """Files of Fast DDS in it, of all users."""
+
+
+def judge_shared_memory(facts: SharedMemoryFacts) -> Iterator[Finding]:
+    """Whether processes can exchange messages through it."""
+    if facts.total_bytes is None:
+        yield warning(
+            "no folder /dev/shm: messages take the slower network stack",
+            "sudo mount -t tmpfs -o size=512M tmpfs /dev/shm",
+        )
+        return
+    room = f"/dev/shm has {bytes_text(facts.free_bytes)} of {bytes_text(facts.total_bytes)} free"  # noqa: S108
+    sizes: dict[str, Fact] = {"total_bytes": facts.total_bytes, "free_bytes": facts.free_bytes}
+    if facts.fault:
+        yield warning(
+            f"cannot write to /dev/shm: {facts.fault}; DDS uses a slower transport",
+            "sudo mount -o remount,rw /dev/shm && sudo chmod 1777 /dev/shm",
+            **sizes,
+        )
+    elif facts.free_bytes < LEAST_SHARED_BYTES:
+        cure = GROW if facts.total_bytes < 2 * LEAST_SHARED_BYTES else "obk reap"
+        yield warning(f"{room}; DDS needs at least {bytes_text(LEAST_SHARED_BYTES)}", cure, **sizes)
+    else:
+        yield ok(room, **sizes)
+    if facts.dds_files > MANY_FILES:
+        yield note(
+            f"{facts.dds_files} Fast DDS files are in /dev/shm, most of them left by killed nodes",
+            "obk reap",
+            dds_files=facts.dds_files,
+        )
+
+
+SHARED_MEMORY: Final = Path("/dev/shm")  # noqa: S108 - where DDS has it
+
+
+def probe_shared_memory(folder: Path = SHARED_MEMORY) -> SharedMemoryFacts:
+    """Measure the room in /dev/shm."""
+    if not folder.is_dir():
+        return SharedMemoryFacts(total_bytes=None, free_bytes=0, fault="", dds_files=0)
+    space = os.statvfs(folder)
+    return SharedMemoryFacts(
+        total_bytes=space.f_frsize * space.f_blocks,
+        free_bytes=space.f_frsize * space.f_bavail,
+        fault=_write_fault(folder),
+        dds_files=sum(1 for _ in folder.glob("fastrtps_*")),
+    )
+
+
+ENOUGH_FREE_BYTES: Final = GIB
+LEAST_FREE_BYTES: Final = 100 * MIB
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FolderFacts:
+    """One folder that obk writes to."""
+
+    purpose: str
+    """What is kept there."""
+    folder: str | None
+    """None: the user has no place for it."""
+    fault: str
+    """Why nothing can be written there; empty: it can."""
+    free_bytes: int
+    mover: str
+    """The variable that puts the folder elsewhere."""
+
+
+def judge_folders(folders: tuple[FolderFacts, ...]) -> Iterator[Finding]:
+    """Each folder that obk writes to."""
+    for facts in folders:
+        move = f"export {facts.mover}=/a/folder/with/room"
+        measured: dict[str, Fact] = {"folder": facts.folder, "free_bytes": facts.free_bytes}
+        if facts.folder is None:
+            yield warning(f"no folder is available for {facts.purpose}", move)
+        elif facts.fault:
+            yield warning(f"{facts.purpose}: {facts.folder}: {facts.fault}", move, **measured)
+        elif facts.free_bytes < ENOUGH_FREE_BYTES:
+            much = "almost full" if facts.free_bytes < LEAST_FREE_BYTES else "filling up"
+            yield warning(
+                f"{facts.purpose}: the disk of {facts.folder} is {much}, "
+                f"{bytes_text(facts.free_bytes)} free",
+                f"du -sh {facts.folder}    # or: {move}",
+                **measured,
+            )
+        else:
+            yield ok(
+                f"{facts.purpose}: {facts.folder}, {bytes_text(facts.free_bytes)} free", **measured
+            )
+
+
+def probe_folders(environment: Mapping[str, str]) -> tuple[FolderFacts, ...]:
+    """Measure each folder, or its nearest existing parent."""
+    return (
+        _folder_facts("runs and their logs", runs_folder(environment), "OBK_HOME"),
+        _folder_facts("the cache of models", cache_folder(environment), "XDG_CACHE_HOME"),
+        _folder_facts("temporary files", Path(tempfile.gettempdir()), "TMPDIR"),
+    )
+
+
+def _folder_facts(purpose: str, folder: Path | None, mover: str) -> FolderFacts:
+    if folder is None:
+        return FolderFacts(purpose=purpose, folder=None, fault="", free_bytes=0, mover=mover)
+    existing = next(path for path in (folder, *folder.parents) if path.exists())
+    is_folder = existing.is_dir()
+    space = os.statvfs(existing)
+    return FolderFacts(
+        purpose=purpose,
+        folder=str(folder),
+        fault=_write_fault(existing) if is_folder else f"{existing} is a file",
+        free_bytes=space.f_frsize * space.f_bavail,
+        mover=mover,
+    )
+
+
+def _write_fault(folder: Path) -> str:
+    """Why no file can be written into a folder, empty if one can; it is gone again."""
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"obk doctor")
+            file.flush()
+    except OSError as fault:
+        return fault.strerror or str(fault)
+    return ""
 
 
 LEAST_LOCKED_BYTES: Final = 256 * MIB
@@ -81,9 +232,9 @@ class CpuFacts:
     load: float
     """Processes that wanted to run in the last minute, on average."""
     governors: Mapping[str, int]
-    """Frequency governor -> how many processors have it; empty where the kernel tells none."""
+    """Frequency governor -> how many processors have it; empty if the kernel reports none."""
     clock: str
-    """The kernel's clock source, empty where it tells none."""
+    """The kernel's clock source, empty if it reports none."""
     clock_read_ns: float
     """What reading the clock takes [ns]."""
 
