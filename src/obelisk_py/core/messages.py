@@ -39,7 +39,7 @@ def message_class(name: str) -> type[Any]:
     Raises:
         ObeliskMsgError: no such type is known, or its package is not installed.
     """
-    full = resolve_msg_type(name)
+    full = resolve_msg_type(name) or _found_in_obelisk(name)
     if full is None:
         near = ", ".join(near_msg_types(name))
         raise ObeliskMsgError(
@@ -57,6 +57,16 @@ def message_class(name: str) -> type[Any]:
     if found is None:
         raise ObeliskMsgError(_missing(package, bare))
     return found
+
+
+def _found_in_obelisk(name: str) -> str | None:
+    """The full name of a message that only the Obelisk packages in use have."""
+    owner, _, bare = name.replace("/msg/", "/").rpartition("/")
+    for package in OBELISK_MESSAGES:
+        is_owner = owner in ("", package) and bare[:1].isupper()
+        if is_owner and bare in vars(importlib.import_module(f"{package}.msg")):
+            return f"{package}/msg/{bare}"
+    return None
 
 
 def optional_message(name: str) -> type[Any]:

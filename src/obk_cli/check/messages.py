@@ -105,7 +105,11 @@ def _package(msg_type: str) -> str:
 def _check(written: Spanned[str], environment: Environment) -> Iterator[Diagnostic]:
     full = resolve_msg_type(written.value)
     if full is None:
-        yield _unknown(written, environment)
+        # A package of Obelisk's name in the workspace may have more messages than Obelisk's.
+        owner, _, name = written.value.replace("/msg/", "/").rpartition("/")
+        others = [package for package in OBELISK_MESSAGES if owner in ("", package)]
+        if not any(name in (environment.message_names(other) or ()) for other in others):
+            yield _unknown(written, environment)
         return
     package, _, name = full.partition("/msg/")
     if _is_known(package, name):
@@ -137,7 +141,7 @@ def _check_code(
         package, _, name = msg_type.partition("/msg/")
         if name in ROS_MESSAGES.get(package, ()):
             continue
-        names = OBELISK_MESSAGES.get(package) or environment.message_names(package)
+        names = environment.message_names(package) or OBELISK_MESSAGES.get(package)
         if names is not None and name not in names:
             yield found(
                 "OBK410",
