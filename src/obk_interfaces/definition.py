@@ -208,7 +208,10 @@ def _check_type(
 def _help_for_type(base: str, package: InterfacePackage, messages: frozenset[str]) -> str:
     owner, slash, _ = base.partition("/")
     if slash and owner != package.name and owner not in package.depends:
-        return f"package.xml does not depend on `{owner}`: add `<depend>{owner}</depend>`"
+        return (
+            f"neither package.xml nor CMakeLists.txt depends on `{owner}`: "
+            f"add `<depend>{owner}</depend>` to package.xml"
+        )
     names = [*_PRIMITIVES, *messages, *(m.partition("/")[2] for m in messages)]
     near = difflib.get_close_matches(base.replace("/msg/", "/"), sorted(set(names)), n=3)
     spelled = dict.fromkeys(f"`{_spelled_out(name, package, messages)}`" for name in near)

@@ -10,6 +10,7 @@ import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Protocol, TypeVar
 from xml.parsers.expat import ErrorString
@@ -23,6 +24,7 @@ __all__ = [
     "Interface",
     "InterfacePackage",
     "PackageTree",
+    "cmake_calls",
     "definition_files",
     "discover",
     "load_package",
@@ -32,6 +34,18 @@ __all__ = [
 
 KINDS = ("msg", "srv", "action")
 _DEPEND_TAGS = ("depend", "build_depend", "build_export_depend", "exec_depend")
+_STANDARD = frozenset(
+    "action_msgs builtin_interfaces composition_interfaces diagnostic_msgs geometry_msgs "
+    "lifecycle_msgs nav_msgs rcl_interfaces rosgraph_msgs sensor_msgs service_msgs shape_msgs "
+    "statistics_msgs std_msgs std_srvs stereo_msgs tf2_msgs trajectory_msgs unique_identifier_msgs "
+    "visualization_msgs".split()
+)
+"""Packages that every ROS 2 has: definitions may use them without a declaration."""
+_USED_TYPE = re.compile(r"^\s*([a-z]\w*)/(?:msg/)?[A-Z]", re.MULTILINE)
+_CMAKE_COMMENT = re.compile(r"#\[(=*)\[.*?\]\1\]|#[^\n]*", re.DOTALL)
+_CMAKE_CALL = re.compile(r"\b([A-Za-z_]\w*)\s*\(([^()]*)\)")
+_CMAKE_VARIABLE = re.compile(r"\$\{(\w+)\}")
+_CMAKE_OPTIONS = frozenset({"ADD_LINTER_TESTS", "LIBRARY_NAME", "SKIP_GROUP_MEMBERSHIP_CHECK"})
 _IGNORE_MARKERS = ("COLCON_IGNORE", "AMENT_IGNORE")
 
 
@@ -123,13 +137,61 @@ def load_package(root: Path) -> InterfacePackage:
             raise PackageError(f"{root / interface.file}: is a definition, but not a regular file")
     if not interfaces:
         raise PackageError(f"{root}: has msg/, srv/ or action/, but no definition in it")
+    name = _required_text(document, "name", manifest)
+    depends = {*_depends(document), *_depends_elsewhere(root, interfaces)} - {name}
     return InterfacePackage(
         root=root.resolve(),
-        name=_required_text(document, "name", manifest),
+        name=name,
         version=_required_text(document, "version", manifest),
-        depends=_depends(document),
+        depends=tuple(sorted(depends)),
         interfaces=interfaces,
     )
+
+
+def _depends_elsewhere(root: Path, interfaces: Iterable[Interface]) -> frozenset[str]:
+    """Dependencies that the manifest may lack: CMake's, and standard packages that are used.
+
+    A `find_package` counts if a definition uses a type of that package.
+    """
+    files = (root / interface.file for interface in interfaces)
+    texts = (file.read_text(encoding="utf-8", errors="replace") for file in files)
+    used = {name for text in texts for name in _USED_TYPE.findall(text)}
+    try:
+        cmake = (root / "CMakeLists.txt").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        cmake = ""
+    found, generated = _cmake_depends(cmake)
+    return generated | (used & (found | _STANDARD))
+
+
+def _cmake_depends(text: str) -> tuple[frozenset[str], frozenset[str]]:
+    """The packages that a CMakeLists.txt finds, and those that its definitions depend on."""
+    found: set[str] = set()
+    generated: set[str] = set()
+    for command, words in cmake_calls(text):
+        if command == "find_package":
+            found.update(words[:1])
+        elif command == "rosidl_generate_interfaces" and "DEPENDENCIES" in words:
+            named = words[words.index("DEPENDENCIES") + 1 :]
+            generated.update(takewhile(lambda word: word not in _CMAKE_OPTIONS, named))
+    return frozenset(found), frozenset(generated)
+
+
+def cmake_calls(text: str) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """The commands of a CMakeLists.txt, in lower case, and their arguments.
+
+    Variables that the file itself sets, and PROJECT_NAME, are filled in; nothing is run.
+    """
+    variables: dict[str, str] = {}
+    for call in _CMAKE_CALL.finditer(_CMAKE_COMMENT.sub("", text)):
+        filled = _CMAKE_VARIABLE.sub(lambda name: variables.get(name[1], ""), call[2])
+        words = tuple(filled.replace('"', " ").replace(";", " ").split())
+        command = call[1].lower()
+        if command == "set" and words:
+            variables[words[0]] = " ".join(words[1:])
+        elif command == "project" and words:
+            variables["PROJECT_NAME"] = words[0]
+        yield command, words
 
 
 def definition_files(root: Path, kind: str) -> Iterator[Path]:

@@ -69,8 +69,18 @@ class Prefixes:
             if share is None or name in closure or name == package.name:
                 continue
             closure[name] = share
-            todo += read_depends(share / "package.xml")
+            todo += _installed_depends(share)
         return closure
+
+
+def _installed_depends(share: Path) -> tuple[str, ...]:
+    """The dependencies of an installed package: the manifest's, and those in the ament index."""
+    index = share.parent / "ament_index" / "resource_index" / "package_run_dependencies"
+    try:
+        listed = (index / share.name).read_text(encoding="utf-8").strip().split(";")
+    except OSError:
+        listed = []
+    return (*read_depends(share / "package.xml"), *(name for name in listed if name))
 
 
 def find_ros_prefix() -> Path:

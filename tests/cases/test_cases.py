@@ -2,6 +2,7 @@
 
 A reject case is reported word for word as the `.txt` beside it says; an accept case is reported
 not at all. `# set: path=value` on the first line is a `--set`. A `.part` is not a case of its own.
+A folder `.packages` holds packages of the case's own.
 """
 
 import json
@@ -48,7 +49,9 @@ def compile_case(path: Path, monkeypatch: pytest.MonkeyPatch) -> Outcome:
     """Compile a case from its own folder, with the cases' workspace for packages."""
     monkeypatch.chdir(path.parent)
     environment = MachineEnvironment(path.parent, path.parent, ENVIRONMENT)
-    environment.packages = PackageIndex(workspaces=(WORKSPACE,), prefixes=())
+    own = path.with_suffix(".packages")
+    workspaces = (own, WORKSPACE) if own.is_dir() else (WORKSPACE,)
+    environment.packages = PackageIndex(workspaces=workspaces, prefixes=())
     first = path.read_bytes().splitlines()[0].decode(errors="replace")
     overrides = (first.removeprefix("# set: "),) if first.startswith("# set: ") else ()
     options = Options(

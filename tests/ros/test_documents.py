@@ -87,6 +87,8 @@ class Setup:
     """What a page takes for granted, and what is true after its commands."""
 
     is_calm: bool = True
+    is_up: re.Pattern[str] = ACTIVE
+    """What a launch prints before it is interrupted."""
     prepare: Callable[[Path], None] = nothing
     while_active: Callable[[Path], None] = nothing
     check: Callable[[Path], None] = nothing
@@ -166,7 +168,12 @@ SETUPS = {
     "docs/how-to/scaffolding.md": Setup(check=workspace_was_made),
     "docs/how-to/variants.md": Setup(check=variants_differ_in_the_robot),
     "docs/how-to/viewing.md": Setup(
-        varying=((":8080\n", ":...\n"), ("/home/me/arm.mp4, 300 frames, 10.0", "..."))
+        is_up=re.compile(r"http://127"),
+        varying=(
+            ("the simulation is shown", "... the simulation is shown"),
+            (":8080\n", ":...\n"),
+            ("/home/me/arm.mp4, 300 frames, 10.0 s, 0", ".../arm.mp4, ..."),
+        ),
     ),
     "docs/tutorial.md": Setup(while_active=example_is_received),
 }
@@ -258,7 +265,7 @@ class Walk:
             self.folder /= line.removeprefix("cd ")
         self.shell.enter(line)
         if line.startswith("obk launch") and "--duration" not in line and "||" not in line:
-            self.shell.wait_for(ACTIVE)
+            self.shell.wait_for(self.setup.is_up)
             self.setup.while_active(self.folder)
             for other in beside:
                 self.type_elsewhere(other)

@@ -15,6 +15,8 @@ from obk_interfaces import (
     discover,
 )
 
+from .workspace import write_files
+
 UNDERLAYS = [Path(sys.prefix)]
 MANIFEST = """<package format="3"><name>user_msgs</name><version>1.2.3</version>
 <depend>obelisk_control_msgs</depend><depend>builtin_interfaces</depend>{extra}</package>"""
@@ -152,3 +154,25 @@ def files_in(prefix: Path) -> list[str]:
 def files_that_name(folder: Path, prefix: Path) -> list[Path]:
     needle = str(folder).encode()
     return [f for f in prefix.rglob("*") if f.is_file() and needle in f.read_bytes()]
+
+
+@pytest.mark.ros
+def test_dependencies_of_cmake_alone_are_followed_through_packages(tmp_path: Path) -> None:
+    write_files(
+        tmp_path / "src",
+        {
+            "near_msgs/package.xml": MANIFEST.format(extra="").replace("user_msgs", "near_msgs"),
+            "near_msgs/CMakeLists.txt": "find_package(geometry_msgs REQUIRED)\n",
+            "near_msgs/msg/Near.msg": "geometry_msgs/Point at\n",
+            "far_msgs/package.xml": MANIFEST.format(extra="").replace("user_msgs", "far_msgs"),
+            "far_msgs/CMakeLists.txt": "rosidl_generate_interfaces(x m DEPENDENCIES near_msgs)\n",
+            "far_msgs/msg/Far.msg": "std_msgs/Header header\nnear_msgs/Near[] all\n",
+        },
+    )
+    report = build(
+        discover([tmp_path / "src"]),
+        build_dir=tmp_path / "b",
+        prefix=tmp_path / "overlay",
+        underlays=UNDERLAYS,
+    )
+    assert report.built == ("near_msgs", "far_msgs")

@@ -357,4 +357,4 @@ def test_a_node_that_fails_by_itself_while_active_takes_the_stack_down(tmp_path:
     told = next(line for line in result.stdout.splitlines() if line.startswith("failed: "))
     assert told.startswith(cause), result.stdout
     assert told.endswith("ValueError: no gain"), result.stdout
-    assert f"made by {config}:" in result.stdout
+    assert f" {config}:" in result.stdout

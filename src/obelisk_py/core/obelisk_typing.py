@@ -1,27 +1,14 @@
 """Type variables over the Obelisk messages, for annotations and for checks at run time."""
 
+from functools import reduce
+from operator import or_
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_args
 
 from lifecycle_msgs.msg import TransitionEvent
-from obelisk_control_msgs.msg import (
-    ExecutionFSM,
-    PDFeedForward,
-    PositionSetpoint,
-    VelocityCommand,
-)
-from obelisk_estimator_msgs.msg import EstimatedState
-from obelisk_sensor_msgs.msg import (
-    JointEncoders,
-    ObkForceSensor,
-    ObkFramePose,
-    ObkImage,
-    ObkImu,
-    ObkJointEncoders,
-    ObkScan,
-    TrueSimState,
-)
-from obelisk_std_msgs.msg import FloatMultiArray, UInt8MultiArray
 from rcl_interfaces.msg import Log, ParameterEvent
+
+from obelisk_py.core.messages import optional_message
+from obelisk_spec.names import OBELISK_MESSAGES
 
 __all__ = [
     "ObeliskAllowedMsg",
@@ -32,40 +19,28 @@ __all__ = [
     "is_in_bound",
 ]
 
-ObeliskControlMsg = TypeVar(
-    "ObeliskControlMsg",
-    bound=PositionSetpoint | PDFeedForward | VelocityCommand | ExecutionFSM,
-)
-ObeliskEstimatorMsg = TypeVar("ObeliskEstimatorMsg", bound=EstimatedState)
-ObeliskSensorMsg = TypeVar(
-    "ObeliskSensorMsg",
-    bound=JointEncoders
-    | ObkJointEncoders
-    | ObkImu
-    | ObkFramePose
-    | ObkForceSensor
-    | ObkScan
-    | ObkImage
-    | TrueSimState,
-)
-ObeliskMsg = TypeVar(
-    "ObeliskMsg",
-    bound=PositionSetpoint
-    | PDFeedForward
-    | VelocityCommand
-    | ExecutionFSM
-    | EstimatedState
-    | JointEncoders
-    | ObkJointEncoders
-    | ObkImu
-    | ObkFramePose
-    | ObkForceSensor
-    | ObkScan
-    | ObkImage
-    | TrueSimState
-    | FloatMultiArray
-    | UInt8MultiArray,
-)
+
+if TYPE_CHECKING:
+    Control: TypeAlias = Any
+    Estimate: TypeAlias = Any
+    Sensed: TypeAlias = Any
+    Known: TypeAlias = Any
+else:
+
+    def _any_of(*packages: str) -> Any:
+        """The union of the messages of packages, also of those that are missing."""
+        names = (name for package in packages for name in OBELISK_MESSAGES[package])
+        return reduce(or_, map(optional_message, names))
+
+    Control = _any_of("obelisk_control_msgs")
+    Estimate = _any_of("obelisk_estimator_msgs")
+    Sensed = _any_of("obelisk_sensor_msgs")
+    Known = _any_of(*OBELISK_MESSAGES)
+
+ObeliskControlMsg = TypeVar("ObeliskControlMsg", bound=Control)
+ObeliskEstimatorMsg = TypeVar("ObeliskEstimatorMsg", bound=Estimate)
+ObeliskSensorMsg = TypeVar("ObeliskSensorMsg", bound=Sensed)
+ObeliskMsg = TypeVar("ObeliskMsg", bound=Known)
 
 
 def is_in_bound(type_: type[Any], typevar: TypeVar) -> bool:

@@ -15,7 +15,6 @@ from contextlib import suppress
 from typing import Any, Final
 
 import numpy as np
-from obelisk_sensor_msgs.msg import TrueSimState
 from rclpy.lifecycle import LifecycleState
 from rclpy.subscription import Subscription
 from std_msgs.msg import Header
@@ -32,6 +31,7 @@ from obelisk_py.core.command_watchdog import (
 )
 from obelisk_py.core.components import RegisteredComponent
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
+from obelisk_py.core.messages import optional_message
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.settings import stale_policy
@@ -39,6 +39,7 @@ from obelisk_spec.components import CONTROL_SUBSCRIPTION
 
 __all__ = ["ObeliskRobot", "ObeliskSimRobot"]
 
+TrueSimState: Any = optional_message("TrueSimState")
 LONGEST_STOP_S = 5.0
 """How long `run_simulator`, or a robot's action on old commands, may take to return [s]."""
 

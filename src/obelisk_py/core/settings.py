@@ -15,7 +15,7 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from obelisk_py.core.command_watchdog import StalePolicy
 from obelisk_py.core.components import ComponentKind, RegisteredComponent, spellings
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskMsgError
-from obelisk_py.core.messages import message_class, message_name
+from obelisk_py.core.messages import message_class, message_name, require_message
 from obelisk_spec.components import (
     CALLBACK_GROUP_TYPES,
     CALLBACK_GROUPS_PARAMETER,
@@ -184,7 +184,7 @@ def message_class_of(component: RegisteredComponent, configured: str | None) -> 
             f"the {component} is {with_article(message_name(component.msg_type))} in the code "
             f"and {with_article(configured)} in the config"
         )
-    return component.msg_type
+    return require_message(component.msg_type)
 
 
 def entry_names(entry: Mapping[str, Any]) -> frozenset[str]:

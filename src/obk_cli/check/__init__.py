@@ -11,7 +11,7 @@ from obk_cli.check.loop import (
     check_periods,
     check_timers,
 )
-from obk_cli.check.messages import check_message_types
+from obk_cli.check.messages import check_message_types, check_replaced_messages
 from obk_cli.check.nodes import (
     check_callback_groups,
     check_components,
@@ -43,6 +43,7 @@ CHECKS: tuple[Check, ...] = (
     check_callback_groups,
     check_node_names,
     check_message_types,
+    check_replaced_messages,
     check_types,
     check_qos,
     check_doubles,

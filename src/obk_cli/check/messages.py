@@ -1,4 +1,4 @@
-"""OBK115, OBK410, OBK411: message types that nobody defines, the user's own packages counted."""
+"""OBK115, OBK410, OBK411, OBK413: message types and fields that no package defines."""
 
 import re
 from collections.abc import Collection, Iterator
@@ -18,8 +18,9 @@ from obk_cli.config.environment import CodeComponent, Environment, NodeFacts
 from obk_cli.config.fixes import respell
 from obk_cli.config.model import Spanned
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
+from obk_cli.diagnostics.source import Span
 
-__all__ = ["check_message_types"]
+__all__ = ["check_message_types", "check_replaced_messages"]
 
 _NO_PACKAGE_HELP: Final = "`obk new msgs` makes a message package in the workspace"
 _OF_A_CLASS: Final = re.compile(r"::|\.")
@@ -58,6 +59,55 @@ def _of_cpp(fault: Diagnostic) -> Diagnostic:
     return replace(fault, severity="info", message=message)
 
 
+def check_replaced_messages(context: CheckContext) -> Iterator[Diagnostic]:
+    """A message package of the workspace in the place of Obelisk's has what the stack uses."""
+    replaced = context.environment.replaced_messages()
+    uses = list(_uses(context)) if replaced else []
+    for one in replaced:
+        types = {f"{one.package}/msg/{name}": name for name in one.types}
+        fields = {f"{one.package}/msg/{field.partition('.')[0]}": field for field in one.fields}
+        lacks = [f"`{name}`" for name in (*one.types, *one.fields)]
+        used = [use for use in uses if use[0] in types] or [use for use in uses if use[0] in fields]
+        message = f"package `{one.package}` in {one.folder} replaces Obelisk's and lacks "
+        message += ", ".join(lacks)
+        if not used:
+            yield found(
+                "OBK413",
+                message,
+                context.stack.span,
+                help="no node of this stack is known to use them",
+                severity="info",
+            )
+            continue
+        msg_type, span, _ = used[0]
+        name = types.get(msg_type)
+        yield found(
+            "OBK413",
+            message,
+            span,
+            help=f"add `msg/{name}.msg` to the package, or use another type"
+            if name
+            else f"add the field `{fields[msg_type]}`, if the nodes use it",
+            related=tuple(related for *_, other in used for related in other),
+        )
+
+
+def _uses(context: CheckContext) -> Iterator[tuple[str, Span, tuple[Related, ...]]]:
+    """Each message type that config or code names: its full name and its place."""
+    for node in context.stack.nodes:
+        sensors = (group.msg_type for sim in node.sims for group in sim.sensor_groups)
+        for written in (*(component.msg_type for component in node.components), *sensors):
+            if written is not None and (full := resolve_msg_type(written.value)) is not None:
+                yield full, written.span, ()
+        if node.pkg is None or node.executable is None:
+            continue
+        code = context.environment.read_node_code(node.pkg.value, node.executable.value)
+        if isinstance(code, NodeFacts):
+            for component in code.components:
+                if component.msg_type is not None and not component.is_of_library:
+                    yield component.msg_type, node.executable.span, (_place(component, code),)
+
+
 def _package(msg_type: str) -> str:
     """The package that a type names; empty for a bare name."""
     return msg_type.partition("/")[0] if "/" in msg_type else ""
@@ -66,7 +116,11 @@ def _package(msg_type: str) -> str:
 def _check(written: Spanned[str], environment: Environment) -> Iterator[Diagnostic]:
     full = resolve_msg_type(written.value)
     if full is None:
-        yield _unknown(written, environment)
+        # A package of Obelisk's name in the workspace may have more messages than Obelisk's.
+        owner, _, name = written.value.replace("/msg/", "/").rpartition("/")
+        others = [package for package in OBELISK_MESSAGES if owner in ("", package)]
+        if not any(name in (environment.message_names(other) or ()) for other in others):
+            yield _unknown(written, environment)
         return
     package, _, name = full.partition("/msg/")
     if _is_known(package, name):
@@ -98,7 +152,7 @@ def _check_code(
         package, _, name = msg_type.partition("/msg/")
         if name in ROS_MESSAGES.get(package, ()):
             continue
-        names = OBELISK_MESSAGES.get(package) or environment.message_names(package)
+        names = environment.message_names(package) or OBELISK_MESSAGES.get(package)
         if names is not None and name not in names:
             yield found(
                 "OBK410",

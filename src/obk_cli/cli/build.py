@@ -15,6 +15,7 @@ from obelisk_spec.suggestions import list_names
 from obk_cli.cli.config_options import ColourOption, wants_colour
 from obk_cli.cli.options import FormatOption, wants_json
 from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.plan.plan import Plan
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.terminal import visible
 from obk_cli.workspace.message_build import (
@@ -22,6 +23,8 @@ from obk_cli.workspace.message_build import (
     BuildOptions,
     BuildResult,
     build_workspace,
+    needed_packages,
+    refuse_conflicts,
     survey_of,
 )
 from obk_cli.workspace.overlay import import_from, overlay_prefixes, with_overlays
@@ -252,9 +255,9 @@ def _result_lines(built: BuildResult) -> Iterator[str]:
 
 
 def on_overlays(
-    folder: Path, environment: RosEnvironment, *, may_build: bool, color: str
+    folder: Path, environment: RosEnvironment, plan: Plan, *, may_build: bool, color: str
 ) -> tuple[PackageIndex, RosEnvironment]:
-    """The packages for a config in `folder`, and the environment in which nodes find them.
+    """The packages for the plan of a config in `folder`, and the environment to find them in.
 
     Message packages are up to date, and this process finds them too. With `may_build` off, what is
     missing or stale is reported on stderr. `color` is the value of the option.
@@ -262,14 +265,15 @@ def on_overlays(
     Raises:
         CommandFailedError: a package cannot be compiled.
     """
-    workspaces = PackageIndex.around(folder, Path.cwd(), environment.variables).workspaces
+    index = PackageIndex.around(folder, Path.cwd(), environment.variables)
+    workspaces, needed = index.workspaces, needed_packages(plan, index)
     for place, workspace in reversed([*enumerate(workspaces)]):
         # As the shell has it: what is put there for nodes is not for compilers.
         shell = with_overlays(os.environ, overlay_prefixes(workspaces[place + 1 :]))
         if may_build:
-            _build(workspace, shell, colour=wants_colour(color, to_stderr=True))
+            _build(workspace, shell, needed, colour=wants_colour(color, to_stderr=True))
         else:
-            _warn_of_stale(workspace, shell)
+            _warn_of_stale(workspace, shell, needed)
     overlays = overlay_prefixes(workspaces)
     import_from(overlays)
     variables = with_overlays(environment.variables, overlays)
@@ -277,16 +281,19 @@ def on_overlays(
     return packages, replace(environment, variables=variables)
 
 
-def _build(workspace: Path, environment: Mapping[str, str], *, colour: bool) -> None:
-    options = BuildOptions(environment=environment, only_messages=True)
+def _build(
+    workspace: Path, environment: Mapping[str, str], needed: frozenset[str], *, colour: bool
+) -> None:
+    options = BuildOptions(environment=environment, only_messages=True, needed=needed)
     built = build_shown(workspace, options, colour=colour)
     if built.built:
         print(f"built {list_names(built.built)} in {built.duration_s:.1f} s", file=sys.stderr)
 
 
-def _warn_of_stale(workspace: Path, environment: Mapping[str, str]) -> None:
+def _warn_of_stale(workspace: Path, environment: Mapping[str, str], needed: frozenset[str]) -> None:
     try:
         survey = survey_of(workspace, environment)
+        refuse_conflicts(survey, needed)
     except InterfaceError as error:
         raise CommandFailedError(str(error)) from error
     for state, text in (("missing", "not compiled"), ("changed", "changed since compiled")):

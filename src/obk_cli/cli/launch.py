@@ -169,7 +169,7 @@ def command(
     environment = ros_environment(cast(Network | None, network), devices_are_split=share.is_part)
     _warn(environment.notes)
     folder = Path(config).resolve().parent
-    packages, environment = on_overlays(folder, environment, may_build=build, color=color)
+    packages, environment = on_overlays(folder, environment, plan, may_build=build, color=color)
     options = LaunchOptions(
         config=config,
         folder=Path.cwd(),

@@ -103,6 +103,18 @@ class ModelFault:
     line: int | None = None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplacedMessages:
+    """A package of the workspace in the place of one of Obelisk's, and what it lacks."""
+
+    package: str
+    folder: Path
+    types: tuple[str, ...]
+    """Messages that it does not have."""
+    fields: tuple[str, ...]
+    """Fields that its messages do not have, `TrueSimState.y`."""
+
+
 class Environment(Protocol):
     """The questions."""
 
@@ -120,6 +132,9 @@ class Environment(Protocol):
 
     def message_names(self, package: str) -> tuple[str, ...] | None:
         """The messages that a package defines, None if there is no such package."""
+
+    def replaced_messages(self) -> "tuple[ReplacedMessages, ...]":
+        """The packages of the workspace that have the name of one of Obelisk's, and lack some."""
 
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         """How an executable is started."""

@@ -19,6 +19,7 @@ from obk_cli.config.environment import (
     ModelFault,
     ModelRead,
     NodeCode,
+    ReplacedMessages,
 )
 from obk_cli.config.model import ONE_DEVICE, Node, Stack
 from obk_cli.config.tree import Tree, TreeMap, plain_value
@@ -71,6 +72,10 @@ class PlannedEnvironment:
     def message_names(self, package: str) -> tuple[str, ...] | None:
         """The messages that a package defines."""
         return self.current.message_names(package)
+
+    def replaced_messages(self) -> tuple[ReplacedMessages, ...]:
+        """The packages of the workspace that have the name of one of Obelisk's, and lack some."""
+        return self.current.replaced_messages()
 
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         """How an executable is started."""

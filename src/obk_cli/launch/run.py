@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from queue import SimpleQueue
+from shutil import rmtree
 from tempfile import TemporaryDirectory
 
 from obk_cli.clock import monotonic_s
@@ -57,6 +58,7 @@ from obk_cli.process.signals import handle_end_signals
 from obk_cli.ros.environment import RosEnvironment
 from obk_cli.runs.orphans import launch_marks
 from obk_cli.workspace.package_index import PackageIndex
+from obk_cli.workspace.share_prefix import make_share_prefix, with_prefix
 
 __all__ = ["run_plan"]
 
@@ -93,7 +95,7 @@ def run_plan(
         lock.report(output)
         marks = launch_marks(lock.folder)
         variables = {**environment.variables, **marks, **gate_variables(lock.folder)}
-        commands = _commands(units, executables, lock.folder, variables, output, stack)
+        commands = _commands(units, executables, lock.folder, variables, packages, output, stack)
         commands = stack.enter_context(with_clock_page(plan, units, commands))
         recorder = Recorder(options.recording, lock.folder, output)
         videos = VideoReports(plan, share, output.note)
@@ -238,18 +240,25 @@ def _commands(
     executables: Executables,
     folder: Path | None,
     variables: Mapping[str, str],
+    packages: PackageIndex,
     output: Output,
     stack: ExitStack,
 ) -> Mapping[str, NodeCommand]:
     """The processes' commands; if the run's folder takes no files, with those in another one."""
+
+    def commands_in(folder: Path) -> Mapping[str, NodeCommand]:
+        prefix = folder / "prefix"
+        stack.callback(rmtree, prefix, ignore_errors=True)
+        found = make_share_prefix(prefix, packages)
+        return unit_commands(units, executables, folder, with_prefix(variables, found))
+
     if folder is not None:
         try:
-            return unit_commands(units, executables, folder, variables)
+            return commands_in(folder)
         except OSError as error:
             output.unwritable(error)
     try:
-        temporary = stack.enter_context(TemporaryDirectory(prefix="obk-"))
-        return unit_commands(units, executables, Path(temporary), variables)
+        return commands_in(Path(stack.enter_context(TemporaryDirectory(prefix="obk-"))))
     except OSError as error:
         raise CommandFailedError(f"the parameters cannot be written: {error}") from error
 

@@ -11,6 +11,7 @@ from obk_cli.config.environment import (
     ModelFault,
     ModelRead,
     NodeCode,
+    ReplacedMessages,
 )
 from obk_cli.diagnostics.source import SourceFile, Span
 from obk_cli.workspace.model_cache import cache_folder, read_model_once
@@ -88,6 +89,12 @@ class MachineEnvironment:
         share = self.packages.find_package_share(package)
         self._note_all([share / "msg"] if share else ())
         return self.packages.message_names(package)
+
+    def replaced_messages(self) -> tuple[ReplacedMessages, ...]:
+        """The packages of the workspace that have the name of one of Obelisk's, and lack some."""
+        found = self.packages.replaced_messages()
+        self._note_all(one.folder / "msg" for one in found)
+        return found
 
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         """How an executable is started."""

@@ -1,10 +1,11 @@
 """Compile the message packages of a workspace into its overlay."""
 
 import platform
+import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from shutil import rmtree
@@ -13,6 +14,7 @@ from typing import Literal
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.clock import monotonic_s
 from obk_cli.errors import CommandFailedError, MisuseError
+from obk_cli.plan.plan import Plan
 from obk_cli.workspace.overlay import (
     Builder,
     BuiltPackage,
@@ -26,7 +28,7 @@ from obk_cli.workspace.overlay import (
     replace_overlay,
     underlays_of,
 )
-from obk_cli.workspace.package_index import package_folders, package_names_in
+from obk_cli.workspace.package_index import PackageIndex, package_folders, package_names_in
 from obk_interfaces import (
     KINDS,
     InterfacePackage,
@@ -52,9 +54,14 @@ __all__ = [
     "colcon_command",
     "find_colcon",
     "find_message_packages",
+    "needed_packages",
+    "refuse_conflicts",
     "survey_of",
     "survey_workspace",
 ]
+
+_WORD = re.compile(r"[A-Za-z]\w+")
+_MESSAGE_MODULE = re.compile(r"\b(\w+)\.(?:msg|srv|action)\b")
 
 State = Literal["built", "missing", "changed", "installed"]
 """`installed`: a prefix below has it with the same definitions, so the overlay needs none."""
@@ -89,6 +96,7 @@ class Survey:
     gone: tuple[str, ...]
     """Packages that the overlay has and the workspace no more, or installed ones."""
     ros: str
+    conflicts: "tuple[Conflict, ...]"
 
     @property
     def stale(self) -> tuple[SurveyedPackage, ...]:
@@ -101,39 +109,99 @@ class Survey:
         return not self.stale and not self.gone
 
 
-def find_message_packages(workspace: Path) -> tuple[InterfacePackage, ...]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conflict:
+    """Two packages of one name whose definitions differ; the first is used."""
+
+    name: str
+    used: Path
+    other: Path
+
+    def __str__(self) -> str:
+        return f"two packages are called {self.name}: {self.used} and {self.other}"
+
+
+def find_message_packages(
+    workspace: Path,
+) -> tuple[tuple[InterfacePackage, ...], tuple[Conflict, ...]]:
     """The packages of a workspace with a definition in msg/, srv/ or action/, in build order.
 
+    Of two packages of one name the first counts, as for executables.
+
     Raises:
-        PackageError: a manifest cannot be read, or two packages have one name.
+        PackageError: a manifest cannot be read.
         DependencyError: packages need one another in a circle.
     """
     found: dict[str, InterfacePackage] = {}
+    conflicts: list[Conflict] = []
     for folder in package_folders(workspace):
         if not any(next(definition_files(folder, kind), None) for kind in KINDS):
             continue
         package = load_package(folder)
-        other = found.setdefault(package.name, package)
-        if other.root.resolve() != package.root.resolve():  # a link may lead there a second time
-            raise PackageError(
-                f"two packages are called {package.name}: {other.root} and {package.root}"
-            )
-    return order_by_dependency(found.values())
+        first = found.setdefault(package.name, package)
+        files = {interface.file for interface in first.interfaces}
+        if first is not package and not _has_same(package, first.root, files):
+            conflicts.append(Conflict(name=first.name, used=first.root, other=package.root))
+    return order_by_dependency(found.values()), tuple(conflicts)
+
+
+def needed_packages(plan: Plan, packages: PackageIndex) -> frozenset[str]:
+    """The packages that a stack uses: of its nodes, of its messages, and all that these name.
+
+    A package names another one in its manifest, or by an import of its messages.
+    """
+    ends = (end for node in plan.processes for end in (*node.publishes, *node.subscribes))
+    todo = [end.msg_type.partition("/")[0] for end in ends if end.msg_type]
+    todo += [node.package for node in plan.processes]
+    needed: set[str] = set()
+    while todo:
+        name = todo.pop()
+        source = packages.source_packages.get(name)
+        if name in needed or source is None:
+            continue
+        needed.add(name)
+        todo += _named_in(source)
+    return frozenset(needed)
+
+
+def _named_in(source: Path) -> Iterator[str]:
+    """The packages that a manifest, a CMakeLists.txt and the Python code of a package name."""
+    for file in (source / "package.xml", source / "CMakeLists.txt"):
+        if file.is_file():
+            yield from _WORD.findall(file.read_text(encoding="utf-8", errors="replace"))
+    for file in source.rglob("*.py"):
+        if file.is_file():
+            yield from _MESSAGE_MODULE.findall(file.read_text(encoding="utf-8", errors="replace"))
+
+
+def refuse_conflicts(survey: Survey, names: Collection[str]) -> None:
+    """Reject two packages of one name if these packages, or what they depend on, need it.
+
+    Raises:
+        PackageError: with the first such conflict.
+    """
+    needed = set(names)
+    for one in reversed(survey.packages):
+        if one.name in needed:
+            needed.update(one.package.depends)
+    for conflict in survey.conflicts:
+        if conflict.name in needed:
+            raise PackageError(f"{conflict}; put a file COLCON_IGNORE into one of them")
 
 
 def survey_workspace(workspace: Path, underlays: Sequence[Path]) -> Survey:
     """Compare the packages of a workspace with what its overlay was made from.
 
     Raises:
-        PackageError: a manifest cannot be read, or two packages have one name.
+        PackageError: a manifest cannot be read.
         DependencyError: packages need one another in a circle.
         BuildToolError: there are packages, and no ROS 2 to build them against.
     """
-    packages = find_message_packages(workspace)
+    packages, conflicts = find_message_packages(workspace)
     record = read_record(workspace)
     if not packages:
         gone = tuple(record.packages) if record else ()
-        return Survey(workspace=workspace, packages=(), gone=gone, ros="")
+        return Survey(workspace=workspace, packages=(), gone=gone, ros="", conflicts=())
     prefixes = Prefixes(layers=tuple(underlays), ros=find_ros_prefix())
     surveyed: dict[str, SurveyedPackage] = {}
     for package in packages:
@@ -144,6 +212,7 @@ def survey_workspace(workspace: Path, underlays: Sequence[Path]) -> Survey:
         packages=tuple(surveyed.values()),
         gone=tuple(name for name in (record.packages if record else ()) if name not in kept),
         ros=str(prefixes.ros),
+        conflicts=conflicts,
     )
 
 
@@ -156,7 +225,7 @@ def _survey(
     own = [before[name] for name in package.depends if name in before]
     needs = [one for one in own if one.state != "installed"]
     share = prefixes.share_of(package.name)
-    if not needs and share is not None and _has_same(package, share):
+    if not needs and share is not None and _has_same(package, share, set(_definitions(share))):
         return SurveyedPackage(package=package, state="installed", digest="")
     digest = digest_of(package, prefixes, built_with=(one.digest for one in needs))
     built = record.packages.get(package.name) if record else None
@@ -166,11 +235,11 @@ def _survey(
     return SurveyedPackage(package=package, state=state, digest=digest)
 
 
-def _has_same(package: InterfacePackage, share: Path) -> bool:
-    """Whether an installed package has the same definitions, and no others."""
-    files = {interface.file for interface in package.interfaces}
-    return files == set(_definitions(share)) and all(
-        (package.root / file).read_bytes() == (share / file).read_bytes() for file in files
+def _has_same(package: InterfacePackage, folder: Path, files: set[str]) -> bool:
+    """Whether a folder has these definitions of a package, and the package no others."""
+    own = {interface.file for interface in package.interfaces}
+    return own == files and all(
+        (package.root / file).read_bytes() == (folder / file).read_bytes() for file in own
     )
 
 
@@ -261,6 +330,8 @@ class BuildOptions:
     """Compilers at once; None: as many as there are processors."""
     only_messages: bool = False
     """Whether colcon is to leave out packages without messages."""
+    needed: frozenset[str] | None = None
+    """The packages that a stack uses; None: each of the workspace may be used."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -331,6 +402,8 @@ def build_workspace(
 
 
 def _check(survey: Survey, options: BuildOptions) -> list[SurveyedPackage]:
+    known = [one.name for one in survey.packages]
+    refuse_conflicts(survey, options.names or (known if options.needed is None else options.needed))
     record = read_record(survey.workspace)
     return choose(survey, options.names, present=record.packages if record else ())
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from obelisk_spec.names import OBELISK_MESSAGES, ROS_MESSAGES
-from obk_cli.config.environment import UNSEARCHED, Command, ExecutableMissing
+from obk_cli.config.environment import UNSEARCHED, Command, ExecutableMissing, ReplacedMessages
 from obk_cli.files import SHARED_FOLDER_BITS, is_untrusted
 from obk_cli.workspace.entry_points import (
     EntryPoint,
@@ -35,6 +35,8 @@ __all__ = [
 
 _SKIPPED = {*UNSEARCHED, "node_modules", "site-packages", "__pycache__"}
 _NAME = re.compile(r"<name>\s*([^<\s]+)\s*</name>")
+_FIELD = re.compile(r"^[ \t]*[\w/]+(?:<=\d+)?(?:\[[<=\d]*\])?[ \t]+([a-z]\w*)(?![ \t]*=|\w)", re.M)
+"""A field of a message, not a constant."""
 _PACKAGE_FILES = ("package.xml", "setup.py", "setup.cfg", "pyproject.toml")
 _ELF: Final = b"\x7fELF"
 _CMAKE_COMMENT: Final = re.compile(r"#.*")
@@ -64,7 +66,7 @@ def find_workspace(start: Path) -> Path:
 
 def _folders_up(folder: Path) -> Iterator[Path]:
     """A folder and those above it in which a workspace of its owner may begin."""
-    owners = {os.geteuid(), 0, _owner_and_mode(folder)[0]}
+    owners = {os.geteuid(), _owner_and_mode(folder)[0]}
     home = Path(os.path.realpath(Path("~").expanduser()))
     yield folder
     for child, parent in pairwise((folder, *folder.parents)):
@@ -153,6 +155,34 @@ class PackageIndex:
             return file.read_text(encoding="utf-8") if file.is_file() else None
         except (OSError, UnicodeDecodeError):
             return None
+
+    def replaced_messages(self) -> tuple[ReplacedMessages, ...]:
+        """The packages of the workspaces with the name of one of Obelisk's that lack some of it.
+
+        Fields are compared with the installed package, if there is one.
+        """
+        found = (self._replaced(name) for name in OBELISK_MESSAGES if name in self.source_packages)
+        return tuple(one for one in found if one.types or one.fields)
+
+    def _replaced(self, package: str) -> ReplacedMessages:
+        folder = self.source_packages[package]
+        own = {file.stem: file for file in _listed(folder / "msg", ".msg")}
+        overlays = {*overlay_prefixes(self.workspaces)}
+        shares = (p / "share" / package for p in self.prefixes if p not in overlays)
+        installed = next((share for share in shares if _is_folder(share)), None)
+        names = OBELISK_MESSAGES[package]
+        return ReplacedMessages(
+            package=package,
+            folder=folder,
+            types=tuple(name for name in names if name not in own),
+            fields=tuple(
+                f"{name}.{field}"
+                for name in names
+                if name in own and installed is not None
+                for field in _fields(installed / "msg" / f"{name}.msg")
+                if field not in _fields(own[name])
+            ),
+        )
 
     def message_packages(self) -> tuple[str, ...]:
         """The packages of the workspaces that define messages."""
@@ -301,6 +331,15 @@ def _listed(folder: Path, suffix: str = "") -> tuple[Path, ...]:
         return tuple(sorted(file for file in folder.iterdir() if file.name.endswith(suffix)))
     except OSError:
         return ()
+
+
+def _fields(definition: Path) -> tuple[str, ...]:
+    """The fields of a message, none if the file cannot be read."""
+    try:
+        text = definition.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ()
+    return tuple(_FIELD.findall(text))
 
 
 def package_folders(workspace: Path) -> Iterator[Path]:

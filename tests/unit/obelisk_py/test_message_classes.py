@@ -7,7 +7,13 @@ from sensor_msgs.msg import Imu
 
 import obelisk_py  # noqa: F401  (adds the older field names)
 from obelisk_py.core.exceptions import ObeliskMsgError
-from obelisk_py.core.messages import message_class, message_name
+from obelisk_py.core.messages import (
+    add_field_aliases,
+    message_class,
+    message_name,
+    optional_message,
+    require_message,
+)
 from obelisk_py.core.obelisk_typing import (
     ObeliskControlMsg,
     ObeliskEstimatorMsg,
@@ -57,3 +63,38 @@ def test_bounds_know_their_messages() -> None:
     assert is_in_bound(EstimatedState, ObeliskMsg)
     assert not is_in_bound(EstimatedState, ObeliskControlMsg)
     assert not is_in_bound(Imu, ObeliskMsg)
+
+
+def test_a_package_of_another_release_may_lack_messages_and_have_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delattr("obelisk_sensor_msgs.msg.ObkImu")
+    monkeypatch.setattr("obelisk_sensor_msgs.msg.ObkSonar", Imu, raising=False)
+    for name in ("ObkSonar", "obelisk_sensor_msgs/ObkSonar", "obelisk_sensor_msgs/msg/ObkSonar"):
+        assert message_class(name) is Imu
+    missing = optional_message("ObkImu")
+    for use in (missing, lambda: require_message(missing), lambda: message_class("ObkImu")):
+        with pytest.raises(ObeliskMsgError, match=r"`ObkImu`.*obelisk_sensor_msgs"):
+            use()
+    assert require_message(optional_message("ObkScan")).__name__ == "ObkScan"
+    assert message_name(missing) == "obelisk_sensor_msgs/msg/ObkImu"
+    assert not isinstance(Imu(), missing)
+
+
+def test_field_names_of_the_other_layout_are_added_to_either(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class PositionSetpoint:
+        """As it was in 2024."""
+
+        u: list[float]
+
+        def __init__(self) -> None:
+            self.u = []
+
+    PositionSetpoint.u = []
+    monkeypatch.setattr("obelisk_control_msgs.msg.PositionSetpoint", PositionSetpoint)
+    add_field_aliases()
+    message = PositionSetpoint()
+    message.u_mujoco = [1.0]  # type: ignore[attr-defined]
+    assert message.u == [1.0]

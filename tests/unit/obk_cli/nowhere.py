@@ -24,6 +24,9 @@ class Nowhere:
     def message_names(self, package: str) -> None:
         return None
 
+    def replaced_messages(self) -> tuple[()]:
+        return ()
+
     def find_executable(self, package: str, executable: str) -> Command | ExecutableMissing:
         raise AssertionError
 

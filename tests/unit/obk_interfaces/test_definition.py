@@ -71,7 +71,8 @@ def test_every_problem_of_a_file_is_reported_at_once() -> None:
         ("geometry_msgs/Vector", "did you mean `geometry_msgs/Vector3`?"),
         (
             "nav_msgs/Odometry",
-            "package.xml does not depend on `nav_msgs`: add `<depend>nav_msgs</depend>`",
+            "neither package.xml nor CMakeLists.txt depends on `nav_msgs`: "
+            "add `<depend>nav_msgs</depend>` to package.xml",
         ),
     ],
 )

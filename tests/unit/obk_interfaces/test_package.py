@@ -26,6 +26,44 @@ def test_packages_come_after_those_they_depend_on(tmp_path: Path) -> None:
     assert [p.name for p in discover([tmp_path])] == ["b_msgs", "c_msgs", "a_msgs"]
 
 
+@pytest.mark.parametrize(
+    ("cmake", "depends"),
+    [
+        ("find_package(b_msgs REQUIRED)", ("b_msgs",)),
+        ("find_package(unused_msgs REQUIRED)", ()),
+        ("# find_package(b_msgs)\n#[[ find_package(b_msgs) ]]", ()),
+        (
+            'rosidl_generate_interfaces(${PROJECT_NAME}\n  "msg/A.msg"  # the only one\n'
+            "  DEPENDENCIES c_msgs d_msgs\n  ADD_LINTER_TESTS)",
+            ("c_msgs", "d_msgs"),
+        ),
+        (
+            'set(needed c_msgs "d_msgs")\n'
+            "rosidl_generate_interfaces(x DEPENDENCIES ${needed} LIBRARY_NAME other)",
+            ("c_msgs", "d_msgs"),
+        ),
+        ("rosidl_generate_interfaces(x DEPENDENCIES", ()),
+    ],
+)
+def test_dependencies_are_read_from_cmake_too(
+    tmp_path: Path, cmake: str, depends: tuple[str, ...]
+) -> None:
+    folder = write_package(tmp_path, "a_msgs")
+    (folder / "msg/A.msg").write_text("b_msgs/Thing thing\n")
+    (folder / "CMakeLists.txt").write_text(cmake)
+    (package,) = discover([tmp_path])
+    assert package.depends == depends
+
+
+def test_a_standard_package_that_is_used_needs_no_declaration(tmp_path: Path) -> None:
+    folder = write_package(tmp_path, "a_msgs")
+    (folder / "msg/A.msg").write_text(
+        "std_msgs/Header header\n  geometry_msgs/msg/Point p\n# nav_msgs/Path\nfar_msgs/Far x\n"
+    )
+    (package,) = discover([tmp_path])
+    assert package.depends == ("geometry_msgs", "std_msgs")
+
+
 def test_a_dependency_cycle_is_reported_with_its_members(tmp_path: Path) -> None:
     write_package(tmp_path, "a_msgs", "b_msgs")
     write_package(tmp_path, "b_msgs", "c_msgs")

@@ -11,13 +11,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from obelisk_std_msgs.msg import FloatMultiArray, UInt8MultiArray
 from std_msgs.msg import MultiArrayDimension, MultiArrayLayout
 
 from obelisk_py.core.exceptions import ObeliskMsgError
+from obelisk_py.core.messages import optional_message
 
 __all__ = ["multiarray_to_np", "np_to_multiarray"]
 
+FloatMultiArray: Any = optional_message("FloatMultiArray")
+UInt8MultiArray: Any = optional_message("UInt8MultiArray")
 DTYPES: dict[type[Any], np.dtype[Any]] = {
     FloatMultiArray: np.dtype(np.float64),
     UInt8MultiArray: np.dtype(np.uint8),

@@ -102,6 +102,15 @@ RULES: tuple[Rule, ...] = (
         "`ParameterDescriptor(dynamic_typing=True)`.",
     ),
     Rule(
+        code="OBK413",
+        severity="warning",
+        title="a message package that replaces one of Obelisk's",
+        cause="A package of the workspace has the name of one of Obelisk's message packages, of "
+        "another release. All nodes use it, and it lacks messages or fields. If the stack uses "
+        "none of them, the finding is an info.",
+        fix="Add what is missing to the package, or remove the package from the workspace.",
+    ),
+    Rule(
         code="OBK414",
         severity="error",
         title="a malformed package.xml",

@@ -155,3 +155,15 @@ def test_a_message_that_only_the_code_names_is_looked_for_too(workspace: Path) -
     assert lost.help == "did you mean `Reach`?"
     assert lost.related[0].span.path == "src/demo/demo/nodes.py"
     assert lost.related[0].span.line == 7
+
+
+@pytest.mark.parametrize("prefix", ["", "obelisk_control_msgs/", "obelisk_control_msgs/msg/"])
+def test_a_package_of_obelisk_s_name_may_have_messages_of_its_own(
+    workspace: Path, prefix: str
+) -> None:
+    folder = workspace / "src" / "obelisk_control_msgs"
+    (folder / "msg").mkdir(parents=True)
+    (folder / "package.xml").write_text(MANIFEST.format("obelisk_control_msgs"))
+    (folder / "msg" / "Hover.msg").write_text("float64 a\n")
+    outcome = compile_with(workspace, f"{prefix}Hover")
+    assert {(d.code, d.severity) for d in outcome.diagnostics} == {("OBK413", "info")}

@@ -11,6 +11,7 @@ from obk_cli.workspace.message_build import (
     choose,
     colcon_command,
     find_message_packages,
+    refuse_conflicts,
     survey_workspace,
 )
 from obk_cli.workspace.overlay import (
@@ -65,20 +66,31 @@ def states(survey: Survey) -> dict[str, str]:
 
 
 def test_packages_with_definitions_come_after_what_they_need(workspace: Path) -> None:
-    found = find_message_packages(workspace)
+    found, _ = find_message_packages(workspace)
     assert [package.name for package in found] == ["b_msgs", "a_msgs", "c_msgs"]
 
 
-def test_two_packages_of_one_name_are_refused(workspace: Path) -> None:
-    shutil.copytree(workspace / "src" / "c_msgs", workspace / "copy")
-    with pytest.raises(PackageError, match="two packages are called c_msgs"):
-        find_message_packages(workspace)
+def test_two_packages_of_one_name_matter_if_they_are_needed(workspace: Path) -> None:
+    copy = workspace / "copy"
+    shutil.copytree(workspace / "src" / "b_msgs", copy)
+    assert survey_workspace(workspace, ()).conflicts == ()
+    next(copy.glob("msg/*.msg")).write_text("float64 other\n")
+    survey = survey_workspace(workspace, ())
+    (conflict,) = survey.conflicts
+    assert (conflict.name, {conflict.used, conflict.other}) == (
+        "b_msgs",
+        {copy, workspace / "src" / "b_msgs"},
+    )
+    refuse_conflicts(survey, ["c_msgs", "none_msgs"])
+    for name in ("b_msgs", "a_msgs"):
+        with pytest.raises(PackageError, match="b_msgs"):
+            refuse_conflicts(survey, [name])
 
 
 def test_a_package_that_a_link_leads_to_as_well_is_one_package(workspace: Path) -> None:
-    packages = find_message_packages(workspace)
+    packages, _ = find_message_packages(workspace)
     (workspace / "link").symlink_to(packages[0].root)
-    assert find_message_packages(workspace) == packages
+    assert find_message_packages(workspace) == (packages, ())
 
 
 def test_what_changed_and_what_needs_it_is_stale(workspace: Path) -> None:

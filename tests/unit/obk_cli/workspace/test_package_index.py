@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from obk_cli.config.environment import Command, ExecutableMissing
+from obk_cli.workspace import package_index
 from obk_cli.workspace.entry_points import source_console_scripts
 from obk_cli.workspace.package_index import PackageIndex, find_workspace, package_folders
 
@@ -51,6 +52,21 @@ def test_packages_beside_the_configs_folder_make_a_workspace(tmp_path: Path) -> 
     assert find_workspace(tmp_path / "config") == tmp_path / "config"
     make_package(tmp_path / "arm", "arm")
     assert find_workspace(tmp_path / "config") == tmp_path
+
+
+def test_a_folder_of_root_above_the_user_s_ends_the_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "root/mine/config").mkdir(parents=True)
+    (tmp_path / "root/src").mkdir()
+
+    def owner_and_mode(folder: Path) -> tuple[int, int]:
+        return (0 if folder.name == "root" else 1000), 0o755
+
+    monkeypatch.setattr(package_index, "_owner_and_mode", owner_and_mode)
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
+    start = tmp_path / "root/mine/config"
+    assert find_workspace(start) == start
 
 
 @pytest.mark.parametrize("mode", [0o1700, 0o757, 0o1777])

@@ -13,10 +13,10 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from obelisk_control_msgs.msg import PDFeedForward
 
 from obelisk_py.core.command_watchdog import ONLY_REJECTIONS, RejectionLog, RejectionReport
 from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.messages import optional_message
 from obelisk_py.core.sim.mujoco.actuators import JointTorques, TorqueLaw, has_gains, out_of_limits
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S
 
@@ -30,6 +30,7 @@ __all__ = [
     "make_inbox",
 ]
 
+PDFeedForward: Any = optional_message("PDFeedForward")
 DEFAULT_LATENESS_S: Final = 1.0
 """Age at which an arriving control is reported as late, unless the config sets one [s]."""
 CONTROL_FIELDS: Final = ("u_mujoco", "u")

@@ -14,6 +14,7 @@ from typing import Any, Final, Protocol
 from visualization_msgs.msg import MarkerArray
 
 from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.messages import require_message
 from obelisk_py.core.sim.mujoco.geoms import marker_sampler
 from obelisk_py.core.sim.mujoco.noise import DelayLine, Dropout, NoiseGenerator, RandomStream
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, Sampler, SensorSource
@@ -221,7 +222,8 @@ def _group(
     simulation: Simulation, group: SensorGroupConfig, context: OutputContext
 ) -> Iterator[TimedOutput]:
     kind = SENSOR_KINDS[group.msg_type]
-    publisher = context.make_publisher(kind.message_type, group.topic, group.history_depth)
+    message_type = require_message(kind.message_type)
+    publisher = context.make_publisher(message_type, group.topic, group.history_depth)
     publish = publisher.publish
     count = context.monitor_rate(group.topic, max(group.period_s, simulation.step_s))
 

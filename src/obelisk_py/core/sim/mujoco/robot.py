@@ -19,7 +19,6 @@ import numpy as np
 from ament_index_python.packages import PackageNotFoundError, get_package_share_path
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
-from obelisk_sensor_msgs.msg import TrueSimState
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.publisher import LifecyclePublisher
@@ -27,6 +26,7 @@ from std_msgs.msg import Float64
 
 from obelisk_py.core.clock_page import open_clock_writer
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
+from obelisk_py.core.messages import optional_message
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameters import Getter
 from obelisk_py.core.rate_monitor.counting import TickCounter
@@ -71,6 +71,7 @@ Array = NDArray[np.float64]
 
 _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+TrueSimState: Any = optional_message("TrueSimState")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,6 +93,7 @@ class TrueStateReader:
         joints = range(model.njnt)
         base = next((j for j in joints if model.jnt_type[j] == _FREE), None)
         scalar = [j for j in joints if model.jnt_type[j] in _SCALAR]
+        self._has_y = hasattr(TrueSimState, "y")  # the seeds' field, not in every layout
         self._base_name = "" if base is None else model.body(int(model.jnt_bodyid[base])).name
         self._base_qpos = None if base is None else int(model.jnt_qposadr[base])
         self._base_qvel = None if base is None else int(model.jnt_dofadr[base])
@@ -105,7 +107,8 @@ class TrueStateReader:
         seconds, nanoseconds = divmod(state.stamp_ns, NS_PER_S)
         message.header.stamp = Time(sec=seconds, nanosec=nanoseconds)
         message.header.frame_id = WORLD
-        message.y = _doubles(np.concatenate((state.qpos, state.qvel)))
+        if self._has_y:
+            message.y = _doubles(np.concatenate((state.qpos, state.qvel)))
         message.base_link_name = self._base_name
         if self._base_qpos is not None and self._base_qvel is not None:
             pose = state.qpos[self._base_qpos : self._base_qpos + 7]

@@ -8,11 +8,10 @@ being drawn is left out and counted; as fast as possible, the simulation waits f
 
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Final
-
-from obelisk_sensor_msgs.msg import ObkImage
+from typing import Any, Final
 
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
+from obelisk_py.core.messages import optional_message
 from obelisk_py.core.sim.mujoco.cameras import CameraView, choose_back_end
 from obelisk_py.core.sim.mujoco.sensors.kind import Sampler, SensorKind, SensorSource
 from obelisk_py.core.utils.msg import np_to_multiarray
@@ -20,6 +19,7 @@ from obelisk_spec.suggestions import with_number
 
 __all__ = ["OBK_IMAGE"]
 
+ObkImage: Any = optional_message("ObkImage")
 _AXES: Final = ("height", "width", "channels")
 _OPEN_S: Final = 30.0
 """Timeout for the driver to open [s]."""

@@ -15,9 +15,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from obelisk_sensor_msgs.msg import ObkForceSensor, ObkImu
 from sensor_msgs.msg import Imu
 
+from obelisk_py.core.messages import optional_message
 from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.sensors.kind import (
     WORLD,
@@ -32,6 +32,8 @@ from obelisk_py.core.sim.mujoco.sensors.kind import (
 
 __all__ = ["FORCE", "IMU", "OBK_IMU"]
 
+ObkForceSensor: Any = optional_message("ObkForceSensor")
+ObkImu: Any = optional_message("ObkImu")
 _PARTS = (
     ("accelerometer", "linear_acceleration", copy_all),
     ("gyro", "angular_velocity", copy_all),

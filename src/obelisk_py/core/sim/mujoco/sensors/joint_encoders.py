@@ -14,8 +14,8 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from obelisk_sensor_msgs.msg import JointEncoders, ObkJointEncoders
 
+from obelisk_py.core.messages import optional_message
 from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.sensors.kind import (
     WORLD,
@@ -29,6 +29,8 @@ from obelisk_py.core.sim.mujoco.sensors.kind import (
 
 __all__ = ["JOINT_ENCODERS", "OBK_JOINT_ENCODERS"]
 
+JointEncoders: Any = optional_message("JointEncoders")
+ObkJointEncoders: Any = optional_message("ObkJointEncoders")
 _FIELDS: Final[Mapping[str, str]] = MappingProxyType(
     {"jointpos": "joint_pos", "jointvel": "joint_vel"}
 )

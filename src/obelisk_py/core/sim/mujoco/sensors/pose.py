@@ -21,8 +21,8 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
-from obelisk_sensor_msgs.msg import ObkFramePose
 
+from obelisk_py.core.messages import optional_message
 from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.sensors.kind import (
     WORLD,
@@ -37,6 +37,8 @@ from obelisk_py.core.sim.mujoco.sensors.kind import (
 )
 
 __all__ = ["FRAME_POSE", "ODOMETRY", "POSE_STAMPED", "pose_reference"]
+
+ObkFramePose: Any = optional_message("ObkFramePose")
 
 
 def pose_reference(source: SensorSource, position: str, orientation: str) -> str:

@@ -10,22 +10,16 @@ Source: sensor_msgs/PointCloud2.msg; REP 118 (a depth image holds distances alon
 import sys
 from array import array
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
-from obelisk_sensor_msgs.msg import ObkScan
 from sensor_msgs.msg import Image, PointCloud2, PointField
 
 from obelisk_py.core.exceptions import ObeliskConfigError
+from obelisk_py.core.messages import optional_message
 from obelisk_py.core.serialization.codec import PackedMessage
-from obelisk_py.core.sim.mujoco.raycast import (
-    DepthCamera,
-    HeightScan,
-    RayCaster,
-    Scan,
-    make_caster,
-)
+from obelisk_py.core.sim.mujoco.raycast import DepthCamera, HeightScan, RayCaster, Scan, make_caster
 from obelisk_py.core.sim.mujoco.sensors.kind import WORLD, Array, Sampler, SensorKind, SensorSource
 
 __all__ = [
@@ -38,6 +32,7 @@ __all__ = [
     "find_frame",
 ]
 
+ObkScan: Any = optional_message("ObkScan")
 _FLOAT_BYTES: Final = 4
 POINT_FIELDS: Final = ("x", "y", "z", "intensity")
 """Of a point of a cloud, each a 32-bit number."""
