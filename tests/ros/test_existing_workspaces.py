@@ -1,0 +1,86 @@
+"""Workspaces written for each generation of Obelisk's API run as they are.
+
+Each has two controllers, an estimator, a robot, a simulator, a message package and a C++ package
+that is declared but not built.
+"""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from .stack import launched, obk
+
+WORKSPACES = Path(__file__).resolve().parents[1] / "workspaces"
+GENERATIONS = ("g1", "g2", "g3")
+
+
+@pytest.fixture(params=GENERATIONS)
+def workspace(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """Return a copy of a generation's workspace."""
+    copy = tmp_path / str(request.param)
+    shutil.copytree(WORKSPACES / str(request.param), copy)
+    return copy
+
+
+def findings(config: Path) -> list[dict[str, Any]]:
+    """Return the errors and warnings of a config."""
+    done = obk("validate", config, "--format", "json")
+    report = json.loads(done.stdout)
+    return [found for found in report["diagnostics"] if found["severity"] != "info"]
+
+
+@pytest.mark.parametrize("config", ["lab_simulated.yaml", "lab_hardware.yaml"])
+def test_nothing_is_wrong_with_it(workspace: Path, config: str) -> None:
+    assert findings(workspace / "config" / config) == []
+
+
+def test_a_cpp_package_that_is_not_built_is_the_only_finding(workspace: Path) -> None:
+    (found,) = findings(workspace / "config" / "lab_cpp.yaml")
+    assert (found["code"], found["severity"]) == ("OBK402", "error")
+    assert "colcon build --packages-select lab_cpp" in found["help"]
+
+
+@pytest.mark.parametrize("config", ["lab_simulated.yaml", "lab_hardware.yaml"])
+def test_the_other_spelling_has_the_same_parameters(workspace: Path, config: str) -> None:
+    original = workspace / "config" / config
+    before = parameters(original)
+    for spelling in ("key", "seed"):
+        done = obk("migrate", original, "--to", spelling, "--write")
+        assert done.returncode == 0, done.stderr
+        assert parameters(original) == before
+
+
+def parameters(config: Path) -> dict[str, list[Any]]:
+    """Return topic, message type and period of every component, by node."""
+    done = obk("compile", config, "--to", "params")
+    assert done.returncode == 0, done.stderr
+    nodes = yaml.safe_load(done.stdout)
+    settings = {
+        name: yaml.safe_load(node["ros__parameters"]["obelisk_settings"])
+        for name, node in nodes.items()
+    }
+    kept = ("topic", "msg_type", "timer_period_sec")
+    return {
+        name: [
+            (kind, *(component.get(key) for key in kept))
+            for kind in ("publishers", "subscribers", "timers")
+            for component in given.get(kind, ())
+        ]
+        for name, given in settings.items()
+    }
+
+
+@pytest.mark.ros
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize("config", ["lab_simulated.yaml", "lab_hardware.yaml"])
+def test_it_builds_launches_and_moves(workspace: Path, config: str) -> None:
+    built = obk("build", "--workspace", workspace)
+    assert built.returncode == 0, built.stderr
+    with launched(workspace / "config" / config) as run:
+        run.wait_for_line("the joint has moved")
+    assert run.process.returncode == 0, run.text
+    assert run.left_over() == []

@@ -1,0 +1,43 @@
+"""Passes the encoders on."""
+
+from obelisk_estimator_msgs.msg import EstimatedState
+from obelisk_sensor_msgs.msg import JointEncoders
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+
+from obelisk_py.core.estimation import ObeliskEstimator
+from obelisk_py.core.utils.ros import spin_obelisk
+
+
+class JointEstimator(ObeliskEstimator):
+    def __init__(self, node_name: str = "joint_estimator") -> None:
+        super().__init__(node_name)
+        self.register_obk_subscription(
+            "sub_sensor_setting",
+            self.encoder_callback,  # type: ignore
+            key="subscriber_sensor",
+            msg_type=JointEncoders,
+        )
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        super().on_configure(state)
+        self.joints = None
+        return TransitionCallbackReturn.SUCCESS
+
+    def encoder_callback(self, msg: JointEncoders) -> None:
+        self.joints = msg.y
+
+    def compute_state_estimate(self):
+        msg = EstimatedState()
+        if self.joints is not None:
+            msg.x_hat = self.joints
+            self.obk_publishers["publisher_est"].publish(msg)
+        return msg
+
+
+def main(args: list[str] | None = None) -> None:
+    spin_obelisk(args, JointEstimator, SingleThreadedExecutor)
+
+
+if __name__ == "__main__":
+    main()

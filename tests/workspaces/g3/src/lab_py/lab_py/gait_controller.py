@@ -1,0 +1,40 @@
+"""High level: publishes the gait."""
+
+from lab_msgs.msg import Gait
+from obelisk_estimator_msgs.msg import EstimatedState
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+
+from obelisk_py.core.control import ObeliskController
+from obelisk_py.core.utils.ros import spin_obelisk
+
+
+class GaitController(ObeliskController):
+    def __init__(self, node_name: str = "gait_controller") -> None:
+        super().__init__(node_name, Gait, EstimatedState)
+        self.declare_parameter("amplitude", 0.8)
+        # Nothing in the config: a warning, and the node goes on.
+        self.register_obk_publisher("pub_debug", EstimatedState)
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        super().on_configure(state)
+        self.amplitude = self.get_parameter("amplitude").value
+        return TransitionCallbackReturn.SUCCESS
+
+    def update_x_hat(self, x_hat_msg: EstimatedState) -> None:
+        self.x_hat = x_hat_msg.q_joints
+
+    def compute_control(self) -> Gait:
+        msg = Gait()
+        msg.amplitude = self.amplitude
+        msg.frequency = 0.5
+        self.obk_publishers["pub_ctrl"].publish(msg)
+        return msg
+
+
+def main(args: list[str] | None = None) -> None:
+    spin_obelisk(args, GaitController, SingleThreadedExecutor)
+
+
+if __name__ == "__main__":
+    main()
