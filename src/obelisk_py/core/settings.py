@@ -179,7 +179,11 @@ def message_class_of(component: RegisteredComponent, configured: str | None) -> 
     if component.msg_type is None:
         assert configured is not None
         return message_class(configured)
-    if configured is not None and message_class(configured) is not component.msg_type:
+    if configured is None:
+        return require_message(component.msg_type)
+    # A bare name may be that of a message package of the user's own.
+    is_bare = configured == component.msg_type.__name__
+    if not is_bare and message_class(configured) is not component.msg_type:
         raise ObeliskMsgError(
             f"the {component} is {with_article(message_name(component.msg_type))} in the code "
             f"and {with_article(configured)} in the config"

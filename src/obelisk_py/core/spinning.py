@@ -12,13 +12,17 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from typing import Any
 
 import rclpy
-from rclpy.executors import Executor
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import Executor, MultiThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from rclpy.timer import Timer
 
 from obelisk_py.core.clock_page import ClockPage, open_clock_page
 from obelisk_py.core.exceptions import ObeliskError
@@ -138,6 +142,38 @@ def spin_nodes(
     return died[0] if died else None
 
 
+class _ThreadPool(MultiThreadedExecutor):
+    """rclpy's executor with threads, for timers that are cancelled or destroyed when they are due.
+
+    A transition does so on one thread while others run callbacks. In ROS 2 Jazzy the executor
+    raises then, or the timer's callback group stays occupied: the node answers no request any more.
+    """
+
+    def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> Any:
+        """Wait as rclpy does; begin again if an entity was destroyed meanwhile."""
+        while True:
+            try:
+                return super().wait_for_ready_callbacks(*args, **kwargs)
+            except InvalidHandle:
+                continue
+
+    def _take_timer(self, tmr: Timer) -> Any:
+        try:
+            return super()._take_timer(tmr)
+        except RCLError:
+            try:
+                is_cancelled = tmr.is_canceled()
+            except InvalidHandle:
+                return None
+            if not is_cancelled:
+                raise
+            return None
+
+
+def _make_executor(kind: Callable[..., Executor] | None) -> Executor:
+    return _ThreadPool() if kind is MultiThreadedExecutor else (kind or EventLoopExecutor)()
+
+
 @contextmanager
 def simulated_time_from(page: ClockPage | None, executor: Executor) -> Iterator[None]:
     """While entered, new nodes take simulated time from a page, unless the executor cannot.
@@ -171,7 +207,7 @@ def _spin_alone(request: SpinRequest) -> int:
     # Before signal handlers are installed: a signal ends a waiting process at once.
     wait_at_startup_barrier()
     with ros_process(request.args) as signals, open_clock_page() as page:
-        executor = (request.executor_type or EventLoopExecutor)()
+        executor = _make_executor(request.executor_type)
         try:
             with simulated_time_from(page, executor):
                 node = request.make()

@@ -16,7 +16,7 @@ from obelisk_spec.suggestions import ask_for, did_you_mean, list_names, near_nam
 from obk_cli.check.context import CheckContext
 from obk_cli.config.environment import CodeComponent, Environment, NodeFacts
 from obk_cli.config.fixes import respell
-from obk_cli.config.model import Spanned
+from obk_cli.config.model import Component, Spanned
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.source import Span
 
@@ -41,7 +41,7 @@ def check_message_types(context: CheckContext) -> Iterator[Diagnostic]:
             yield from _check(topic.msg_type, context.environment)
     for node in context.stack.nodes:
         for component in node.components:
-            if component.msg_type is None:
+            if component.msg_type is None or _is_short_for_code(component):
                 continue
             faults = _check(component.msg_type, context.environment)
             yield from map(_of_cpp, faults) if component.ignores_type else faults
@@ -52,6 +52,13 @@ def check_message_types(context: CheckContext) -> Iterator[Diagnostic]:
         if isinstance(code, NodeFacts) and command not in told:
             told.add(command)
             yield from _check_code(code, node.executable, context.environment, told=written)
+
+
+def _is_short_for_code(component: Component) -> bool:
+    """Whether the config writes the bare name of the type that the code gives."""
+    assert component.msg_type is not None
+    code = component.code_type
+    return code is not None and code.rpartition("/")[2] == component.msg_type.value
 
 
 def _of_cpp(fault: Diagnostic) -> Diagnostic:
