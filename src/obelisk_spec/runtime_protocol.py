@@ -10,6 +10,7 @@ from typing import Final, Literal
 
 __all__ = [
     "CLOCK_PAGE",
+    "CLOCK_TOPIC",
     "CLOCK_VARIABLE",
     "DIAGNOSTICS_TOPIC",
     "GATE_VARIABLE",
@@ -33,6 +34,8 @@ __all__ = [
 USE_SIM_TIME: Final = "use_sim_time"
 """The ROS parameter by which a node uses simulated time."""
 
+CLOCK_TOPIC: Final = "/clock"
+"""The topic of simulated time, a `rosgraph_msgs/Clock`."""
 CLOCK_VARIABLE: Final = "OBK_CLOCK"
 """The environment variable that names the clock page of a launch to its processes.
 

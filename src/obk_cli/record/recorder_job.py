@@ -7,6 +7,8 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Final
 
+from obelisk_spec.runtime_protocol import CLOCK_TOPIC
+
 __all__ = [
     "BEGUN",
     "RecordRequest",
@@ -81,9 +83,16 @@ def _is_excluded(request: RecordRequest, topic: str) -> bool:
 
 
 def _matches(topic: str, pattern: str) -> bool:
-    """Hidden topics, such as those of actions, match only patterns that name hidden topics."""
-    is_hidden = "/_" in topic
-    return fnmatchcase(topic, pattern) and (not is_hidden or "/_" in pattern)
+    """Hidden topics, such as those of actions, match only patterns that name hidden topics.
+
+    `/clock` matches only patterns that name it: a subscription makes the simulator publish it at
+    1 kHz, and each message has its time in its header already.
+    """
+    if not fnmatchcase(topic, pattern):
+        return False
+    if topic == CLOCK_TOPIC:
+        return "clock" in pattern
+    return "/_" not in topic or "/_" in pattern
 
 
 def _only(types: Sequence[str]) -> str | None:

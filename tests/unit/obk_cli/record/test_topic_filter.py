@@ -39,6 +39,13 @@ def test_hidden_topics_are_recorded_only_where_a_pattern_is_about_them() -> None
     )
 
 
+def test_the_clock_is_recorded_only_if_a_name_or_a_pattern_names_it() -> None:
+    graph = {"/clock": ["rosgraph_msgs/msg/Clock"], "/clocks": ["std_msgs/msg/Int8"]}
+    assert matching_topics(RecordRequest(patterns=("*",)), graph).keys() == {"/clocks"}
+    for request in (RecordRequest(topics={"/clock": None}), RecordRequest(patterns=("/clock*",))):
+        assert "/clock" in matching_topics(request, graph)
+
+
 def test_a_topic_of_several_types_is_none() -> None:
     assert "/odd" not in matching_topics(RecordRequest(patterns=("*",)), GRAPH)
 

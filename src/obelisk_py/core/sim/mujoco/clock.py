@@ -14,10 +14,10 @@ from obelisk_py.core.clock_page import ClockWriter
 from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.outputs import MakePublisher, SubscriberCheck
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S
+from obelisk_spec.runtime_protocol import CLOCK_TOPIC
 
 __all__ = ["SimulationClock"]
 
-CLOCK_TOPIC: Final = "/clock"
 _DEPTH: Final = 10
 """Of a reliable publisher, which matches reliable and best-effort subscriptions. Nodes ask for best
 effort and depth 1 (`ClockQoS` of rclcpp)."""
