@@ -34,9 +34,9 @@ from obelisk_spec.runtime_protocol import (
     rate_values,
 )
 
-__all__ = ["RateMonitoredNode", "RateReporter"]
+__all__ = ["REPORT_RATES", "RateMonitoredNode", "RateReporter"]
 
-PARAMETER: Final = "report_rates"
+REPORT_RATES: Final = "report_rates"
 """The ROS parameter that switches reports off; counting costs less than checking for it."""
 _DEPTH: Final = 1
 _LEVELS: Final = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
@@ -92,7 +92,7 @@ class RateReporter:
 
     def start(self) -> None:
         """Start to monitor and to publish."""
-        if not self._node.get_parameter(PARAMETER).value:
+        if not self._node.get_parameter(REPORT_RATES).value:
             return
         if self._publisher is None:
             # Without rates too: it shows the launcher that there are none to measure from outside.
@@ -172,9 +172,9 @@ class RateMonitoredNode(GuardedLifecycleNode):
     def __init__(self, node_name: str, **kwargs: Any) -> None:
         """Make the node; the arguments are those of the base."""
         super().__init__(node_name, **kwargs)
-        self.declare_parameter(PARAMETER, True)
+        self.declare_parameter(REPORT_RATES, True)
         # A node that stops reporting looks like one that does not tick, so it is read at configure.
-        self._parameter_rules.add((PARAMETER,))
+        self._parameter_rules.add((REPORT_RATES,))
         self.rates = RateReporter(self)
         """The node's monitored rates."""
 

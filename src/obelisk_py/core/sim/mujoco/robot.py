@@ -30,6 +30,7 @@ from obelisk_py.core.messages import optional_message
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameters import Getter
 from obelisk_py.core.rate_monitor.counting import TickCounter
+from obelisk_py.core.rate_monitor.diagnostics import REPORT_RATES
 from obelisk_py.core.robot import ObeliskSimRobot
 from obelisk_py.core.sim.mujoco.actuation import WhenStale
 from obelisk_py.core.sim.mujoco.clock import SimulationClock
@@ -506,7 +507,8 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
     def _report(self, report: StepReport) -> None:
         if self._inbox is not None:
             self._log_rejections(self._inbox)
-        if report.overruns:
+        # A node that reports its rates shows it as its rate `steps`.
+        if report.overruns and not self.get_parameter(REPORT_RATES).value:
             self._warn(
                 f"simulation could not keep up: skipped {report.lost_s:.3f} s in the last second "
                 f"({report.overruns} times); real-time factor {report.realtime_factor:.3f}"
