@@ -87,3 +87,34 @@ def test_a_timer_that_no_topic_shows_ends_a_strict_run(tmp_path: Path, ros_domai
     done = obk("launch", config, "--ignore", "OBK201", "--duration", "60", "--strict-rates")
     assert done.returncode == 1, done.stdout + done.stderr
     assert "not measured: timer_other" in done.stdout
+
+
+SIMULATED = """\
+robot:
+  pkg: obelisk_sim_py
+  executable: obelisk_mujoco_robot
+  params: {realtime_factor: 0.25}
+  subscribers:
+    - {key: sub_ctrl, topic: /arm/ctrl, msg_type: PositionSetpoint}
+  sim: {model_xml_path: bob.xml, n_u: 1, time_step: 0.002}
+"""
+BOB = """\
+<mujoco>
+  <worldbody>
+    <body><joint name="slide" type="slide"/><geom size="0.1"/></body>
+  </worldbody>
+  <actuator><motor name="push" joint="slide"/></actuator>
+</mujoco>
+"""
+
+
+@pytest.mark.mujoco
+def test_the_rate_of_a_node_on_simulated_time_is_one_of_it(tmp_path: Path, ros_domain: int) -> None:
+    """Simulated time goes at a quarter of the wall's: 2 Hz of it are 0.5 Hz."""
+    config = stack(tmp_path, period_s=0.5, timers=SIMULATED)
+    (tmp_path / "bob.xml").write_text(BOB)
+    with launched(config, "--ignore", "OBK201", "--strict-rates") as run:
+        run.wait_for_line("measured on its topics: timer_ctrl")
+        with pytest.raises(AssertionError):
+            run.wait_for_line("timer_ctrl runs at", deadline_s=15)
+    assert run.process.returncode == 0, run.text

@@ -2,21 +2,24 @@
 
 Nodes in C++ publish no `/diagnostics`. A controller publishes once in each period of its timer, so
 the topic's rate shows the timer's. Nothing is subscribed to before a node turns out not to report.
+The rates of nodes on simulated time are measured in it, by `/clock`: a slow simulation breaks none.
 """
 
 import threading
+import time
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from queue import Empty, SimpleQueue
 from types import TracebackType
 from typing import Final
 
-from obelisk_spec.runtime_protocol import TOLERANCE, Rate
+from obelisk_spec.runtime_protocol import TOLERANCE, USE_SIM_TIME, Rate
 from obk_cli.clock import monotonic_s
 from obk_cli.launch.events import OutputEvent, RatesReported, RatesUnreported
 from obk_cli.plan.plan import Process, Promise
 from obk_cli.ros.participant import RosParticipant
 from obk_cli.ros.rate_meter import RosMeter, TopicRate
+from obk_cli.ros.simulated_clock import SimulatedClock, follow_clock
 from obk_cli.ros.types import raw_type
 
 __all__ = ["ExternalRates", "external_rate"]
@@ -31,6 +34,7 @@ TURN_S: Final = 0.02
 """Between two polls of the subscriptions [s]."""
 NO_MESSAGES: Final = TopicRate(count=0, lost=None, seen=0, window_s=0.0)
 _US: Final = 1e6
+_S: Final = 1e-9
 
 
 class ExternalRates(AbstractContextManager["ExternalRates"]):
@@ -55,6 +59,7 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
         self._added: SimpleQueue[str] = SimpleQueue()
         self._end = threading.Event()
         self._thread: threading.Thread | None = None
+        self._clock = SimulatedClock()
 
     def on_event(self, event: OutputEvent) -> None:
         """Measure the rates of a node that does not report them."""
@@ -77,19 +82,46 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
 
     def _measure(self) -> None:
         meter = RosMeter(self._participant, WINDOW_S, TURN_S)
-        since: dict[str, float] = {}
-        reported_s = monotonic_s()
+        since: dict[str, float | None] = {}
+        reported_s, epoch = monotonic_s(), self._clock.epoch
         while not self._end.is_set():
             while (node := self._next_added()) is not None:
-                since[node] = monotonic_s()
+                if is_on_simulated_time(self._processes[node]):
+                    follow_clock(meter, self._clock)
+                since[node] = self._now_s(self._processes[node])
                 self._subscribe(meter, self._processes[node])
             meter.turn()
+            if self._clock.epoch != epoch:
+                epoch = self._clock.epoch
+                since.update(self._start_again(meter, since))
             if monotonic_s() - reported_s < REPORT_S:
                 continue
             reported_s = monotonic_s()
             for node, since_s in since.items():
-                self._report_node(meter, self._processes[node], reported_s - since_s)
+                now_s = self._now_s(self._processes[node])
+                if since_s is None:
+                    since[node] = now_s
+                elif now_s is not None:
+                    self._report_node(meter, self._processes[node], now_s - since_s)
         meter.close()
+
+    def _start_again(self, meter: RosMeter, nodes: Iterable[str]) -> dict[str, None]:
+        """Measure nodes on simulated time from now on, as it was set back; returns which."""
+        restarted = [node for node in nodes if is_on_simulated_time(self._processes[node])]
+        for node in restarted:
+            subscribed = meter.rates().keys()
+            for topic in {promise.topic for promise in self._processes[node].promises}:
+                if topic is not None and topic in subscribed:
+                    meter.drop(topic)
+            self._subscribe(meter, self._processes[node])
+        return dict.fromkeys(restarted)
+
+    def _now_s(self, process: Process) -> float | None:
+        """The time in which a node keeps its rates [s]; None: not known yet."""
+        if not is_on_simulated_time(process):
+            return monotonic_s()
+        now_ns = self._clock.at(time.time_ns())
+        return None if now_ns is None else now_ns * _S
 
     def _report_node(self, meter: RosMeter, process: Process, measured_s: float) -> None:
         """Report the rates whose window has passed; without messages they are 0 Hz."""
@@ -119,11 +151,23 @@ class ExternalRates(AbstractContextManager["ExternalRates"]):
             for msg_type in seen.published_types[:1]:
                 python_type = raw_type(msg_type, (end.type_hash for end in seen.publishers))
                 window = window_s(promise)
-                meter.add(promise.topic, msg_type, python_type, window_s=window, is_light=True)
+                meter.add(
+                    promise.topic,
+                    msg_type,
+                    python_type,
+                    window_s=window,
+                    is_light=True,
+                    clock=self._clock.at if is_on_simulated_time(process) else None,
+                )
+
+
+def is_on_simulated_time(process: Process) -> bool:
+    """Return whether the timers of a node follow `/clock`."""
+    return bool(process.parameters.get(USE_SIM_TIME))
 
 
 def window_s(promise: Promise) -> float:
-    """Return over how long a rate is measured [s]."""
+    """Return over how long a rate is measured, in the time of its node [s]."""
     return max(WINDOW_S, PERIODS * promise.period_s)
 
 

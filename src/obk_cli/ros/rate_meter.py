@@ -136,6 +136,14 @@ class Meter:
 Watch = Callable[[int, bytes], None]
 """Takes when a message was received [ns since 1970], and the message as it was sent."""
 
+ReadClock = Callable[[int], int | None]
+"""Converts a time of the wall clock [ns since 1970] into that of another one; None: not known."""
+
+
+def _wall_ns(time_ns: int) -> int:
+    return time_ns
+
+
 TURN_S: Final = 0.005
 """Between two looks at the subscriptions [s]."""
 REFRESH_S: Final = 0.1
@@ -173,6 +181,8 @@ class RosMeter:
         *,
         window_s: float | None = None,
         is_light: bool = False,
+        is_first: bool = False,
+        clock: ReadClock | None = None,
     ) -> None:
         """Count a topic's messages from now on; one that is counted already goes on.
 
@@ -183,10 +193,14 @@ class RosMeter:
             watch: is shown each message.
             window_s: how far back its figures go [s]; None: as those of others.
             is_light: cost its publishers little, and miss a message rather.
+            is_first: take its messages before those of the other topics in each turn.
+            clock: the time in which its figures are; None: wall time.
         """
         if name not in self._topics:
             raw = self._participant.subscribe(name, msg_type, python_type, is_light=is_light)
-            self._topics[name] = _Counted(raw, Meter(window_s or self._window_s), watch)
+            counted = _Counted(raw, Meter(window_s or self._window_s), watch, clock or _wall_ns)
+            others = self._topics
+            self._topics = {name: counted, **others} if is_first else {**others, name: counted}
 
     def drop(self, name: str) -> None:
         """Count a topic's messages no more."""
@@ -208,7 +222,9 @@ class RosMeter:
         # Whoever asks may have rested or waited for others: what has come since is counted too.
         self._take(time.monotonic())
         now_ns = time.time_ns()
-        return {name: topic.meter.rate(now_ns) for name, topic in self._topics.items()}
+        return {
+            name: topic.meter.rate(topic.clock(now_ns) or 0) for name, topic in self._topics.items()
+        }
 
     def _take(self, begin: float) -> None:
         if begin - self._looked > REFRESH_S:
@@ -223,7 +239,8 @@ class RosMeter:
                 received_ns = info["received_timestamp"]
                 if not topic.is_fresh and topic.is_old(received_ns, info["source_timestamp"]):
                     continue
-                take(received_ns, len(data), info["publication_sequence_number"])
+                if (time_ns := topic.clock(received_ns)) is not None:
+                    take(time_ns, len(data), info["publication_sequence_number"])
                 if watch is not None:
                     watch(received_ns, data)
 
@@ -231,12 +248,15 @@ class RosMeter:
 class _Counted:
     """A topic whose messages are counted, but for those that its publisher had kept."""
 
-    __slots__ = ("_begun_ns", "_first_ns", "is_fresh", "meter", "raw", "watch")
+    __slots__ = ("_begun_ns", "_first_ns", "clock", "is_fresh", "meter", "raw", "watch")
 
-    def __init__(self, raw: RawSubscription, meter: Meter, watch: Watch | None) -> None:
+    def __init__(
+        self, raw: RawSubscription, meter: Meter, watch: Watch | None, clock: ReadClock
+    ) -> None:
         self.raw = raw
         self.meter = meter
         self.watch = watch
+        self.clock = clock
         self.is_fresh = False
         """Whether a message has come that was published since."""
         self._begun_ns = time.time_ns()

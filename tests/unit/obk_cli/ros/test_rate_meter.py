@@ -56,6 +56,22 @@ def counted(look: Any, *waiting: tuple[int, int]) -> int:
     return meter.rates()["/imu"].count
 
 
+def test_a_rate_in_simulated_time_is_that_of_its_clock(look: Any) -> None:
+    begin = 100 * S
+
+    def half_as_fast(time_ns: int) -> int | None:
+        return (time_ns - begin) // 2 if time_ns > begin else None
+
+    meter = RosMeter(look, 10.0, turn_s=0.0)
+    meter.add("/imu", "p/msg/M", object, clock=half_as_fast)
+    assert meter.rates()["/imu"].rate_hz is None
+    look.topic.waiting = [(begin + n * S // 10, begin + n * S // 10) for n in range(20)]
+    meter.turn()
+    rate = meter.rates()["/imu"]
+    assert rate.seen == 19  # the first one came before the clock was known
+    assert rate.rate_hz == pytest.approx(20.0)
+
+
 def test_what_was_published_before_anybody_listened_is_no_part_of_the_rate(look: Look) -> None:
     old = [(99 * S + n, 100 * S + n) for n in range(10)]
     new = [(100 * S + n, 100 * S + n) for n in range(10, 13)]

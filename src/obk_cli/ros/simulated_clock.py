@@ -1,0 +1,90 @@
+"""Convert the time at which a message was received into simulated time, by messages on `/clock`.
+
+In: the messages of `/clock`, and when they were received. Out: the simulated time at a time of the
+wall clock. A simulator publishes `/clock` while it has subscribers, at 1 kHz unless set otherwise.
+"""
+
+import struct
+from bisect import bisect_right
+from collections import deque
+from typing import Final
+
+from obelisk_spec.runtime_protocol import CLOCK_TOPIC
+from obk_cli.ros.participant import RosParticipant
+from obk_cli.ros.rate_meter import RosMeter
+from obk_cli.ros.raw_subscription import RawSubscription
+from obk_cli.ros.types import find_type
+
+__all__ = ["SimulatedClock", "follow_clock", "subscribe_to_clock"]
+
+CLOCK_TYPE: Final = "rosgraph_msgs/msg/Clock"
+KEPT_NS: Final = 1_000_000_000
+"""For so long messages of `/clock` are kept: others wait for as long at most [ns]."""
+_MOST_KEPT: Final = 10_000
+_NS: Final = 1_000_000_000
+_TIME: Final = struct.Struct("<4xiI")
+"""CDR of a `Clock`, in the byte order of this and every usual machine."""
+
+
+class SimulatedClock:
+    """The newest times of `/clock`; a time that goes back starts a new epoch."""
+
+    def __init__(self) -> None:
+        """Know no time."""
+        self._received: deque[int] = deque(maxlen=_MOST_KEPT)
+        self._times: deque[int] = deque(maxlen=_MOST_KEPT)
+        self.epoch = 0
+        """How often the simulated time was set back."""
+
+    def take(self, received_ns: int, data: bytes) -> None:
+        """Take a message of `/clock`.
+
+        Args:
+            received_ns: when it came [ns since 1970].
+            data: as it was sent, with its encapsulation.
+        """
+        if len(data) < _TIME.size:
+            return
+        seconds, rest = _TIME.unpack_from(data)
+        time_ns = seconds * _NS + rest
+        if self._times and time_ns < self._times[-1]:
+            self._received.clear()
+            self._times.clear()
+            self.epoch += 1
+        while self._received and self._received[0] < received_ns - KEPT_NS:
+            self._received.popleft()
+            self._times.popleft()
+        self._received.append(received_ns)
+        self._times.append(time_ns)
+
+    def take_waiting(self, raw: RawSubscription) -> None:
+        """Take the messages that wait in a subscription of `subscribe_to_clock`."""
+        for data, info in raw.take():
+            self.take(info["received_timestamp"], data)
+
+    def at(self, received_ns: int) -> int | None:
+        """The simulated time [ns] of a node that has received what had come by then.
+
+        Args:
+            received_ns: a time of the wall clock [ns since 1970].
+
+        Returns:
+            The last time that came before; the first one that is known for an earlier time; None
+            if none has come in this epoch.
+        """
+        if not self._times:
+            return None
+        if received_ns >= self._received[-1]:
+            return self._times[-1]
+        return self._times[max(0, bisect_right(self._received, received_ns) - 1)]
+
+
+def follow_clock(meter: RosMeter, clock: SimulatedClock) -> None:
+    """Take the messages of `/clock` with a meter, in each turn before those of other topics."""
+    kind = find_type(CLOCK_TYPE)
+    meter.add(CLOCK_TOPIC, CLOCK_TYPE, kind, clock.take, is_light=True, is_first=True)
+
+
+def subscribe_to_clock(participant: RosParticipant) -> RawSubscription:
+    """Subscribe to `/clock` without a meter."""
+    return participant.subscribe(CLOCK_TOPIC, CLOCK_TYPE, find_type(CLOCK_TYPE), is_light=True)
