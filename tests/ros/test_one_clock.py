@@ -1,6 +1,7 @@
 """Stacks with a simulated robot: one clock for all nodes, on any load and after a restart."""
 
 import itertools
+import json
 import subprocess
 import sys
 import threading
@@ -18,7 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
-from .stack import DEADLINE_S, DUMMY, EXAMPLE, eventually, launched
+from .stack import DEADLINE_S, DUMMY, EXAMPLE, eventually, launched, obk
 
 pytestmark = [pytest.mark.ros, pytest.mark.mujoco]
 
@@ -68,6 +69,21 @@ def listener() -> Iterator[Listener]:
     thread.join()
     made.node.destroy_node()
     rclpy.try_shutdown()
+
+
+def nodes_of_the_stack() -> list[dict[str, Any]]:
+    """The nodes of the running stack, as `obk ps` prints them."""
+    result = obk("ps", "--format", "json")
+    assert result.returncode == 0, result.stderr
+    (stack,) = json.loads(result.stdout)["stacks"]
+    nodes: list[dict[str, Any]] = stack["nodes"]
+    return nodes
+
+
+def is_running(node: dict[str, Any], old_pid: int) -> bool:
+    """Whether a node of a new process is active, and keeps all its rates."""
+    is_kept = node["rates"] and all(rate["standing"] == "kept" for rate in node["rates"])
+    return node["pid"] != old_pid and node["state"] == "active" and bool(is_kept)
 
 
 @contextmanager
@@ -121,6 +137,30 @@ def test_after_a_restart_of_the_simulator_nodes_follow_its_new_time(listener: Li
             ),
             "stamps of the new time",
         )
+
+
+def test_after_a_restart_of_a_composed_stack_time_and_timers_start_again(
+    listener: Listener,
+) -> None:
+    with launched(DUMMY, "--composed", "--on-crash", "restart") as run:
+        eventually(lambda: listener.now_ns > 2 * 10**9, "two seconds of simulated time")
+        (host,) = {node["pid"] for node in nodes_of_the_stack()}
+        psutil.Process(host).kill()
+        eventually(
+            lambda: any(
+                later < earlier for earlier, later in itertools.pairwise(listener.stamps[ENCODERS])
+            ),
+            "stamps of the new time",
+            seen=lambda: run.text,
+        )
+        # Every node is there again, and each one's timer runs at its rate.
+        eventually(
+            lambda: all(is_running(node, host) for node in nodes_of_the_stack()),
+            "timers that run",
+            seen=lambda: run.text,
+        )
+        set_back = [line for line in run.lines if "simulated time was set back" in line]
+        assert len(set_back) <= 1, run.text
 
 
 def test_nothing_is_left_of_a_launch_that_was_killed(tmp_path: Path) -> None:
