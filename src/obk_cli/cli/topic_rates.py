@@ -118,8 +118,9 @@ def delay(
 ) -> None:
     """Measure how long messages were on their way, by the stamps in their headers.
 
-    From the stamp to the receipt by the middleware here. Stamps of another clock, such as a
-    simulator's, show only how much later than the fastest message the others arrived.
+    From the stamp to the receipt by the middleware here, for simulated stamps in simulated time, as
+    /clock has it. Without /clock, stamps of another clock show only how much later than the fastest
+    message the others arrived.
     """
     is_json = wants_json(format)
     require_positive("--duration", duration, "seconds")
@@ -140,9 +141,10 @@ def _measure_delay(
 ) -> "tuple[str, Delay | None, int]":
     """Measure delays; without a duration, report them each second until Ctrl-C."""
     from obk_cli.introspect.resolve import find_topic, the_type
-    from obk_cli.ros.latency import DelayMeter, stamp_of
+    from obk_cli.ros.latency import DelayMeter, is_of_other_clock, stamp_of
     from obk_cli.ros.participant import open_participant
     from obk_cli.ros.raw_subscription import arrived
+    from obk_cli.ros.simulated_clock import SimulatedClock, subscribe_to_clock
     from obk_cli.ros.types import fields_of, find_type, short_type
 
     needs = ("rclpy.serialization", *target.modules([topic]))
@@ -152,7 +154,7 @@ def _measure_delay(
         python_type = find_type(msg_type)
         stamp = stamp_of(short_type(msg_type), fields_of)
         raw = participant.subscribe(seen.name, msg_type, python_type)
-        meter = DelayMeter(window)
+        meter, clock, clock_raw = DelayMeter(window), SimulatedClock(), None
         start = reported = time.monotonic()
 
         def report(passed_s: float) -> None:
@@ -161,8 +163,14 @@ def _measure_delay(
 
         with _report_on_interrupt(lambda: report(0.0)):
             while duration_s is None or time.monotonic() < start + duration_s:
+                if clock_raw is not None:
+                    clock.take_waiting(clock_raw)
                 for received_ns, message in arrived(raw):
-                    meter.take(received_ns, stamp(message))
+                    stamp_ns = stamp(message)
+                    meter.take(received_ns, stamp_ns, clock.at(received_ns))
+                    # Only then: a simulator publishes /clock while it has subscribers.
+                    if clock_raw is None and stamp_ns and is_of_other_clock(received_ns, stamp_ns):
+                        clock_raw = subscribe_to_clock(participant)
                 if duration_s is None and time.monotonic() > reported + REPORT_S:
                     reported = time.monotonic()
                     report(reported - start)
@@ -251,6 +259,8 @@ def delay_text(delay: Delay) -> str:
     """The delays of a topic as text."""
     clock = f"the stamps are of another clock, {delay.pace:.3g} times as fast"
     zero = f"  (above the quickest: {clock})" if delay.is_relative else ""
+    if delay.is_simulated:
+        zero = f"  (in simulated time, {delay.pace:.3g} times as fast)"
     return (
         f"mean {_ms(delay.mean_s)}  min {_ms(delay.min_s)}  max {_ms(delay.max_s)}  "
         f"std dev {_ms(delay.std_dev_s)}  {delay.seen} messages{zero}"

@@ -69,6 +69,8 @@ class RealtimeFactors:
 
 NO_FACTORS: Final[Mapping[str, float]] = {}
 
+KEEPS_UP: Final = 0.98
+"""The share of its factor from which a simulation counts as fast enough."""
 _MEASURING: Final = ("robot", "sensing")
 """Sections with which the way of data begins: a robot does not publish what it is commanded."""
 
@@ -89,14 +91,23 @@ class PlannedTopic:
 
 
 def planned_topics(
-    plan: Plan, factors: Mapping[str, float] = NO_FACTORS
+    plan: Plan,
+    factors: Mapping[str, float] = NO_FACTORS,
+    measured: Mapping[str, float] = NO_FACTORS,
 ) -> tuple[PlannedTopic, ...]:
     """The topics of a plan along the way of data: those made from nothing first.
 
     Args:
         plan: a whole stack.
         factors: full name -> real-time factor of simulated robots, as far as known.
+        measured: the same as measured. A simulation that is too slow slows down all that follows
+            its time, which is one fault: that of its rate `steps`.
     """
+    factors = {
+        name: _reached(_factor_of(process, 0.0, factors), measured.get(name))
+        for process in plan.processes
+        if process.model and (name := process.full_name)
+    }
     clock = _clock_factor(plan, factors)
     kinds: dict[str, str | None] = {}
     promised: defaultdict[str, list[float | None]] = defaultdict(list)
@@ -145,6 +156,11 @@ def _factor_of(process: Process, clock: float, factors: Mapping[str, float]) -> 
         own = float(planned) if isinstance(planned, int | float) else 0.0
         return factors.get(process.full_name, own)
     return clock if process.parameters.get(USE_SIM_TIME) else 1.0
+
+
+def _reached(planned: float, measured: float | None) -> float:
+    """The planned factor, unless the simulation is slower."""
+    return planned if measured is None or measured >= KEEPS_UP * planned else measured
 
 
 def _in_wall_time(rate_hz: float | None, factor: float) -> float | None:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-from obelisk_spec.runtime_protocol import TOLERANCE
+from obelisk_spec.runtime_protocol import STEPS, TOLERANCE
 from obelisk_spec.runtime_protocol import Rate as Promised
 from obk_cli.ros.rate_meter import TopicRate
 
@@ -43,6 +43,11 @@ class NodeView:
     promises: tuple[Promised, ...]
     """The rates of its timers and sensors as it reported them last."""
 
+    @property
+    def is_slow_simulation(self) -> bool:
+        """Whether it is a simulator that cannot keep up."""
+        return any(rate.name == STEPS and rate.standing != "kept" for rate in self.promises)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MessageAge:
@@ -64,11 +69,11 @@ class TopicView:
     subscriptions: int
     """Without the subscription that measures."""
     wanted_hz: float | None
-    """What the config promises; None: nothing."""
+    """What the config promises, at the speed that the simulation reaches; None: nothing."""
     rate: TopicRate | None
     """As measured; None: not subscribed."""
     passage: MessageAge | None = None
-    """None: no stamps, or those of another clock."""
+    """In the time of the stamps, wall or simulated; None: no stamps, or of another clock."""
     is_expected: bool = True
     """Whether the rate is due now: its publisher is active and was measured for a while."""
     made_from: tuple[str, ...] = ()

@@ -9,6 +9,7 @@ from typing import Final
 
 import psutil
 
+from obelisk_spec.runtime_protocol import CLOCK_TOPIC, USE_SIM_TIME
 from obk_cli.errors import CommandFailedError
 from obk_cli.introspect.graph_source import LauncherParameters
 from obk_cli.launch.transitions import UNKNOWN
@@ -56,10 +57,12 @@ class LocalObserver:
         self._plan = run_plan(folder)
         self._watch = TopicWatch(participant)
         self._watch.set_topics(planned_topics(self._plan))
-        simulated = simulated_robots(self._plan)
+        self._simulated = simulated = simulated_robots(self._plan)
         self._factors = RealtimeFactors(simulated, self._ask_factor)
         for node in simulated:
-            self._watch.watch_realtime_factor(f"{node}/rtf")
+            self._watch.watch_realtime_factor(rtf_topic(node))
+        if any(process.parameters.get(USE_SIM_TIME) for process in self._plan.processes):
+            self._watch.watch_clock()
         if simulated:
             self._watch.watch_parameter_events(self._factors.take_event)
         self._cost = OwnCpuUse()
@@ -100,11 +103,16 @@ class LocalObserver:
         )
 
     def _update_expected_rates(self, status: StackStatus) -> None:
-        """Update the expected rates if the real-time factors of simulated robots have changed."""
-        before = self._factors.factors
+        """Update the expected rates by the real-time factors of simulated robots."""
+        if not self._simulated:
+            return
         self._factors.query_missing(status.nodes)
-        if self._factors.factors != before:
-            self._watch.set_topics(planned_topics(self._plan, self._factors.factors))
+        measured = {
+            node: factor
+            for node in self._simulated
+            if (factor := self._watch.measured_factor(rtf_topic(node))) is not None
+        }
+        self._watch.set_topics(planned_topics(self._plan, self._factors.factors, measured))
 
     def _ask_factor(self, node: str) -> NodeParameter:
         parameters = LauncherParameters(self._folder, node, ANSWER_S)
@@ -115,6 +123,11 @@ class LocalObserver:
         self._last_nodes = nodes_now
         loads = self._loads.measure({node.pid for node in nodes_now if node.pid is not None})
         return tuple(_node(node, nodes_now, loads) for node in nodes_now)
+
+
+def rtf_topic(robot: str) -> str:
+    """The topic on which a simulated robot publishes its real-time factor."""
+    return f"{robot}/rtf"
 
 
 def _unreported(run: Run) -> Iterator[NodeStatus]:
@@ -213,6 +226,8 @@ class RemoteObserver:
     def _watch_present_topics(self) -> None:
         topics = self._participant.topic_types()
         shown = {name: types for name, types in topics.items() if not _is_of_every_node(name)}
+        if CLOCK_TOPIC in shown:
+            self._watch.watch_clock()
         for name, types in shown.items():
             if name.endswith("/rtf") and types == (RTF_TYPE,):
                 self._watch.watch_realtime_factor(name)

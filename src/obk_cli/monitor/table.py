@@ -75,16 +75,18 @@ def head_line(view: StackView, width: int) -> TableLine:
     """The stack's name, where it stands, and what is out of order."""
     off = sum(topic.is_off for topic in view.topics)
     rtf = view.realtime_factor
+    is_slow = any(node.is_slow_simulation for node in view.nodes)
     parts = [
         _fitted(view.name, max(_NARROWEST, width // 3)) or "launched elsewhere",
         _standing(view),
         f"up {timedelta(seconds=int(view.uptime_s))}" if view.uptime_s else "",
         f"{with_number(off, 'topic')} off" if off else "",
+        "simulation too slow" if is_slow else "",
         "" if rtf is None else f"real time x{rtf:.2f}",
         f"monitor {view.cost_percent:.1f} %",
         f"domain {view.domain}",
     ]
-    is_wrong = bool(off or view.has_ended or (view.run and not view.state))
+    is_wrong = bool(off or is_slow or view.has_ended or (view.run and not view.state))
     text = ""
     for part in filter(None, parts):
         longer = f"{text}{_GAP}{part}" if text else part
@@ -194,7 +196,7 @@ def _standing(view: StackView) -> str:
 
 
 def _node_style(node: NodeView) -> str:
-    if node.hangs or node.state == "errorprocessing":
+    if node.hangs or node.state == "errorprocessing" or node.is_slow_simulation:
         return _WRONG
     return "" if node.state in (ACTIVE, "") else "cyan"
 

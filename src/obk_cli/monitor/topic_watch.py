@@ -7,6 +7,7 @@ the plan does not name a topic's type, the subscription waits for its publisher.
 import struct
 from collections import deque
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import partial
 from itertools import chain
 from typing import Any, Final
 
@@ -15,9 +16,10 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.monitor.expected_topics import PlannedTopic
 from obk_cli.monitor.model import MessageAge, TopicView
 from obk_cli.ros.graph import TopicInfo
-from obk_cli.ros.latency import HEADER, OTHER_CLOCK_NS
+from obk_cli.ros.latency import HEADER, is_of_other_clock
 from obk_cli.ros.participant import RosParticipant
 from obk_cli.ros.rate_meter import RosMeter, TopicRate, Watch
+from obk_cli.ros.simulated_clock import SimulatedClock, follow_clock
 from obk_cli.ros.types import fields_of, find_type, raw_type, short_type
 
 __all__ = ["RTF_TYPE", "WINDOW_S", "MessageAgeMeter", "TopicWatch"]
@@ -36,12 +38,14 @@ _CARRIED: Final = 0.5
 class MessageAgeMeter:
     """Keeps the stamps and delays of a topic's newest messages."""
 
-    def __init__(self, window_s: float) -> None:
+    def __init__(self, window_s: float, clock: SimulatedClock | None = None) -> None:
         """Measure over a window.
 
         Args:
             window_s: how far back figures go [s].
+            clock: the time of stamps that are not of the wall clock.
         """
+        self._clock = clock or SimulatedClock()
         self._window_ns = round(window_s * _NS)
         self._received: deque[int] = deque(maxlen=_KEPT)
         self._stamps: deque[int] = deque(maxlen=_KEPT)
@@ -59,10 +63,18 @@ class MessageAgeMeter:
         order = _LITTLE if data[1] & 1 else _BIG
         seconds, rest = order.unpack_from(data, _AFTER_ENCAPSULATION)
         stamp = seconds * _NS + rest
-        if stamp:
-            self._received.append(received_ns)
-            self._stamps.append(stamp)
-            self._delays_ns.append(received_ns - stamp)
+        if not stamp:
+            return
+        self._stamps.append(stamp)
+        delay_ns = received_ns - stamp
+        if is_of_other_clock(received_ns, stamp):
+            now_ns = self._clock.at(received_ns)
+            if now_ns is None:
+                return
+            # `/clock` may come after the message of the same step.
+            delay_ns = max(0, now_ns - stamp)
+        self._received.append(received_ns)
+        self._delays_ns.append(delay_ns)
 
     @property
     def stamps(self) -> Collection[int]:
@@ -72,14 +84,14 @@ class MessageAgeMeter:
     def passage(
         self, now_ns: int, upstream: "Collection[MessageAgeMeter]" = ()
     ) -> MessageAge | None:
-        """What was measured by now; None without stamps, or where they are of another clock.
+        """What was measured by now; None without stamps, or if their clock is not known.
 
         Args:
             now_ns: the clock by which messages were received [ns since 1970].
             upstream: of the topics that this one is made from.
         """
         self._forget(now_ns - self._window_ns)
-        if not self._delays_ns or abs(min(self._delays_ns)) > OTHER_CLOCK_NS:
+        if not self._delays_ns:
             return None
         delays = sorted(self._delays_ns)
         return MessageAge(
@@ -111,6 +123,9 @@ PERIODS: Final = 5
 FOUND_S: Final = 0.5
 """In which a publisher has found a new subscription [s]."""
 PERIODS_TO_JUDGE: Final = 3
+FACTOR_WINDOW_S: Final = 3.0
+"""How far back real-time factors count [s]: a rate's window, and the second before each factor."""
+FACTORS_KEPT: Final = 5
 RTF_TYPE: Final = "std_msgs/msg/Float64"
 EVENTS: Final = "/parameter_events"
 EVENTS_TYPE: Final = "rcl_interfaces/msg/ParameterEvent"
@@ -132,6 +147,9 @@ class TopicWatch:
         self._topics: dict[str, PlannedTopic] = {}
         self._age_meters: dict[str, MessageAgeMeter | None] = {}
         self._expected_since: dict[str, float] = {}
+        self._clock = SimulatedClock()
+        self._factors: dict[str, deque[tuple[float, float]]] = {}
+        """Topic -> when the newest real-time factors came [s], and the factors."""
         self.realtime_factor: float | None = None
         """The newest that came."""
 
@@ -147,7 +165,20 @@ class TopicWatch:
 
     def watch_realtime_factor(self, topic: str) -> None:
         """Subscribe to the real-time factor that a simulator publishes."""
-        self._meter.add(topic, RTF_TYPE, find_type(RTF_TYPE), self._take_rtf)
+        self._meter.add(topic, RTF_TYPE, find_type(RTF_TYPE), partial(self._take_rtf, topic=topic))
+
+    def measured_factor(self, topic: str) -> float | None:
+        """The mean of the newest real-time factors; 0 while none comes, None before the first."""
+        taken = self._factors.get(topic)
+        if not taken:
+            return None
+        since_s = monotonic_s() - FACTOR_WINDOW_S
+        newest = [factor for taken_s, factor in taken if taken_s > since_s]
+        return sum(newest) / len(newest) if newest else 0.0
+
+    def watch_clock(self) -> None:
+        """Subscribe to `/clock`, for the ages of messages with simulated stamps."""
+        follow_clock(self._meter, self._clock)
 
     def watch_parameter_events(self, on_event: Watch) -> None:
         """Subscribe to the parameter events of all nodes."""
@@ -222,15 +253,17 @@ class TopicWatch:
 
     def _subscribe(self, topic: PlannedTopic, msg_type: str, python_type: Any) -> None:
         window_s = max(WINDOW_S, PERIODS / topic.wanted_hz if topic.wanted_hz else 0.0)
-        passage = MessageAgeMeter(window_s) if _begins_with_header(msg_type) else None
+        passage = MessageAgeMeter(window_s, self._clock) if _begins_with_header(msg_type) else None
         watch = passage.take if passage is not None else None
         self._meter.add(topic.name, msg_type, python_type, watch, window_s=window_s, is_light=True)
         self._age_meters[topic.name] = passage
         self._expected_since[topic.name] = monotonic_s()
 
-    def _take_rtf(self, _received_ns: int, data: bytes) -> None:
+    def _take_rtf(self, _received_ns: int, data: bytes, topic: str = "") -> None:
         if len(data) >= _RTF.size:  # otherwise it is no such message
             (self.realtime_factor,) = _RTF.unpack_from(data)
+            newest = self._factors.setdefault(topic, deque(maxlen=FACTORS_KEPT))
+            newest.append((monotonic_s(), self.realtime_factor))
 
 
 def _begins_with_header(msg_type: str) -> bool:

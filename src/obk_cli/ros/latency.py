@@ -9,11 +9,16 @@ from typing import Any, Final
 from obk_cli.errors import CommandFailedError
 from obk_cli.ros.field_path import FieldsOf
 
-__all__ = ["Delay", "DelayMeter", "stamp_of"]
+__all__ = ["Delay", "DelayMeter", "is_of_other_clock", "stamp_of"]
 
 OTHER_CLOCK_NS: Final = 10**16
 """About four months; farther apart are only stamps of another clock, such as a simulator's."""
 _NS: Final = 1e-9
+
+
+def is_of_other_clock(received_ns: int, stamp_ns: int) -> bool:
+    """Whether a stamp [ns] is not of the wall clock by which its message was received."""
+    return abs(received_ns - stamp_ns) > OTHER_CLOCK_NS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,8 +27,10 @@ class Delay:
 
     seen: int
     """Messages."""
+    is_simulated: bool
+    """Whether the delays are in simulated time, as the stamps are."""
     is_relative: bool
-    """Whether the stamps are of another clock; then the quickest message's delay counts as 0."""
+    """Whether the stamps' clock is unknown; then the quickest message's delay counts as 0."""
     pace: float
     """Seconds of the stamps' clock in one of the wall's; 1 where it is the wall's."""
     mean_s: float
@@ -42,30 +49,45 @@ class DelayMeter:
             window: how many messages are kept.
         """
         self._taken: deque[tuple[int, int]] = deque(maxlen=window)
+        self._simulated: deque[int] = deque(maxlen=window)
+        """Delays in simulated time [ns]."""
         self.unstamped = 0
         """Messages whose stamp is zero: it was never set."""
 
-    def take(self, received_ns: int, stamp_ns: int) -> None:
-        """Count a message: when it came and what its header says, both [ns]."""
-        if stamp_ns:
-            self._taken.append((received_ns, stamp_ns))
-        else:
+    def take(self, received_ns: int, stamp_ns: int, simulated_ns: int | None = None) -> None:
+        """Count a message.
+
+        Args:
+            received_ns: when it came [ns since 1970].
+            stamp_ns: what its header says [ns].
+            simulated_ns: the simulated time when it came [ns]; None: not known.
+        """
+        if not stamp_ns:
             self.unstamped += 1
+            return
+        self._taken.append((received_ns, stamp_ns))
+        if simulated_ns is not None and is_of_other_clock(received_ns, stamp_ns):
+            # `/clock` may come after the message of the same step.
+            self._simulated.append(max(0, simulated_ns - stamp_ns))
 
     def delay(self) -> Delay | None:
         """What was measured; None where no stamped message came."""
         if not self._taken:
             return None
         delays: list[float] = [received - stamp for received, stamp in self._taken]
-        is_relative = abs(min(delays)) > OTHER_CLOCK_NS
-        pace = self._pace() if is_relative else 1.0
-        if is_relative:
+        is_other = abs(min(delays)) > OTHER_CLOCK_NS
+        is_simulated = is_other and bool(self._simulated)
+        pace = self._pace() if is_other else 1.0
+        if is_simulated:
+            delays = list(self._simulated)
+        elif is_other:
             delays = self._above_the_quickest(pace)
         mean = sum(delays) / len(delays)
         variance = sum((one - mean) ** 2 for one in delays) / len(delays)
         return Delay(
             seen=len(delays),
-            is_relative=is_relative,
+            is_simulated=is_simulated,
+            is_relative=is_other and not is_simulated,
             pace=pace,
             mean_s=mean * _NS,
             min_s=min(delays) * _NS,

@@ -88,6 +88,7 @@ function showNodes(told) {
     const [name, state, cpu, memory, actions] = row.cells;
     name.title = `${node.node}\n${node.section}${node.pid === null ? "" : `, process ${node.pid}`}`;
     setText(name.firstChild, shortNode(node.node));
+    row.classList.toggle("off", isSlowSimulation(node));
     const broken = node.promises.filter((promise) => promise.standing !== "kept");
     const words = [
       node.restarts ? `started again ${node.restarts}×` : "",
@@ -101,6 +102,10 @@ function showNodes(told) {
     setText(memory, node.load ? `${(node.load.memory_bytes / 1e6).toFixed(0)}${shared}` : MISSING);
     showButtons(actions.firstChild, told.is_waiting ? [] : node.transitions, node.node, shortNode(node.node));
   });
+}
+
+function isSlowSimulation(node) {
+  return node.promises.some((one) => one.name === "steps" && one.standing !== "kept");
 }
 
 function nodeRow() {

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable
 
+import pytest
+
 from obk_cli.monitor.expected_topics import PlannedTopic, planned_topics, simulated_robots
 from obk_cli.plan.plan import Endpoint, Plan, Process
 
@@ -89,6 +91,18 @@ def test_a_speed_that_was_set_since_counts_instead_of_the_plans() -> None:
     (name,) = simulated_robots(plan)
     wanted = {topic.name: topic.wanted_hz for topic in planned_topics(plan, {name: 0.5})}
     assert (name, wanted) == ("/arm/r", {"/q": 500.0, "/u": 5.0})
+
+
+@pytest.mark.parametrize(("measured", "share"), [(0.99, 1.0), (1.1, 1.0), (0.4, 0.4), (0.0, None)])
+def test_a_simulation_that_is_too_slow_is_not_the_fault_of_its_topics(
+    measured: float, share: float | None
+) -> None:
+    robot = process("r", "robot", [end("/q", 1000.0)], [], model="m.xml")
+    follower = process("n", "control", [end("/u", 10.0)], [], parameters={"use_sim_time": True})
+    other = process("w", "control", [end("/w", 10.0)], [])
+    topics = planned_topics(plan_of(robot, follower, other), measured={"/arm/r": measured})
+    scaled = {"/q": None, "/u": None} if share is None else {"/q": 1000 * share, "/u": 10 * share}
+    assert {topic.name: topic.wanted_hz for topic in topics} == {**scaled, "/w": 10.0}
 
 
 def test_what_runs_as_fast_as_possible_is_not_judged() -> None:

@@ -4,6 +4,7 @@ import struct
 
 from obk_cli.monitor.model import MessageAge
 from obk_cli.monitor.topic_watch import MessageAgeMeter
+from obk_cli.ros.simulated_clock import SimulatedClock
 
 S = 1_000_000_000
 NOW = 1_800_000_000 * S
@@ -42,6 +43,18 @@ def test_stamps_that_were_never_set_or_are_of_another_clock_tell_nothing() -> No
     assert meter.passage(NOW) is None
     meter.take(NOW, message(5 * S))
     assert meter.passage(NOW) is None
+
+
+def test_simulated_stamps_have_an_age_in_simulated_time() -> None:
+    clock = SimulatedClock()
+    meter = MessageAgeMeter(2.0, clock)
+    meter.take(NOW, message(S))  # before `/clock` came
+    assert meter.passage(NOW) is None
+    for number in range(100):
+        time_ns = S + number * 1_000_000
+        clock.take(NOW + 2 * number * 1_000_000, message(time_ns))
+        meter.take(NOW + 2 * number * 1_000_000 + 500_000, message(time_ns - 3_000_000))
+    assert meter.passage(NOW) == MessageAge(p50_s=0.003, p99_s=0.003, is_carried=False)
 
 
 def test_a_topic_on_which_nothing_comes_any_more_has_no_age() -> None:

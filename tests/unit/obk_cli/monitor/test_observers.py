@@ -1,6 +1,7 @@
 """What is told of a run whose launcher does not answer; no topic is listened to."""
 
 import json
+import struct
 from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -8,7 +9,7 @@ from typing import Any, Final
 
 import pytest
 
-from obk_cli.monitor import observers
+from obk_cli.monitor import observers, topic_watch
 from obk_cli.monitor.observers import LocalObserver
 from obk_cli.monitor.topic_watch import TopicWatch
 from obk_cli.process.identity import this_process
@@ -100,3 +101,18 @@ def test_a_speed_that_is_no_float64_is_passed_over() -> None:
     assert watch.realtime_factor is None
     watch._take_rtf(0, b"\0\1\0\0" + bytes(6) + b"\xf0\x3f" + b"more")
     assert watch.realtime_factor == 1.0
+
+
+def test_the_measured_factor_is_the_mean_of_the_last_ones_and_0_while_none_comes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = [100.0]
+    monkeypatch.setattr(topic_watch, "monotonic_s", lambda: now[0])
+    watch = TopicWatch(LOOK)
+    assert watch.measured_factor("/r/rtf") is None
+    for factor in (1.0, 0.4, 0.6, 0.5):
+        watch._take_rtf(0, b"\0\1\0\0" + struct.pack("<d", factor), topic="/r/rtf")
+        now[0] += 1.0
+    assert watch.measured_factor("/r/rtf") == pytest.approx(0.55)
+    now[0] += 5.0
+    assert watch.measured_factor("/r/rtf") == 0.0

@@ -8,7 +8,14 @@ import pytest
 from rich.cells import cell_len
 
 from obk_cli.monitor.model import StackView
-from obk_cli.monitor.table import log_lines, monitor_data, monitor_text
+from obk_cli.monitor.table import (
+    head_line,
+    log_lines,
+    monitor_data,
+    monitor_text,
+    node_lines,
+    topic_lines,
+)
 from obk_cli.terminal import plain
 
 from .stacks import BROKEN, COMPOSED, ELSEWHERE, HEALTHY
@@ -50,6 +57,18 @@ def test_no_line_is_wider_than_the_terminal(width: int) -> None:
 def test_a_long_name_is_cut_before_what_the_stack_does_is_left_out() -> None:
     head, *_ = monitor_text(replace(BROKEN, name="arm" * 40), 80, colour=False).splitlines()
     assert head.startswith(f"{'arm' * 8}a…  inactive  up 0:01:23  2 topics off")
+
+
+def test_a_simulation_that_is_too_slow_is_one_red_line() -> None:
+    steps = replace(BROKEN.nodes[0].promises[0], name="steps")
+    robot = replace(HEALTHY.nodes[2], promises=(steps,))
+    slow = replace(HEALTHY, nodes=(*HEALTHY.nodes[:2], robot), realtime_factor=0.46)
+    assert "simulation too slow  real time x0.46" in head_line(slow, 80).text
+    wrong = [
+        line for line in (*node_lines(slow, 80), *topic_lines(slow, 80)) if "red" in line.style
+    ]
+    assert [line.text.split()[0] for line in wrong] == ["robot_0"]
+    assert "simulation too slow" not in head_line(HEALTHY, 80).text
 
 
 def test_a_topic_that_is_off_is_marked_in_text_and_for_programs() -> None:

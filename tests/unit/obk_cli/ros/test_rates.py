@@ -165,6 +165,21 @@ def test_a_simulators_clock_that_is_slow_or_fast_makes_no_delays(pace: float) ->
     assert f"the stamps are of another clock, {pace:g} times as fast" in delay_text(delay)
 
 
+def test_stamps_of_simulated_time_have_delays_in_it() -> None:
+    meter = DelayMeter(10)
+    meter.take(BEGIN, 1_000 * MS)  # before `/clock` came
+    for number in (1, 2, 3):
+        simulated = (1_000 + 10 * number) * MS
+        meter.take(BEGIN + 20 * number * MS, simulated - number * MS, simulated)
+    meter.take(BEGIN + 80 * MS, 1_041 * MS, 1_040 * MS)
+    delay = meter.delay()
+    assert delay is not None
+    assert delay.is_simulated
+    assert not delay.is_relative
+    assert (delay.seen, delay.min_s, delay.max_s) == pytest.approx((4, 0.0, 3e-3))
+    assert "in simulated time, 0.51" in delay_text(delay)
+
+
 def test_delays_forget_what_is_beyond_the_window() -> None:
     meter = DelayMeter(1)
     meter.take(BEGIN + 9 * MS, BEGIN)
