@@ -20,8 +20,8 @@ from obelisk_py.core.composition.programs import Program, logger_name
 from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.faults import NodeFault, fault_of
 from obelisk_py.core.lifecycle import GuardedLifecycleNode, node_arguments
-from obelisk_py.core.signals import ShutdownSignals
 from obelisk_py.core.spinning import (
+    ShutdownSignals,
     SpinRequest,
     ros_process,
     simulated_time_from,
