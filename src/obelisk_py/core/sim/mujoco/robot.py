@@ -29,7 +29,7 @@ from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.messages import optional_message
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameters import Getter
-from obelisk_py.core.rate_monitor.counting import TickCounter
+from obelisk_py.core.rate_monitor import TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
 from obelisk_py.core.sim.mujoco.actuation import WhenStale
 from obelisk_py.core.sim.mujoco.clock import SimulationClock
