@@ -30,8 +30,7 @@ from obk_cli.diagnostics.diagnostic import Diagnostic, in_order
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseError
 from obk_cli.files import STANDARD_INPUT
-from obk_cli.report.formats import report_github, report_json, report_sarif
-from obk_cli.report.text import report_text, summary
+from obk_cli.report import report_github, report_json, report_sarif, report_text, summary
 from obk_cli.workspace.config_files import configs_that_include
 
 _FORMATS = ("text", "json", "sarif", "github")
