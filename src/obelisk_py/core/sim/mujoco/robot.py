@@ -31,8 +31,7 @@ from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameters import Getter
 from obelisk_py.core.rate_monitor import TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
-from obelisk_py.core.sim.mujoco.actuation import WhenStale
-from obelisk_py.core.sim.mujoco.control import ControlInbox, make_inbox
+from obelisk_py.core.sim.mujoco.control import ControlInbox, WhenStale, make_inbox
 from obelisk_py.core.sim.mujoco.loading import check_keyframe, load_model
 from obelisk_py.core.sim.mujoco.outputs import (
     OutputContext,
