@@ -22,8 +22,7 @@ from obk_cli.launch.events import OutputEvent
 from obk_cli.launch.status import with_event
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.table import monitor_text
-from obk_cli.report.formats import report_github
-from obk_cli.report.text import report_text
+from obk_cli.report import report_github, report_text
 from obk_cli.runs.logs import last_lines, read_lines
 from obk_cli.runs.protocol import NodeStatus, StackStatus
 from obk_cli.scaffold.kinds import check_name, suggest_name
