@@ -168,7 +168,19 @@ class TopicWatch:
         self._meter.add(topic, RTF_TYPE, find_type(RTF_TYPE), partial(self._take_rtf, topic=topic))
 
     def measured_factor(self, topic: str) -> float | None:
-        """The mean of the newest real-time factors; 0 while none comes, None before the first."""
+        """The speed of a simulation over the window of rates; 0 while it stands still.
+
+        By `/clock` if one simulator publishes it, otherwise by the real-time factors that came.
+
+        Args:
+            topic: on which the simulator publishes its real-time factor.
+
+        Returns:
+            None before it was measured.
+        """
+        pace = self._clock.pace(round((wall_s() - WINDOW_S) * _NS))
+        if pace is not None and self._factors.keys() <= {topic}:
+            return pace
         taken = self._factors.get(topic)
         if not taken:
             return None
@@ -177,7 +189,7 @@ class TopicWatch:
         return sum(newest) / len(newest) if newest else 0.0
 
     def watch_clock(self) -> None:
-        """Subscribe to `/clock`, for the ages of messages with simulated stamps."""
+        """Subscribe to `/clock`, for ages of simulated stamps and for the simulation's speed."""
         follow_clock(self._meter, self._clock)
 
     def watch_parameter_events(self, on_event: Watch) -> None:

@@ -20,6 +20,10 @@ __all__ = ["SimulatedClock", "follow_clock", "subscribe_to_clock"]
 CLOCK_TYPE: Final = "rosgraph_msgs/msg/Clock"
 KEPT_NS: Final = 1_000_000_000
 """For so long messages of `/clock` are kept: others wait for as long at most [ns]."""
+SAMPLED_NS: Final = 50_000_000
+"""Between two messages by which the pace is measured, at least [ns]."""
+_MOST_SAMPLED: Final = 200
+_FEWEST_SAMPLED: Final = 5
 _MOST_KEPT: Final = 10_000
 _NS: Final = 1_000_000_000
 _TIME: Final = struct.Struct("<4xiI")
@@ -33,6 +37,8 @@ class SimulatedClock:
         """Know no time."""
         self._received: deque[int] = deque(maxlen=_MOST_KEPT)
         self._times: deque[int] = deque(maxlen=_MOST_KEPT)
+        self._sampled: deque[tuple[int, int]] = deque(maxlen=_MOST_SAMPLED)
+        """When some of the messages came, and their times [ns]; farther back than the others."""
         self.epoch = 0
         """How often the simulated time was set back."""
 
@@ -50,17 +56,34 @@ class SimulatedClock:
         if self._times and time_ns < self._times[-1]:
             self._received.clear()
             self._times.clear()
+            self._sampled.clear()
             self.epoch += 1
         while self._received and self._received[0] < received_ns - KEPT_NS:
             self._received.popleft()
             self._times.popleft()
         self._received.append(received_ns)
         self._times.append(time_ns)
+        if not self._sampled or received_ns - self._sampled[-1][0] >= SAMPLED_NS:
+            self._sampled.append((received_ns, time_ns))
 
     def take_waiting(self, raw: RawSubscription) -> None:
         """Take the messages that wait in a subscription of `subscribe_to_clock`."""
         for data, info in raw.take():
             self.take(info["received_timestamp"], data)
+
+    def pace(self, since_ns: int) -> float | None:
+        """Simulated time over wall time; 0 while it stands still, None before the first time.
+
+        Args:
+            since_ns: from when on [ns since 1970].
+        """
+        if not self._sampled:
+            return None
+        newest = [sample for sample in self._sampled if sample[0] >= since_ns]
+        if len(newest) < _FEWEST_SAMPLED:
+            return 0.0
+        (first_ns, first_time_ns), (last_ns, last_time_ns) = newest[0], newest[-1]
+        return (last_time_ns - first_time_ns) / (last_ns - first_ns)
 
     def at(self, received_ns: int) -> int | None:
         """The simulated time [ns] of a node that has received what had come by then.

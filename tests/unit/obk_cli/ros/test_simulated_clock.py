@@ -3,6 +3,8 @@
 import struct
 from collections.abc import Iterable
 
+import pytest
+
 from obk_cli.ros.simulated_clock import SimulatedClock
 
 MS = 1_000_000
@@ -41,6 +43,16 @@ def test_a_time_that_goes_back_starts_an_epoch() -> None:
     assert clock.epoch == 1
     assert clock.at(BEGIN) == 0
     assert clock.at(BEGIN + 3 * MS) == 1 * MS
+
+
+def test_the_pace_is_that_of_the_time_asked_for() -> None:
+    assert SimulatedClock().pace(BEGIN) is None
+    fast = [(n, n) for n in range(2000)]
+    slow = [(2000 + n, 2000 + n // 4) for n in range(2001)]
+    clock = clock_of([*fast, *slow])
+    assert clock.pace(BEGIN + 2000 * MS) == pytest.approx(0.25, rel=0.01)
+    assert clock.pace(BEGIN) == pytest.approx(2500 / 4000, rel=0.01)
+    assert clock.pace(BEGIN + 3950 * MS) == 0.0  # a paused simulation
 
 
 def test_old_times_are_forgotten() -> None:
