@@ -427,6 +427,18 @@ def test_a_realtime_factor_is_taken_between_runs_and_not_within_one() -> None:
         assert 0 < realtime_factors(told)[0] < 0.3
 
 
+@pytest.mark.parametrize("report_rates", [True, False])
+def test_a_simulation_that_cannot_keep_up_is_logged_only_if_no_rate_shows_it(
+    report_rates: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with simulator(realtime_factor=1e5, report_rates=report_rates) as (node, collect):
+        rtf = collect(Float64, "/sim/rtf")
+        assert request(node, "configure")
+        assert request(node, "activate")
+        eventually(lambda: len(rtf) > 1, "seconds that were reported")
+    assert ("simulation could not keep up" in capfd.readouterr().err) != report_rates
+
+
 def realtime_factors(told: Iterable[DiagnosticArray]) -> list[float]:
     return [
         float(status.values[0].value)
