@@ -250,3 +250,34 @@ def test_a_simulator_that_raises_without_an_executor_has_its_own_fault() -> None
     assert node.last_fault.text == "OSError: no model"
     assert not node.ended.done()
     node.destroy_node()
+
+
+class WithNamesOfItsOwn(Simulator):
+    """Attributes with the names that projects often choose."""
+
+    def __init__(self, node_name: str) -> None:
+        super().__init__(node_name, PositionSetpoint)
+        for name in ("start", "stop", "lock", "timer", "publisher", "subscription", "group"):
+            setattr(self, f"_{name}", None)
+        for name in ("age", "text", "components", "build", "hold", "release", "keep"):
+            setattr(self, f"_{name}", 0.5)
+
+    def run_simulator(self) -> None:
+        while True:
+            with self.lock:
+                self.step()
+
+
+def test_attributes_of_a_node_do_not_hide_those_of_the_library() -> None:
+    node = new(WithNamesOfItsOwn)
+    settings = {
+        "sub_ctrl_setting": "topic:/ctrl,callback_group:fast",
+        "callback_group_settings": "fast:ReentrantCallbackGroup",
+        "pub_true_sim_state_setting": "topic:/true",
+        "timer_true_sim_state_setting": "timer_period_sec:60",
+    }
+    give(node, **settings)
+    for transition in ("configure", "activate", "deactivate", "cleanup", "shutdown"):
+        assert getattr(node, f"trigger_{transition}")() == SUCCESS, node.last_fault
+    assert node._lock is None
+    node.destroy_node()

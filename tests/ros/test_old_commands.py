@@ -109,8 +109,8 @@ def test_no_command_at_all_is_not_an_old_one_and_neither_is_that_of_the_last_run
         eventually(lambda: len(node.applied) == 2, "the command and the zeros")
         assert request(node, "deactivate")
         assert request(node, "activate")
-        assert node._age.deadline_s is None
-        assert not node._age.is_stale
+        assert node._command_age.deadline_s is None
+        assert not node._command_age.is_stale
         assert request(node, "deactivate")
         assert len(node.applied) == 2
         assert "command watchdog" not in {thread.name for thread in threading.enumerate()}
@@ -135,7 +135,7 @@ def test_a_call_that_does_not_return_holds_the_action_up_and_is_told() -> None:
         active(node)
         with node._applying:  # as apply_control is called under it
             node._newest_control = COMMAND
-            node._age.accept(time.monotonic())
+            node._command_age.accept(time.monotonic())
             node._watchdog.wake()
             eventually(lambda: node.errors, "what is told of the silence")
             assert node.errors[0].endswith("; apply_control has not returned, which holds that up")
@@ -157,10 +157,10 @@ def test_a_refused_command_counts_for_nothing(refused: PDFeedForward, told: list
     with arm(max_age_sec=100.0) as node:
         publisher = active(node)
         publisher.publish(COMMAND)
-        eventually(lambda: node._age.deadline_s, "the command")
-        before = node._age.deadline_s
+        eventually(lambda: node._command_age.deadline_s, "the command")
+        before = node._command_age.deadline_s
         node._take_control(refused)
-        assert node._age.deadline_s == before
+        assert node._command_age.deadline_s == before
         assert node.applied == [COMMAND]
         assert node.told == told
 
@@ -196,7 +196,7 @@ def test_a_robot_that_receives_only_rejected_commands_logs_an_error(
         node._take_control(PDFeedForward(kp=[1.0, float("nan")]))
         (error,) = node.errors
         assert "`kp[1]` is nan" in error
-        assert node._age.deadline_s is None
+        assert node._command_age.deadline_s is None
 
 
 def test_rejections_that_were_a_warning_become_an_error_in_rclpys_own_log(

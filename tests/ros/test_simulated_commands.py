@@ -208,7 +208,7 @@ def test_old_commands_become_zeros_although_the_executor_is_busy(tmp_path: Path,
         eventually(lambda: node._inbox.newest is not None, "the command")
         client.call_async(Trigger.Request())
         assert is_busy.wait(DEADLINE_S)
-        eventually(lambda: controls(node) == [0.0, 0.0] and node._age.is_stale, "the zeros")
+        eventually(lambda: controls(node) == [0.0, 0.0] and node._command_age.is_stale, "the zeros")
         assert not is_free.is_set()
         is_free.set()
         set_to_zero = "s: every number of the control is set to zero (`stale_action: zero`)"
@@ -232,12 +232,12 @@ def test_refused_commands_do_not_count(tmp_path: Path, wrong: PositionSetpoint) 
     with simulator(tmp_path, PositionSetpoint, max_age_sec=100.0) as node:
         active(node, PositionSetpoint)
         node._take_control(setpoint(1.0, 2.0))
-        deadline_s = node._age.deadline_s
+        deadline_s = node._command_age.deadline_s
         assert deadline_s is not None
         node._take_control(wrong)
-        assert node._age.deadline_s == deadline_s
+        assert node._command_age.deadline_s == deadline_s
         node._take_control(setpoint(1.0, 2.0))
-        assert node._age.deadline_s > deadline_s
+        assert node._command_age.deadline_s > deadline_s
 
 
 def test_no_thread_but_the_stepping_one_watches_the_commands_of_a_simulator(tmp_path: Path) -> None:
@@ -265,4 +265,4 @@ def test_no_command_grows_old_while_the_simulation_is_paused(tmp_path: Path) -> 
         paused = pause.call_async(SetBool.Request(data=True))
         eventually(paused.done, "the pause")
         paused_s = time.monotonic()
-        eventually(lambda: node._age.deadline_s > paused_s + 100.1, "a later deadline")
+        eventually(lambda: node._command_age.deadline_s > paused_s + 100.1, "a later deadline")

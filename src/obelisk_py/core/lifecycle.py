@@ -114,7 +114,7 @@ class GuardedLifecycleNode(LifecycleNode):
             cause: the exception, or a sentence.
             where: what failed, for the message.
         """
-        self._keep(cause, where)
+        self._keep_fault(cause, where)
         if self._is_failing:
             return
         self._is_failing = True
@@ -229,7 +229,7 @@ class GuardedLifecycleNode(LifecycleNode):
             try:
                 self._settle(state)
             except Exception as error:
-                self._keep(error, f"settling in `{state}`")
+                self._keep_fault(error, f"settling in `{state}`")
                 self._is_unrecoverable = True
             self._forget_fault_at_rest()
             self._end_if_unrecoverable()
@@ -258,7 +258,7 @@ class GuardedLifecycleNode(LifecycleNode):
         if self.state_label in ("unconfigured", "finalized"):
             self._is_failing = False
 
-    def _keep(self, cause: BaseException | str, where: str) -> None:
+    def _keep_fault(self, cause: BaseException | str, where: str) -> None:
         self.last_fault = fault_of(cause, where)
         # Indented, so that in the output of several nodes the lines are seen to belong together.
         self.get_logger().error(str(self.last_fault).replace("\n", "\n  "))
@@ -283,14 +283,14 @@ class GuardedLifecycleNode(LifecycleNode):
             try:
                 result = callback(state)
             except Exception as error:
-                self._keep(error, where)
+                self._keep_fault(error, where)
                 return failed
             if not isinstance(result, TransitionCallbackReturn):
-                self._keep(wrong_answer(method, result, "TransitionCallbackReturn"), where)
+                self._keep_fault(wrong_answer(method, result, "TransitionCallbackReturn"), where)
                 return failed
             # A callback that called `fail` has reported more than its return value does.
             if result != SUCCESS and not self.is_failing():
-                self._keep(
+                self._keep_fault(
                     f"`{method}` returned {result.name} and did not say why; "
                     "raise an exception with the reason instead",
                     where,

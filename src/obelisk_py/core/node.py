@@ -102,7 +102,7 @@ class ObeliskNode(RateMonitoredNode):
         self.opened = ExitStack()
         self._group_attributes: dict[str, list[Any]] = {}
         """Callback group -> the values, at most one, that its attribute had before."""
-        self._components: list[RegisteredComponent] = []
+        self._registered_components: list[RegisteredComponent] = []
         self._setting_parameters: set[str] = set()
         self._registration_open = True
         self._has_message_types = False
@@ -194,25 +194,27 @@ class ObeliskNode(RateMonitoredNode):
             ObeliskMsgError: the first of them is a wrong message type.
         """
         if self._is_built:  # called again by a test, without on_cleanup
-            self._release()
+            self._destroy_components()
         self._registration_open = False
         result = super().on_configure(state)
         try:
             self._build_all()
         except Exception:
-            self._release()
+            self._destroy_components()
             raise
         self._is_built = True
         return result
 
     def _build_all(self) -> None:
-        node = parse_node_settings(self._text(SETTINGS), self._text(CALLBACK_GROUPS_PARAMETER))
+        node = parse_node_settings(
+            self._parameter_text(SETTINGS), self._parameter_text(CALLBACK_GROUPS_PARAMETER)
+        )
         self._make_groups(node.callback_groups)
         self._warn_of_unknown_components(node)
         faults: list[ObeliskError] = []
-        for component in self._components:
+        for component in self._registered_components:
             try:
-                self._build(component, node)
+                self._build_component(component, node)
             except ObeliskError as error:
                 faults.append(error)
         if not faults:
@@ -224,17 +226,17 @@ class ObeliskNode(RateMonitoredNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let the publishers send and start the timers."""
         result = super().on_activate(state)
-        self._start()
+        self._start_components()
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop the timers and hold the publishers."""
-        self._hold(state)
+        self._stop_components(state)
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Destroy what configure built."""
-        self._release()
+        self._destroy_components()
         return super().on_cleanup(state)
 
     def destroy_node(self) -> None:
@@ -244,33 +246,33 @@ class ObeliskNode(RateMonitoredNode):
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop and destroy what configure built, whatever the state."""
-        self._hold(state)
-        self._release()
+        self._stop_components(state)
+        self._destroy_components()
         return super().on_shutdown(state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop and destroy what configure built; success leads back to `unconfigured`."""
-        self._hold(state)
-        self._release()
+        self._stop_components(state)
+        self._destroy_components()
         return super().on_error(state)
 
     def _settle(self, state: str) -> None:
         super()._settle(state)
         if state == "active":
-            self._start()
+            self._start_components()
             return
-        self._hold(LifecycleState(state_id=0, label=state))
+        self._stop_components(LifecycleState(state_id=0, label=state))
         if state != "inactive":
-            self._release()
+            self._destroy_components()
         elif not self._is_built:
             self.fail("it did not call super().on_configure(state): nothing is built", "configure")
 
-    def _start(self) -> None:
+    def _start_components(self) -> None:
         for timer in self.obk_timers.values():
             if timer.is_canceled():
                 timer.reset()
 
-    def _hold(self, state: LifecycleState) -> None:
+    def _stop_components(self, state: LifecycleState) -> None:
         """Stop everything that configure built; a user's override may not have done so."""
         for timer in self.obk_timers.values():
             timer.cancel()
@@ -290,12 +292,12 @@ class ObeliskNode(RateMonitoredNode):
             component = replace(component, ros_parameter=component.key)
         if self.state_label == "unconfigured":
             # A test may call on_configure directly, more than once.
-            self._components = [
+            self._registered_components = [
                 other
-                for other in self._components
+                for other in self._registered_components
                 if other.configuration == self._configuration or not _is_same(other, component)
             ]
-        for other in self._components:
+        for other in self._registered_components:
             if _is_same(other, component):
                 raise ObeliskConfigError(f"the {component} is registered already, as the {other}")
         if component.ros_parameter and component.ros_parameter not in self._setting_parameters:
@@ -304,7 +306,7 @@ class ObeliskNode(RateMonitoredNode):
             self._hold_to_rules(component.ros_parameter)
         # The next configure registers these again.
         is_of_configure = self.state_label == "configuring"
-        self._components.append(
+        self._registered_components.append(
             replace(component, is_of_configure=is_of_configure, configuration=self._configuration)
         )
 
@@ -318,18 +320,18 @@ class ObeliskNode(RateMonitoredNode):
 
     def _hold_to_rules(self, parameter: str) -> None:
         def check(value: Getter) -> None:
-            for component in self._components:
+            for component in self._registered_components:
                 if component.ros_parameter == parameter:
                     check_component(component, value(parameter), value(SETTINGS))
 
         self._parameter_rules.add((parameter,), check)
 
-    def _text(self, parameter: str) -> str:
+    def _parameter_text(self, parameter: str) -> str:
         return str(self.get_parameter(parameter).value)
 
-    def _build(self, component: RegisteredComponent, node: NodeSettings) -> None:
+    def _build_component(self, component: RegisteredComponent, node: NodeSettings) -> None:
         parameter = component.ros_parameter
-        text = self._text(parameter) if parameter else ""
+        text = self._parameter_text(parameter) if parameter else ""
         raw = find_settings(component, text, node)
         if raw is None:
             self._without_settings(component)
@@ -338,11 +340,11 @@ class ObeliskNode(RateMonitoredNode):
         names = component.names | spellings(config_key)
         name = component.key or str(config_key or parameter).removesuffix("_setting")
         if component.kind is ComponentKind.TIMER:
-            self.obk_timers.add(name, names, self._timer(name, component, raw))
+            self.obk_timers.add(name, names, self._make_timer(name, component, raw))
         elif component.kind is ComponentKind.PUBLISHER:
-            self.obk_publishers.add(name, names, self._publisher(component, raw))
+            self.obk_publishers.add(name, names, self._make_publisher(component, raw))
         else:
-            self.obk_subscriptions.add(name, names, self._subscription(component, raw))
+            self.obk_subscriptions.add(name, names, self._make_subscription(component, raw))
 
     def _without_settings(self, component: RegisteredComponent) -> None:
         where = (
@@ -365,10 +367,12 @@ class ObeliskNode(RateMonitoredNode):
         if self._has_message_types and component.key in STANDARD_COMPONENTS:
             # A constructor of G2 looks like one of G3; only the launcher of G2 passes settings as
             # separate ROS parameters alone.
-            return not self._text(SETTINGS) and any(map(self._text, self._setting_parameters))
+            return not self._parameter_text(SETTINGS) and any(
+                map(self._parameter_text, self._setting_parameters)
+            )
         return is_required_by_default(component.ros_parameter)
 
-    def _publisher(
+    def _make_publisher(
         self, component: RegisteredComponent, raw: Mapping[str, Any]
     ) -> LifecyclePublisher:
         settings = topic_settings(component, raw)
@@ -376,11 +380,13 @@ class ObeliskNode(RateMonitoredNode):
             message_class_of(component, settings.msg_type),
             settings.topic,
             settings.qos,
-            callback_group=self._group(component, settings.callback_group),
+            callback_group=self._callback_group_of(component, settings.callback_group),
         )
         return publisher
 
-    def _subscription(self, component: RegisteredComponent, raw: Mapping[str, Any]) -> Subscription:
+    def _make_subscription(
+        self, component: RegisteredComponent, raw: Mapping[str, Any]
+    ) -> Subscription:
         settings = topic_settings(component, raw)
         assert component.callback is not None
         return self.create_subscription(
@@ -388,17 +394,19 @@ class ObeliskNode(RateMonitoredNode):
             settings.topic,
             component.callback,
             settings.qos,
-            callback_group=self._group(component, settings.callback_group),
+            callback_group=self._callback_group_of(component, settings.callback_group),
         )
 
-    def _timer(self, name: str, component: RegisteredComponent, raw: Mapping[str, Any]) -> Timer:
+    def _make_timer(
+        self, name: str, component: RegisteredComponent, raw: Mapping[str, Any]
+    ) -> Timer:
         settings = timer_settings(component, raw)
         assert component.callback is not None
         return self.create_monitored_timer(
             component_identity(str(raw.get("ros_parameter") or component.ros_parameter or name)),
             settings.period_s,
             component.callback,
-            group=self._group(component, settings.callback_group),
+            group=self._callback_group_of(component, settings.callback_group),
             clock=self._timer_clock(),
         )
 
@@ -409,7 +417,9 @@ class ObeliskNode(RateMonitoredNode):
             return self.get_clock()
         return Clock(clock_type=ClockType.STEADY_TIME)
 
-    def _group(self, component: RegisteredComponent, name: str | None) -> CallbackGroup | None:
+    def _callback_group_of(
+        self, component: RegisteredComponent, name: str | None
+    ) -> CallbackGroup | None:
         if name is None:
             return None
         if name not in self.obk_callback_groups:
@@ -439,7 +449,7 @@ class ObeliskNode(RateMonitoredNode):
     def _warn_of_unknown_components(self, node: NodeSettings) -> None:
         """Warn about settings of components that the code does not register."""
         for kind, entries in node.components.items():
-            known = [c for c in self._components if c.kind is kind]
+            known = [c for c in self._registered_components if c.kind is kind]
             for entry in entries:
                 names = entry_names(entry)
                 if not any(component.names & names for component in known):
@@ -450,11 +460,13 @@ class ObeliskNode(RateMonitoredNode):
                         f"does not register; it registers: {have}"
                     )
 
-    def _release(self) -> None:
+    def _destroy_components(self) -> None:
         self._is_built = False
         self._configuration += 1
         self._registration_open = True
-        self._components = [c for c in self._components if not c.is_of_configure]
+        self._registered_components = [
+            c for c in self._registered_components if not c.is_of_configure
+        ]
         self.opened.close()
         for timer in self.obk_timers.values():
             self.destroy_timer(timer)

@@ -74,7 +74,7 @@ class ObeliskRobot(ABC, ObeliskNode):
             kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, **kwargs)
-        self._age: CommandAge | None = None
+        self._command_age: CommandAge | None = None
         self._silence_log = SilenceLog()
         self._watchdog: WatchdogThread | None = None
         self._newest_control: Any = None
@@ -117,7 +117,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         # A robot that is not active must not move, even if a node still publishes.
         if self.state_label != "active":
             return
-        if self._age is None:
+        if self._command_age is None:
             self.apply_control(control_msg)
             return
         rejection = self._rejection_of(control_msg)
@@ -131,8 +131,8 @@ class ObeliskRobot(ABC, ObeliskNode):
             if self.apply_control(control_msg) is False:
                 return
             self._newest_control = control_msg
-            was_idle = self._age.deadline_s is None
-            silent_s = self._age.accept(time.monotonic())
+            was_idle = self._command_age.deadline_s is None
+            silent_s = self._command_age.accept(time.monotonic())
         self._rejections.accept()
         if was_idle and self._watchdog is not None:
             self._watchdog.wake()
@@ -155,15 +155,15 @@ class ObeliskRobot(ABC, ObeliskNode):
 
     def _is_stale(self) -> bool:
         """Whether the newest command is too old by now."""
-        assert self._age is not None
+        assert self._command_age is not None
         self._becomes_stale()
-        return self._age.is_stale
+        return self._command_age.is_stale
 
     def _becomes_stale(self) -> bool:
         """Whether the newest command has just become too old; logs stopped commands when due."""
-        assert self._age is not None
+        assert self._command_age is not None
         now_s = time.monotonic()
-        is_new = self._age.look(now_s) is not None
+        is_new = self._command_age.look(now_s) is not None
         if is_new:
             self._silence_log.begin(now_s)
         due_s = self._silence_log.due_s
@@ -172,8 +172,8 @@ class ObeliskRobot(ABC, ObeliskNode):
         return is_new
 
     def _log_silence(self, now_s: float) -> None:
-        assert self._age is not None
-        silent_s, policy = self._age.silence_s(now_s), self._age.policy
+        assert self._command_age is not None
+        silent_s, policy = self._command_age.silence_s(now_s), self._command_age.policy
         text = (
             f"{self._silence_log.report(now_s, silent_s)}, more than `max_age_sec` of "
             f"{policy.max_age_s:g} s: {_ACTIONS[policy.action]} (`stale_action: {policy.action}`)"
@@ -205,23 +205,25 @@ class ObeliskRobot(ABC, ObeliskNode):
 
     def _has_to_act(self) -> bool:
         """Whether the newest command is still too old and the node is still active."""
-        assert self._age is not None
-        return self._age.is_stale and self.state_label == "active"
+        assert self._command_age is not None
+        return self._command_age.is_stale and self.state_label == "active"
 
     def _make_safe(self) -> None:
-        assert self._age is not None
-        if self._age.policy.action == "zero":
+        assert self._command_age is not None
+        if self._command_age.policy.action == "zero":
             control = zeroed(self._newest_control)
             if hasattr(control, "header"):
                 control.header.stamp = self.get_clock().now().to_msg()
             self.apply_control(control)
-        elif self._age.policy.action == "damp":
+        elif self._command_age.policy.action == "damp":
             self.apply_damping()
 
-    def _subscription(self, component: RegisteredComponent, raw: Mapping[str, Any]) -> Subscription:
+    def _make_subscription(
+        self, component: RegisteredComponent, raw: Mapping[str, Any]
+    ) -> Subscription:
         if component.key == CONTROL_SUBSCRIPTION:
-            self._age = self._age_of(stale_policy(component, raw))
-        return super()._subscription(component, raw)
+            self._command_age = self._age_of(stale_policy(component, raw))
+        return super()._make_subscription(component, raw)
 
     def _age_of(self, policy: StalePolicy | None) -> CommandAge | None:
         if policy is None:
@@ -230,13 +232,13 @@ class ObeliskRobot(ABC, ObeliskNode):
             self.apply_damping()  # raises with what is missing
         return CommandAge(policy)
 
-    def _start(self) -> None:
-        super()._start()
+    def _start_components(self) -> None:
+        super()._start_components()
         self._start_watchdog()
 
-    def _hold(self, state: LifecycleState) -> None:
+    def _stop_components(self, state: LifecycleState) -> None:
         self._stop_watchdog()
-        super()._hold(state)
+        super()._stop_components(state)
 
     def destroy_node(self) -> None:
         """Stop the watchdog, then destroy the node; log an error if it is still running."""
@@ -247,22 +249,22 @@ class ObeliskRobot(ABC, ObeliskNode):
         super().destroy_node()
 
     def _start_watchdog(self) -> None:
-        if self._age is not None and self._watchdog is None:
+        if self._command_age is not None and self._watchdog is None:
             self._forget_commands()
             self._watchdog = WatchdogThread(self._next_deadline_s, self._act_if_stale)
             self._watchdog.start()
 
     def _next_deadline_s(self) -> float | None:
-        assert self._age is not None
-        times_s = (self._age.deadline_s, self._silence_log.due_s)
+        assert self._command_age is not None
+        times_s = (self._command_age.deadline_s, self._silence_log.due_s)
         return min((time_s for time_s in times_s if time_s is not None), default=None)
 
     def _forget_commands(self) -> None:
         """Return to the state before the first command."""
         self._rejections.accept()
         self._silence_log.forget()
-        if self._age is not None:
-            self._age.forget()
+        if self._command_age is not None:
+            self._command_age.forget()
 
     def _stop_watchdog(self) -> None:
         if self._watchdog is None:
@@ -299,9 +301,9 @@ class ObeliskSimRobot(ObeliskRobot):
             kwargs: passed to `rclpy.node.Node`.
         """
         super().__init__(node_name, ctrl_msg_type, **kwargs)
-        self._lock: Any = threading.RLock()
+        self._shared_ctrl_lock: Any = threading.RLock()
         self._shared_ctrl: Any = []
-        self._stop = threading.Event()
+        self._simulator_stop = threading.Event()
         self._knows_stop = False
         """Whether the inheriting class has read `simulator_stop`."""
         self._simulator: threading.Thread | None = None
@@ -324,7 +326,7 @@ class ObeliskSimRobot(ObeliskRobot):
     def simulator_stop(self) -> threading.Event:
         """Set when `run_simulator` is to return."""
         self._knows_stop = True
-        return self._stop
+        return self._simulator_stop
 
     @abstractmethod
     def run_simulator(self) -> None:
@@ -337,11 +339,11 @@ class ObeliskSimRobot(ObeliskRobot):
     def lock(self) -> Any:
         """Held while `shared_ctrl` is read or written; kept for existing simulators."""
         self._end_existing_simulator()
-        return self._lock
+        return self._shared_ctrl_lock
 
     @lock.setter
     def lock(self, lock: Any) -> None:
-        self._lock = lock
+        self._shared_ctrl_lock = lock
 
     @property
     def shared_ctrl(self) -> Any:
@@ -358,13 +360,13 @@ class ObeliskSimRobot(ObeliskRobot):
 
     def _set_shared_ctrl(self, ctrl: Iterable[float]) -> None:
         """Replace the content of `shared_ctrl`; kept for existing simulators."""
-        with self._lock:
+        with self._shared_ctrl_lock:
             self._shared_ctrl[:] = [float(value) for value in ctrl]
 
     def _end_existing_simulator(self) -> None:
         # Existing simulators step for ever, because they ran in a process that was terminated.
         if (
-            self._stop.is_set()
+            self._simulator_stop.is_set()
             and not self._knows_stop
             and threading.current_thread() is self._simulator
         ):
@@ -389,20 +391,23 @@ class ObeliskSimRobot(ObeliskRobot):
             self.get_logger().error(str(error))
         super().destroy_node()
 
-    def _start(self) -> None:
-        super()._start()
+    def _start_components(self) -> None:
+        super()._start_components()
         if self._simulator is None:
             if len(self._shared_ctrl) == 0:
                 # Not by `_set_shared_ctrl`: an inheriting class may take that for a command.
                 self._shared_ctrl[:] = [0.0] * (getattr(self, "n_u", None) or 0)
             # A new event for each run, so that an old thread cannot run again.
-            self._stop = threading.Event()
+            self._simulator_stop = threading.Event()
             self._simulator = threading.Thread(
-                target=self._simulate, args=[self._stop], name="simulator", daemon=True
+                target=self._run_simulator_thread,
+                args=[self._simulator_stop],
+                name="simulator",
+                daemon=True,
             )
             self._simulator.start()
 
-    def _simulate(self, stop: threading.Event) -> None:
+    def _run_simulator_thread(self, stop: threading.Event) -> None:
         with suppress(SystemExit):
             self.guarded(self.run_simulator)()
         if not (stop.is_set() or self.is_failing()):
@@ -410,12 +415,12 @@ class ObeliskSimRobot(ObeliskRobot):
                 "run_simulator has returned although simulator_stop is not set: it steps no more"
             )
 
-    def _hold(self, state: LifecycleState) -> None:
+    def _stop_components(self, state: LifecycleState) -> None:
         self._stop_simulator()
-        super()._hold(state)
+        super()._stop_components(state)
 
     def _stop_simulator(self) -> None:
-        self._stop.set()
+        self._simulator_stop.set()
         if self._simulator is None:
             return
         if self._simulator is threading.current_thread():

@@ -18,7 +18,7 @@ class ObeliskSensor(ObeliskNode):
         Raises:
             ObeliskConfigError: the class has registered no publisher.
         """
-        if not any(c.kind is ComponentKind.PUBLISHER for c in self._components):
+        if not any(c.kind is ComponentKind.PUBLISHER for c in self._registered_components):
             raise ObeliskConfigError(
                 f"{type(self).__name__} registers no publisher; a sensor needs at least one: "
                 "call register_obk_publisher in its constructor"

@@ -214,7 +214,9 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             self._read_msg_type(),
             loaded.model,
             now_ns=lambda: self._stamp_ns(),
-            lateness_s=self._age.policy.max_age_s if self._age is not None else None,
+            lateness_s=self._command_age.policy.max_age_s
+            if self._command_age is not None
+            else None,
         )
         # MuJoCo would write its warnings into a file in the working directory; here they are
         # read from the state after each step.
@@ -278,9 +280,9 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         while not stop.is_set():
             if requests.is_paused:
                 requests.wait(_PAUSE_S)
-                if self._age is not None:
+                if self._command_age is not None:
                     # Commands do not age while no step is taken.
-                    self._age.postpone(time.monotonic())
+                    self._command_age.postpone(time.monotonic())
             else:
                 self._stepper.run(interrupted)
             requests.run_pending()
@@ -413,9 +415,9 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             check_keyframe(self._simulation.model, value(KEYFRAME))
 
     def _when_stale(self) -> WhenStale | None:
-        if self._age is None:
+        if self._command_age is None:
             return None
-        return WhenStale(action=self._age.policy.action, is_stale=self._is_stale)
+        return WhenStale(action=self._command_age.policy.action, is_stale=self._is_stale)
 
     def _start_watchdog(self) -> None:
         """No thread: the stepping thread checks the age before each step."""
