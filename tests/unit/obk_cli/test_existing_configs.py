@@ -283,6 +283,52 @@ def test_a_simulator_ignores_what_only_the_hardware_has(tmp_path: Path) -> None:
     assert "error OBK406" in found(misspelt)
 
 
+@pytest.mark.mujoco
+def test_the_hardware_s_components_of_a_simulator_are_one_finding(tmp_path: Path) -> None:
+    (tmp_path / "m.xml").write_text(MODEL)
+    own = "{key: pub_imu, topic: /joint_encoders, msg_type: ObkJointEncoders}"
+    timers = "\n  timers: [{ros_parameter: timer_sensor_setting, timer_period_sec: 0.01}]"
+    text = SIMULATED.replace(
+        "]\n  subscribers: [{key: sub_ctrl", f", {own}]{timers}\n  subscribers: [{{key: sub_ctrl"
+    )
+    assert text.count("pub_imu") == text.count("timer_sensor") == 1
+    assert found(compiled_here(tmp_path, text)) == ["info OBK406"]
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize("entry", ["num_steps_per_viz: 5.0", "n_u: 1.0"])
+def test_whole_numbers_may_have_a_decimal_point(tmp_path: Path, entry: str) -> None:
+    (tmp_path / "m.xml").write_text(MODEL)
+    text = SIMULATED.replace("m.xml,", f"m.xml, {entry},")
+    outcome = compiled_here(tmp_path, text)
+    assert found(outcome) == ["info OBK406"]
+    block = str(process(outcome, "robot").parameters["mujoco_setting"])
+    assert entry.removesuffix(".0") in block
+    assert entry not in block
+    half = compiled_here(tmp_path, text.replace(".0,", ".5,"))
+    assert "error OBK103" in found(half)
+
+
+def test_a_missing_file_in_a_home_is_one_finding(tmp_path: Path) -> None:
+    text = CONFIG.replace("executable: e\n", "executable: e\n  params_path: /home/ada/no.txt\n")
+    assert found(compiled(tmp_path, text)) == ["warning OBK404"]
+
+
+SLOW = "  timers: [{key: timer_est, timer_period_sec: 0.002}]\nrobot:\n"
+
+
+@pytest.mark.parametrize("slow", ["0.05", "1.0"])
+def test_a_long_period_is_found_beside_slow_timers_of_the_user(tmp_path: Path, slow: str) -> None:
+    text = CONFIG.replace("0.01", "0.002").replace("robot:\n", SLOW)
+    text += f"  timers: [{{key: timer_log, timer_period_sec: {slow}}}]\n"
+    assert found(compiled(tmp_path, text)) == []
+    head, tail = text.split("timer_est, timer_period_sec: 0.002")
+    wrong = f"{head}timer_est, timer_period_sec: 2{tail}"
+    assert [f for f in found(compiled(tmp_path, wrong)) if "22" in f or "211" in f] == [
+        "warning OBK220"
+    ]
+
+
 def test_a_cpp_node_ignores_the_type(tmp_path: Path) -> None:
     cpp = CONFIG.replace("pkg: demo\n  executable: e", "pkg: cpp\n  executable: est")
     stale = cpp.replace("/joint_encoders, msg_type: Obk", "/joint_encoders, msg_type: ", 1)
@@ -295,6 +341,19 @@ def test_a_cpp_node_ignores_the_type(tmp_path: Path) -> None:
     assert found(compiled_here(tmp_path, other)) == [not_built, "warning OBK205"]
     in_python = unknown.replace("pkg: cpp", "pkg: demo")
     assert "error OBK115" in found(compiled_here(tmp_path, in_python))
+
+
+@pytest.mark.parametrize("prefix", ["install", "install/cpp"])
+def test_an_executable_that_is_not_sourced_has_its_command(tmp_path: Path, prefix: str) -> None:
+    program = tmp_path / prefix / "lib/cpp/est"
+    program.parent.mkdir(parents=True)
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    text = CONFIG.replace("pkg: demo\n  executable: e", "pkg: cpp\n  executable: est")
+    (finding,) = compiled_here(tmp_path, text).diagnostics
+    assert finding.code == "OBK402"
+    assert finding.help is not None
+    assert f"source {tmp_path}/install/setup.bash" in finding.help
 
 
 @pytest.mark.parametrize(

@@ -18,9 +18,10 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="an executable is not in its package",
         cause="The package is there, but it has no executable of that name, or none that can run: "
-        "CMakeLists.txt declares it and it is not built, or its file has no execute bit.",
+        "CMakeLists.txt declares it and it is not built, it is built and its workspace is not "
+        "sourced, or its file has no execute bit.",
         fix="Correct the name, or add the entry point to the package. The help has the command "
-        "that builds the package or sets the execute bit.",
+        "that builds the package, sources its workspace or sets the execute bit.",
     ),
     Rule(
         code="OBK403",
