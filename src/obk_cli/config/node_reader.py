@@ -25,7 +25,7 @@ from obk_cli.config.fields import (
     read_items,
     read_text,
 )
-from obk_cli.config.fixes import respell
+from obk_cli.config.fixes import remove_entry, respell
 from obk_cli.config.model import (
     COMPONENT_LISTS,
     CallbackGroup,
@@ -39,7 +39,15 @@ from obk_cli.config.model import (
     Sim,
     Spanned,
 )
-from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
+from obk_cli.config.tree import (
+    Entry,
+    Tree,
+    TreeList,
+    TreeMap,
+    TreeScalar,
+    kind_of,
+    plain_value,
+)
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
 __all__ = ["LOG_LEVELS", "read_node"]
@@ -168,7 +176,13 @@ def _renamed(group: TreeMap, faults: Faults) -> TreeMap:
     entries = []
     for entry in group:
         newer = OLDER_KEYS.get(entry.key)
-        if newer is not None and group.get(newer) is None:
+        written = group.get(newer) if newer is not None else None
+        if written is not None and plain_value(written.value) == plain_value(entry.value):
+            message = f"`{entry.key}` has no effect: `{newer}` has the same value"
+            cure = remove_entry(group, entry)
+            faults.append(found("OBK506", message, entry.key_span, fix=cure))
+            continue
+        if newer is not None and written is None:
             message = f"`{entry.key}` is the older name of `{newer}`"
             cure = respell(entry.key_span, entry.key, newer)
             help = f"write `{newer}`"

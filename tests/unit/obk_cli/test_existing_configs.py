@@ -309,6 +309,17 @@ def test_whole_numbers_may_have_a_decimal_point(tmp_path: Path, entry: str) -> N
     assert "error OBK103" in found(half)
 
 
+@pytest.mark.mujoco
+def test_both_names_of_a_key_with_one_value_are_no_error(tmp_path: Path) -> None:
+    (tmp_path / "m.xml").write_text(MODEL)
+    head, tail = SIMULATED.split("dt: 0.01, msg")
+    both = compiled_here(tmp_path, f"{head}dt: 0.01, sensor_type: ObkJointEncoders, msg{tail}")
+    assert sorted(found(both)) == ["info OBK406", "info OBK506"]
+    assert "sensor_type" not in str(process(both, "robot").parameters["mujoco_setting"])
+    differ = compiled_here(tmp_path, f"{head}dt: 0.01, sensor_type: ObkImu, msg{tail}")
+    assert "error OBK101" in found(differ)
+
+
 def test_a_missing_file_in_a_home_is_one_finding(tmp_path: Path) -> None:
     text = CONFIG.replace("executable: e\n", "executable: e\n  params_path: /home/ada/no.txt\n")
     assert found(compiled(tmp_path, text)) == ["warning OBK404"]
