@@ -320,6 +320,30 @@ def test_both_names_of_a_key_with_one_value_are_no_error(tmp_path: Path) -> None
     assert "error OBK101" in found(differ)
 
 
+def test_two_robots_of_two_files_are_one_finding(tmp_path: Path) -> None:
+    """An entry without a name is appended to the included list."""
+    imu = "{key: pub_imu, topic: /imu, msg_type: Imu}"
+    base = CONFIG.replace(
+        "ObkJointEncoders}]\n  subscribers: [{key: sub_c",
+        f"ObkJointEncoders}}, {imu}]\n  subscribers: [{{key: sub_c",
+    )
+    robot = base[base.index("robot:\n") :].replace("  pkg", "  - pkg").replace("\n  ", "\n    ")
+    robot = robot.replace("    - pkg", "  - pkg")
+    listed = base[: base.index("robot:\n")] + robot
+    twin = f"include: [base.yaml]\n{robot}"
+    outcome = compiled(tmp_path, twin, {"base.yaml": listed})
+    (finding,) = (one for one in outcome.diagnostics if one.code == "OBK218")
+    assert "`/joint_encoders`, `/imu`" in finding.message
+    assert "`name`" in (finding.help or "")
+    named = listed.replace(
+        "- pkg: demo\n    executable: r", "- pkg: demo\n    name: a\n    executable: r"
+    )
+    same = twin.replace(
+        "- pkg: demo\n    executable: r", "- pkg: demo\n    name: a\n    executable: r"
+    )
+    assert "warning OBK218" not in found(compiled(tmp_path, same, {"base.yaml": named}))
+
+
 def test_a_missing_file_in_a_home_is_one_finding(tmp_path: Path) -> None:
     text = CONFIG.replace("executable: e\n", "executable: e\n  params_path: /home/ada/no.txt\n")
     assert found(compiled(tmp_path, text)) == ["warning OBK404"]
