@@ -17,7 +17,7 @@ from obk_cli.compiler import Options, compile_config
 from obk_cli.config.suppressions import may_be_silenced
 from obk_cli.diagnostics.rules import RULES, Rule
 from obk_cli.diagnostics.source import LONGEST_FILE_BYTES
-from obk_cli.report.text import report_text
+from obk_cli.report import report_text
 from obk_cli.workspace.environment import MachineEnvironment
 
 __all__ = ["generated_files", "main"]

@@ -14,8 +14,7 @@ import pytest
 
 from obk_cli.compiler import Options, Outcome, compile_config
 from obk_cli.diagnostics.rules import RULES
-from obk_cli.report.formats import report_sarif
-from obk_cli.report.text import report_text
+from obk_cli.report import report_sarif, report_text
 from obk_cli.workspace.config_files import configs_that_include
 from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex

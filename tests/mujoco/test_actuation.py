@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from obelisk_py.core.command_watchdog import CommandAge, StalePolicy
-from obelisk_py.core.sim.mujoco.actuation import WhenStale
 from obelisk_py.core.sim.mujoco.actuators import BRAKING_TIME_S, Actuators, Brake
-from obelisk_py.core.sim.mujoco.control import ControlInbox
+from obelisk_py.core.sim.mujoco.control import ControlInbox, WhenStale
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 
 from .two_joints import arm

@@ -13,7 +13,7 @@ import pytest
 
 from obk_cli.compiler import Options, Outcome, compile_config
 from obk_cli.diagnostics.diagnostic import Diagnostic
-from obk_cli.report.text import report_text
+from obk_cli.report import report_text
 from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 

@@ -18,8 +18,7 @@ from obk_cli.config.tree import Tree, TreeList, TreeMap, TreeScalar, plain_value
 from obk_cli.config.yaml_parser import decode_source, parse_source
 from obk_cli.diagnostics.diagnostic import Diagnostic, worst
 from obk_cli.diagnostics.source import SourceFile, Span
-from obk_cli.report.formats import report_github, report_json, report_sarif
-from obk_cli.report.text import report_text
+from obk_cli.report import report_github, report_json, report_sarif, report_text
 from obk_cli.workspace.environment import MachineEnvironment
 from obk_cli.workspace.package_index import PackageIndex
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from obelisk_spec.runtime_protocol import Rate, parse_rate, rate_values
 from obk_cli.cli.build import report_problems
-from obk_cli.cli.commands import _complain
+from obk_cli.cli.commands import _print_error
 from obk_cli.compiler import Options, compile_config, compile_source
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.introspect.message_text import csv_row, json_line, message_text
@@ -22,8 +22,7 @@ from obk_cli.launch.events import OutputEvent
 from obk_cli.launch.status import with_event
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.table import monitor_text
-from obk_cli.report.formats import report_github
-from obk_cli.report.text import report_text
+from obk_cli.report import report_github, report_text
 from obk_cli.runs.logs import last_lines, read_lines
 from obk_cli.runs.protocol import NodeStatus, StackStatus
 from obk_cli.scaffold.kinds import check_name, suggest_name
@@ -170,7 +169,7 @@ def test_a_name_of_any_text_is_taken_or_refused_in_words(name: str) -> None:
     assert check_name(suggest_name(name, kind="node"), kind="node", owner_of=lambda _: None) is None
     if problem is not None:
         with redirect_stderr(StringIO()) as shown:
-            _complain(problem.sentence, problem.help)
+            _print_error(problem.sentence, problem.help)
         assert_shows_only_text(shown.getvalue().split("\n"))
 
 

@@ -14,7 +14,7 @@ from rclpy.time import Time
 
 from obelisk_py.core.clock_page import ClockPage, ClockWriter
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
-from obelisk_py.core.rate_monitor.diagnostics import RateMonitoredNode
+from obelisk_py.core.rate_monitor import RateMonitoredNode
 from obelisk_py.core.shared_clock import new_nodes_follow
 from obelisk_spec.runtime_protocol import CLOCK_PAGE, ClockDescriptors, clock_page_bytes
 

@@ -17,7 +17,7 @@ from obk_cli.compiler import Options, Outcome, compile_source
 from obk_cli.configedit.migrate import migrate_source
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.plan.plan import Process
-from obk_cli.report.text import report_text
+from obk_cli.report import report_text
 from obk_cli.workspace.environment import MachineEnvironment
 
 from ..documents import (  # noqa: TID252 - shared by folders of tests

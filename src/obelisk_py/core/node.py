@@ -32,7 +32,7 @@ from obelisk_py.core.components import (
 )
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.parameters import Getter
-from obelisk_py.core.rate_monitor.diagnostics import RateMonitoredNode
+from obelisk_py.core.rate_monitor import RateMonitoredNode
 from obelisk_py.core.settings import (
     NodeSettings,
     check_component,

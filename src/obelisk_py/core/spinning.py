@@ -1,18 +1,21 @@
 """Spin nodes from the start of their process to a clean shutdown, and return its exit code.
 
 A process of one node and one of many share this. `spin_obelisk` makes a `SpinRequest`, which the
-process serves itself, unless the host of a composed process takes it (see `composition`).
+process serves itself, unless the host of a composed process takes it (see `composition`). SIGINT
+and SIGTERM end it in order; a second one ends it at once.
 """
 
 import faulthandler
 import fcntl
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import Any
+from types import FrameType
+from typing import Any, Self
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
@@ -30,11 +33,11 @@ from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.faults import NodeFault
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
 from obelisk_py.core.shared_clock import new_nodes_follow
-from obelisk_py.core.signals import ShutdownSignals
 from obelisk_spec.runtime_protocol import GATE_VARIABLE
 
 __all__ = [
     "NodeDied",
+    "ShutdownSignals",
     "SpinRequest",
     "ros_process",
     "serve_spin_request",
@@ -43,6 +46,57 @@ __all__ = [
     "spin_requests_served_by",
     "wait_at_startup_barrier",
 ]
+
+SHUTDOWN_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class ShutdownSignals:
+    """While entered, call back from a thread at the first signal; the second ends the process."""
+
+    def __init__(self) -> None:
+        self._on_signal: Callable[[], object] | None = None
+        self._seen = 0
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> Self:
+        self._read_fd, self._write_fd = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)
+        os.set_blocking(self._read_fd, True)
+        self._old_fd = signal.set_wakeup_fd(self._write_fd, warn_on_full_buffer=False)
+        self._old = {number: signal.signal(number, _ignore) for number in SHUTDOWN_SIGNALS}
+        self._thread = threading.Thread(target=self._watch, name="end signals", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._old.items():
+            signal.signal(number, handler)
+        signal.set_wakeup_fd(self._old_fd)
+        os.close(self._write_fd)
+        self._thread.join()
+        os.close(self._read_fd)
+
+    def call_back(self, on_signal: Callable[[], object]) -> None:
+        """Call back at the first signal, or now if it has come already."""
+        with self._lock:
+            self._on_signal = on_signal
+            if self._seen:
+                on_signal()
+
+    def _watch(self) -> None:
+        while number := os.read(self._read_fd, 1):
+            if number[0] not in SHUTDOWN_SIGNALS:
+                continue
+            with self._lock:
+                self._seen += 1
+                if self._seen > 1:
+                    os._exit(128 + number[0])
+                if self._on_signal is not None:
+                    self._on_signal()
+
+
+def _ignore(_number: int, _frame: FrameType | None) -> None:
+    """Do nothing: the thread is notified by the wake-up descriptor."""
+
 
 LONGEST_SPIN_S = 3e8
 """Ten years [s]: without a timeout rclpy's EventsExecutor overflows and runs no callback at all."""

@@ -14,7 +14,7 @@ from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.rules import RULES
 from obk_cli.errors import EXIT_FAILED, MisuseError
 from obk_cli.plan.plan import Plan
-from obk_cli.report.text import report_text, summary
+from obk_cli.report import report_text, summary
 
 __all__ = [
     "ColourOption",

@@ -20,20 +20,17 @@ from obk_cli.cli.config_options import (
     wants_colour,
 )
 from obk_cli.cli.options import require_choice
-from obk_cli.cli.render_options import (
-    RenderArguments,
-    RenderCameraOption,
-    RenderFpsOption,
-    RenderOption,
-    RenderSizeOption,
-    with_render,
-)
 from obk_cli.compiler import compile_config
 from obk_cli.config.environment import Environment, NodeFacts
 from obk_cli.config.node_reader import LOG_LEVELS
 from obk_cli.errors import MisuseError
 from obk_cli.launch.event_loop import Limits
-from obk_cli.launch.options import require_libraries, with_simulator_parameters
+from obk_cli.launch.options import (
+    RenderArguments,
+    require_libraries,
+    with_render,
+    with_simulator_parameters,
+)
 from obk_cli.launch.process_groups import Share
 from obk_cli.launch.transitions import UNTIL, Until
 from obk_cli.optional_deps import require_extra
@@ -112,10 +109,24 @@ def command(
             help="Look at the simulated robot in a window or in a page of the browser.",
         ),
     ] = None,
-    render: RenderOption = None,
-    render_camera: RenderCameraOption = None,
-    render_size: RenderSizeOption = None,
-    render_fps: RenderFpsOption = None,
+    render: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Film the simulated robot: .mp4, .gif, or .png at the end."
+        ),
+    ] = None,
+    render_camera: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="A camera of the model; else all of it is seen."),
+    ] = None,
+    render_size: Annotated[
+        str | None,
+        typer.Option(metavar="WxH", help="Pixels; else as the camera has it, or 640x480."),
+    ] = None,
+    render_fps: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Frames per simulated second; else 30, a GIF 15."),
+    ] = None,
     network: Annotated[
         str | None,
         typer.Option(metavar="localhost|lan", help="Who can discover the stack."),

@@ -1,8 +1,11 @@
-"""`obk validate CONFIG...`: every check, nothing started."""
+"""`obk validate CONFIG...`: every check, nothing started; with `--watch` again after changes."""
 
+import contextlib
 import os
 import sys
-from dataclasses import dataclass, replace
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
@@ -25,15 +28,21 @@ from obk_cli.cli.edited_files import (
 )
 from obk_cli.cli.options import require_choice
 from obk_cli.compiler import Options, Outcome, compile_config
+from obk_cli.config.model import Stack
 from obk_cli.configedit.autofix import Fixed, fix_config
 from obk_cli.diagnostics.diagnostic import Diagnostic, in_order
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.errors import EXIT_DONE, EXIT_FAILED, CommandFailedError, MisuseError
-from obk_cli.files import STANDARD_INPUT
-from obk_cli.report.formats import report_github, report_json, report_sarif
-from obk_cli.report.text import report_text, summary
+from obk_cli.files import STANDARD_INPUT, read_bytes
+from obk_cli.report import report_github, report_json, report_sarif, report_text, summary
 from obk_cli.workspace.config_files import configs_that_include
+from obk_cli.workspace.environment import MachineEnvironment
 
+__all__ = ["EXAMPLE", "WatchedRun", "check_after_changes", "command"]
+
+_POLL_S = 0.2
+Mark = tuple[int, int] | None
+"""Modification time [ns] and size of a file, None where there is none."""
 _FORMATS = ("text", "json", "sarif", "github")
 
 EXAMPLE = """\b
@@ -112,9 +121,7 @@ def _fix(
 
 
 def _watch(configs: list[str], options: Options, *, colour: bool, verbose: bool) -> None:
-    from obk_cli.cli.watch import WatchedRun, pause, watch
-
-    def check() -> dict[Path, tuple[int, int] | None]:
+    def check() -> dict[Path, Mark]:
         run = WatchedRun(options)
         outcomes = [run.compile(config) for config in configs]
         print(f"[{datetime.now():%H:%M:%S}] ", end="")
@@ -122,7 +129,7 @@ def _watch(configs: list[str], options: Options, *, colour: bool, verbose: bool)
         _print_watched(paths, _findings(outcomes), colour=colour, verbose=verbose)
         return run.marks
 
-    watch(check, pause)
+    check_after_changes(check, _wait)
 
 
 def _print_watched(
@@ -208,3 +215,80 @@ def _short(finding: Diagnostic) -> str:
     now = f"now {first.text}" if first.text else "removed"
     others = f" ({len(more) + 1} times)" if more else ""
     return f"{finding}: {now}{others}"
+
+
+@dataclass(slots=True)
+class WatchedRun:
+    """Compiles configs and notes the state in which it found every file."""
+
+    options: Options
+    marks: dict[Path, Mark] = field(default_factory=dict)
+
+    def compile(self, config: str) -> Outcome:
+        """Compile one config."""
+        options = self.options
+        environment = MachineEnvironment(
+            (options.working_folder / config).resolve().parent,
+            options.working_folder,
+            options.variables,
+            note=self._note,
+        )
+        options = replace(options, read=self._read, environment=environment)
+        outcome = compile_config(config, options)
+        if outcome.config is not None:
+            for path in _files_of(outcome.config):
+                self._note(path)
+        return outcome
+
+    def _read(self, path: str) -> bytes | str:
+        self._note(self.options.working_folder / path)
+        return read_bytes(path)
+
+    def _note(self, path: Path) -> None:
+        """What counts is the state before a file is read: a change meanwhile is one."""
+        if path not in self.marks:
+            self.marks[path] = _mark(path)
+
+
+def check_after_changes(check: Callable[[], Mapping[Path, Mark]], wait: Callable[[], None]) -> None:
+    """Run `check` now and after each change of the files that it names, until interrupted."""
+    with contextlib.suppress(KeyboardInterrupt):
+        while True:
+            marks = check()
+            while _marks(marks) == marks:
+                wait()
+            _settle(marks, wait)
+
+
+def _wait() -> None:
+    """Wait until the files are polled again."""
+    time.sleep(_POLL_S)
+
+
+def _settle(paths: Iterable[Path], wait: Callable[[], None]) -> None:
+    """Wait until the files stop changing: an editor removes the old file first."""
+    before = None
+    while before != (now := _marks(paths)):
+        before = now
+        wait()
+
+
+def _marks(paths: Iterable[Path]) -> dict[Path, Mark]:
+    return {path: _mark(path) for path in paths}
+
+
+def _mark(path: Path) -> Mark:
+    try:
+        state = path.stat()
+    except (OSError, ValueError):
+        return None
+    return state.st_mtime_ns, state.st_size
+
+
+def _files_of(stack: Stack) -> Iterable[Path]:
+    """Where files beside the configs were looked for, whether they are there or not."""
+    for node in stack.nodes:
+        of_sims = (search for sim in node.sims for search in (sim.model, *sim.files))
+        for search in (*of_sims, node.params_file, node.urdf_file):
+            if search is not None:
+                yield from search.tried

@@ -1,4 +1,4 @@
-"""How the processes of a plan are started: commands, environments, parameter files.
+"""How the processes of a plan are started: commands, environments, parameter files, clock page.
 
 Starts nothing. Nodes in one process run in the run-time library's host program, known here by its
 name and its file only.
@@ -10,20 +10,28 @@ import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from obelisk_spec.runtime_protocol import GATE_VARIABLE
+from obelisk_spec.runtime_protocol import (
+    CLOCK_PAGE,
+    CLOCK_VARIABLE,
+    GATE_VARIABLE,
+    USE_SIM_TIME,
+    ClockDescriptors,
+    clock_page_bytes,
+)
 from obelisk_spec.suggestions import did_you_mean
 from obk_cli.config.environment import Command, ExecutableMissing
 from obk_cli.emit.params import emit_params, params_file_name
 from obk_cli.errors import CommandFailedError
 from obk_cli.files import STATE_MODE, write_text
 from obk_cli.launch.console import CONSOLE_FORMAT
+from obk_cli.launch.options import SIMULATOR
 from obk_cli.launch.process_groups import Unit
 from obk_cli.launch.processes import NodeCommand, WardenProcesses
-from obk_cli.plan.plan import Process
+from obk_cli.plan.plan import Plan, Process
 from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = [
@@ -39,6 +47,7 @@ __all__ = [
     "held_at_gate",
     "is_composable",
     "unit_commands",
+    "with_clock_page",
 ]
 
 HOST: Final = "obelisk_py.core.composition"
@@ -326,3 +335,50 @@ def closed_gate(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(gate)
+
+
+@contextmanager
+def with_clock_page(
+    plan: Plan, units: Sequence[Unit], commands: Mapping[str, NodeCommand]
+) -> Iterator[Mapping[str, NodeCommand]]:
+    """The commands of the units with a clock page, if our simulator runs here as the only clock.
+
+    Otherwise processes use `/clock`, and the commands stay as they are. The page is a memfd, and
+    each process has an eventfd that wakes it; all of them are inherited. Nothing has a name in a
+    folder, so nothing is left behind, however the launch ends.
+
+    Args:
+        plan: the whole stack.
+        units: the processes that run here.
+        commands: how they are started, by the name of the unit.
+    """
+    if not _simulator_runs_in(plan, units):
+        yield commands
+        return
+    page = os.memfd_create(CLOCK_PAGE)
+    os.ftruncate(page, clock_page_bytes(len(units)))
+    wakes = tuple(os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC) for _ in units)
+    try:
+        yield {
+            unit.name: _inheriting(
+                commands[unit.name], ClockDescriptors(page=page, own=own, wakes=wakes)
+            )
+            for own, unit in enumerate(units)
+        }
+    finally:
+        for fd in (page, *wakes):
+            os.close(fd)
+
+
+def _simulator_runs_in(plan: Plan, units: Sequence[Unit]) -> bool:
+    clocks = [node for node in plan.processes if node.model and node.parameters.get(USE_SIM_TIME)]
+    here = [node for unit in units for node in unit.nodes]
+    return len(clocks) == 1 and clocks[0].package == SIMULATOR and clocks[0] in here
+
+
+def _inheriting(command: NodeCommand, descriptors: ClockDescriptors) -> NodeCommand:
+    return replace(
+        command,
+        environment={**command.environment, CLOCK_VARIABLE: str(descriptors)},
+        inherited=(descriptors.page, *descriptors.wakes),
+    )

@@ -1,12 +1,19 @@
-"""The options of a launch: which part of a plan, how far, how long, what follows from failures."""
+"""The options of a launch: which part of a plan, how far, how long, what follows from failures.
 
+Those that change the plan of a simulated robot, such as `--render`, are checked and applied here.
+"""
+
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
+from obelisk_spec.suggestions import did_you_mean, list_names
 from obelisk_spec.values import ParameterValue
-from obk_cli.errors import MisuseError
+from obelisk_spec.video import VideoError, VideoSettings, read_video
+from obk_cli.config.environment import ModelRead
+from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.launch.event_loop import Limits
 from obk_cli.launch.process_groups import Share
 from obk_cli.launch.transitions import Until
@@ -18,8 +25,10 @@ from obk_cli.record.recorder_job import RecordRequest
 __all__ = [
     "KEPT_RUNS",
     "LaunchOptions",
+    "RenderArguments",
     "require_libraries",
     "simulated_robots",
+    "with_render",
     "with_simulator_parameters",
 ]
 
@@ -109,3 +118,95 @@ def simulated_robots(plan: Plan, share: Share) -> tuple[Process, ...]:
     """The simulated robots of a plan that run here."""
     here = (node for node in plan.processes if node.device in share.devices)
     return tuple(node for node in here if node.model is not None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RenderArguments:
+    """The options of `obk launch --render` as given; None: not given."""
+
+    path: Path | None
+    camera: str | None
+    size: str | None
+    rate_hz: int | None
+
+
+def with_render(plan: Plan, share: Share, arguments: RenderArguments) -> Plan:
+    """The plan with parameters that make its simulated robot record a video.
+
+    Args:
+        plan: a whole stack.
+        share: what of it runs here.
+        arguments: the options; without a file nothing is recorded.
+
+    Raises:
+        MisuseError: there is no such film, no such camera, or not one robot to film.
+        CommandFailedError: the file cannot be written, or a library is missing.
+    """
+    if arguments.path is None:
+        _require_render(arguments)
+        return plan
+    settings = _settings(arguments.path, arguments)
+    path = Path.cwd() / settings.path
+    parameters: dict[str, ParameterValue] = {
+        "render": str(path),
+        "render_camera": arguments.camera or "",
+        "render_size": arguments.size or "",
+        "render_fps": arguments.rate_hz or 0,
+    }
+    rendered = with_simulator_parameters(plan, share, parameters, f"--render {arguments.path}")
+    robot, *others = simulated_robots(plan, share)
+    if others:
+        names = list_names(node.full_name for node in (robot, *others))
+        raise MisuseError(
+            f"`--render {arguments.path}`: several simulated robots run here: {names}",
+            help="give one of them the parameter `render` in the config",
+        )
+    if settings.camera is not None and robot.model is not None:
+        _check_camera(robot.model, settings.camera)
+    _check_output(path)
+    for module in ("av", "PIL"):
+        require_extra(module, "render")
+    return rendered
+
+
+def _require_render(arguments: RenderArguments) -> None:
+    options = {
+        "--render-camera": arguments.camera,
+        "--render-size": arguments.size,
+        "--render-fps": arguments.rate_hz,
+    }
+    for option, value in options.items():
+        if value is not None:
+            raise MisuseError(f"`{option}` says how a film is made; `--render FILE` asks for one")
+
+
+def _settings(path: Path, arguments: RenderArguments) -> VideoSettings:
+    if arguments.rate_hz is not None and arguments.rate_hz < 1:
+        raise MisuseError(f"`--render-fps {arguments.rate_hz}`: expected a number of at least 1")
+    try:
+        return read_video(
+            str(path), arguments.camera or "", arguments.size or "", arguments.rate_hz or 0
+        )
+    except VideoError as error:
+        raise MisuseError(f"`--render`: {error}") from error
+
+
+def _check_camera(model: str, camera: str) -> None:
+    from obk_cli.workspace.model_cache import cache_folder, read_model_once
+    from obk_cli.workspace.model_reader import has_mujoco
+
+    if not has_mujoco():
+        return
+    read = read_model_once(Path(model), cache_folder(os.environ))
+    if isinstance(read, ModelRead) and camera not in read.facts.cameras:
+        raise MisuseError(
+            f"`--render-camera {camera}`: {model} has no such camera",
+            help=did_you_mean(camera, read.facts.cameras) or "it has none with a name",
+        )
+
+
+def _check_output(path: Path) -> None:
+    if not path.parent.is_dir():
+        raise CommandFailedError(f"{path}: the folder {path.parent} is not there")
+    if os.path.lexists(path):
+        raise CommandFailedError(f"{path} is there already", help="name another file")

@@ -24,6 +24,7 @@ from obk_cli.launch.commands import (
     gate_variables,
     held_at_gate,
     unit_commands,
+    with_clock_page,
 )
 from obk_cli.launch.conflicts import (
     refuse_taken_names,
@@ -49,7 +50,6 @@ from obk_cli.launch.processes import NodeCommand, ProcessEvent, WardenProcesses
 from obk_cli.launch.recorder import Recorder, VideoReports
 from obk_cli.launch.ros_nodes import RosNodes, open_ros_nodes
 from obk_cli.launch.run_lock import locked_run
-from obk_cli.launch.simulated_time import with_clock_page
 from obk_cli.launch.state_node import StateNode, state_node_name
 from obk_cli.launch.supervisor import Supervisor
 from obk_cli.plan.plan import Plan

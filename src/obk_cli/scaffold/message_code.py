@@ -1,7 +1,7 @@
-"""Code for message types: the fields that a new node fills, and sorted import lines.
+"""Code for message types: the fields that a new node fills, in Python and C++; sorted import lines.
 
-Pure: message types in; lines of Python out. Only messages whose fields this project defines are
-filled.
+Pure: message types in; lines of code out, and the class and header of a type as ROS 2's C++
+generator names them. Only messages whose fields this project defines are filled.
 """
 
 import re
@@ -14,6 +14,10 @@ __all__ = [
     "LINE_LENGTH",
     "MessageCode",
     "control_code",
+    "cpp_control",
+    "cpp_estimate",
+    "cpp_header",
+    "cpp_type",
     "estimate_code",
     "has_header",
     "import_block",
@@ -213,3 +217,56 @@ def _natural(name: str) -> tuple[object, ...]:
     """A key under which `Int8` comes before `Int16`."""
     parts = re.split(r"(\d+)", name)
     return tuple(int(part) if part.isdigit() else part.lower() for part in parts)
+
+
+_WORD_STARTS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Za-z0-9])(?=[A-Z][a-z])")
+_CPP_STAMP = "msg.header.stamp = this->get_clock()->now();"
+_CPP_STAMP_OF_SENSOR = "msg.header.stamp = sensor_msg_->header.stamp;"
+_CPP_UNKNOWN = ("// The other fields of msg are yours to fill.",)
+_CPP_TIME = "const double time_s = this->get_clock()->now().seconds();"
+_CPP_VELOCITY = (_CPP_TIME, "msg.v_x = std::sin(time_s);  // [m/s] your control law goes here")
+_CPP_ESTIMATE = {
+    (
+        "obelisk_estimator_msgs/msg/EstimatedState",
+        "obelisk_sensor_msgs/msg/JointEncoders",
+    ): ("msg.q_joints = sensor_msg_->y;",),
+    (
+        "obelisk_estimator_msgs/msg/EstimatedState",
+        "obelisk_sensor_msgs/msg/ObkJointEncoders",
+    ): (
+        "msg.joint_names = sensor_msg_->joint_names;",
+        "msg.q_joints = sensor_msg_->joint_pos;",
+        "msg.v_joints = sensor_msg_->joint_vel;",
+    ),
+}
+
+
+def cpp_type(message: MessageType) -> str:
+    """`std_msgs::msg::Int8`."""
+    return f"{message.package}::msg::{message.name}"
+
+
+def cpp_header(message: MessageType) -> str:
+    """`std_msgs/msg/int8.hpp`; `PDFeedForward` is in `pd_feed_forward.hpp`."""
+    return f"{message.package}/msg/{_WORD_STARTS.sub('_', message.name).lower()}.hpp"
+
+
+def cpp_control(ctrl: MessageType, controls: int = 1) -> tuple[str, ...]:
+    """How `ComputeControl` fills its message; `controls` are the model's actuators."""
+    if is_position_control(ctrl):
+        law = f"msg.u_mujoco.assign({controls}, std::sin(time_s));  // your control law goes here"
+        return _cpp_stamped(ctrl, (_CPP_TIME, law))
+    is_velocity = ctrl.full == "obelisk_control_msgs/msg/VelocityCommand"
+    return _cpp_stamped(ctrl, _CPP_VELOCITY if is_velocity else _CPP_UNKNOWN)
+
+
+def cpp_estimate(est: MessageType, sensor: MessageType) -> tuple[str, ...]:
+    """How `ComputeStateEstimate` fills its message from the newest sensor message."""
+    stamp = _CPP_STAMP_OF_SENSOR if has_header(sensor) else _CPP_STAMP
+    return _cpp_stamped(est, _CPP_ESTIMATE.get((est.full, sensor.full), _CPP_UNKNOWN), stamp)
+
+
+def _cpp_stamped(
+    message: MessageType, statements: tuple[str, ...], stamp: str = _CPP_STAMP
+) -> tuple[str, ...]:
+    return (stamp, *statements) if has_header(message) else statements

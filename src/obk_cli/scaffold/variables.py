@@ -5,11 +5,14 @@ Pure: answers in; values and YAML out.
 
 from dataclasses import dataclass
 
-from obk_cli.scaffold.cpp import cpp_control, cpp_estimate, cpp_header, cpp_type
 from obk_cli.scaffold.kinds import NODE_KINDS, SECTIONS
 from obk_cli.scaffold.message_code import (
     LINE_LENGTH,
     control_code,
+    cpp_control,
+    cpp_estimate,
+    cpp_header,
+    cpp_type,
     estimate_code,
     import_block,
     is_position_control,

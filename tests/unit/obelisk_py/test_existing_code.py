@@ -23,6 +23,7 @@ from obelisk_py.core.obelisk_typing import (
 from obelisk_py.core.utils.internal import check_and_get_obelisk_msg_type, get_classes_in_module
 from obelisk_py.core.utils.launch_utils import get_parameters_dict, load_config_file
 from obelisk_spec.components import parse_component_setting, parse_mapping
+from obelisk_spec.runtime_protocol import USE_SIM_TIME
 from obk_cli.compiler import Options, compile_config
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
@@ -120,7 +121,8 @@ def test_the_parameters_of_a_node_are_those_that_the_compiler_writes() -> None:
     for process in plan.processes:
         node = config["onboard"][process.section]
         found = get_parameters_dict(node[0] if isinstance(node, list) else node)
-        assert found.keys() == process.parameters.keys()
+        # Whose time a node takes is decided for the whole stack.
+        assert found.keys() == process.parameters.keys() - {USE_SIM_TIME}
         same = [name for name in found if name not in ("params_path", "mujoco_setting")]
         assert {name: found[name] for name in same} == {n: process.parameters[n] for n in same}
 

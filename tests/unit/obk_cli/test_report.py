@@ -5,8 +5,7 @@ from sarif_pydantic import Sarif
 from obk_cli.diagnostics.diagnostic import Related, found
 from obk_cli.diagnostics.edits import Edit
 from obk_cli.diagnostics.source import SourceFile, Span
-from obk_cli.report.formats import report_github, report_json, report_sarif
-from obk_cli.report.text import report_text, summary
+from obk_cli.report import report_github, report_json, report_sarif, report_text, summary
 
 SOURCE = SourceFile.of("f.yaml", "a: 1\n\tb: xyz\nc:\n  - d\n")
 FINDING = found(

@@ -1,14 +1,12 @@
 """An estimator that hands the joint encoders' values on as the state estimate."""
 
-from typing import Any, Union
+from typing import Union
 
 from obelisk_estimator_msgs.msg import EstimatedState
+from obelisk_sensor_msgs.msg import JointEncoders
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from obelisk_py.core.estimation import ObeliskEstimator
-from obelisk_py.core.messages import optional_message
-
-JointEncoders: Any = optional_message("JointEncoders")
 
 
 class JointEncodersPassthroughEstimator(ObeliskEstimator):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from obelisk_py.core.rate_monitor.counting import TickCounter, late_ns_of
+from obelisk_py.core.rate_monitor import TickCounter, late_ns_of
 from obelisk_py.core.sim.mujoco.stepper import Stepper, TimedOutput
 from obelisk_py.core.sim.mujoco.stepping import Pace, SampleTimes
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.cli import render_options
 from obk_cli.cli.main import main
-from obk_cli.cli.render_options import RenderArguments, with_render
 from obk_cli.errors import CommandFailedError
+from obk_cli.launch import options
+from obk_cli.launch.options import RenderArguments, with_render
 from obk_cli.launch.process_groups import share_of
 from obk_cli.plan.plan import Plan, Process
 
@@ -24,7 +24,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def refused(capsys, *arguments, code=2):
-    """What is said when a launch of the dummy is refused."""
+    """The message of a launch of the dummy that is refused."""
     with pytest.raises(SystemExit) as ended:
         main(("launch", str(DUMMY), *arguments))
     assert ended.value.code == code
@@ -101,13 +101,13 @@ def test_a_library_that_is_missing(monkeypatch) -> None:
     def missing(module, extra):
         raise CommandFailedError(f"{module}, {extra}")
 
-    monkeypatch.setattr(render_options, "require_extra", missing)
+    monkeypatch.setattr(options, "require_extra", missing)
     with pytest.raises(CommandFailedError, match="av, render"):
         filmed(robot("a"), path=Path("out.mp4"))
 
 
 def test_the_robot_gets_the_film_with_its_whole_path(monkeypatch, folder) -> None:
-    monkeypatch.setattr(render_options, "require_extra", lambda *_: None)
+    monkeypatch.setattr(options, "require_extra", lambda *_: None)
     (one,) = filmed(robot("a"), path=Path("out.gif"), size="320x240", rate_hz=10).processes
     assert one.parameters == {
         "render": str(folder / "out.gif"),

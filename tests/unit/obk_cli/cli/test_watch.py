@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from obk_cli.cli import watch as module
+from obk_cli.cli import validate
 from obk_cli.cli.main import main
-from obk_cli.cli.watch import WatchedRun, watch
+from obk_cli.cli.validate import WatchedRun, check_after_changes
 from obk_cli.compiler import Options
 from obk_cli.workspace.model_reader import mjcf_files
 
@@ -53,7 +53,7 @@ def test_each_change_is_checked_once_when_it_has_settled(tmp_path: Path) -> None
         yield
         yield
 
-    watch(check, stepping(story()))
+    check_after_changes(check, stepping(story()))
     assert seen == ["one", "two", "three"]
 
 
@@ -152,7 +152,7 @@ def test_the_command_prints_a_summary_with_the_time_until_it_is_interrupted(
         yield
         yield
 
-    monkeypatch.setattr(module, "pause", stepping(story()))
+    monkeypatch.setattr(validate, "_wait", stepping(story()))
     with pytest.raises(SystemExit) as ended:
         main(["validate", "--watch", "c.yaml"])
     out = capsys.readouterr().out

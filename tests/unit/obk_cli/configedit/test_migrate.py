@@ -7,7 +7,7 @@ import pytest
 from obk_cli.configedit.migrate import Migrated, migrate_source
 from obk_cli.configedit.shape import Spelling
 from obk_cli.diagnostics.source import SourceFile
-from obk_cli.report.text import report_text
+from obk_cli.report import report_text
 
 HERE = Path(__file__).parent
 

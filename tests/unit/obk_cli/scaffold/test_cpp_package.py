@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from obk_cli.scaffold.cpp import cpp_header
+from obk_cli.scaffold.message_code import cpp_header
 from obk_cli.scaffold.questions import MessageType
 from obk_cli.scaffold.templates import RenderedFile
 

@@ -1,13 +1,15 @@
-"""Hold the control that the simulation applies next: the newest valid message.
+"""Hold the control that the simulation applies next, and write it to the actuators at each step.
 
-In: control messages, on any thread. Out: an array of the actuators' size or a torque law, and
-reports of rejected and late messages. A message is rejected if it has the wrong length, a number
-that is not finite or too large for MuJoCo, or a stamp older than that of the applied control. A
-control without a stamp (zero) is never late.
+In: control messages, on any thread. Out: an array of the actuators' size or a torque law, from the
+newest valid message; reports of rejected and late messages; `data.ctrl`, on the thread that steps.
+A message is rejected if it has the wrong length, a number that is not finite or too large for
+MuJoCo, or a stamp older than that of the applied control. A control without a stamp (zero) is never
+late.
 """
 
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any, Final
 
 import mujoco
@@ -17,7 +19,14 @@ from numpy.typing import NDArray
 from obelisk_py.core.command_watchdog import ONLY_REJECTIONS, RejectionLog, RejectionReport
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.messages import optional_message
-from obelisk_py.core.sim.mujoco.actuators import JointTorques, TorqueLaw, has_gains, out_of_limits
+from obelisk_py.core.sim.mujoco.actuators import (
+    Actuators,
+    Brake,
+    JointTorques,
+    TorqueLaw,
+    has_gains,
+    out_of_limits,
+)
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S
 
 __all__ = [
@@ -25,7 +34,9 @@ __all__ = [
     "DEFAULT_LATENESS_S",
     "Control",
     "ControlInbox",
+    "ControlWriter",
     "StampOrder",
+    "WhenStale",
     "control_field",
     "make_inbox",
 ]
@@ -211,3 +222,65 @@ def _sent_ns(message: Any) -> int:
         return 0
     stamp = message.header.stamp
     return int(stamp.sec * NS_PER_S + stamp.nanosec)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WhenStale:
+    """The action on commands that are too old."""
+
+    action: str
+    """One of `obelisk_spec.components.STALE_ACTIONS`."""
+    is_stale: Callable[[], bool]
+    """Returns whether the newest command is too old; called before each step."""
+
+
+class ControlWriter:
+    """Writes the controls of one simulation."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        inbox: ControlInbox,
+        when_stale: WhenStale | None,
+    ) -> None:
+        """Take what it reads from and writes to."""
+        self._model = model
+        self._data = data
+        self._inbox = inbox
+        self._when_stale = when_stale
+        self._actuators = Actuators(model)
+        self._torques = JointTorques(model)
+        self._ctrl = data.ctrl
+        self._applied: object = None
+        self._brake: Brake | None = None
+
+    def restart(self) -> None:
+        """Forget the controls; `data.ctrl` stays until a new one is written."""
+        self._inbox.clear()
+        self._applied = None
+        self._brake = None
+
+    def write(self) -> bool:
+        """Write the next step's control; returns whether the steps after it have the same one."""
+        stale = self._when_stale
+        if stale is not None and stale.is_stale() and stale.action != "hold":
+            return self._write_safe(stale.action)
+        self._brake = None
+        control = self._inbox.newest
+        if isinstance(control, TorqueLaw):
+            self._ctrl[:] = self._torques.control(control, self._data)
+            return False
+        if control is not self._applied and control is not None:
+            self._ctrl[:] = control
+            self._applied = control
+        return True
+
+    def _write_safe(self, action: str) -> bool:
+        if action == "zero":
+            self._ctrl[:] = 0.0
+            return True
+        if self._brake is None:
+            self._brake = Brake(self._actuators, self._model, self._data)
+        self._ctrl[:] = self._brake.control(self._data.actuator_velocity)
+        return False

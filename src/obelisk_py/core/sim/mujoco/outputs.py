@@ -4,6 +4,10 @@ In: a simulation, its config, a factory of publishers. Out: one output per senso
 if its messages are delayed, one for the markers of geoms. Nothing is cast, drawn or sent without a
 subscriber, unless the group has noise or dropout: its random numbers must not depend on who
 subscribes. A group without noise, dropout and delay pays nothing for them.
+
+The simulation time is an output too (`SimulationClock`): on the clock page of the launch after each
+step, for the Python nodes of the launch on this host; as `/clock` for all others, at a bounded
+rate, and only while that has subscribers.
 """
 
 import time
@@ -11,10 +15,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
+from rosgraph_msgs.msg import Clock
 from visualization_msgs.msg import MarkerArray
 
+from obelisk_py.core.clock_page import ClockWriter
 from obelisk_py.core.exceptions import ObeliskConfigError
 from obelisk_py.core.messages import require_message
+from obelisk_py.core.serialization.codec import PackedMessage
 from obelisk_py.core.sim.mujoco.geoms import marker_sampler
 from obelisk_py.core.sim.mujoco.noise import DelayLine, Dropout, NoiseGenerator, RandomStream
 from obelisk_py.core.sim.mujoco.sensors import SENSOR_KINDS, Sampler, SensorSource
@@ -22,12 +29,13 @@ from obelisk_py.core.sim.mujoco.sensors.kind import in_turn
 from obelisk_py.core.sim.mujoco.sim_config import SensorGroupConfig, SimConfig
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepper import TimedOutput
-from obelisk_py.core.sim.mujoco.stepping import SampleTimes
+from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, SampleTimes
 
 __all__ = [
     "GEOM_TOPICS",
     "MakePublisher",
     "OutputContext",
+    "SimulationClock",
     "SubscriberCheck",
     "group_outputs",
     "if_subscribed",
@@ -44,6 +52,10 @@ Sample = Callable[[int], None]
 GEOM_TOPICS: Final = ("~/viz_geoms", "obelisk/sim/mujoco_scene_viz")
 """Topics of the markers; the second is where a visualiser looks without knowing the node."""
 GEOM_DEPTH: Final = 10
+CLOCK_TOPIC: Final = "/clock"
+CLOCK_DEPTH: Final = 10
+"""Of a reliable publisher, which matches reliable and best-effort subscriptions. Nodes ask for best
+effort and depth 1 (`ClockQoS` of rclcpp)."""
 MonitorRate = Callable[[str, float], Callable[[], None]]
 """Topic, simulation time between two samples [s] -> what is to be called at each sample."""
 
@@ -268,3 +280,51 @@ def _geoms(simulation: Simulation, config: SimConfig, make_publisher: MakePublis
         times=SampleTimes(period_s=config.geoms_period_s, step_s=simulation.step_s),
         publish=if_subscribed(has_subscribers, sampled(sampler, send), lambda: None),
     )
+
+
+class SimulationClock:
+    """The clock that other nodes follow; all methods run on the stepping thread."""
+
+    def __init__(
+        self,
+        make_publisher: MakePublisher,
+        *,
+        page: ClockWriter | None,
+        rate_hz: float,
+        time_ns: Callable[[], int],
+    ) -> None:
+        """Make the publisher of `/clock`.
+
+        Args:
+            make_publisher: makes a publisher of the robot.
+            page: None: the launch has none.
+            rate_hz: the highest rate of messages [Hz of simulated time].
+            time_ns: the simulation time [ns].
+        """
+        self._publisher = make_publisher(Clock, CLOCK_TOPIC, CLOCK_DEPTH)
+        self._check = SubscriberCheck(self._publisher.get_subscription_count)
+        self._message = PackedMessage(Clock())
+        self._period_ns = NS_PER_S / rate_hz
+        self._time_ns = time_ns
+        self._page = page
+        self._count = 0
+        """Periods that have passed at the next message."""
+
+    def advance(self) -> None:
+        """Publish the time after a step."""
+        now_ns = self._time_ns()
+        if self._page is not None:
+            self._page.advance(now_ns)
+        if now_ns < round(self._count * self._period_ns):
+            return
+        self._count = int(now_ns // self._period_ns) + 1
+        if self._check.has_subscribers():
+            self._publisher.publish(self._message.to_bytes(now_ns))
+
+    def restart(self) -> None:
+        """Publish the time of a reset, which no step may follow for long."""
+        now_ns = self._time_ns()
+        if self._page is not None:
+            self._page.restart(now_ns)
+        self._count = int(now_ns // self._period_ns) + 1
+        self._publisher.publish(self._message.to_bytes(now_ns))

@@ -29,13 +29,16 @@ from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
 from obelisk_py.core.messages import optional_message
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.parameters import Getter
-from obelisk_py.core.rate_monitor.counting import TickCounter
+from obelisk_py.core.rate_monitor import TickCounter
 from obelisk_py.core.robot import ObeliskSimRobot
-from obelisk_py.core.sim.mujoco.actuation import WhenStale
-from obelisk_py.core.sim.mujoco.clock import SimulationClock
-from obelisk_py.core.sim.mujoco.control import ControlInbox, make_inbox
+from obelisk_py.core.sim.mujoco.control import ControlInbox, WhenStale, make_inbox
 from obelisk_py.core.sim.mujoco.loading import check_keyframe, load_model
-from obelisk_py.core.sim.mujoco.outputs import OutputContext, no_rate_monitor, outputs_of
+from obelisk_py.core.sim.mujoco.outputs import (
+    OutputContext,
+    SimulationClock,
+    no_rate_monitor,
+    outputs_of,
+)
 from obelisk_py.core.sim.mujoco.sensors.kind import WORLD
 from obelisk_py.core.sim.mujoco.sim_config import (
     CLOCK_RATE,

@@ -10,8 +10,7 @@ from typing import Final
 import mujoco
 
 from obelisk_py.core.exceptions import ObeliskError
-from obelisk_py.core.sim.mujoco.actuation import ControlWriter, WhenStale
-from obelisk_py.core.sim.mujoco.control import ControlInbox
+from obelisk_py.core.sim.mujoco.control import ControlInbox, ControlWriter, WhenStale
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, StepTime
 
 __all__ = ["DivergenceError", "Simulation", "StepWarnings"]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from obelisk_py.core.rate_monitor.counting import TickCounter
+from obelisk_py.core.rate_monitor import TickCounter
 from obelisk_py.core.sim.mujoco.simulation import Simulation
 from obelisk_py.core.sim.mujoco.stepping import NS_PER_S, Clock, Pace
 

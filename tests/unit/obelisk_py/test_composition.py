@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from obelisk_py.core.composition.programs import Program, logger_name, read_programs
+from obelisk_py.core.composition import Program, logger_name, read_programs
 
 MODULE = """
 import sys
 def quiet(): pass
-def telling(args=None): sys.exit("/".join([__name__, *sys.argv[1:]]))
+def exiting(args=None): sys.exit("/".join([__name__, *sys.argv[1:]]))
 class Entry:
     @staticmethod
     def code(): return 3
@@ -36,7 +36,7 @@ def program(function: str | None) -> Program:
     ("function", "code"),
     [
         ("quiet", None),
-        ("telling", "programs_example/--x/y"),
+        ("exiting", "programs_example/--x/y"),
         ("Entry.code", 3),
         (None, "__main__/--x/y"),
     ],

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from obelisk_py.core.rate_monitor.counting import (
+from obelisk_py.core.rate_monitor import (
     ExpectedRate,
     SampleTicks,
     TickCounter,

@@ -1,27 +1,33 @@
-"""Host a composed process: run programs inside one another, and spin all their nodes.
+"""Run the programs of several nodes in this process: `python -m obelisk_py.core.composition FILE`.
 
-Each program runs until it calls `spin_obelisk`; the next one runs within that call. The last call
-makes the nodes and spins them until the end; then the programs continue, the last one first. So a
-program's `with open_robot(): spin_obelisk(...)` works as in a process of its own, and a program or
-node that fails is known by its name. No node is made before every program has made its call.
+In: the JSON file that the launcher wrote, `{"nodes": [{"node", "module", "function", "arguments"},
+...]}`. Programs run inside one another: each runs until it calls `spin_obelisk`; the next one runs
+within that call. The last call makes the nodes and spins them until the end; then the programs
+continue, the last one first. So a program's `with open_robot(): spin_obelisk(...)` works as in a
+process of its own, and a program or node that fails is known by its name. No node is made before
+every program has made its call.
 """
 
+import json
+import runpy
 import sys
 import traceback
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from importlib import import_module
 from itertools import pairwise
+from operator import attrgetter
+from pathlib import Path
 
 from rclpy.logging import get_logger, get_logging_severity_from_string, set_logger_level
 
 from obelisk_py.core.clock_page import open_clock_page
-from obelisk_py.core.composition.programs import Program, logger_name
 from obelisk_py.core.executor import EventLoopExecutor
 from obelisk_py.core.faults import NodeFault, fault_of
 from obelisk_py.core.lifecycle import GuardedLifecycleNode, node_arguments
-from obelisk_py.core.signals import ShutdownSignals
 from obelisk_py.core.spinning import (
+    ShutdownSignals,
     SpinRequest,
     ros_process,
     simulated_time_from,
@@ -30,7 +36,7 @@ from obelisk_py.core.spinning import (
     wait_at_startup_barrier,
 )
 
-__all__ = ["run_composed"]
+__all__ = ["Program", "logger_name", "main", "read_programs", "run_composed"]
 
 ROS_ARGUMENTS = "--ros-args"
 LOG_LEVEL = "--log-level"
@@ -45,6 +51,68 @@ process of one node it stays as it is: rclpy's MultiThreadedExecutor, which a pr
 destroys what it waits for, and with 0.1 ms did so in one end of seven.
 """
 OWN_CONTEXT = "; in a composed process the ROS context and the spinning are spin_obelisk's"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Program:
+    """One node's program."""
+
+    node: str
+    """The node's full name, `/ns/name`."""
+    module: str
+    function: str | None
+    """Called without arguments, as a console script is; None runs the module as a program."""
+    arguments: tuple[str, ...]
+    """The command line without the program's name."""
+
+    def __str__(self) -> str:
+        return f"{self.module}:{self.function}()" if self.function else f"python -m {self.module}"
+
+    def run(self) -> None:
+        """Run the program to its end, as a process of its own would.
+
+        Raises:
+            SystemExit: with its exit code.
+            BaseException: any exception of the program.
+        """
+        with self.command_line():
+            if self.function is None:
+                runpy.run_module(self.module, run_name="__main__", alter_sys=True)
+                sys.exit(0)
+            sys.exit(attrgetter(self.function)(import_module(self.module))())
+
+    @contextmanager
+    def command_line(self) -> Iterator[None]:
+        """While entered, `sys.argv` is this program's."""
+        before = sys.argv
+        sys.argv = [self.module, *self.arguments]
+        try:
+            yield
+        finally:
+            sys.argv = before
+
+
+def read_programs(path: Path) -> tuple[Program, ...]:
+    """The programs that a file lists.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError, KeyError: it was not written by the launcher.
+    """
+    return tuple(
+        Program(
+            node=entry["node"],
+            module=entry["module"],
+            function=entry["function"],
+            arguments=tuple(entry["arguments"]),
+        )
+        for entry in json.loads(path.read_text(encoding="utf-8"))["nodes"]
+    )
+
+
+def logger_name(node: str) -> str:
+    """The logger of a node, by its full name: `/ns/name` -> `ns.name`."""
+    return node.strip("/").replace("/", ".")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,3 +242,15 @@ def _owner(error: BaseException, nodes: dict[GuardedLifecycleNode, Program]) -> 
     known = {id(node): program for node, program in nodes.items()}
     selves = (id(frame.f_locals.get("self")) for frame in reversed(frames))
     return next((known[it] for it in selves if it in known), None)
+
+
+def main() -> int:
+    """Run until the nodes are asked to end; the exit code."""
+    if len(sys.argv) != 2:
+        sys.stderr.write("usage: python -m obelisk_py.core.composition SPEC.json\n")
+        return 2
+    return run_composed(read_programs(Path(sys.argv[1])))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,278 @@
+"""Findings as text for a person, as JSON, as annotations of GitHub, and as SARIF.
+
+The text has the sentence, the line with the place underlined, related places and help; of an info
+only the sentence, unless more is asked for.
+"""
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from itertools import groupby
+from pathlib import PurePath
+from urllib.parse import quote
+
+from obelisk_spec.suggestions import with_number
+from obk_cli.diagnostics.diagnostic import Diagnostic, Related, Severity
+from obk_cli.diagnostics.edits import Edit
+from obk_cli.diagnostics.rules import rule_of
+from obk_cli.diagnostics.source import Span
+from obk_cli.terminal import visible
+
+__all__ = ["report_github", "report_json", "report_sarif", "report_text", "summary"]
+
+_COLOURS: dict[str, str] = {"error": "31", "warning": "33", "info": "36", "help": "32", "dim": "2"}
+_SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
+_CONTROL = re.compile("[\\x00-\\x1f\\x7f-\\x9f\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]")
+_WIDEST = 160
+"""Characters of a line that are shown."""
+
+
+def report_text(diagnostics: Iterable[Diagnostic], *, colour: bool, verbose: bool = False) -> str:
+    """The findings one after another, an empty line around those of several lines."""
+    paint = _Paint(colour)
+    groups = groupby(diagnostics, key=lambda d: d.severity == "info" and not verbose)
+    blocks: list[str] = []
+    for is_short, group in groups:
+        if is_short:
+            blocks.append("\n".join(_headline(diagnostic, paint) for diagnostic in group))
+        else:
+            blocks += ("\n".join(_block(diagnostic, paint)) for diagnostic in group)
+    return "\n\n".join(blocks)
+
+
+def summary(paths: Iterable[str], diagnostics: Iterable[Diagnostic], *, colour: bool) -> str:
+    """One line: what was looked at and how much was found."""
+    counts = Counter(diagnostic.severity for diagnostic in diagnostics)
+    files = list(paths)
+    where = files[0] if len(files) == 1 else f"{len(files)} files"
+    paint = _Paint(colour)
+    parts = [
+        paint(severity, _counted(severity, counts[severity]))
+        for severity in _SEVERITIES
+        if counts[severity]
+    ]
+    return f"{where}: {', '.join(parts) if parts else paint('help', 'no findings')}"
+
+
+def _counted(severity: Severity, count: int) -> str:
+    return f"{count} info" if severity == "info" else with_number(count, severity)
+
+
+class _Paint:
+    def __init__(self, colour: bool) -> None:
+        self._colour = colour
+
+    def __call__(self, role: str, text: str) -> str:
+        return f"\x1b[{_COLOURS[role]}m{text}\x1b[0m" if self._colour else text
+
+
+def _block(diagnostic: Diagnostic, paint: _Paint) -> Iterator[str]:
+    yield _headline(diagnostic, paint)
+    places = [
+        (diagnostic.span, diagnostic.severity),
+        *((r.span, "dim") for r in diagnostic.related),
+    ]
+    width = max(len(str(span.line)) for span, _ in places)
+    yield from _excerpt(diagnostic.span, width, paint, diagnostic.severity)
+    for related in diagnostic.related:
+        yield f"  {_on_one_line(f'{related.span}: {related.message}')}"
+        yield from _excerpt(related.span, width, paint, "dim")
+    if diagnostic.help:
+        yield f"  {paint('help', 'help')}: {_on_one_line(diagnostic.help)}"
+
+
+def _headline(diagnostic: Diagnostic, paint: _Paint) -> str:
+    kind = paint(diagnostic.severity, f"{diagnostic.severity}[{diagnostic.code}]")
+    place, message = _on_one_line(str(diagnostic.span)), _on_one_line(diagnostic.message)
+    return f"{place}: {kind}: {message}"
+
+
+def _on_one_line(text: str) -> str:
+    """The text with control characters of the user's values written out."""
+    return _CONTROL.sub(lambda char: char[0].encode("unicode_escape").decode(), text)
+
+
+def _excerpt(span: Span, width: int, paint: _Paint, role: str) -> Iterator[str]:
+    line = span.source.line(span.line).rstrip()
+    if not line:
+        return
+    shown, column = _window(line, span)
+    length = max(min(span.first_line_end - span.column, len(shown) + 1 - column), 1)
+    # A tab stays a tab under itself, so that the mark stands where the text does.
+    indent = "".join("\t" if char == "\t" else " " for char in shown[: column - 1])
+    yield f"  {span.line:>{width}} | {visible(shown)}"
+    if column <= len(shown) + 1:
+        yield f"  {'':>{width}} | {indent}{paint(role, '^' * length)}"
+
+
+def _window(line: str, span: Span) -> tuple[str, int]:
+    """The part of a line that is shown, and the column in it where the stretch begins."""
+    end = min(span.first_line_end - 1, span.column - 1 + _WIDEST // 2)
+    start = max(0, min(end + _WIDEST // 4, len(line)) - _WIDEST) if end > _WIDEST else 0
+    before = "..." if start else ""
+    after = "..." if start + _WIDEST < len(line) else ""
+    shown = before + line[start : start + _WIDEST] + after
+    return shown, span.column - start + len(before)
+
+
+def report_json(paths: Iterable[str], diagnostics: Iterable[Diagnostic]) -> str:
+    """One JSON object: `files`, `diagnostics`, `counts`."""
+    findings = tuple(diagnostics)
+    counts = Counter(finding.severity for finding in findings)
+    report = {
+        "files": list(paths),
+        "diagnostics": [_json_finding(finding) for finding in findings],
+        "counts": {severity: counts[severity] for severity in ("error", "warning", "info")},
+    }
+    return json.dumps(report, indent=2, ensure_ascii=False)
+
+
+def _json_finding(finding: Diagnostic) -> dict[str, object]:
+    return {
+        "code": finding.code,
+        "severity": finding.severity,
+        "message": finding.message,
+        **_json_place(finding.span),
+        "help": finding.help,
+        "fix": {"edits": [_json_edit(edit) for edit in finding.fix]} if finding.fix else None,
+        "related": [{"message": r.message, **_json_place(r.span)} for r in finding.related],
+    }
+
+
+def _json_edit(edit: Edit) -> dict[str, object]:
+    """The stretch that gives way, and the text that takes its place."""
+    return {**_json_place(edit.place), "text": edit.text}
+
+
+def _json_place(span: Span) -> dict[str, object]:
+    return {
+        "path": span.path,
+        "line": span.line,
+        "column": span.column,
+        "end_line": span.end_line,
+        "end_column": span.end_column,
+    }
+
+
+_GITHUB_LEVELS = {"error": "error", "warning": "warning", "info": "notice"}
+
+
+def report_github(diagnostics: Iterable[Diagnostic]) -> str:
+    """One line for each finding."""
+    return "\n".join(_annotation(diagnostic) for diagnostic in diagnostics)
+
+
+def _annotation(diagnostic: Diagnostic) -> str:
+    span = diagnostic.span
+    places = {
+        "file": span.path,
+        "line": span.line,
+        "endLine": span.end_line,
+        "col": span.column,
+        "endColumn": span.end_column,
+        "title": diagnostic.code,
+    }
+    fields = ",".join(f"{name}={_property(str(value))}" for name, value in places.items())
+    notes = [f"{related.span}: {related.message}" for related in diagnostic.related]
+    helps = [f"help: {diagnostic.help}"] if diagnostic.help else []
+    text = _data("\n".join((diagnostic.message, *notes, *helps)))
+    return f"::{_GITHUB_LEVELS[diagnostic.severity]} {fields}::{text}"
+
+
+def _data(text: str) -> str:
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _property(text: str) -> str:
+    return _data(text).replace(":", "%3A").replace(",", "%2C")
+
+
+_SARIF_SCHEMA = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/os/schemas/sarif-schema-2.1.0.json"
+_SARIF_LEVELS = {"error": "error", "warning": "warning", "info": "note"}
+
+
+def report_sarif(diagnostics: Iterable[Diagnostic]) -> str:
+    """One log with one run; paths are URIs, relative ones relative to the working folder."""
+    findings = tuple(diagnostics)
+    codes = sorted({finding.code for finding in findings})
+    driver = {"name": "obk", "rules": [_sarif_rule(code) for code in codes]}
+    run = {
+        "tool": {"driver": driver},
+        # Columns count characters, as everywhere in the tool.
+        "columnKind": "unicodeCodePoints",
+        "results": [_sarif_result(finding, codes.index(finding.code)) for finding in findings],
+    }
+    log = {"$schema": _SARIF_SCHEMA, "version": "2.1.0", "runs": [run]}
+    return json.dumps(log, indent=2, ensure_ascii=False)
+
+
+def _sarif_rule(code: str) -> dict[str, object]:
+    rule = rule_of(code)
+    return {
+        "id": code,
+        "shortDescription": {"text": rule.title},
+        "fullDescription": {"text": rule.cause},
+        "help": {"text": rule.fix},
+        "defaultConfiguration": {"level": _SARIF_LEVELS[rule.severity]},
+    }
+
+
+def _sarif_result(finding: Diagnostic, rule_index: int) -> dict[str, object]:
+    text = f"{finding.message}\n{finding.help}" if finding.help else finding.message
+    return {
+        "ruleId": finding.code,
+        "ruleIndex": rule_index,
+        "level": _SARIF_LEVELS[finding.severity],
+        "message": {"text": text},
+        "locations": [{"physicalLocation": _sarif_place(finding.span)}],
+        "relatedLocations": [_related(related) for related in finding.related],
+        **({"fixes": [_sarif_fix(finding.fix)]} if finding.fix else {}),
+    }
+
+
+def _sarif_fix(edits: Iterable[Edit]) -> dict[str, object]:
+    by_path: dict[str, list[Edit]] = {}
+    for edit in edits:
+        by_path.setdefault(edit.span.path, []).append(edit)
+    return {
+        "description": {"text": "the fix that `obk validate --fix` applies"},
+        "artifactChanges": [
+            {
+                "artifactLocation": _artifact(path),
+                "replacements": [_replacement(edit) for edit in of_file],
+            }
+            for path, of_file in by_path.items()
+        ],
+    }
+
+
+def _replacement(edit: Edit) -> dict[str, object]:
+    region = _region(edit.place)
+    if not edit.text:
+        return {"deletedRegion": region}
+    return {"deletedRegion": region, "insertedContent": {"text": edit.text}}
+
+
+def _related(related: Related) -> dict[str, object]:
+    return {"physicalLocation": _sarif_place(related.span), "message": {"text": related.message}}
+
+
+def _sarif_place(span: Span) -> dict[str, object]:
+    return {"artifactLocation": _artifact(span.path), "region": _region(span)}
+
+
+def _artifact(name: str) -> dict[str, str]:
+    path = PurePath(name)
+    # Its bytes, where they are no text.
+    relative = quote(str(path), errors="surrogateescape")
+    return {"uri": path.as_uri() if path.is_absolute() else relative}
+
+
+def _region(span: Span) -> dict[str, int]:
+    return {
+        "startLine": span.line,
+        "startColumn": span.column,
+        "endLine": span.end_line,
+        "endColumn": span.end_column,
+    }

@@ -1,1 +1,0 @@
-"""Findings as text for the terminal, JSON, GitHub annotations or SARIF."""
