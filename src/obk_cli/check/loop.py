@@ -4,7 +4,6 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import inf
-from statistics import median_low
 
 from obelisk_spec.components import standard_component
 from obk_cli.check.context import CheckContext
@@ -159,20 +158,20 @@ class _Outlier:
 
 
 def _outliers(context: CheckContext) -> Iterator[_Outlier]:
-    """The longest period if far above all others, and those of the loop far above its usual."""
+    """The longest period if far above all others, and those of the loop far above its fastest."""
     periods = [found for node in context.stack.nodes for found in _named_periods(node)]
     if len(periods) < _LEAST_PERIODS:
         return
     longest = max(periods, key=lambda found: found[1].value)
     rest = max(found[1].value for found in periods if found is not longest)
     loop = [found[1].value for found in periods if found[2]]
-    usual = median_low(loop) if len(loop) > 1 else inf
+    fastest = min(loop, default=inf)
     for one in periods:
         name, period, is_loop = one
         if one is longest and period.value >= _OUTLIER * rest:
             others = f"all others at least every {rest:g} s"
-        elif is_loop and period.value > _SLOWEST_SENSOR and period.value >= _OUTLIER * usual:
-            others = f"most others of the loop every {usual:g} s or faster"
+        elif is_loop and period.value > _SLOWEST_SENSOR and period.value >= _OUTLIER * fastest:
+            others = f"the fastest of the loop every {fastest:g} s"
         else:
             continue
         if period.value < _LEAST_RATE:

@@ -320,6 +320,27 @@ def test_both_names_of_a_key_with_one_value_are_no_error(tmp_path: Path) -> None
     assert "error OBK101" in found(differ)
 
 
+@pytest.mark.mujoco
+@pytest.mark.parametrize(
+    ("params", "findings"),
+    [
+        ("ic_keyframes: home", ["warning OBK409"]),
+        ("camera_of_mine: 1", []),
+        ("ic_keyframe: '', ic_keyframes: home", []),
+    ],
+)
+def test_a_misspelt_parameter_of_the_simulator_is_found(
+    tmp_path: Path, params: str, findings: list[str]
+) -> None:
+    """The simulator computes names of parameters, so another name may be one of them."""
+    (tmp_path / "m.xml").write_text(MODEL)
+    text = SIMULATED.replace(
+        "  is_simulated: true\n", f"  is_simulated: true\n  params: {{{params}}}\n"
+    )
+    told = found(compiled_here(tmp_path, text))
+    assert [one for one in told if "OBK409" in one] == findings
+
+
 def test_two_robots_of_two_files_are_one_finding(tmp_path: Path) -> None:
     """An entry without a name is appended to the included list."""
     imu = "{key: pub_imu, topic: /imu, msg_type: Imu}"
@@ -350,6 +371,20 @@ def test_a_missing_file_in_a_home_is_one_finding(tmp_path: Path) -> None:
 
 
 SLOW = "  timers: [{key: timer_est, timer_period_sec: 0.002}]\nrobot:\n"
+
+
+@pytest.mark.mujoco
+def test_a_long_sensor_period_is_found_beside_slow_sensors(tmp_path: Path) -> None:
+    (tmp_path / "m.xml").write_text(MODEL)
+    slow = "{topic: /slow, dt: 1.0, msg_type: ObkJointEncoders, sensor_names: {angle: jointpos}}"
+    text = SIMULATED.replace("sensor_settings: [", f"sensor_settings: [{slow}, ")
+    text = text.replace("0.01", "0.002").replace("robot:\n", SLOW)
+    wrong = text.replace("dt: 0.002", "dt: 2")
+    assert [one for one in found(compiled_here(tmp_path, text)) if "OBK2" in one] == ["info OBK204"]
+    assert [one for one in found(compiled_here(tmp_path, wrong)) if "OBK2" in one] == [
+        "info OBK204",
+        "warning OBK220",
+    ]
 
 
 @pytest.mark.parametrize("slow", ["0.05", "1.0"])

@@ -74,7 +74,8 @@ RULES: tuple[Rule, ...] = (
         severity="warning",
         title="a parameter that no code declares",
         cause="A ROS node receives only the parameters that it declares, so this one is dropped. "
-        "It is an info if no declared parameter has a similar name.",
+        "It is an info if no declared parameter has a similar name. If the code computes names of "
+        "parameters, only a typo of a declared one that is not set is reported.",
         fix="Correct the name, or declare the parameter in the node's constructor.",
     ),
     Rule(
