@@ -61,12 +61,12 @@ class InstallSource:
         unchanged = replace(self, is_editable=False)
         commit = _git(self.folder, "rev-parse", "HEAD")
         branches = _git(self.folder, "branch", "--remotes", "--contains", "HEAD")
-        url = _git(self.folder, "config", "--get", "remote.origin.url")
+        url = _remote_url(_git(self.folder, "config", "--get", "remote.origin.url") or "")
         # A folder inside another repository has that one's commit.
         is_clone = _git(self.folder, "rev-parse", "--show-cdup") == "" and commit
         if not (is_clone and branches and url):
             return unchanged
-        return InstallSource(git=f"git+{_pip_url(url)}@{commit}")
+        return InstallSource(git=f"git+{url}@{commit}")
 
     @property
     def is_local(self) -> bool:
@@ -114,13 +114,15 @@ def _git(folder: Path, *arguments: str) -> str | None:
     return done.stdout.strip() if done.returncode == 0 else None
 
 
-def _pip_url(remote: str) -> str:
-    """Return a remote as pip takes it after `git+`, without a password or token."""
+def _remote_url(remote: str) -> str:
+    """Return a remote's URL without a password or token; empty for a folder of this machine."""
     if "://" not in remote:
         host, colon, path = remote.partition(":")
         is_scp = colon and "/" not in host
-        return f"ssh://{host}/{path}" if is_scp else Path(remote).resolve().as_uri()
+        return f"ssh://{host}/{path}" if is_scp else ""
     parts = urlsplit(remote)
+    if parts.scheme == "file":
+        return ""
     if parts.scheme == "ssh":
         return remote
     return urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))

@@ -7,13 +7,16 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
+from unittest.mock import MagicMock
 
 import pytest
+import rclpy
 from obelisk_control_msgs.msg import PositionSetpoint
 from obelisk_estimator_msgs.msg import EstimatedState
 from obelisk_sensor_msgs.msg import ObkJointEncoders
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu
 
 from obelisk_py.core.control import ObeliskController
@@ -358,6 +361,26 @@ def test_the_pages_simulator_steps_and_stops() -> None:
         node.obk_subscriptions["sub_ctrl"].callback(PositionSetpoint(u_mujoco=[1.0]))
         eventually(lambda: [1.0] in steps, "a step with the command")
         assert request(node, "deactivate"), node.last_fault
+
+
+def test_the_pages_unit_test_passes() -> None:
+    (listing,) = (text for text in listings("python") if "MagicMock" in text)
+
+    class MyController(ObeliskController):
+        def update_x_hat(self, x_hat_msg: Any) -> None:
+            del x_hat_msg
+
+        def compute_control(self) -> None:
+            self.obk_publishers["pub_ctrl"].publish(PositionSetpoint())
+
+    names: dict[str, Any] = {
+        "MyController": MyController,
+        "MagicMock": MagicMock,
+        "Parameter": Parameter,
+        "rclpy": rclpy,
+    }
+    exec(listing, names)
+    names["test_the_control_is_published"]()
 
 
 def test_the_pages_message_is_the_librarys() -> None:

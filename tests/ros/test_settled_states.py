@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from obelisk_control_msgs.msg import PositionSetpoint
+from rcl_interfaces.srv import SetParameters
 from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -288,8 +289,12 @@ def test_a_simulator_that_does_not_stop_is_never_joined_by_a_second_one(
 def test_a_period_that_no_timer_can_hold_is_refused(period: str) -> None:
     with spun(Ticking) as node:
         text = f"{{timer_period_sec: {period}}}"
-        (result,) = node.set_parameters([Parameter("timer_ctrl_setting", value=text)])
-        assert "1e-09 to 9e+09" in result.reason
+        client = node.create_client(SetParameters, "~/set_parameters")
+        eventually(client.service_is_ready, "the service")
+        new = Parameter("timer_ctrl_setting", value=text).to_parameter_msg()
+        answer = client.call_async(SetParameters.Request(parameters=[new]))
+        eventually(answer.done, "the answer")
+        assert "1e-09 to 9e+09" in answer.result().results[0].reason
         assert node.trigger_configure() == SUCCESS
 
 

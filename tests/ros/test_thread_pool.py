@@ -1,14 +1,16 @@
-"""rclpy's executor with threads, while transitions cancel and destroy timers that are due."""
+"""rclpy's executors: transitions that destroy timers which are due, and spinning for long."""
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
-from rclpy.executors import MultiThreadedExecutor
+import rclpy
+from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
 
 from obelisk_py.core.node import ObeliskNode
-from obelisk_py.core.spinning import _make_executor
+from obelisk_py.core.spinning import _End, _make_executor
 
-from .stack import parameters, request, spinning
+from .stack import DEADLINE_S, parameters, request, spinning
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("ros_domain")]
 
@@ -34,3 +36,24 @@ def test_a_node_survives_its_transitions() -> None:
         for _ in range(ROUNDS):
             for transition in ("configure", "activate", "deactivate", "cleanup"):
                 assert request(node, transition)
+
+
+@pytest.mark.parametrize("kind", [SingleThreadedExecutor, MultiThreadedExecutor])
+def test_spinning_keeps_nothing_of_the_callbacks_that_ran(kind: Callable[[], Executor]) -> None:
+    rclpy.init()
+    node, executor, over = rclpy.create_node("ticking"), _make_executor(kind), _End()
+    kept: list[int] = []
+
+    def tick() -> None:
+        kept.append(len(over._callbacks))
+        if len(kept) == 50:
+            over.set_result(None)
+
+    node.create_timer(0.001, tick)
+    executor.add_node(node)
+    executor.spin_until_future_complete(over, timeout_sec=DEADLINE_S)
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown()
+    assert over.done()
+    assert set(kept[:50]) == {1}

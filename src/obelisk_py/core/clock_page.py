@@ -7,7 +7,7 @@ a process wakes up when one of its timers is due, and not at every step.
 
 Each field is an aligned word of 8 bytes that one store writes, so a reader never sees half of one
 and needs no lock. A due time that is written while a step ends is seen at the next step at the
-latest, and whoever writes one checks the time afterwards.
+latest, and the process that writes one checks the time afterwards.
 """
 
 import mmap

@@ -3,7 +3,7 @@
 The node's constructor registers them; configure creates their ROS handles.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from reprlib import Repr
@@ -76,6 +76,8 @@ class RegisteredComponent:
     """None: it depends on the generation of the call."""
     is_of_configure: bool = False
     """Whether `on_configure` registered it, and cleanup forgets it."""
+    configuration: int = 0
+    """How often the node had been cleaned up before."""
 
     def __str__(self) -> str:
         return f"{self.kind.noun} `{self.key or self.ros_parameter}`"
@@ -156,42 +158,46 @@ def _given(value: Any) -> str:
     return f"{_SHORT.repr(value)} ({with_article(type(value).__name__)})"
 
 
-class ComponentTable(Mapping[str, T], Generic[T]):
+class ComponentTable(dict[str, T], Generic[T]):
     """Configured components by name; every spelling of a name finds its component.
 
-    Iterating gives one name a component.
+    Iterating gives one name a component. Tests of a node may replace a component by a mock.
     """
 
     def __init__(self, kind: ComponentKind) -> None:
         """Make an empty table for components of one kind."""
+        super().__init__()
         self._kind = kind
-        self._values: dict[str, T] = {}
         self._names: dict[str, str] = {}
 
-    def __getitem__(self, name: str) -> T:
-        """The component of that name.
+    def __missing__(self, name: str) -> T:
+        """The component of another spelling.
 
         Raises:
             KeyError: there is none; the message lists those that exist.
         """
+        own = self._names.get(name)
+        if own is None or not super().__contains__(own):
+            have = ", ".join(self) or "none (is the node configured?)"
+            raise KeyError(f"no {self._kind.noun} `{name}`; there are: {have}")
+        return self[own]
+
+    def __contains__(self, name: object) -> bool:
+        return super().__contains__(name) or super().__contains__(self._names.get(str(name)))
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """The component of that name, or the default."""
         try:
-            return self._values[self._names[name]]
+            return self[name]
         except KeyError:
-            have = ", ".join(self._values) or "none (is the node configured?)"
-            raise KeyError(f"no {self._kind.noun} `{name}`; there are: {have}") from None
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._values)
-
-    def __len__(self) -> int:
-        return len(self._values)
+            return default
 
     def add(self, name: str, names: frozenset[str], value: T) -> None:
         """Add a component under its own name and every other spelling."""
-        self._values[name] = value
+        self[name] = value
         self._names.update(dict.fromkeys({name, *names}, name))
 
-    def clear(self) -> None:
-        """Forget every component."""
-        self._values.clear()
+    def forget(self) -> None:
+        """Remove every component and every name."""
+        self.clear()
         self._names.clear()

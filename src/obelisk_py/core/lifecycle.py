@@ -118,10 +118,14 @@ class GuardedLifecycleNode(LifecycleNode):
         if self._is_failing:
             return
         self._is_failing = True
-        if self.executor is None:
-            self._enter_error_processing()
-        else:
+        if self.executor is not None:
             self.executor.create_task(self._enter_error_processing)
+        elif self._transition_lock.acquire(blocking=False):
+            # Otherwise another thread is in a transition, which may wait for this one to end.
+            try:
+                self._enter_error_processing()
+            finally:
+                self._transition_lock.release()
 
     def guarded(self, callback: Callable[..., Any]) -> Callable[..., Any]:
         """Wrap a callback: an exception takes the node to error processing."""
@@ -229,7 +233,9 @@ class GuardedLifecycleNode(LifecycleNode):
                 self._is_unrecoverable = True
             self._forget_fault_at_rest()
             self._end_if_unrecoverable()
-            return result
+        if self.executor is None:
+            self._enter_error_processing()
+        return result
 
     def _end_if_unrecoverable(self) -> None:
         if self._is_unrecoverable and not self.ended.done():

@@ -30,7 +30,7 @@ from obelisk_py.core.components import (
     registered_component,
     spellings,
 )
-from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
+from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError, ObeliskMsgError
 from obelisk_py.core.parameters import Getter
 from obelisk_py.core.rate_monitor import RateMonitoredNode
 from obelisk_py.core.settings import (
@@ -100,12 +100,16 @@ class ObeliskNode(RateMonitoredNode):
         self.obk_timers: ComponentTable[Timer] = ComponentTable(ComponentKind.TIMER)
         self.obk_callback_groups: dict[str, CallbackGroup] = {}
         self.opened = ExitStack()
+        self._group_attributes: dict[str, list[Any]] = {}
+        """Callback group -> the values, at most one, that its attribute had before."""
         self._components: list[RegisteredComponent] = []
         self._setting_parameters: set[str] = set()
         self._registration_open = True
         self._has_message_types = False
         """Whether the constructor of a base class received a message type, as in G2 and G3."""
         self._is_built = False
+        self._configuration = 0
+        """How often the node has been cleaned up."""
 
     @property
     def t(self) -> float:
@@ -187,23 +191,35 @@ class ObeliskNode(RateMonitoredNode):
 
         Raises:
             ObeliskConfigError: settings are missing or wrong; all of them are named at once.
+            ObeliskMsgError: the first of them is a wrong message type.
         """
+        if self._is_built:  # called again by a test, without on_cleanup
+            self._release()
         self._registration_open = False
         result = super().on_configure(state)
+        try:
+            self._build_all()
+        except Exception:
+            self._release()
+            raise
+        self._is_built = True
+        return result
+
+    def _build_all(self) -> None:
         node = parse_node_settings(self._text(SETTINGS), self._text(CALLBACK_GROUPS_PARAMETER))
         self._make_groups(node.callback_groups)
         self._warn_of_unknown_components(node)
-        faults: list[str] = []
+        faults: list[ObeliskError] = []
         for component in self._components:
             try:
                 self._build(component, node)
             except ObeliskError as error:
-                faults.append(str(error))
-        if faults:
-            self._release()
-            raise ObeliskConfigError("\n".join(faults))
-        self._is_built = True
-        return result
+                faults.append(error)
+        if not faults:
+            return
+        # A test of existing code may expect the error of a message type.
+        kind = ObeliskMsgError if isinstance(faults[0], ObeliskMsgError) else ObeliskConfigError
+        raise kind("\n".join(map(str, faults)))
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Let the publishers send and start the timers."""
@@ -272,8 +288,15 @@ class ObeliskNode(RateMonitoredNode):
             )
         if component.ros_parameter is None and self._is_given_as_text(component.key):
             component = replace(component, ros_parameter=component.key)
+        if self.state_label == "unconfigured":
+            # A test may call on_configure directly, more than once.
+            self._components = [
+                other
+                for other in self._components
+                if other.configuration == self._configuration or not _is_same(other, component)
+            ]
         for other in self._components:
-            if other.kind is component.kind and other.names & component.names:
+            if _is_same(other, component):
                 raise ObeliskConfigError(f"the {component} is registered already, as the {other}")
         if component.ros_parameter and component.ros_parameter not in self._setting_parameters:
             self._setting_parameters.add(component.ros_parameter)
@@ -281,7 +304,9 @@ class ObeliskNode(RateMonitoredNode):
             self._hold_to_rules(component.ros_parameter)
         # The next configure registers these again.
         is_of_configure = self.state_label == "configuring"
-        self._components.append(replace(component, is_of_configure=is_of_configure))
+        self._components.append(
+            replace(component, is_of_configure=is_of_configure, configuration=self._configuration)
+        )
 
     def _is_given_as_text(self, name: str | None) -> bool:
         """Whether the launcher passes a text as the ROS parameter of that name.
@@ -408,6 +433,7 @@ class ObeliskNode(RateMonitoredNode):
                     "another attribute of that name"
                 )
             else:
+                self._group_attributes[name] = [other] if name in vars(self) else []
                 setattr(self, name, group)
 
     def _warn_of_unknown_components(self, node: NodeSettings) -> None:
@@ -426,6 +452,7 @@ class ObeliskNode(RateMonitoredNode):
 
     def _release(self) -> None:
         self._is_built = False
+        self._configuration += 1
         self._registration_open = True
         self._components = [c for c in self._components if not c.is_of_configure]
         self.opened.close()
@@ -436,8 +463,17 @@ class ObeliskNode(RateMonitoredNode):
         for publisher in self.obk_publishers.values():
             self.destroy_lifecycle_publisher(publisher)
         for table in (self.obk_timers, self.obk_subscriptions, self.obk_publishers):
-            table.clear()
+            table.forget()
+        for name, before in self._group_attributes.items():
+            vars(self).pop(name, None)
+            for value in before:
+                setattr(self, name, value)
+        self._group_attributes = {}
         self.obk_callback_groups = {}
         # A group keeps a dead reference for every entity that it ever held.
         group = self.default_callback_group
         group.entities = {entity for entity in group.entities if entity() is not None}
+
+
+def _is_same(one: RegisteredComponent, other: RegisteredComponent) -> bool:
+    return one.kind is other.kind and bool(one.names & other.names)

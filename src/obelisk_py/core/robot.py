@@ -5,6 +5,7 @@ only the header by its type: it describes the message and is left as it is.
 """
 
 import copy
+import ctypes
 import math
 import threading
 import time
@@ -42,6 +43,8 @@ __all__ = ["ObeliskRobot", "ObeliskSimRobot"]
 TrueSimState: Any = optional_message("TrueSimState")
 LONGEST_STOP_S = 5.0
 """How long `run_simulator`, or a robot's action on old commands, may take to return [s]."""
+LOOP_GRACE_S = 0.5
+"""How long a loop that does not read `simulator_stop` has to end by itself [s]."""
 
 _ACTIONS: Final = {
     "zero": "every number of the control is set to zero",
@@ -281,7 +284,8 @@ class ObeliskSimRobot(ObeliskRobot):
 
     Existing simulators pass commands by `_set_shared_ctrl(ctrl)` to `run_simulator`, which reads
     `shared_ctrl` under `lock` in an endless loop. Unless the class reads `simulator_stop`, the next
-    read of `lock` or `shared_ctrl` ends that loop with a `SystemExit` when it is to stop.
+    read of `lock` or `shared_ctrl` ends that loop with a `SystemExit` when it is to stop; a loop
+    that reads neither for half a second is ended where it is.
     """
 
     def __init__(
@@ -414,13 +418,29 @@ class ObeliskSimRobot(ObeliskRobot):
         self._stop.set()
         if self._simulator is None:
             return
+        if self._simulator is threading.current_thread():
+            # run_simulator has failed in a node without an executor: this thread is about to end.
+            self._simulator = None
+            return
+        # A loop that reads `lock` ends there; another one, wherever it is.
+        interruption = threading.Timer(LOOP_GRACE_S, _end_loop, [self._simulator])
+        if not self._knows_stop:
+            interruption.start()
         self._simulator.join(0 if self._is_stuck else LONGEST_STOP_S)
+        interruption.cancel()
         self._is_stuck = self._simulator.is_alive()
         if self._is_stuck:
             raise ObeliskError(
                 f"run_simulator went on for {LONGEST_STOP_S:g} s after simulator_stop was set"
             )
         self._simulator = None
+
+
+def _end_loop(thread: threading.Thread) -> None:
+    """Raise SystemExit in a thread, at its next step of Python code."""
+    if thread.ident is not None:
+        set_exception = ctypes.pythonapi.PyThreadState_SetAsyncExc
+        set_exception(ctypes.c_ulong(thread.ident), ctypes.py_object(SystemExit))
 
 
 def non_finite_number(message: Any) -> str | None:

@@ -167,7 +167,7 @@ def spin_nodes(
         The first node that cannot continue, if any.
     """
     died: list[NodeDied] = []
-    over = Future()
+    over = _End()
 
     def shut_down() -> None:
         executor.create_task(_shut_down_all, nodes)
@@ -194,6 +194,18 @@ def spin_nodes(
         executor.remove_node(node)
         node.destroy_node()
     return died[0] if died else None
+
+
+class _End(Future):
+    """A future that keeps one callback, which wakes the executor that spins until it is done.
+
+    rclpy's executors add another one at each callback that they run, and remove none.
+    """
+
+    def add_done_callback(self, callback: Callable[[Future], None]) -> None:
+        """Add a callback; only the first one is kept."""
+        if self.done() or not self._callbacks:
+            super().add_done_callback(callback)
 
 
 class _ThreadPool(MultiThreadedExecutor):

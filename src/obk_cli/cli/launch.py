@@ -209,7 +209,7 @@ def command(
 
 
 def gated_executables(plan: Plan, environment: Environment | None) -> frozenset[tuple[str, str]]:
-    """Package and executable of the nodes whose source says which class the library runs.
+    """Package and executable of the nodes whose source shows which class the library runs.
 
     Such a program may be started early: it waits at the gate before it creates its node.
     """
@@ -244,7 +244,7 @@ def _check_devices(plan: Plan, device: str | None, lead: str | None) -> None:
         if name is not None:
             require_choice(option, name, devices)
     if lead is not None and device is None:
-        raise MisuseError("`--lead` says who leads where several launches have a `--device` each")
+        raise MisuseError("`--lead` needs `--device`: it names the device whose launch leads")
 
 
 def _warn(notes: Sequence[str]) -> None:

@@ -74,7 +74,7 @@ class ExecutableMissing:
 
     @property
     def looked(self) -> str:
-        """What a person is told of a package that is not found: where it was looked for."""
+        """The help for a package that is not found: where it was searched."""
         searched = f"searched {', '.join(self.searched)}"
         if self.left_out is None:
             return searched

@@ -90,7 +90,7 @@ def _identity(item: TreeMap) -> Identity | None:
 
 
 class _UnfitError(Exception):
-    """A path that leads nowhere; its help says what is there."""
+    """A path that leads nowhere; its help lists what exists."""
 
     def __init__(self, message: str, help: str | None = None) -> None:
         super().__init__(message)
@@ -172,7 +172,7 @@ def _set_key(
 
 
 _MOST_SUGGESTIONS = 50
-"""Findings with a near name; whoever has more is told the names only."""
+"""Findings that suggest a near name; those after them do not."""
 
 
 def resolve_variables(
@@ -180,7 +180,7 @@ def resolve_variables(
 ) -> tuple[Tree, tuple[Diagnostic, ...]]:
     """The tree with every reference replaced; findings for those that nothing stands for.
 
-    An unquoted value is read anew afterwards, so `${STEP:-0.001}` is a number.
+    An unquoted value is read again afterwards, so `${STEP:-0.001}` is a number.
     """
     replacer = _Replacer(environment)
     return replacer.tree(tree), tuple(replacer.faults)
@@ -207,7 +207,7 @@ class _Replacer:
         return tree
 
     def _text(self, text: str, span: Span) -> TreeScalar:
-        told: set[str] = set()
+        reported: set[str] = set()
         places: dict[str, Span] = {}
         # An alias stands for a text as often as it is written, a variable for one of any length.
         self._room -= len(text)
@@ -217,8 +217,8 @@ class _Replacer:
             if value is not None:
                 self._room -= len(value)
                 return value if self._room >= 0 else ""
-            if reference[0] not in told:
-                told.add(reference[0])
+            if reference[0] not in reported:
+                reported.add(reference[0])
                 known = self._environment if len(self.faults) < _MOST_SUGGESTIONS else {}
                 places.update({} if places else _first_places(span))
                 place = places.get(reference[0], span)
@@ -262,7 +262,7 @@ _MOST_INCLUDED = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadedFile:
-    """What a file held; `unreadable` says why it could not be opened."""
+    """What a file held; `unreadable` has the reason why it could not be opened."""
 
     tree: Tree | None = None
     diagnostics: tuple[Diagnostic, ...] = ()
@@ -289,7 +289,7 @@ class ConfigFiles:
     ) -> None:
         self.sources = [source]
         self.are_whole = True
-        """Whether the trees hold everything that the files say."""
+        """Whether the trees hold everything in the files."""
         self._variables = variables
         self._working_folder = working_folder
         self._read = read

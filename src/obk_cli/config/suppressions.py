@@ -1,7 +1,6 @@
-"""Which findings the user wants to hear: `--ignore`, `obk: {ignore: [...]}`, comments on a line.
+"""Which findings the user ignores: `--ignore`, `obk: {ignore: [...]}`, comments on a line.
 
-An error despite which no plan could be made is always heard. Whoever asks for what cannot be had
-is told.
+An error that prevents a plan is always reported. A code that ignores nothing is a finding itself.
 """
 
 import re
@@ -16,7 +15,7 @@ from obk_cli.diagnostics.source import COMMAND_LINE, SourceFile, Span
 __all__ = ["check_ignores", "may_be_silenced", "near_codes", "said_on_command_line", "silence"]
 
 _MOST_SUGGESTIONS = 50
-"""Findings with a near code; whoever has more is told the codes only."""
+"""Findings that suggest a near code; those after them do not."""
 _COMMENT = re.compile(r"#\s*obk:\s*ignore\[([^\]#]*)\]")
 _DIGITS_FOR_LETTERS = str.maketrans("OIL", "011")
 _NEARLY_ONE = re.compile(r"(?:^|\s)#\s*obk:\s*([\w-]+)")
@@ -56,7 +55,7 @@ def said_on_command_line(code: str) -> Spanned[str]:
 def check_ignores(
     sources: Iterable[SourceFile], codes: Iterable[Spanned[str]]
 ) -> tuple[Diagnostic, ...]:
-    """OBK014: wishes to silence what no rule finds or what must be heard.
+    """OBK014: ignored codes that no rule has, or whose findings must be reported.
 
     `codes` are those of the run and of the config; those of comments are in the sources.
     """
@@ -77,7 +76,7 @@ def _check_code(code: Spanned[str], *, is_compared: bool) -> Diagnostic | None:
     if any(map(may_be_silenced, meant)):
         return None
     if meant:
-        help = "no plan could be made of the config; mend the text instead"
+        help = "no plan could be made of the config; fix the error instead"
         return found("OBK014", f"`{code.value}` cannot be silenced", code.span, help=help)
     message = f"no rule has the code `{code.value}`"
     near = near_codes(code.value) if is_compared else None

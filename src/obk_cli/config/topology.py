@@ -78,7 +78,7 @@ class TopicEnd:
     remapping: Remapping | None = None
     """What gave the topic its name, if it is not the written one."""
     is_optional: bool = False
-    """Whether the end has its use although nobody is at the other."""
+    """Whether the end is useful although the topic has no other end."""
 
     @property
     def renamed(self) -> tuple[Related, ...]:

@@ -177,7 +177,7 @@ def _require_render(arguments: RenderArguments) -> None:
     }
     for option, value in options.items():
         if value is not None:
-            raise MisuseError(f"`{option}` says how a film is made; `--render FILE` asks for one")
+            raise MisuseError(f"`{option}` has an effect only with `--render FILE`")
 
 
 def _settings(path: Path, arguments: RenderArguments) -> VideoSettings:

@@ -88,7 +88,7 @@ def _remove_segment(lock: Path) -> bool:
 
 
 def _remove_port(port: Path) -> bool:
-    # The semaphore first and last: with its lease in hand, nobody is about to open the port.
+    # The semaphore first and last: with its lease in hand, no process is about to open the port.
     semaphore = port.with_name(f"sem.{port.name}_mutex")
     locks = (port.with_name(f"{port.name}_el"), port.with_name(f"{port.name}_sl"))
     return _remove(leased=(semaphore, port), flocked=locks)

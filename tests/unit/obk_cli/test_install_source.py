@@ -74,9 +74,17 @@ def test_this_obk_is_installed_from_this_checkout(repository: Path) -> None:
 
 
 def test_a_published_commit_can_be_installed_elsewhere(clone: Path) -> None:
+    git(clone, "remote", "set-url", "origin", HOST)
     other = InstallSource(folder=clone, is_editable=True).for_other_machines()
-    assert other.git == f"git+{clone.parent.as_uri()}/origin@{git(clone, 'rev-parse', 'HEAD')}"
+    assert other.git == f"git+{HOST}@{git(clone, 'rev-parse', 'HEAD')}"
     assert not other.is_local
+
+
+@pytest.mark.parametrize("scheme", ["", "file://"])
+def test_a_remote_on_this_machine_is_of_no_use_elsewhere(clone: Path, scheme: str) -> None:
+    git(clone, "remote", "set-url", "origin", f"{scheme}{clone.parent}/origin")
+    source = InstallSource(folder=clone)
+    assert source.for_other_machines() == source
 
 
 def test_an_unpublished_commit_stays_a_folder(clone: Path) -> None:

@@ -158,7 +158,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK106",
         severity="error",
         title="a component without a name",
-        cause="Neither `ros_parameter` nor `key` says which component of the code is meant.",
+        cause="Neither `ros_parameter` nor `key` names the component of the code.",
         fix="Add the `ros_parameter` that the code declares, or the component's `key`.",
     ),
     Rule(
@@ -277,7 +277,7 @@ RULES: tuple[Rule, ...] = (
         code="OBK507",
         severity="info",
         title="a default written out",
-        cause="The key says what holds without it; many configs do so, and it is harmless.",
+        cause="The key repeats the default; many configs do so, and it is harmless.",
         fix="Leave the key out, or leave it there.",
     ),
 )

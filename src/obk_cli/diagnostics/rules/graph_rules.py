@@ -61,7 +61,7 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="an undefined callback group",
         cause="The name is not among the node's `callback_groups`.",
-        fix="Define the group in the node, or mend the name.",
+        fix="Define the group in the node, or correct the name.",
     ),
     Rule(
         code="OBK208",
@@ -95,10 +95,10 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK212",
         severity="error",
-        title="commands are not watched where the config says so",
+        title="commands are not watched although the config asks for it",
         cause="`max_age_sec` and `stale_action` are read for a robot's subscriber `sub_ctrl` only, "
         "and the second with the first only; `damp` needs a class that implements "
-        "`apply_damping`. Whoever wrote them here counts on a robot that stops, and it would not.",
+        "`apply_damping`. Set here they have no effect: the robot would not stop.",
         fix="Move them to the robot's `sub_ctrl`, both together, or remove them.",
     ),
     Rule(
@@ -114,8 +114,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK214",
         severity="warning",
         title="one node publishes a topic twice",
-        cause="Whoever hears the topic cannot tell which of the two a message came from. Most "
-        "often an entry was copied, and its topic is still that of the first.",
+        cause="A subscriber cannot distinguish the messages of the two. Most often an entry was "
+        "copied, and its topic is still that of the first.",
         fix="Give each its own topic.",
     ),
     Rule(

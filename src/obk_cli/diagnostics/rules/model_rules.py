@@ -59,7 +59,7 @@ RULES: tuple[Rule, ...] = (
         severity="info",
         title="a message only partly filled",
         cause="A sensor that the message has fields for is not given.",
-        fix="Add the sensor, or nothing, if nobody reads those fields.",
+        fix="Add the sensor, or change nothing if no node reads those fields.",
     ),
     Rule(
         code="OBK308",
@@ -140,8 +140,8 @@ RULES: tuple[Rule, ...] = (
         code="OBK318",
         severity="warning",
         title="files of the model are missing",
-        cause="Meshes or textures are not where the model says; its structure was still checked.",
-        fix="Put the files there, or mend the model's `meshdir` and `texturedir`.",
+        cause="Meshes or textures are not at the model's paths; its structure was still checked.",
+        fix="Put the files there, or correct the model's `meshdir` and `texturedir`.",
     ),
     Rule(
         code="OBK319",

@@ -15,7 +15,7 @@ def test_who_leads_is_no_question_for_one_launch(capsys: pytest.CaptureFixture[s
         main(("launch", str(DUMMY), "--lead", "onboard"))
     assert ended.value.code == 2
     assert capsys.readouterr().err == (
-        "error: `--lead` says who leads where several launches have a `--device` each\n"
+        "error: `--lead` needs `--device`: it names the device whose launch leads\n"
     )
 
 

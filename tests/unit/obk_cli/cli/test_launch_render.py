@@ -58,7 +58,7 @@ def test_a_camera_that_the_model_has_not(capsys) -> None:
 
 def test_how_without_what(capsys) -> None:
     assert refused(capsys, "--render-camera", "overview") == (
-        "error: `--render-camera` says how a film is made; `--render FILE` asks for one\n"
+        "error: `--render-camera` has an effect only with `--render FILE`\n"
     )
 
 

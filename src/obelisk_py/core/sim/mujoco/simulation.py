@@ -50,7 +50,7 @@ class Simulation:
 
     mj_step leaves sensors that belong to the state before it. Here its second half comes first,
     then its first half, so that positions, velocities and the sensors of both belong to the time
-    that `data.time` says; the trajectory is that of mj_step to the bit. Accelerometers,
+    in `data.time`; the trajectory is that of mj_step to the bit. Accelerometers,
     forces and touches belong to the step that has just ended: those of the next depend on a control
     that is still to come.
     """
