@@ -101,11 +101,11 @@ def check_timers(context: CheckContext) -> Iterator[Diagnostic]:
         if end.direction == "publishes":
             rates[end.topic] = end.rate_hz if end.topic not in rates else None
     # A period that `check_outliers` reports makes every timer behind it look too fast.
-    told = {1 / outlier.period.value for outlier in _outliers(context)}
+    reported = {1 / outlier.period.value for outlier in _outliers(context)}
     for node, ends in context.topology.by_node:
         inputs = [rates.get(end.topic) for end in ends if end.direction == "subscribes"]
         known = [rate for rate in inputs if rate is not None]
-        if known and len(known) == len(inputs) and max(known) not in told:
+        if known and len(known) == len(inputs) and max(known) not in reported:
             yield from _check_node_timers(node, max(known))
 
 
@@ -159,12 +159,12 @@ class _Outlier:
 
 def _outliers(context: CheckContext) -> Iterator[_Outlier]:
     """The longest period if far above all others, and those of the loop far above its fastest."""
-    periods = [found for node in context.stack.nodes for found in _named_periods(node)]
+    periods = [one for node in context.stack.nodes for one in _named_periods(node)]
     if len(periods) < _LEAST_PERIODS:
         return
-    longest = max(periods, key=lambda found: found[1].value)
-    rest = max(found[1].value for found in periods if found is not longest)
-    loop = [found[1].value for found in periods if found[2]]
+    longest = max(periods, key=lambda one: one[1].value)
+    rest = max(one[1].value for one in periods if one is not longest)
+    loop = [one[1].value for one in periods if one[2]]
     fastest = min(loop, default=inf)
     for one in periods:
         name, period, is_loop = one

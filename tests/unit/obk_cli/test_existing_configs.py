@@ -337,8 +337,8 @@ def test_a_misspelt_parameter_of_the_simulator_is_found(
     text = SIMULATED.replace(
         "  is_simulated: true\n", f"  is_simulated: true\n  params: {{{params}}}\n"
     )
-    told = found(compiled_here(tmp_path, text))
-    assert [one for one in told if "OBK409" in one] == findings
+    codes = found(compiled_here(tmp_path, text))
+    assert [one for one in codes if "OBK409" in one] == findings
 
 
 def test_two_robots_of_two_files_are_one_finding(tmp_path: Path) -> None:
