@@ -1,6 +1,7 @@
 """A running stack that gets bytes which are no message, and one whose simulation diverges."""
 
 import json
+import shutil
 import struct
 import subprocess
 import sys
@@ -82,6 +83,28 @@ def send():
 node.create_timer(0.05, send)
 rclpy.spin(node)
 """
+
+
+def test_a_publisher_outside_is_accepted_on_an_external_topic(tmp_path: Path) -> None:
+    """Beside the stack's own controller, before the launch and after it."""
+    shutil.copytree(DUMMY.parent, tmp_path, dirs_exist_ok=True)
+    config = tmp_path / DUMMY.name
+    config.write_text(f"{DUMMY.read_text()}\nexternal_topics: [{TOPIC}]\n")
+    rclpy.init()
+    try:
+        node = rclpy.create_node("teleop")
+        publisher = node.create_publisher(PositionSetpoint, TOPIC, 10)
+        with launched(config) as run:
+            eventually(publisher.get_subscription_count, "the robot's subscription")
+            eventually(lambda: is_refused(publisher, run), "its commands at the robot")
+            late = node.create_publisher(PositionSetpoint, TOPIC, 10)
+            eventually(late.get_subscription_count, "the robot's subscription")
+            eventually(lambda: set(states().values()) == {"active"}, "three active nodes")
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    assert "--allow-foreign" not in run.text
+    assert "ended in order" in run.lines
 
 
 def test_ends_that_do_not_fit_are_told_and_no_callback_gets_their_messages() -> None:

@@ -6,7 +6,14 @@ from difflib import SequenceMatcher
 from obelisk_spec.components import component_identity, component_spellings
 from obelisk_spec.names import resolve_msg_type
 from obelisk_spec.runtime_protocol import USE_SIM_TIME
-from obelisk_spec.suggestions import ask_for, list_names, near_names, there_is, with_article
+from obelisk_spec.suggestions import (
+    ask_for,
+    list_names,
+    near_names,
+    sure_name,
+    there_is,
+    with_article,
+)
 from obk_cli.check.context import CheckContext
 from obk_cli.config.environment import (
     CodeComponent,
@@ -294,15 +301,19 @@ def _shortest(msg_type: str) -> str:
 
 def _check_parameters(node: Node, code: NodeFacts) -> Iterator[Diagnostic]:
     by_name = {declared.name: declared for declared in code.parameters}
+    unset = [name for name in by_name if name not in {p.name for p in node.params}]
     for parameter in node.params:
         declared = by_name.get(parameter.name)
         if declared is not None:
             yield from _check_kind(parameter, declared, code)
-        elif code.knows_parameters and not (
-            parameter.name in (*_OF_EVERY_NODE, PARAMS_PACKAGE)
-            or parameter.name.startswith(_PREFIXES_OF_EVERY_NODE)
+        elif parameter.name in (*_OF_EVERY_NODE, PARAMS_PACKAGE) or parameter.name.startswith(
+            _PREFIXES_OF_EVERY_NODE
         ):
+            continue
+        elif code.knows_parameters:
             yield _undeclared(parameter, code)
+        elif (meant := sure_name(parameter.name, unset)) is not None:
+            yield _similar(parameter, by_name[meant], code)
 
 
 def _check_kind(
@@ -326,6 +337,18 @@ def _check_kind(
         help=help,
         related=(Related(message="in the code", span=declared.span),),
         fix=fix,
+    )
+
+
+def _similar(parameter: Parameter, declared: CodeParameter, code: NodeFacts) -> Diagnostic:
+    """Of code that computes names of parameters, so that the written one may be declared too."""
+    return found(
+        "OBK409",
+        f"parameter `{parameter.name}` may be a typo: class `{code.class_name}` declares "
+        f"`{declared.name}`, which is not set",
+        parameter.key_span or parameter.span,
+        help=ask_for((declared.name,)),
+        related=(Related(message="in the code", span=declared.span),),
     )
 
 

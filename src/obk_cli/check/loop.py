@@ -2,6 +2,8 @@
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import inf
 
 from obelisk_spec.components import standard_component
 from obk_cli.check.context import CheckContext
@@ -20,6 +22,8 @@ _HOPS = (
 _LEAST_RATE, _MOST_RATE = 10.0, 100_000.0
 """A period [s] between them is more likely to be a rate [Hz]."""
 _OUTLIER = 1000
+_SLOWEST_SENSOR = 1.0
+"""A period [s] that is usual beside a loop of 1 kHz."""
 _LEAST_PERIODS = 3
 """Fewer periods have no usual one."""
 
@@ -96,10 +100,12 @@ def check_timers(context: CheckContext) -> Iterator[Diagnostic]:
     for end in context.topology.ends:
         if end.direction == "publishes":
             rates[end.topic] = end.rate_hz if end.topic not in rates else None
+    # A period that `check_outliers` reports makes every timer behind it look too fast.
+    reported = {1 / outlier.period.value for outlier in _outliers(context)}
     for node, ends in context.topology.by_node:
         inputs = [rates.get(end.topic) for end in ends if end.direction == "subscribes"]
         known = [rate for rate in inputs if rate is not None]
-        if known and len(known) == len(inputs):
+        if known and len(known) == len(inputs) and max(known) not in reported:
             yield from _check_node_timers(node, max(known))
 
 
@@ -130,24 +136,46 @@ def check_periods(context: CheckContext) -> Iterator[Diagnostic]:
 
 
 def check_outliers(context: CheckContext) -> Iterator[Diagnostic]:
-    """No period is 1000 times longer than every other one: its decimals are probably missing."""
-    periods = [
-        (name, period, is_loop)
-        for node in context.stack.nodes
-        for name, period, is_loop in _named_periods(node)
-    ]
-    if len(periods) < _LEAST_PERIODS:
-        return
-    name, longest, is_loop = max(periods, key=lambda period: period[1].value)
-    others = [period.value for _, period, _ in periods if period is not longest]
-    if longest.value < _LEAST_RATE and longest.value >= _OUTLIER * max(others):
+    """No period is 1000 times longer than the others: its decimals are probably missing."""
+    for outlier in _outliers(context):
         yield found(
             "OBK220",
-            f"{name} every {longest.value:g} s, all others at least every {max(others):g} s",
-            longest.span,
-            severity=None if is_loop else "info",
-            help=f"write {longest.value / _OUTLIER:g} if decimals are missing",
+            f"{outlier.name} every {outlier.period.value:g} s, {outlier.others}",
+            outlier.period.span,
+            severity=None if outlier.is_loop else "info",
+            help=f"write {outlier.period.value / _OUTLIER:g} if decimals are missing",
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Outlier:
+    name: str
+    """What is done so rarely, as the beginning of a sentence."""
+    period: Spanned[float]
+    others: str
+    """The periods that it is compared with, as the end of the sentence."""
+    is_loop: bool
+
+
+def _outliers(context: CheckContext) -> Iterator[_Outlier]:
+    """The longest period if far above all others, and those of the loop far above its fastest."""
+    periods = [one for node in context.stack.nodes for one in _named_periods(node)]
+    if len(periods) < _LEAST_PERIODS:
+        return
+    longest = max(periods, key=lambda one: one[1].value)
+    rest = max(one[1].value for one in periods if one is not longest)
+    loop = [one[1].value for one in periods if one[2]]
+    fastest = min(loop, default=inf)
+    for one in periods:
+        name, period, is_loop = one
+        if one is longest and period.value >= _OUTLIER * rest:
+            others = f"all others at least every {rest:g} s"
+        elif is_loop and period.value > _SLOWEST_SENSOR and period.value >= _OUTLIER * fastest:
+            others = f"the fastest of the loop every {fastest:g} s"
+        else:
+            continue
+        if period.value < _LEAST_RATE:
+            yield _Outlier(name=name, period=period, others=others, is_loop=is_loop)
 
 
 def _periods(node: Node) -> Iterator[tuple[str, Spanned[float]]]:

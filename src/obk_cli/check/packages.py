@@ -84,6 +84,14 @@ def _no_executable(answer: ExecutableMissing, place: Span) -> Diagnostic:
             place,
             help=f"run `chmod +x {answer.not_executable}`",
         )
+    if answer.unsourced is not None:
+        setup = next(p for p in answer.unsourced.parents if p.name == "install") / "setup.bash"
+        return found(
+            "OBK402",
+            f"`{answer.executable}` of package `{answer.package}` is built but not sourced",
+            place,
+            help=f"run `source {setup}`; it is in {answer.unsourced.parent}",
+        )
     if answer.declared_in is not None:
         return found(
             "OBK402",
@@ -111,6 +119,13 @@ def _no_package(
     # Message packages have no executables, and their names are near those of everything.
     names = [name for name in environment.package_names() if not name.endswith("_msgs")]
     near = ask_for(near_names(package, names))
+    if package == JOYSTICK_PACKAGE:
+        near = "install it to use the joystick, or write `on: false`;"
+    elif package.startswith("obelisk_") and package.endswith("_cpp"):
+        # Packages of other nodes have names as near as that of the same nodes in Python.
+        twin = f"{package.removesuffix('cpp')}py"
+        in_python = f"; `{twin}` has the same nodes in Python" if twin in names else ""
+        near = f"source the C++ workspace of Obelisk, which has it{in_python};"
     return found(
         "OBK401",
         f"package `{package}` is not found",

@@ -8,7 +8,7 @@ from obelisk_spec.components import DEFAULT_HISTORY_DEPTH
 from obelisk_spec.values import is_none
 from obk_cli.check.context import CheckContext
 from obk_cli.config.fixes import remove_entry
-from obk_cli.config.model import Node, Sim
+from obk_cli.config.model import FileSearch, Node, Sim
 from obk_cli.config.tree import Entry, TreeList, TreeMap, TreeScalar
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 from obk_cli.diagnostics.edits import Edit
@@ -32,9 +32,10 @@ _MOST_SHOWN = 2
 def check_homes(context: CheckContext) -> Iterator[Diagnostic]:
     """No path leads into one person's home; one that `${HOME}` stands in is everybody's."""
     for node in context.stack.nodes:
+        missing = {file.written.span for file in _missing_files(node)}
         for span in _path_spans(node):
             home = _HOME.match(span.text)
-            if home is not None:
+            if home is not None and span not in missing:
                 yield found(
                     "OBK502",
                     f"`{span.text.strip(chr(34) + chr(39))}` is a path into one person's home, "
@@ -43,6 +44,14 @@ def check_homes(context: CheckContext) -> Iterator[Diagnostic]:
                     help="write it relative to the config, name its package as `robot_pkg`, or "
                     "start it with `${HOME}`",
                 )
+
+
+def _missing_files(node: Node) -> Iterator[FileSearch]:
+    """Files that are findings already."""
+    files = [node.params_file, node.urdf_file]
+    for sim in node.used_sims:
+        files += [sim.model, *sim.files]
+    yield from (file for file in files if file is not None and file.found is None)
 
 
 def _path_spans(node: Node) -> Iterator[Span]:
@@ -99,7 +108,7 @@ def _equal(tree: TreeMap, defaults: Mapping[str, object]) -> Iterator[tuple[Tree
         if not isinstance(value, TreeScalar) or value.value is None:
             continue
         default, written = defaults.get(entry.key), value.value
-        # `8.0` and `true` equal whole numbers, and are reported as invalid.
+        # `true` equals a whole number, and is reported as invalid.
         is_same = type(written) is type(default) and written == default
         if is_same or (default == "None" and is_none(written)):
             yield tree, entry

@@ -235,24 +235,40 @@ def check_doubles(context: CheckContext) -> Iterator[Diagnostic]:
 
 def check_sensor_topics(context: CheckContext) -> Iterator[Diagnostic]:
     """No two nodes publish one sensor's topic; `check_types` reports two types."""
+    shared: dict[tuple[str, str], list[tuple[TopicEnd, TopicEnd]]] = defaultdict(list)
     for topic, ends in context.topology.published.items():
         measured = [end for end in ends if end.section in ("robot", "sensing")]
         if topic in _OF_MANY or len({end.known_type for end in measured} - {None}) > 1:
             continue
         for end in measured[1:]:
             if end.owner != measured[0].owner:
-                yield found(
-                    "OBK218",
-                    f"both `{measured[0].owner}` and `{end.owner}` publish the sensor topic "
-                    f"`{topic}`",
-                    end.span,
-                    help="give one of them another topic",
-                    related=(
-                        Related(message="the other one", span=measured[0].span),
-                        *measured[0].renamed,
-                        *end.renamed,
-                    ),
-                )
+                shared[measured[0].owner, end.owner].append((measured[0], end))
+    for (one, other), pairs in shared.items():
+        yield _shared_sensor_topics(one, other, pairs)
+
+
+def _shared_sensor_topics(
+    one: str, other: str, pairs: Sequence[tuple[TopicEnd, TopicEnd]]
+) -> Diagnostic:
+    """One finding for two nodes, however many topics both publish."""
+    topics = list(dict.fromkeys(end.topic for _, end in pairs))
+    first, second = pairs[0]
+    help = f"give one of them {'another topic' if len(topics) == 1 else 'other topics'}"
+    if first.span.path != second.span.path:
+        help += "; if one is meant to replace the other, give both the same `name`"
+    return found(
+        "OBK218",
+        f"both `{one}` and `{other}` publish the sensor topic{'s' if len(topics) > 1 else ''} "
+        f"{list_names(topics)}",
+        second.span,
+        help=help,
+        related=(
+            Related(message="the other one", span=first.span),
+            *first.renamed,
+            *second.renamed,
+            *(Related(message="this topic too", span=end.span) for _, end in pairs[1:_MOST_SHOWN]),
+        ),
+    )
 
 
 def check_qos(context: CheckContext) -> Iterator[Diagnostic]:

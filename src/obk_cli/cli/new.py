@@ -13,6 +13,7 @@ from obk_cli.cli.new_run import NewOptions, find_library, run_new
 from obk_cli.errors import MisuseError
 from obk_cli.scaffold.kinds import RECIPES, Language, Recipe, Release
 from obk_cli.scaffold.questions import (
+    USUAL_CPP_SENSOR,
     USUAL_CTRL,
     USUAL_EST,
     USUAL_OF_SENSOR,
@@ -63,6 +64,14 @@ SensorMsg = Annotated[
     str | None,
     typer.Option(
         "--sensor-msg", help="Sensor message type.", show_default=USUAL_SENSOR + _OR_THE_CONFIGS
+    ),
+]
+EstimatorSensorMsg = Annotated[
+    str | None,
+    typer.Option(
+        "--sensor-msg",
+        help="Sensor message type.",
+        show_default=f"{USUAL_SENSOR}, in C++ {USUAL_CPP_SENSOR}{_OR_THE_CONFIGS}",
     ),
 ]
 Lang = Annotated[Language, typer.Option("--lang", help="Language of the node.")]
@@ -172,7 +181,7 @@ def new_estimator(
     lang: Lang = "py",
     obelisk: Obelisk = "2026",
     est_msg: EstMsg = None,
-    sensor_msg: SensorMsg = None,
+    sensor_msg: EstimatorSensorMsg = None,
     dest: Dest = None,
     add_to: AddTo = None,
     device: Device = None,

@@ -67,6 +67,8 @@ class ExecutableMissing:
     """A file of that name without the execute bit."""
     declared_in: Path | None = None
     """The CMakeLists.txt that declares it; it is not built."""
+    unsourced: Path | None = None
+    """The file of that name in an `install` folder of the workspace that is not sourced."""
     left_out: Path | None = None
     """A folder with a package of that name, within one that is not searched."""
 

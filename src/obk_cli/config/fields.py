@@ -363,6 +363,8 @@ def _boolean(value: object) -> bool | None:
 
 
 def _integer(value: object) -> int | None:
+    if isinstance(value, float) and value.is_integer():
+        return int(value)
     return value if isinstance(value, int) and not isinstance(value, bool) else None
 
 

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from obelisk_spec.suggestions import near_names
+from obelisk_spec.components import component_identity
+from obelisk_spec.suggestions import near_names, sure_name
 from obk_cli.config.environment import Environment, NodeFacts
 from obk_cli.config.loader import ConfigFiles
 from obk_cli.config.model import Component, FileSearch, Node, Sim, Spanned, Stack
@@ -83,9 +84,9 @@ def _hardware_components(node: Node, code: NodeFacts) -> tuple[Component, ...]:
         for component in node.components
         if component.name is not None
         and code.component_of(component) is None
-        and not near_names(
-            component.name.value,
-            {name for c in code.components if c.kind == component.kind for name in c.names},
+        and not sure_name(
+            component.identity or "",
+            {component_identity(c.name) for c in code.components if c.kind == component.kind},
         )
     )
 

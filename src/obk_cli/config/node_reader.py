@@ -25,7 +25,7 @@ from obk_cli.config.fields import (
     read_items,
     read_text,
 )
-from obk_cli.config.fixes import respell
+from obk_cli.config.fixes import remove_entry, respell
 from obk_cli.config.model import (
     COMPONENT_LISTS,
     CallbackGroup,
@@ -39,12 +39,21 @@ from obk_cli.config.model import (
     Sim,
     Spanned,
 )
-from obk_cli.config.tree import Entry, Tree, TreeList, TreeMap, TreeScalar, kind_of
+from obk_cli.config.tree import (
+    Entry,
+    Tree,
+    TreeList,
+    TreeMap,
+    TreeScalar,
+    kind_of,
+    plain_value,
+)
 from obk_cli.diagnostics.diagnostic import Diagnostic, Related, found
 
 __all__ = ["LOG_LEVELS", "read_node"]
 
 _HOLDS = "a ROS parameter holds a bool, int, float, text or a list of one of these"
+_WHOLE_NUMBERS = ("history_depth", "num_steps_per_viz", "n_u", "seed")
 _INT64 = range(-(2**63), 2**63)
 
 
@@ -134,7 +143,7 @@ def _of_one_kind(
 def read_sim(tree: TreeMap, faults: Faults) -> Sim:
     """One block; `is_sound` is False where any of it is wrong."""
     own: Faults = []
-    groups, tree = _with_newer_names(tree, own)
+    groups, tree = _with_newer_names(_with_whole_numbers(tree), own)
     fields = Fields(tree, "`sim`", SIM_KEYS, own)
     fields.count("num_steps_per_viz")
     fields.count("n_u", least=0)
@@ -158,7 +167,7 @@ def _with_newer_names(tree: TreeMap, faults: Faults) -> tuple[tuple[TreeMap, ...
     if entry is None or (isinstance(entry.value, TreeScalar) and entry.value.value is None):
         return (), tree
     items = read_items("sensor_settings", entry.value, faults)
-    groups = tuple(_with_whole_depth(_renamed(group, faults)) for group in items)
+    groups = tuple(_with_whole_numbers(_renamed(group, faults)) for group in items)
     new = replace(entry, value=TreeList(groups, entry.value.span))
     return groups, replace(tree, entries=tuple(new if e is entry else e for e in tree))
 
@@ -167,7 +176,13 @@ def _renamed(group: TreeMap, faults: Faults) -> TreeMap:
     entries = []
     for entry in group:
         newer = OLDER_KEYS.get(entry.key)
-        if newer is not None and group.get(newer) is None:
+        written = group.get(newer) if newer is not None else None
+        if written is not None and plain_value(written.value) == plain_value(entry.value):
+            message = f"`{entry.key}` has no effect: `{newer}` has the same value"
+            cure = remove_entry(group, entry)
+            faults.append(found("OBK506", message, entry.key_span, fix=cure))
+            continue
+        if newer is not None and written is None:
             message = f"`{entry.key}` is the older name of `{newer}`"
             cure = respell(entry.key_span, entry.key, newer)
             help = f"write `{newer}`"
@@ -218,7 +233,7 @@ def read_components(node: Fields, faults: Faults) -> tuple[Component, ...]:
     components: list[Component] = []
     for key, kind in COMPONENT_LISTS.items():
         for tree in node.maps(key):
-            component = _read_component(_with_whole_depth(tree), kind, faults)
+            component = _read_component(_with_whole_numbers(tree), kind, faults)
             same = (kind, component.identity)
             components.append(replace(component, is_unused=same in seen))
             if component.identity is not None:
@@ -226,19 +241,19 @@ def read_components(node: Fields, faults: Faults) -> tuple[Component, ...]:
     return tuple(components)
 
 
-def _with_whole_depth(tree: TreeMap) -> TreeMap:
-    """The mapping with a `history_depth` of `10.0` read as 10, in its `qos` too."""
+def _with_whole_numbers(tree: TreeMap) -> TreeMap:
+    """The mapping with `history_depth: 10.0` and the like read as 10, in its `qos` too."""
 
     def whole(entry: Entry) -> Entry:
         value = entry.value
         if entry.key == "qos" and isinstance(value, TreeMap):
-            return replace(entry, value=_with_whole_depth(value))
-        if entry.key != "history_depth" or not isinstance(value, TreeScalar):
+            return replace(entry, value=_with_whole_numbers(value))
+        if entry.key not in _WHOLE_NUMBERS or not isinstance(value, TreeScalar):
             return entry
-        depth = value.value
-        if not isinstance(depth, float) or not depth.is_integer():
+        number = value.value
+        if not isinstance(number, float) or not number.is_integer():
             return entry
-        return replace(entry, value=replace(value, value=int(depth)))
+        return replace(entry, value=replace(value, value=int(number)))
 
     return replace(tree, entries=tuple(map(whole, tree)))
 

@@ -22,6 +22,7 @@ from obk_cli.scaffold.kinds import (
 )
 
 __all__ = [
+    "USUAL_CPP_SENSOR",
     "USUAL_CTRL",
     "USUAL_EST",
     "USUAL_OF_SENSOR",
@@ -36,6 +37,8 @@ __all__ = [
 USUAL_CTRL = "PositionSetpoint"
 USUAL_EST = "EstimatedState"
 USUAL_SENSOR = "JointEncoders"
+USUAL_CPP_SENSOR = "ObkJointEncoders"
+"""The message packages that the C++ library is used with have no `JointEncoders`."""
 USUAL_OF_SENSOR = "ObkImu"
 """What a node of the kind `sensor` publishes."""
 
@@ -155,7 +158,9 @@ def check_answers(
     name = check_name(question.name, kind=question.kind, owner_of=owner_of)
     ctrl = _check_message("--ctrl-msg", question.ctrl_msg or USUAL_CTRL, messages)
     est = _check_message("--est-msg", question.est_msg or USUAL_EST, messages)
-    usual_sensor = USUAL_OF_SENSOR if question.kind == "sensor" else USUAL_SENSOR
+    usual_sensor = USUAL_CPP_SENSOR if question.language == "cpp" else USUAL_SENSOR
+    if question.kind == "sensor":
+        usual_sensor = USUAL_OF_SENSOR
     sensor = _check_message("--sensor-msg", question.sensor_msg or usual_sensor, messages)
     if (
         language is None

@@ -41,6 +41,8 @@ class ImportPlaces:
     """Whether the source that can be read of a module is what the node will import."""
     is_own: Callable[[str], bool]
     """Whether a module is the workspace's, so that its imports are checked."""
+    message_names: Callable[[str], Sequence[str] | None]
+    """The messages of a module such as `sensor_msgs.msg`; None if they are not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +141,9 @@ def _names_without(
     name: str, wanted: str, library: ModuleLibrary, places: ImportPlaces
 ) -> frozenset[str] | None:
     """What a module defines, if that can be seen and does not include `wanted`."""
+    messages = places.message_names(name)
+    if messages is not None:
+        return None if wanted in messages or wanted.startswith("_") else frozenset(messages)
     module = _readable(name, library) if places.is_read(name) else None
     names = None if module is None else module.bound_names
     if module is None or names is None or wanted in names or wanted.startswith("__"):

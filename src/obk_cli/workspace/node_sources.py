@@ -9,6 +9,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import find_spec
 from pathlib import Path
 
+from obelisk_spec.names import OBELISK_MESSAGES
 from obk_cli.config.environment import CodeFault, Command, NodeCode
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.source_analysis.entry_point import read_node_code
@@ -97,7 +98,16 @@ class NodeSources:
                 name.partition(".")[0] not in (_LIBRARY, _ROS_LIBRARY)
                 and self._find(name, path, installed) is not None
             ),
+            message_names=self._message_names,
         )
+
+    def _message_names(self, module: str) -> tuple[str, ...] | None:
+        """The messages of `<package>.msg`, None if the package's definitions are not found."""
+        package, _, submodule = module.partition(".")
+        replaced = package in OBELISK_MESSAGES and package in self._packages.source_packages
+        if submodule != "msg" or replaced:  # OBK413 reports what a replaced package lacks
+            return None
+        return self._packages.message_names(package) or None
 
     def _may_exist(
         self, module: str, path: tuple[Path, ...], installed: Iterable[str], *, runs_here: bool

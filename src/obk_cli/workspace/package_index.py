@@ -243,6 +243,7 @@ class PackageIndex:
             package_found=is_found,
             left_out=None if is_found else self.left_out_packages.get(package),
             not_executable=self._without_execute_bit(package, executable),
+            unsourced=self._unsourced(package, executable),
             declared_in=_cmake_that_declares(source, executable) if source else None,
             searched=self.searched(),
             available=tuple(sorted({*in_source, *scripts, *installed, *programs})),
@@ -256,6 +257,12 @@ class PackageIndex:
             *(prefix / "lib" / package for prefix in self.prefixes),
         )
         programs = (folder / executable for folder in folders)
+        return next((program for program in programs if os.path.isfile(program)), None)  # noqa: PTH113
+
+    def _unsourced(self, package: str, executable: str) -> Path | None:
+        """A program of that name that colcon installed in a workspace, in either of its layouts."""
+        prefixes = (p for w in self.workspaces for p in (w / "install" / package, w / "install"))
+        programs = (prefix / "lib" / package / executable for prefix in prefixes)
         return next((program for program in programs if os.path.isfile(program)), None)  # noqa: PTH113
 
     def _source_scripts(self, package: str) -> Mapping[str, Path]:

@@ -283,6 +283,122 @@ def test_a_simulator_ignores_what_only_the_hardware_has(tmp_path: Path) -> None:
     assert "error OBK406" in found(misspelt)
 
 
+@pytest.mark.mujoco
+def test_the_hardware_s_components_of_a_simulator_are_one_finding(tmp_path: Path) -> None:
+    (tmp_path / "m.xml").write_text(MODEL)
+    own = "{key: pub_imu, topic: /joint_encoders, msg_type: ObkJointEncoders}"
+    timers = "\n  timers: [{ros_parameter: timer_sensor_setting, timer_period_sec: 0.01}]"
+    text = SIMULATED.replace(
+        "]\n  subscribers: [{key: sub_ctrl", f", {own}]{timers}\n  subscribers: [{{key: sub_ctrl"
+    )
+    assert text.count("pub_imu") == text.count("timer_sensor") == 1
+    assert found(compiled_here(tmp_path, text)) == ["info OBK406"]
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize("entry", ["num_steps_per_viz: 5.0", "n_u: 1.0"])
+def test_whole_numbers_may_have_a_decimal_point(tmp_path: Path, entry: str) -> None:
+    (tmp_path / "m.xml").write_text(MODEL)
+    text = SIMULATED.replace("m.xml,", f"m.xml, {entry},")
+    outcome = compiled_here(tmp_path, text)
+    assert found(outcome) == ["info OBK406"]
+    block = str(process(outcome, "robot").parameters["mujoco_setting"])
+    assert entry.removesuffix(".0") in block
+    assert entry not in block
+    half = compiled_here(tmp_path, text.replace(".0,", ".5,"))
+    assert "error OBK103" in found(half)
+
+
+@pytest.mark.mujoco
+def test_both_names_of_a_key_with_one_value_are_no_error(tmp_path: Path) -> None:
+    (tmp_path / "m.xml").write_text(MODEL)
+    head, tail = SIMULATED.split("dt: 0.01, msg")
+    both = compiled_here(tmp_path, f"{head}dt: 0.01, sensor_type: ObkJointEncoders, msg{tail}")
+    assert sorted(found(both)) == ["info OBK406", "info OBK506"]
+    assert "sensor_type" not in str(process(both, "robot").parameters["mujoco_setting"])
+    differ = compiled_here(tmp_path, f"{head}dt: 0.01, sensor_type: ObkImu, msg{tail}")
+    assert "error OBK101" in found(differ)
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize(
+    ("params", "findings"),
+    [
+        ("ic_keyframes: home", ["warning OBK409"]),
+        ("camera_of_mine: 1", []),
+        ("ic_keyframe: '', ic_keyframes: home", []),
+    ],
+)
+def test_a_misspelt_parameter_of_the_simulator_is_found(
+    tmp_path: Path, params: str, findings: list[str]
+) -> None:
+    """The simulator computes names of parameters, so another name may be one of them."""
+    (tmp_path / "m.xml").write_text(MODEL)
+    text = SIMULATED.replace(
+        "  is_simulated: true\n", f"  is_simulated: true\n  params: {{{params}}}\n"
+    )
+    codes = found(compiled_here(tmp_path, text))
+    assert [one for one in codes if "OBK409" in one] == findings
+
+
+def test_two_robots_of_two_files_are_one_finding(tmp_path: Path) -> None:
+    """An entry without a name is appended to the included list."""
+    imu = "{key: pub_imu, topic: /imu, msg_type: Imu}"
+    base = CONFIG.replace(
+        "ObkJointEncoders}]\n  subscribers: [{key: sub_c",
+        f"ObkJointEncoders}}, {imu}]\n  subscribers: [{{key: sub_c",
+    )
+    robot = base[base.index("robot:\n") :].replace("  pkg", "  - pkg").replace("\n  ", "\n    ")
+    robot = robot.replace("    - pkg", "  - pkg")
+    listed = base[: base.index("robot:\n")] + robot
+    twin = f"include: [base.yaml]\n{robot}"
+    outcome = compiled(tmp_path, twin, {"base.yaml": listed})
+    (finding,) = (one for one in outcome.diagnostics if one.code == "OBK218")
+    assert "`/joint_encoders`, `/imu`" in finding.message
+    assert "`name`" in (finding.help or "")
+    named = listed.replace(
+        "- pkg: demo\n    executable: r", "- pkg: demo\n    name: a\n    executable: r"
+    )
+    same = twin.replace(
+        "- pkg: demo\n    executable: r", "- pkg: demo\n    name: a\n    executable: r"
+    )
+    assert "warning OBK218" not in found(compiled(tmp_path, same, {"base.yaml": named}))
+
+
+def test_a_missing_file_in_a_home_is_one_finding(tmp_path: Path) -> None:
+    text = CONFIG.replace("executable: e\n", "executable: e\n  params_path: /home/ada/no.txt\n")
+    assert found(compiled(tmp_path, text)) == ["warning OBK404"]
+
+
+SLOW = "  timers: [{key: timer_est, timer_period_sec: 0.002}]\nrobot:\n"
+
+
+@pytest.mark.mujoco
+def test_a_long_sensor_period_is_found_beside_slow_sensors(tmp_path: Path) -> None:
+    (tmp_path / "m.xml").write_text(MODEL)
+    slow = "{topic: /slow, dt: 1.0, msg_type: ObkJointEncoders, sensor_names: {angle: jointpos}}"
+    text = SIMULATED.replace("sensor_settings: [", f"sensor_settings: [{slow}, ")
+    text = text.replace("0.01", "0.002").replace("robot:\n", SLOW)
+    wrong = text.replace("dt: 0.002", "dt: 2")
+    assert [one for one in found(compiled_here(tmp_path, text)) if "OBK2" in one] == ["info OBK204"]
+    assert [one for one in found(compiled_here(tmp_path, wrong)) if "OBK2" in one] == [
+        "info OBK204",
+        "warning OBK220",
+    ]
+
+
+@pytest.mark.parametrize("slow", ["0.05", "1.0"])
+def test_a_long_period_is_found_beside_slow_timers_of_the_user(tmp_path: Path, slow: str) -> None:
+    text = CONFIG.replace("0.01", "0.002").replace("robot:\n", SLOW)
+    text += f"  timers: [{{key: timer_log, timer_period_sec: {slow}}}]\n"
+    assert found(compiled(tmp_path, text)) == []
+    head, tail = text.split("timer_est, timer_period_sec: 0.002")
+    wrong = f"{head}timer_est, timer_period_sec: 2{tail}"
+    assert [f for f in found(compiled(tmp_path, wrong)) if "22" in f or "211" in f] == [
+        "warning OBK220"
+    ]
+
+
 def test_a_cpp_node_ignores_the_type(tmp_path: Path) -> None:
     cpp = CONFIG.replace("pkg: demo\n  executable: e", "pkg: cpp\n  executable: est")
     stale = cpp.replace("/joint_encoders, msg_type: Obk", "/joint_encoders, msg_type: ", 1)
@@ -295,6 +411,19 @@ def test_a_cpp_node_ignores_the_type(tmp_path: Path) -> None:
     assert found(compiled_here(tmp_path, other)) == [not_built, "warning OBK205"]
     in_python = unknown.replace("pkg: cpp", "pkg: demo")
     assert "error OBK115" in found(compiled_here(tmp_path, in_python))
+
+
+@pytest.mark.parametrize("prefix", ["install", "install/cpp"])
+def test_an_executable_that_is_not_sourced_has_its_command(tmp_path: Path, prefix: str) -> None:
+    program = tmp_path / prefix / "lib/cpp/est"
+    program.parent.mkdir(parents=True)
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    text = CONFIG.replace("pkg: demo\n  executable: e", "pkg: cpp\n  executable: est")
+    (finding,) = compiled_here(tmp_path, text).diagnostics
+    assert finding.code == "OBK402"
+    assert finding.help is not None
+    assert f"source {tmp_path}/install/setup.bash" in finding.help
 
 
 @pytest.mark.parametrize(

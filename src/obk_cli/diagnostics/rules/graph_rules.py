@@ -144,9 +144,11 @@ RULES: tuple[Rule, ...] = (
     Rule(
         code="OBK220",
         severity="warning",
-        title="a period 1000 times longer than all others",
-        cause="`2` is often written where `0.002` is meant. It is an info for a timer of your own, "
-        "which may be slow on purpose.",
+        title="a period 1000 times longer than the others",
+        cause="`2` is often written where `0.002` is meant. A timer of the loop or a sensor is "
+        "compared with the fastest of the loop, unless it runs at 1 Hz or faster; the longest "
+        "period also with all others. It is an info for a timer of your own, which may be slow on "
+        "purpose.",
         fix="Write the decimals; silence the rule if the period is right.",
     ),
 )

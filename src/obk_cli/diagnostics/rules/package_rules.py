@@ -18,9 +18,10 @@ RULES: tuple[Rule, ...] = (
         severity="error",
         title="an executable is not in its package",
         cause="The package is there, but it has no executable of that name, or none that can run: "
-        "CMakeLists.txt declares it and it is not built, or its file has no execute bit.",
+        "CMakeLists.txt declares it and it is not built, it is built and its workspace is not "
+        "sourced, or its file has no execute bit.",
         fix="Correct the name, or add the entry point to the package. The help has the command "
-        "that builds the package or sets the execute bit.",
+        "that builds the package, sources its workspace or sets the execute bit.",
     ),
     Rule(
         code="OBK403",
@@ -73,7 +74,8 @@ RULES: tuple[Rule, ...] = (
         severity="warning",
         title="a parameter that no code declares",
         cause="A ROS node receives only the parameters that it declares, so this one is dropped. "
-        "It is an info if no declared parameter has a similar name.",
+        "It is an info if no declared parameter has a similar name. If the code computes names of "
+        "parameters, only a typo of a declared one that is not set is reported.",
         fix="Correct the name, or declare the parameter in the node's constructor.",
     ),
     Rule(

@@ -84,6 +84,16 @@ def test_publishers_of_other_topics_and_the_plans_own_do_not_matter() -> None:
     refuse_unknown_publishers(PLAN, Graph(("/x", "/teleop"), ("/ctrl", "/obelisk_robot_0")), 7)  # type: ignore[arg-type]
 
 
+def test_a_publisher_of_an_external_topic_is_accepted() -> None:
+    external = replace(PLAN, external_topics=("/ctrl",))
+    graph = Graph(("/ctrl", "/teleop"))
+    heard: SimpleQueue[InputEvent] = SimpleQueue()
+    refuse_unknown_publishers(external, graph, 7)  # type: ignore[arg-type]
+    with watching_publishers(external, graph, heard.put):  # type: ignore[arg-type]
+        look_twice(graph)
+    assert heard.empty()
+
+
 def test_for_a_real_robot_the_look_is_as_long_as_it_takes() -> None:
     real = Plan(name="s", processes=(replace(ROBOT, model=None),))
     assert has_hardware(real)

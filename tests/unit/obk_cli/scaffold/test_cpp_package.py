@@ -25,7 +25,7 @@ VARIANTS = [
     ("controller", "foo", {"ctrl_msg": "VelocityCommand", "est_msg": "nav_msgs/Odometry"}),
     ("controller", "foo", {"ctrl_msg": "a_msgs/Thrust"}),
     ("estimator", "foo", {}),
-    ("estimator", "foo", {"sensor_msg": "ObkJointEncoders"}),
+    ("estimator", "foo", {"sensor_msg": "JointEncoders"}),
     ("estimator", "foo", {"sensor_msg": "sensor_msgs/Imu", "est_msg": "a_msgs/IMU"}),
 ]
 
@@ -188,6 +188,12 @@ def test_the_entry_is_as_obelisk_has_it(package: Package) -> None:
     main = text_of(package("controller", "foo", language="cpp"), "src/main.cpp")
     assert "obelisk::utils::SpinObelisk<foo::FooController, " in main
     assert 'argc, argv, "foo");' in main
+
+
+def test_an_estimator_reads_a_message_that_the_library_s_users_have(package: Package) -> None:
+    source = text_of(package("estimator", "foo", language="cpp"), "src/foo.cpp")
+    assert "obelisk_sensor_msgs::msg::ObkJointEncoders" in source
+    assert "msg.q_joints = sensor_msg_->joint_pos;" in source
 
 
 @pytest.mark.parametrize("release", REGISTRATION)

@@ -33,11 +33,13 @@ def load_from(texts: Mapping[str, str], name: str) -> Module | None:
     if not name.startswith("obelisk_py"):
         return None
     path = LIBRARY.joinpath(*name.split("."))
-    file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    # A folder without `__init__.py` may be left over from another version of the library.
+    is_package = (path / "__init__.py").is_file()
+    file = path / "__init__.py" if is_package else path.with_suffix(".py")
     if not file.is_file():
         return None
     source = SourceFile.of(file.name, file.read_text(encoding="utf-8"))
-    return parse_module(name, FoundSource(source=source, is_package=path.is_dir()))
+    return parse_module(name, FoundSource(source=source, is_package=is_package))
 
 
 def read(body: str, **modules: str) -> NodeFacts | CodeFault | None:

@@ -8,7 +8,15 @@ from obk_cli.source_analysis.imports import ImportPlaces
 
 from .test_entry_point import HEAD, TAIL, code, load_from, names, node, read
 
-INSTALLED = ("numpy", "obelisk_control_msgs", "obelisk_sensor_msgs", "sys", "typing", "contextlib")
+INSTALLED = (
+    "numpy",
+    "sensor_msgs",
+    "obelisk_control_msgs",
+    "obelisk_sensor_msgs",
+    "sys",
+    "typing",
+    "contextlib",
+)
 
 
 def codes(body: str, **modules: str) -> list[str]:
@@ -21,6 +29,7 @@ def codes(body: str, **modules: str) -> list[str]:
         siblings=lambda _: tuple(texts),
         is_read=lambda _: True,
         is_own=lambda name: name in texts,
+        message_names=lambda name: ("Imu", "Joy") if name == "sensor_msgs.msg" else None,
     )
     found = read_node_code("m", "main", lambda name: load_from(texts, name), places)
     assert isinstance(found, NodeFacts | SourceFaults | CodeFault | None)
@@ -43,6 +52,7 @@ OWN = "class Mine(ObeliskNode):\n    pass\n"
         ("from package import Gone\n" + OWN, ["OBK421"]),
         ("from package import kept, Gone\n" + OWN, ["OBK421"]),
         ("import package.gone\n" + OWN, ["OBK421"]),
+        ("from sensor_msgs.msg import Imu, Yoj, _joy\n" + OWN, ["OBK421"]),
         ("class Mine(ObelskNode):\n    pass\n", ["OBK420"]),
         ("x = undefined\n" + OWN, ["OBK420"]),
         ("@undefined\ndef f(): ...\n" + OWN, ["OBK420"]),
