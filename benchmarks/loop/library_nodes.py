@@ -17,8 +17,7 @@ from rclpy.parameter import Parameter
 
 from benchmarks.loop.record import NodeRecord, record_of
 from benchmarks.loop.work import HISTORY_DEPTH, Work, work_of
-from obelisk_py.core.composition import run_composed
-from obelisk_py.core.composition import Program
+from obelisk_py.core.composition import Program, run_composed
 from obelisk_py.core.control import ObeliskController
 from obelisk_py.core.estimation import ObeliskEstimator
 from obelisk_py.core.node import ObeliskNode
