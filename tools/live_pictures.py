@@ -22,7 +22,7 @@ from playwright.sync_api import sync_playwright
 from obk_cli.cli.options import TIMEOUT_S, with_types
 from obk_cli.introspect.target import target_of
 from obk_cli.monitor.app import MonitorApp
-from obk_cli.monitor.stack_follower import Target, Watcher
+from obk_cli.monitor.stack_follower import StackFollower, StackSelector
 from obk_cli.ros.environment import ros_environment
 
 __all__ = ["make_live_pictures"]
@@ -68,15 +68,15 @@ def _stack() -> Iterator[None]:
 
 async def _monitor() -> None:
     place = target_of(ros_environment(), None, TIMEOUT_S)
-    target = Target(environment=place.environment, domain=None, run=None)
-    app = MonitorApp(Watcher(target, with_types, 1.0), target.change)
+    target = StackSelector(environment=place.environment, domain=None, run=None)
+    app = MonitorApp(StackFollower(target, with_types, 1.0), target.change)
     async with app.run_test(size=(100, 26)) as pilot:
         await asyncio.sleep(WARM_S)
         await pilot.press("down", "d")
         await pilot.pause()
         picture = app.export_screenshot(title="obk monitor")
         await pilot.press("n", "q")
-    app.end_watching()
+    app.stop_following()
     (PICTURES / "monitor.svg").write_text(without_fonts(picture), encoding="utf-8")
 
 

@@ -24,7 +24,7 @@ from benchmarks.soak.counts import of_process, verdicts
 from benchmarks.soak.results import RESULTS, keep_result
 from benchmarks.soak.stack import Stack
 from benchmarks.stolen import StolenTime
-from obk_cli.introspect.lifecycle import Asked, change_states
+from obk_cli.introspect.lifecycle import LifecycleRequest, change_states
 from obk_cli.ros.environment import free_domain, ros_environment
 
 __all__ = ["main"]
@@ -40,7 +40,7 @@ LEAST_JUDGED_S: Final = 1.0
 
 def go_round(stack: Stack, rounds: int) -> list[dict[str, Any]]:
     """All rounds, as long as none fails; what was counted."""
-    environment, asked = ros_environment(), Asked(timeout_s=TRANSITION_S)
+    environment, asked = ros_environment(), LifecycleRequest(timeout_s=TRANSITION_S)
     samples: list[dict[str, Any]] = []
     for number in track(range(rounds), "rounds"):
         if number % max(1, rounds // SAMPLES) == 0:
