@@ -77,7 +77,8 @@ def test_a_stack_is_told_with_its_nodes_and_rates_and_a_throttled_topic_is_marke
         assert nodes["/obelisk_estimation_0"]["pid"] == estimation.pid
         assert nodes["/obelisk_robot_0"]["load"]["memory_bytes"] > 10_000_000
         assert topics[EST]["msg_type"] == "obelisk_estimator_msgs/msg/EstimatedState"
-        assert topics[EST]["wanted_hz"] == 10.0
+        # In wall time: a busy machine simulates slower than real time.
+        assert 1 < topics[EST]["wanted_hz"] <= 10.0
         assert topics[IMU]["passage"]["p50_s"] < 60
         assert any("active" in line for line in view["lines"])
         assert f" {EST.rpartition('/')[2]} " in obk("monitor", "--once", "--period", "0.2").stdout
