@@ -51,8 +51,7 @@ class MjcfElement:
 def mjcf_elements(path: Path) -> Iterator[MjcfElement]:
     """The named elements and the options of a model, in the order of its files.
 
-    A file that is missing or not XML ends the walk through it in silence: whoever loads the
-    model says so.
+    A file that is missing or not XML is skipped without a finding: loading the model reports it.
     """
     for scan in _scans(path, lambda scan: scan.includes):
         yield from scan.found
