@@ -29,9 +29,10 @@ setup: $(VENV)/.interfaces
 define HELP
 make setup       .venv with everything; ROS=system, PYTHON=python3.12
 make demo        run the dummy stack for 20 s
-make test        all tests but the slow ones
+make test        all tests but the slow ones, the examples in closed loop too
 make test-unit   tests that start no ROS node and no simulator
-make test-slow   soak, rehearsals, builds by colcon, all generated packages, many random examples
+make test-slow   soak, rehearsals, builds by colcon, all generated packages, many random examples,
+                   the examples in closed loop with five seeds
 make check       ruff, mypy and the order of packages
 make golden      rewrite the expected outputs of the tests
 make docs        rewrite the generated pages and pictures
@@ -55,14 +56,19 @@ demo: setup
 WORKERS ?= 3
 PYTEST := $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --durations 20
 
+# Simulated time is in place before any node is imported, so the examples run apart from other tests.
+CLOSED_LOOP := $(PYTEST) -p obk_testing.plugin examples/*/tests
+
 test: setup
 	$(PYTEST) -m "not slow"
+	$(CLOSED_LOOP)
 
 test-unit: setup
 	$(PYTEST) -m "not slow and not ros and not mujoco"
 
 test-slow: setup
 	$(PYTEST) -m slow
+	$(CLOSED_LOOP) --seeds 5
 	$(PYTEST) --hypothesis-profile full tests/property
 
 check: setup

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obelisk_py.core.lockstep.interception import LogEntry
+from obelisk_py.core.lockstep.scheduler import NS_PER_S
 from obelisk_py.core.lockstep.topics import Topic
 
 __all__ = ["StateLog", "TopicLog", "TrialResult"]
@@ -37,7 +38,7 @@ class TopicLog:
     @cached_property
     def t(self) -> Array:
         """Times of publication [s], shape `(n,)`."""
-        return np.array([sent_ns for sent_ns, _ in self.log]) * _NS
+        return np.array([sent_ns for sent_ns, _ in self.log]) / NS_PER_S
 
     @cached_property
     def messages(self) -> Sequence[Any]:
@@ -142,7 +143,7 @@ class TrialResult:
     @cached_property
     def t(self) -> Array:
         """Times of the states [s], shape `(n,)`."""
-        return np.array(self._require_states().times_ns[: self._count]) * _NS
+        return np.array(self._require_states().times_ns[: self._count]) / NS_PER_S
 
     @cached_property
     def qpos(self) -> Array:

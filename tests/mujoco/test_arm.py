@@ -1,4 +1,4 @@
-"""The example arm: a model that can be, and a law under which it reaches its poses."""
+"""The example arm: its model and its law; examples/arm/tests close the loop."""
 
 import mujoco
 import numpy as np
@@ -7,9 +7,6 @@ import yaml
 from arm_py.law import Gravity, Motion, smoothed
 
 pytestmark = pytest.mark.mujoco
-
-PERIOD_S = 0.002
-"""Of model and control."""
 
 
 @pytest.fixture(scope="module")
@@ -91,32 +88,6 @@ def test_a_constant_stays_as_it_is_smoothed_and_a_step_is_followed():
 
 def test_what_was_smoothed_stays_where_time_goes_back():
     assert smoothed(np.zeros(6), np.ones(6), -100.0, 0.005) == pytest.approx(np.zeros(6))
-
-
-@pytest.mark.parametrize("late", [0, 5], ids=["at once", "10 ms late"])
-def test_it_reaches_each_pose_and_rests_there(model, folder, params, late):
-    data = at_keyframe(model, "ic")
-    gravity = Gravity(folder / "model" / "arm.xml")
-    motion = Motion(
-        start=data.qpos.copy(),
-        poses=params["poses"].reshape(-1, 6),
-        move_s=float(params["move_s"]),
-        rest_s=float(params["rest_s"]),
-    )
-    messages = [(data.qpos.copy(), np.zeros(6), data.ctrl.copy())] * late
-    touched = 0
-    for _ in range(6):
-        for _ in range(round((motion.move_s + motion.rest_s) / PERIOD_S)):
-            messages.append((*motion.at(data.time), gravity.torques(data.qpos)))
-            angles, speeds, weight = messages.pop(0)
-            # As the drives do it.
-            pull = params["kp"] * (angles - data.qpos) + params["kd"] * (speeds - data.qvel)
-            data.ctrl[:] = weight + pull
-            mujoco.mj_step(model, data)
-            touched += data.ncon
-        assert data.qpos == pytest.approx(motion.at(data.time - PERIOD_S)[0], abs=0.01)
-        assert np.abs(data.qvel).max() < 0.01
-    assert touched == 0
 
 
 def test_the_fingers_are_above_what_the_poses_are_meant_for(model, params):

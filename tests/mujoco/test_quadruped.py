@@ -1,17 +1,12 @@
-"""The example quadruped: a model that can be, and laws under which it stays on its feet."""
+"""The example quadruped: its model and its kinematics; examples/quadruped/tests close the loop."""
 
 import mujoco
 import numpy as np
 import pytest
-from quadruped_py.gait import Gait, Trunk, wanted_angles
 from quadruped_py.legs import LEGS, foot_jacobians, foot_positions, joint_angles
-from quadruped_py.odometry import Odometry, Reading, rotation_matrix
+from quadruped_py.odometry import rotation_matrix
 
 pytestmark = pytest.mark.mujoco
-
-TWO_ROUNDS_S = 26.0
-"""Getting up, then swaying and trotting twice."""
-STEPS_PER_CONTROL = 2
 
 
 @pytest.fixture(scope="module")
@@ -83,65 +78,3 @@ def test_a_quaternion_becomes_the_matrix_that_mujoco_makes_of_it():
     expected = np.zeros(9)
     mujoco.mju_quat2Mat(expected, np.array([w, x, y, z]))
     assert rotation_matrix(quaternion).ravel() == pytest.approx(expected)
-
-
-def read(model, data):
-    """The sensors that the config names."""
-    value = {model.sensor(i).name: data.sensor(i).data for i in range(model.nsensor)}
-    joints = [f"{leg}_{joint}" for leg in LEGS for joint in ("hip", "thigh", "knee")]
-    return Reading(
-        angles=np.reshape([value[f"{joint}_pos"] for joint in joints], (4, 3)),
-        speeds=np.reshape([value[f"{joint}_vel"] for joint in joints], (4, 3)),
-        rotation=rotation_matrix(value["trunk_quat"][[1, 2, 3, 0]]),
-        turning=value["trunk_gyro"].copy(),
-        forces=np.array([value[f"{leg}_touch"][0] for leg in LEGS]),
-    )
-
-
-@pytest.fixture(scope="module", params=[0, 5], ids=["at once", "20 ms late"])
-def walked(request, model):
-    """What it does: times, true positions, estimates, tilts, heights of the feet.
-
-    Controls arrive by so many periods late.
-    """
-    data = at_keyframe(model, "ic")
-    odometry, gait = Odometry.at_the_beginning(), Gait()
-    period_s = STEPS_PER_CONTROL * model.opt.timestep
-    start = data.qpos[7:].reshape(4, 3).copy()
-    controls = [data.ctrl.copy()] * request.param
-    rows = []
-    for time_s in np.arange(0, TWO_ROUNDS_S, period_s):
-        reading = read(model, data)
-        odometry.update(reading, period_s)
-        trunk = Trunk(place=odometry.position[:2], rotation=reading.rotation)
-        controls.append(wanted_angles(float(time_s), start, trunk, gait).ravel())
-        data.ctrl[:] = controls.pop(0)
-        mujoco.mj_step(model, data, STEPS_PER_CONTROL)
-        feet = [data.site(f"{leg}_foot").xpos[2] for leg in LEGS]
-        tilt = np.arccos(min(1.0, reading.rotation[2, 2]))
-        rows.append([time_s, *data.qpos[:3], *odometry.position, tilt, *feet])
-    return np.array(rows)
-
-
-def test_it_gets_up_and_stays_on_its_feet(walked):
-    stands = walked[walked[:, 0] > 2.5]
-    assert stands[:, 3].min() > 0.25
-    assert stands[:, 3].max() < 0.34
-    assert np.degrees(walked[:, 7].max()) < 5
-
-
-def test_it_stays_on_its_spot(walked):
-    assert np.abs(walked[:, 1:3]).max() < 0.2
-
-
-def test_it_sways_and_then_lifts_every_foot(walked):
-    sways, trots = (walked[(walked[:, 0] > s) & (walked[:, 0] < s + 5)] for s in (2.5, 8.5))
-    assert np.ptp(sways[:, 2]) > 0.04
-    assert sways[:, 8:].max() < 0.03
-    assert (trots[:, 8:].max(axis=0) > 0.04).all()
-
-
-def test_the_estimate_follows_the_trunk(walked):
-    off = np.abs(walked[:, 4:7] - walked[:, 1:4])
-    assert off[:, :2].max() < 0.05
-    assert off[walked[:, 0] > 2.5, 2].max() < 0.015
