@@ -20,7 +20,8 @@ import pytest  # noqa: E402
 
 from obelisk_py.core.lockstep.interception import intercepted  # noqa: E402
 from obk_testing.programs import LoadedStack, load_stack  # noqa: E402
-from obk_testing.trial import Schedule, StackTrial  # noqa: E402
+from obk_testing.schedule import BringUp, Schedule, bring_up_times  # noqa: E402
+from obk_testing.trial import StackTrial  # noqa: E402
 
 __all__ = ["StartStack"]
 
@@ -42,7 +43,7 @@ class StartStack(Protocol):
         jitter: float = 0.0,
         phases: bool = False,
         compute: Mapping[str, float] | None = None,
-        bring_up: Mapping[str, float] | None = None,
+        bring_up: BringUp | None = None,
         watch: Iterable[str] = (),
         record: Iterable[str] | None = None,
         without: Iterable[str] = (),
@@ -59,7 +60,8 @@ class StartStack(Protocol):
             jitter: the most that is added to it, drawn for each message [s].
             phases: whether timers start at a drawn part of their period.
             compute: node -> time that each of its callbacks takes [s].
-            bring_up: node -> when it becomes active [s].
+            bring_up: node -> when it becomes active [s]; `measured`: as in the newest real run of
+                this stack on this machine; or the path of a run's folder.
             watch: topics that are published although no node subscribes.
             record: topics whose messages are kept; None: all.
             without: nodes that are left out.
@@ -123,9 +125,12 @@ def stack(
             schedule = Schedule(
                 **{
                     name: options.pop(name)
-                    for name in ("latency", "jitter", "phases", "compute", "bring_up")
+                    for name in ("latency", "jitter", "phases", "compute")
                     if options.get(name) is not None
-                }
+                },
+                bring_up=bring_up_times(
+                    options.pop("bring_up", None) or {}, _stacks[key].plan, request.path.parent
+                ),
             )
             return trials.enter_context(StackTrial(_stacks[key], schedule=schedule, **options))
 

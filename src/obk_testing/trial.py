@@ -8,7 +8,7 @@ import functools
 import gc
 import random
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -31,35 +31,15 @@ from obelisk_py.core.lockstep.topics import Topic
 from obelisk_spec.suggestions import did_you_mean
 from obk_testing.programs import LoadedNode, LoadedStack, find_node
 from obk_testing.result import StateLog, TrialResult, joints_of
+from obk_testing.schedule import Schedule
 
-__all__ = ["Schedule", "StackTrial"]
+__all__ = ["StackTrial"]
 
 _ANSWER_S: Final = 1.0
 """Simulated time that a service may take to answer a test [s]."""
 _KEYFRAME: Final = "ic_keyframe"
 _STUB_DEPTH: Final = 10
 Vector = Sequence[float] | NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Schedule:
-    """How a trial differs from the ideal one, in which nothing takes time; times in seconds."""
-
-    latency: float = 0.0
-    """From the publication of a message to its arrival."""
-    jitter: float = 0.0
-    """The most that is added to the latency, drawn by the seed for each message."""
-    phases: bool = False
-    """Whether timers start at a part of their period that is drawn by the seed."""
-    compute: Mapping[str, float] = field(default_factory=dict)
-    """Node -> time that each of its callbacks takes."""
-    bring_up: Mapping[str, float] = field(default_factory=dict)
-    """Node -> when it becomes active; others at once."""
-
-    @property
-    def is_ideal(self) -> bool:
-        """Whether nothing takes time."""
-        return self == Schedule()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

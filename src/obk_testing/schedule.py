@@ -1,0 +1,157 @@
+"""Model how a real run differs from the ideal one: latency, jitter, phases, bring-up.
+
+In the ideal schedule nothing takes time and all nodes are active at once. A real stack comes up
+node after node, so its robot moves for some steps before the first command arrives. The events of
+a real run hold when each node became active; `bring_up_times` reads them.
+"""
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.plan.plan import Plan
+from obk_cli.runs.folder import config_of, run_folders, runs_folder
+
+__all__ = ["MEASURED", "BringUp", "Schedule", "activation_times", "bring_up_times"]
+
+MEASURED: Final = "measured"
+"""The bring-up of the newest real run of the stack on this machine."""
+
+BringUp = Mapping[str, float] | str | Path
+"""Node -> when it becomes active [s]; or `measured`; or a run's folder or its `events.jsonl`."""
+
+_EVENTS: Final = "events.jsonl"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Schedule:
+    """How a trial differs from the ideal one, in which nothing takes time; times in seconds."""
+
+    latency: float = 0.0
+    """From the publication of a message to its arrival."""
+    jitter: float = 0.0
+    """The most that is added to the latency, drawn by the seed for each message."""
+    phases: bool = False
+    """Whether timers start at a part of their period that is drawn by the seed."""
+    compute: Mapping[str, float] = field(default_factory=dict)
+    """Node -> time that each of its callbacks takes."""
+    bring_up: Mapping[str, float] = field(default_factory=dict)
+    """Node -> when it becomes active; others at once."""
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether nothing takes time."""
+        return self == Schedule()
+
+
+def bring_up_times(
+    given: BringUp,
+    plan: Plan,
+    folder: Path = Path(),
+    *,
+    environment: Mapping[str, str] = os.environ,
+) -> Mapping[str, float]:
+    """When each node becomes active, from the simulator's first step on: node -> time [s].
+
+    Args:
+        given: those times, or where they come from.
+        plan: the stack.
+        folder: to which a path is relative.
+        environment: variables, which set the folder of all runs.
+
+    Raises:
+        CommandFailedError: there is no such run, or a node did not become active in it.
+    """
+    if isinstance(given, Mapping):
+        return given
+    if given == MEASURED:
+        return _newest_bring_up(plan, runs_folder(environment))
+    path = folder / given
+    if path.is_dir():
+        path /= _EVENTS
+    try:
+        times = activation_times(path)
+    except OSError as error:
+        raise CommandFailedError(
+            f"the bring-up cannot be read from {path}: {error.strerror}",
+            help=f"pass a run folder of `obk launch`, its `{_EVENTS}`, or '{MEASURED}'",
+        ) from error
+    missing = sorted(_nodes(plan) - times.keys())
+    if missing:
+        raise CommandFailedError(
+            f"{', '.join(missing)} did not become active in {path}",
+            help=f"pass a run of `{plan.name}` that brought up all of its nodes",
+        )
+    return _after_first_step(plan, times)
+
+
+def activation_times(events: Path) -> dict[str, float]:
+    """When each node of a run became active for the first time [s since 1970], by full name.
+
+    Args:
+        events: its `events.jsonl`.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    times: dict[str, float] = {}
+    for event in _events(events):
+        is_activation = event.get("event") == "TransitionEnded" and (
+            (event.get("transition"), event.get("result")) == ("activate", "reached")
+        )
+        if is_activation:
+            times.setdefault(str(event.get("node")), float(event.get("time", 0.0)))
+    return times
+
+
+def _events(path: Path) -> Iterator[Mapping[str, Any]]:
+    with path.open(encoding="utf-8", errors="replace") as lines:
+        for line in lines:
+            try:
+                event = json.loads(line)
+            except ValueError:
+                continue  # the last line of a run that was killed
+            if isinstance(event, dict):
+                yield event
+
+
+def _newest_bring_up(plan: Plan, runs: Path) -> dict[str, float]:
+    name = plan.name.replace("/", "_")
+    for folder in run_folders(runs):
+        if config_of(folder) != name:
+            continue
+        try:
+            times = activation_times(folder / _EVENTS)
+        except OSError:
+            continue
+        if times.keys() >= _nodes(plan):
+            return _after_first_step(plan, times)
+    raise CommandFailedError(
+        f"no run of `{plan.name}` in {runs} brought up all of its nodes, so its bring-up is "
+        "not measured",
+        help="run `obk launch CONFIG --duration 3` once on this machine, or pass the times: "
+        "bring_up={'control': 0.02}",
+    )
+
+
+def _nodes(plan: Plan) -> set[str]:
+    return {node.full_name for node in plan.processes}
+
+
+def _after_first_step(plan: Plan, times: Mapping[str, float]) -> dict[str, float]:
+    """Activation times from the first step of the simulator on, which its activation starts [s].
+
+    The launcher notes an activation when it has the node's answer. The answers are as late for the
+    simulator as for the others, so the differences hold.
+    """
+    simulators = [node.full_name for node in plan.processes if node.model]
+    begin_s = times[simulators[0]] if simulators else min(times.values())
+    # To the microsecond: times since 1970 have no more digits.
+    return {
+        name: round(max(0.0, times[name] - begin_s), 6)
+        for name in (node.full_name for node in plan.processes)
+    }

@@ -1,0 +1,88 @@
+"""The bring-up of a real run, read from its events."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from obk_cli.errors import CommandFailedError
+from obk_cli.plan.plan import Origin, Plan, Process
+from obk_testing.schedule import bring_up_times
+
+BEGIN_S = 1_795_000_000.0
+
+
+def process(name: str, model: str | None = None) -> Process:
+    return Process(
+        node=name,
+        namespace="/",
+        section=name,
+        device="",
+        package="p",
+        executable="e",
+        origin=Origin(path="walker.yaml", line=1, column=1),
+        model=model,
+    )
+
+
+PLAN = Plan(name="walker", processes=(process("control"), process("robot", "model/walker.xml")))
+
+
+def write_run(folder: Path, **activated_ms: float) -> Path:
+    """A run folder whose nodes became active at these times."""
+    folder.mkdir(parents=True)
+    events: list[dict[str, object]] = [{"time": BEGIN_S, "event": "Phase", "name": "starting"}]
+    for node, after_ms in activated_ms.items():
+        for transition, more_ms in (("configure", -5.0), ("activate", 0.0), ("activate", 900.0)):
+            events.append(
+                {
+                    "time": BEGIN_S + (after_ms + more_ms) / 1000,
+                    "event": "TransitionEnded",
+                    "node": f"/{node}",
+                    "transition": transition,
+                    "result": "reached",
+                }
+            )
+    text = "".join(json.dumps(event) + "\n" for event in events)
+    (folder / "events.jsonl").write_text(text + '{"time": 1795')  # killed while it wrote
+    return folder
+
+
+def test_times_count_from_the_simulators_first_activation(tmp_path):
+    run = write_run(tmp_path / "run", robot=10.0, control=28.5)
+    expected = {"/control": 0.0185, "/robot": 0.0}
+    assert bring_up_times(run, PLAN) == expected
+    assert bring_up_times("run/events.jsonl", PLAN, tmp_path) == expected
+
+
+def test_a_node_that_was_active_before_the_simulator_is_active_at_once(tmp_path):
+    run = write_run(tmp_path / "run", control=5.0, robot=10.0)
+    assert bring_up_times(run, PLAN) == {"/control": 0.0, "/robot": 0.0}
+
+
+def test_measured_takes_the_newest_whole_run_of_the_stack(tmp_path):
+    runs = tmp_path / "runs"
+    write_run(runs / "walker_20260101_120000", robot=0.0, control=40.0)
+    write_run(runs / "walker_20260102_120000", robot=0.0, control=20.0)
+    write_run(runs / "walker_20260103_120000", robot=0.0)  # its controller never became active
+    write_run(runs / "other_20260104_120000", robot=0.0, control=10.0)
+    (runs / "walker_20260105_120000").mkdir()
+    environment = {"OBK_HOME": str(tmp_path)}
+    assert bring_up_times("measured", PLAN, environment=environment)["/control"] == 0.02
+
+
+def test_without_a_run_the_error_names_what_measures_one(tmp_path):
+    with pytest.raises(CommandFailedError) as raised:
+        bring_up_times("measured", PLAN, environment={"OBK_HOME": str(tmp_path)})
+    assert "obk launch" in str(raised.value.help)
+
+
+@pytest.mark.parametrize("given", ["nowhere", "run"])
+def test_a_path_without_the_nodes_is_an_error(tmp_path, given):
+    write_run(tmp_path / "run", robot=0.0)
+    with pytest.raises(CommandFailedError):
+        bring_up_times(given, PLAN, tmp_path)
+
+
+def test_times_that_are_given_stay_as_they_are():
+    assert bring_up_times({"control": 0.02}, PLAN) == {"control": 0.02}
