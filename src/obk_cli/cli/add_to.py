@@ -3,8 +3,10 @@
 The edit is planned first and written last: if the config cannot take the node, nothing is created.
 """
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from obk_cli.cli.config_options import make_options, print_findings
 from obk_cli.cli.edited_files import EditedFile, open_for_edit, report_diff, write_edited
@@ -17,10 +19,12 @@ from obk_cli.diagnostics.diagnostic import Diagnostic
 from obk_cli.diagnostics.source import SourceFile
 from obk_cli.errors import CommandFailedError, MisuseError
 from obk_cli.files import STANDARD_INPUT
+from obk_cli.launch.commands import composable, find_executables
 from obk_cli.scaffold.describe import Added
-from obk_cli.scaffold.kinds import SECTIONS
+from obk_cli.scaffold.kinds import SECTIONS, Kind
 from obk_cli.scaffold.questions import Answers, Question
-from obk_cli.scaffold.variables import config_snippet
+from obk_cli.scaffold.variables import TestedStack, config_snippet
+from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = ["AddToOptions", "ConfigEdit", "add_to_config", "add_to_options", "with_config_types"]
 
@@ -87,6 +91,37 @@ class ConfigEdit:
                     help="see the errors above",
                 )
         write_edited(self._file, self.added.text)
+
+    def tested_stack(self, kind: Kind, folder: Path) -> TestedStack | None:
+        """The stack for the test of the new node.
+
+        Args:
+            kind: of the node.
+            folder: where the test will be.
+
+        Returns:
+            None if the stack cannot run in lock-step: a robot of it is hardware, as a new one is,
+            or a node is no Python of this interpreter.
+        """
+        published = [link.topic for link in self.added.links if link.end.direction == "publishes"]
+        source = self.added.source
+        outcome = compile_source(source, make_options(None, None))
+        if kind == "robot" or self._is_built_later or not published or outcome.config is None:
+            return None
+        simulated = [robot.is_simulated for robot in outcome.config.section("robot")]
+        if outcome.plan is None or any(each and not each.value for each in simulated):
+            return None
+        config, nodes = Path(source.path).resolve(), outcome.plan.processes
+        packages = PackageIndex.around(config.parent, Path.cwd(), os.environ)
+        try:
+            executables = find_executables(nodes, packages)
+        except CommandFailedError:
+            return None
+        if len(composable(nodes, executables)) < len(nodes):
+            return None
+        return TestedStack(
+            config=os.path.relpath(config, folder.resolve()), topic=sorted(published)[0]
+        )
 
     def describe(self, *, is_done: bool) -> Added:
         """Describe what was, or would be, changed in the config."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import typer
 
@@ -36,6 +36,7 @@ from obk_cli.scaffold.describe import (
 from obk_cli.scaffold.kinds import Problem
 from obk_cli.scaffold.questions import Answers, Question, check_answers
 from obk_cli.scaffold.templates import TemplateLibrary, open_library
+from obk_cli.scaffold.variables import TestedStack
 from obk_cli.scaffold.write import (
     Action,
     Decision,
@@ -56,6 +57,8 @@ __all__ = [
     "write_files",
 ]
 
+TESTS: Final = "test"
+"""The folder of a package's tests."""
 _CHOICES = "[k]eep it, [r]eplace it, show the [d]ifference, [q]uit"
 
 
@@ -130,8 +133,9 @@ def run_new(question: Question, options: NewOptions) -> None:
     _note_missing_packages(answers, target)
     library = find_library(options.templates)
     root = target.folder.resolve() if question.kind == "config" else find_root(target, answers.node)
-    composition = _compose(answers, library, root, target)
     edit = _plan_edit(options.add_to, answers) if options.add_to else None
+    stack = edit.tested_stack(answers.kind, root / TESTS) if edit else None
+    composition = _compose(answers, library, root, target, stack)
     decisions = write_files(
         root,
         composition,
@@ -262,19 +266,24 @@ def _note_missing_packages(answers: Answers, target: TargetFolder) -> None:
 
 
 def _compose(
-    answers: Answers, library: TemplateLibrary, root: Path, target: TargetFolder
+    answers: Answers,
+    library: TemplateLibrary,
+    root: Path,
+    target: TargetFolder,
+    stack: TestedStack | None,
 ) -> Composition:
     layers = layers_of(answers)
     templates = library.read(layers)
     if answers.kind == "config":
         return compose_config(answers, templates, root)
     if target.package is None:
-        return compose_package(answers, templates)
+        return compose_package(answers, templates, stack=stack)
     composition = compose_addition(
         answers,
         templates,
         read_package_texts(root),
         python_folder=target.python_folder,
+        stack=stack,
     )
     if isinstance(composition, Problem):
         raise CommandFailedError(composition.sentence, help=composition.help)

@@ -29,6 +29,7 @@ from obk_cli.scaffold.templates import (
 )
 from obk_cli.scaffold.variables import (
     TOPICS_TO_FILL_IN,
+    TestedStack,
     dependencies,
     entry_point,
     template_variables,
@@ -65,13 +66,22 @@ def compose_package(
     templates: Iterable[Template],
     *,
     topics: str = TOPICS_TO_FILL_IN,
+    stack: TestedStack | None = None,
 ) -> Composition:
-    """A package of its own; `topics` is the name under which its topics are.
+    """A package of its own.
+
+    Args:
+        answers: what it is.
+        templates: of its layers.
+        topics: the name under which its topics are.
+        stack: which its node joins; its test runs it.
 
     Raises:
         TemplateFaultError: a template cannot be rendered.
     """
-    return Composition(files=render_templates(templates, template_variables(answers, topics)))
+    return Composition(
+        files=render_templates(templates, template_variables(answers, topics, stack))
+    )
 
 
 def compose_addition(
@@ -80,8 +90,16 @@ def compose_addition(
     texts: PackageTexts,
     *,
     python_folder: str = ".",
+    stack: TestedStack | None = None,
 ) -> Composition | Problem:
-    """One node more in the package of these texts; its modules are below `python_folder`.
+    """One node more in the package of these texts.
+
+    Args:
+        answers: what it is.
+        templates: of the layers of a package.
+        texts: files of the package.
+        python_folder: where its modules are.
+        stack: which the node joins; its test runs it.
 
     Raises:
         TemplateFaultError: a template cannot be rendered.
@@ -91,7 +109,7 @@ def compose_addition(
         return edits
     package_xml = add_dependencies(texts.package_xml, dependencies(answers))
     of_the_node = [template for template in templates if NODE_VARIABLE in template.name]
-    files = render_templates(of_the_node, template_variables(answers))
+    files = render_templates(of_the_node, template_variables(answers, stack=stack))
     return Composition(
         files=tuple(_moved(file, answers.package, python_folder) for file in files),
         edits=(*(_edited(*edit) for edit in edits.items()), _edited("package.xml", package_xml)),

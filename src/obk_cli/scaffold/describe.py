@@ -80,7 +80,10 @@ class NewFiles:
             return (f"colcon build --packages-select {answers.package}",)
         test = PurePath(self.folder, "test", f"test_{answers.node}.py")
         stack = self.added.config if self.added else "CONFIG"
-        return (f"{self.programs}python -m pytest {test}", f"{self.programs}obk launch {stack}")
+        # A new package loads the plugin by its pytest.ini; an existing one has its own.
+        is_new = all(decision.action is not Action.EDIT for decision in self.decisions)
+        pytest = "python -m pytest" if is_new else "python -m pytest -p obk_testing.plugin"
+        return (f"{self.programs}{pytest} {test}", f"{self.programs}obk launch {stack}")
 
 
 def describe_text(outcome: NewFiles) -> str:

@@ -23,6 +23,7 @@ from obk_cli.scaffold.questions import Answers, MessageType
 
 __all__ = [
     "TOPICS_TO_FILL_IN",
+    "TestedStack",
     "Wire",
     "config_snippet",
     "dependencies",
@@ -51,6 +52,16 @@ class Wire:
     key: str
     topic: str
     message: MessageType
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TestedStack:
+    """The stack that a new node joins, as the node's test names it."""
+
+    config: str
+    """Path, relative to the folder of the test."""
+    topic: str
+    """A topic that the node publishes."""
 
 
 def sensor_topic(message: MessageType, topics: str = TOPICS_TO_FILL_IN) -> str:
@@ -124,7 +135,9 @@ _BASES = {
 _LIFECYCLE = "rclpy.lifecycle"
 
 
-def template_variables(answers: Answers, topics: str = TOPICS_TO_FILL_IN) -> dict[str, object]:
+def template_variables(
+    answers: Answers, topics: str = TOPICS_TO_FILL_IN, stack: TestedStack | None = None
+) -> dict[str, object]:
     """The variables of a node's package, or of a message package."""
     common: dict[str, object] = {
         "kind": answers.kind,
@@ -134,6 +147,7 @@ def template_variables(answers: Answers, topics: str = TOPICS_TO_FILL_IN) -> dic
         "ctrl": answers.ctrl,
         "est": answers.est,
         "sensor": answers.sensor,
+        "tested_stack": stack,
     }
     if answers.kind not in NODE_KINDS:
         return common
@@ -151,6 +165,17 @@ def entry_point(answers: Answers) -> str:
     return f"{answers.node} = {answers.package}.{answers.node}:main"
 
 
+_TEST_TOPICS = "/test"
+"""What the topics of a node begin with in its own tests."""
+
+
+def _test_entry(answers: Answers) -> str:
+    """The node as the only one of the config of its tests, which never open hardware."""
+    snippet = config_snippet(answers, _TEST_TOPICS)
+    simulated = snippet.replace("  is_simulated: false", "  is_simulated: true")
+    return "\n".join(f"  {line}" for line in simulated.splitlines())
+
+
 def _node_variables(answers: Answers, topics: str) -> dict[str, object]:
     follows = answers.kind == "robot" and is_position_control(answers.ctrl)
     positions = "self.positions" if answers.kind == "robot" else "[math.sin(self.t)]"
@@ -161,6 +186,11 @@ def _node_variables(answers: Answers, topics: str) -> dict[str, object]:
         "entry_point_noqa": _noqa(entry_point(answers)),
         "section": SECTIONS[answers.kind],
         "config_snippet": config_snippet(answers, topics),
+        "test_entry": _test_entry(answers),
+        "test_inputs": ", ".join(
+            wire.topic for wire in wires_of(answers, _TEST_TOPICS)["subscribers"]
+        ),
+        "test_sensor_topic": sensor_topic(answers.sensor, _TEST_TOPICS),
         "control": control_code(answers.ctrl, answers.controls),
         "estimate": estimate_code(answers.est, answers.sensor),
         "reading": reading_code(answers.sensor, positions),
@@ -189,12 +219,10 @@ def _import_variables(answers: Answers) -> dict[str, object]:
     )
     if answers.kind == "sensor":
         node = tuple(name for name in node if name[0] != _LIFECYCLE)
-    own = (f"{answers.package}.{answers.node}", answers.class_name)
-    test = import_block((*messages, ("obelisk_py.core.utils.ros", "run_transitions")))
-    return {
-        "node_imports": import_block(node),
-        "test_imports": f"import pytest\nimport rclpy\n{test}\n\n{import_block([own])}",
-    }
+    test = (*messages, ("obk_testing.plugin", "StartStack"))
+    if answers.kind == "robot":
+        test = (*test, ("obelisk_py.core.utils.ros", "run_transitions"))
+    return {"node_imports": import_block(node), "test_imports": import_block(test)}
 
 
 def _noqa(script: str) -> str:

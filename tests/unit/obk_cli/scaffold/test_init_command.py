@@ -49,7 +49,7 @@ def test_a_workspace_has_all_that_a_stack_needs(here: Path, tree: Tree) -> None:
         "my_robot.yaml",
         "src/my_robot_controller/setup.py",
         "src/my_robot_estimator/my_robot_estimator/my_robot_estimator.py",
-        "tests/test_stack.py",
+        "tests/test_my_robot.py",
     } <= made
     assert not [path for path in made if "{" in path or path.endswith(".jinja")]
 

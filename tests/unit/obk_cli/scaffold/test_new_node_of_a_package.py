@@ -29,7 +29,13 @@ def test_inside_a_package_a_node_is_added(
     assert said.startswith("made the estimator `second`, package `foo`, in ./\n")
     after = tree(workspace / "src/foo")
     changed = {path for path in after if after[path] != before.get(path)}
-    assert changed == {"foo/second.py", "package.xml", "setup.py", "test/test_second.py"}
+    assert changed == {
+        "foo/second.py",
+        "package.xml",
+        "setup.py",
+        "test/second.yaml",
+        "test/test_second.py",
+    }
     assert b"<exec_depend>obelisk_sensor_msgs</exec_depend>" in after["package.xml"]
     index = PackageIndex.around(workspace, workspace, {})
     for executable in ("foo", "second"):

@@ -39,6 +39,7 @@ def test_a_package_has_what_ament_python_asks_for(package: Package, kind: str) -
         "ruff.toml",
         "setup.cfg",
         "setup.py",
+        "test/foo.yaml",
         "test/test_foo.py",
     }
     assert "<build_type>ament_python</build_type>" in text_of(files, "package.xml")
