@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import pytest
 
 from obk_cli.scaffold.message_code import cpp_header
-from obk_cli.scaffold.questions import MessageType
+from obk_cli.scaffold.package_spec import MessageType
 from obk_cli.scaffold.templates import RenderedFile
 
 Package = Callable[..., dict[PurePosixPath, RenderedFile]]
