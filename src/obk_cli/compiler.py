@@ -47,7 +47,7 @@ class Options:
     """How a config is compiled."""
 
     variables: Mapping[str, str]
-    """Stands in for `${VAR}`; its AMENT_PREFIX_PATH says where packages are."""
+    """Stands in for `${VAR}`; packages are found on its AMENT_PREFIX_PATH."""
     working_folder: Path
     overrides: tuple[str, ...] = ()
     """`path=value`, as `--set` takes them."""

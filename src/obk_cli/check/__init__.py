@@ -72,7 +72,7 @@ WHOLE_CHECKS: tuple[Check, ...] = (check_required_sections, check_dangling, chec
 def check_stack(
     stack: Stack, environment: Environment, *, is_whole: bool
 ) -> tuple[Diagnostic, ...]:
-    """The findings of all checks; `is_whole` says whether every included file was read."""
+    """The findings of all checks; `is_whole`: whether every included file was read."""
     checks = (*CHECKS, *(WHOLE_CHECKS if is_whole else ()))
     topology = Topology.of(stack)
     context = CheckContext(stack=stack, topology=topology, environment=environment)

@@ -63,7 +63,7 @@ def _path_spans(node: Node) -> Iterator[Span]:
 
 
 def check_defaults(context: CheckContext) -> Iterator[Diagnostic]:
-    """Keys that say what holds without them; one finding for a key, however often it stands."""
+    """Keys set to their default; one finding for a key, however often it occurs."""
     places: dict[str, list[Span]] = defaultdict(list)
     cures: dict[str, list[Edit]] = defaultdict(list)
     for node in context.stack.nodes:

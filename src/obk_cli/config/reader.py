@@ -185,9 +185,9 @@ def _read_joystick_params(fields: Fields) -> tuple[Parameter, ...]:
         "coalesce_interval_ms": fields.count("coalesce_interval_ms", least=0),
     }
     return tuple(
-        Parameter(name=name, value=said.value, span=said.span, key_span=said.key_span)
-        for name, said in read.items()
-        if said is not None
+        Parameter(name=name, value=given.value, span=given.span, key_span=given.key_span)
+        for name, given in read.items()
+        if given is not None
     )
 
 

@@ -1,7 +1,7 @@
 """Add a node to a config: wire it, edit the text, and verify the result by compiling again.
 
 A config's source, a new node and the compiler's options in; the new text and the wiring out, or why
-not. Writes no file. The new text says what it said before and the new node, and has no new error.
+not. Writes no file. The new text has the old content and the new node, and no new error.
 """
 
 from collections import Counter
@@ -84,7 +84,7 @@ class PlannedEnvironment:
         return self.current.find_executable(package, executable)
 
     def read_node_code(self, package: str, executable: str) -> NodeCode | None:
-        """What the Python source of an executable says."""
+        """What the Python source of an executable defines."""
         if (package, executable) == (self.package, self.executable):
             return None
         return self.current.read_node_code(package, executable)
@@ -120,7 +120,7 @@ def new_errors(before: Iterable[Diagnostic], after: Iterable[Diagnostic]) -> tup
 def expected_content(
     tree: TreeMap, place: InsertionPoint, entry: Mapping[str, object], index: int | None
 ) -> object:
-    """What a text is to say: what it says in `tree`, and the node as the last or at `index`."""
+    """The expected content: that of `tree`, with the node as the last or at `index`."""
     plain = plain_value(tree)
     holder = _holder(plain, place)
     nodes = _nodes(holder.get(place.section))
@@ -133,7 +133,7 @@ def expected_content(
 
 
 def content_of(tree: Tree, place: InsertionPoint) -> object:
-    """What a text says, the section of the place as a list."""
+    """The content of a text, the section of the place as a list."""
     plain = plain_value(tree)
     holder = _holder(plain, place)
     holder[place.section] = _nodes(holder.get(place.section))

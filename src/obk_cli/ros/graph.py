@@ -204,7 +204,7 @@ def visible(graph: GraphSnapshot) -> GraphSnapshot:
 
 
 def parameter_nodes(graph: GraphSnapshot) -> tuple[str, ...]:
-    """Full names of the nodes that tell their parameters."""
+    """Full names of the nodes that have parameter services."""
     return tuple(
         name.removesuffix("/list_parameters")
         for name, types in graph.services.items()

@@ -59,7 +59,7 @@ class DelayMeter:
 
         Args:
             received_ns: when it came [ns since 1970].
-            stamp_ns: what its header says [ns].
+            stamp_ns: the stamp in its header [ns].
             simulated_ns: the simulated time when it came [ns]; None: not known.
         """
         if not stamp_ns:

@@ -1,4 +1,4 @@
-"""From an entry point to what its source says of the node that it runs."""
+"""Read what the source behind an entry point defines for the node that it runs."""
 
 import ast
 from collections.abc import Iterable, Iterator
@@ -54,7 +54,7 @@ def read_node_code(
     load: LoadModule,
     places: ImportPlaces | None = None,
 ) -> NodeCode | None:
-    """What the source behind an entry point says; None where it cannot be known from reading.
+    """What the source behind an entry point defines; None if reading cannot show it.
 
     Args:
         module: dotted name of the module.

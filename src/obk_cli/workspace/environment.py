@@ -105,7 +105,7 @@ class MachineEnvironment:
         return self._commands[key]
 
     def read_node_code(self, package: str, executable: str) -> NodeCode | None:
-        """What the Python source of an executable says."""
+        """What the Python source of an executable defines."""
         key = (package, executable)
         if key not in self._codes:
             command = self.find_executable(package, executable)

@@ -46,7 +46,7 @@ class NodeSources:
         self._folders: dict[tuple[str, tuple[Path, ...]], tuple[Path, ...]] = {}
 
     def read(self, command: Command) -> NodeCode | None:
-        """What the source of a command says, None where it is not Python or not to be had."""
+        """What the source of a command defines, None if it is not Python or not found."""
         if command.module is not None:
             return self._read_module(command.module, command.function, command.python_path)
         program = Path(command.arguments[0])
