@@ -85,8 +85,8 @@ def check_control_topics(context: CheckContext) -> Iterator[Diagnostic]:
             if other.owner != first.owner:
                 yield found(
                     "OBK210",
-                    f"both `{first.owner}` and `{other.owner}` publish `{topic}`, which the robot "
-                    "obeys",
+                    f"both `{first.owner}` and `{other.owner}` publish `{topic}`, which "
+                    "commands the robot",
                     other.span,
                     related=(
                         Related(message="the other one", span=first.span),
@@ -118,7 +118,7 @@ def _check_node_timers(node: Node, fastest_hz: float) -> Iterator[Diagnostic]:
             yield found(
                 "OBK211",
                 f"timer `{component.identity}` runs at {1 / period.value:g} Hz, the fastest topic "
-                f"that `{node.node_name}` hears comes at {fastest_hz:g} Hz",
+                f"that `{node.node_name}` subscribes to comes at {fastest_hz:g} Hz",
                 period.span,
             )
 

@@ -48,7 +48,7 @@ def add_to_options(
         return AddToOptions(config=config, device=device, replaces=replaces)
     for option, value in (("--device", device), ("--replace", replaces)):
         if value is not None:
-            raise MisuseError(f"`{option}` says where in a config: give `--add-to CONFIG` too")
+            raise MisuseError(f"`{option}` applies to a config: add `--add-to CONFIG`")
     return None
 
 
@@ -91,7 +91,7 @@ class ConfigEdit:
     def describe(self, *, is_done: bool) -> Added:
         """Describe what was, or would be, changed in the config."""
         source, text = self.added.source, self.added.text
-        later = "note: until it is built, `obk validate` says that there is no such executable"
+        later = "note: until it is built, `obk validate` reports a missing executable"
         return Added(
             config=source.path,
             lines=(

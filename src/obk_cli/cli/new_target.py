@@ -97,7 +97,7 @@ def find_root(target: TargetFolder, name: str) -> Path:
     if not real.is_relative_to(target.boundary.resolve()):
         raise CommandFailedError(
             f"{root} is reached through a symbolic link that leads to {real}",
-            help=f"to make the package there, say so: --dest {real.parent}",
+            help=f"to create the package there, add --dest {real.parent}",
         )
     if root.exists() and not root.is_dir():
         raise CommandFailedError(

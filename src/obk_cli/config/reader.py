@@ -211,8 +211,8 @@ class _StackReader:
                 help = did_you_mean(entry.key, SECTION_KEYS)
                 message = f"device `{device.key}` has no section `{entry.key}`"
                 meant = sure_name(entry.key, SECTION_KEYS)
-                cure = respell(entry.key_span, entry.key, meant) if meant else ()
-                self._faults.append(found("OBK101", message, entry.key_span, help=help, fix=cure))
+                edits = respell(entry.key_span, entry.key, meant) if meant else ()
+                self._faults.append(found("OBK101", message, entry.key_span, help=help, fix=edits))
 
     def read_section(self, section: Entry, device: str) -> None:
         """One section of one device."""

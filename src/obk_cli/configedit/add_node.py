@@ -328,7 +328,7 @@ def find_replaced(stack: Stack, section: str, name: str) -> Node | Rejected:
     if exact:
         return Rejected(
             sentence=f"`{name}` is {len(exact)} nodes of `{section}`",
-            help=f"say which: {list_names(node.node_name for node in exact)}",
+            help=f"choose one: {list_names(node.node_name for node in exact)}",
         )
     names = [node.node_name for node in nodes]
     return Rejected(
@@ -349,7 +349,7 @@ def _choose_device(tree: TreeMap, stack: Stack, name: str | None) -> str | Rejec
     if len(known) > 1:
         return Rejected(
             sentence=f"the config has {len(known)} devices, and the new node runs on one",
-            help=f"say which: {list_names(known)}",
+            help=f"choose one: {list_names(known)}",
         )
     return known[0]
 

@@ -133,7 +133,7 @@ def stamp_of(msg_type: str, fields_of: FieldsOf) -> Callable[[Any], int]:
     time = next((name for name, kind in fields.items() if kind == TIME), None)
     if time is None:
         raise CommandFailedError(
-            f"{msg_type} has no header and no stamp, so nothing tells when a message was made"
+            f"{msg_type} has no header and no stamp, so the age of a message is unknown"
         )
     return lambda message: _ns(getattr(message, time))
 

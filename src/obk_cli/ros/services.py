@@ -69,7 +69,7 @@ class ServiceClient:
             lambda: self._client.service_server_is_available() or None, timeout_s
         )
         if is_there is None:
-            raise CommandFailedError(f"nobody serves {self._name} within {timeout_s:g} s")
+            raise CommandFailedError(f"no node serves {self._name} within {timeout_s:g} s")
         if not is_question:
             self._wait_until_discovered(end)
         numbers = {self._client.send_request(request)}

@@ -54,7 +54,7 @@ def _require(check: Callable[[Any], Any], python_type: Any) -> None:
         package, section, *_ = f"{python_type.__module__}.".split(".")
         raise CommandFailedError(
             f"the type {package}/{section}/{python_type.__name__} cannot be used here: {error}",
-            help="its package is built for another Python or ROS 2: build it anew, or leave that "
+            help="its package is built for another Python or ROS 2: build it again, or leave that "
             "out of PYTHONPATH",
         ) from error
 

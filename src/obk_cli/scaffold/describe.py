@@ -151,8 +151,8 @@ def _config_lines(spec: PackageSpec) -> tuple[str, ...]:
         return ()
     return (
         "",
-        f"what a config says under `{SECTIONS[spec.kind]}:` to run it, {TOPICS_TO_FILL_IN} "
-        "being what its topics begin with; --add-to CONFIG writes it with the config's topics:",
+        f"add to a config under `{SECTIONS[spec.kind]}:`, with your topic prefix instead of "
+        f"{TOPICS_TO_FILL_IN}; --add-to CONFIG does both:",
         *(f"  {line}" for line in config_snippet(spec).splitlines()),
     )
 
