@@ -153,6 +153,9 @@ class Environment(Protocol):
     def read_node_code(self, package: str, executable: str) -> "NodeCode | None":
         """What the Python source of an executable says, None where that cannot be known."""
 
+    def read_hazards(self, package: str, executable: str) -> tuple[Diagnostic, ...]:
+        """What in the source of an executable may differ between two lock-step runs."""
+
     def is_cpp(self, package: str, executable: str) -> bool:
         """Whether an executable is in C++, as far as that can be known."""
 
