@@ -1,6 +1,6 @@
 """OBK605, OBK611 to OBK613: nodes and settings that lock-step runs cannot reproduce.
 
-What the source of a node shows (OBK601 to OBK608) is found by `source_analysis.hazards`.
+What the source of a node shows (OBK601 to OBK609) is found by `source_analysis.hazards`.
 """
 
 from collections.abc import Iterator

@@ -47,8 +47,8 @@ class _Spun:
     module: Module
     has_arguments: bool
     """Whether the class is made with arguments other than its defaults."""
-    has_executor: bool
-    """Whether the program chooses the executor."""
+    may_have_threads: bool
+    """Whether the program chooses an executor that may run callbacks in parallel."""
 
 
 def read_node_code(
@@ -152,8 +152,15 @@ def _spun_in(body: Iterable[ast.stmt], module: Module) -> Iterator[_Spun]:
             node_type = node.args[1] if len(node.args) > 1 else keywords.get("node_type")
             if node_type is not None:
                 has_arguments = len(node.args) > 3 or "node_kwargs" in keywords or None in keywords
-                has_executor = len(node.args) > 2 or "executor_type" in keywords
-                yield _Spun(node_type, module, has_arguments, has_executor or None in keywords)
+                executor = node.args[2] if len(node.args) > 2 else keywords.get("executor_type")
+                is_parallel = executor is not None and not _is_single_threaded(executor, module)
+                yield _Spun(node_type, module, has_arguments, is_parallel or None in keywords)
+
+
+def _is_single_threaded(executor: ast.expr, module: Module) -> bool:
+    name = dotted_name(executor, module) or ""
+    is_none = isinstance(executor, ast.Constant) and executor.value is None
+    return is_none or name == "rclpy.executors.SingleThreadedExecutor"
 
 
 def _class_of(spun: _Spun, library: ModuleLibrary) -> ClassSource | None:
@@ -173,7 +180,7 @@ def _node_code(
     found = registrations_of(lineage, library, has_arguments=spun.has_arguments)
     without_base = check_base_constructor(*found.without_base) if found.without_base else ()
     callbacks = check_callbacks(found.callbacks.values(), lineage, library)
-    waits = () if spun.has_executor else check_blocking_calls(lineage)
+    waits = () if spun.may_have_threads else check_blocking_calls(lineage)
     return NodeFacts(
         class_name=source.node.name,
         span=span_of(source.node, source.module.source),

@@ -1,4 +1,4 @@
-"""OBK601 to OBK608: what in a node's source may differ between lock-step runs.
+"""OBK601 to OBK609: what in a node's source may differ between lock-step runs.
 
 Looks at the code that the node's start leads to. A call is recognised by its full name, so what
 goes by way of a variable, `getattr` or a package outside the workspace is not found.
@@ -63,7 +63,7 @@ _NO_DEVICES = ("/dev/null", "/dev/zero", "/dev/full")
 _REAL_CLOCKS = frozenset(
     """
     time.clock_gettime time.clock_gettime_ns time.process_time time.process_time_ns
-    time.thread_time time.thread_time_ns os.times resource.getrusage
+    time.thread_time time.thread_time_ns os.times resource.getrusage datetime.date.today
     """.split()
 )
 _COMPILED = frozenset(
@@ -79,6 +79,7 @@ _EXECUTORS = frozenset(
     obelisk_py.core.executor.EventLoopExecutor
     """.split()
 )
+_PLAIN_NODES = ("rclpy.create_node", "rclpy.node.Node", "rclpy.lifecycle.LifecycleNode")
 _GPU = ("torch", "jax", "cupy", "tensorflow", "pycuda", "warp")
 
 _CALLS: Final[Mapping[str, tuple[str, str, str]]] = {
@@ -114,19 +115,29 @@ _CALLS: Final[Mapping[str, tuple[str, str, str]]] = {
             "use `call_async` and a callback of its future, or `await` it",
         ),
     ),
+    **dict.fromkeys(
+        _PLAIN_NODES,
+        (
+            "OBK609",
+            "`{}` makes a plain rclpy node, which lock-step runs refuse",
+            "derive its class from `ObeliskNode`",
+        ),
+    ),
 }
 """Full name of what is called -> code, message and help of the finding."""
 
 _SIMULATOR_LOOP = "run_simulator"
 """The method whose thread lock-step runs control."""
-_QOS_PROFILE = "rclpy.qos.QoSProfile"
-_QOS_EVENTS = (
-    "rclpy.event_handler.PublisherEventCallbacks",
-    "rclpy.event_handler.SubscriptionEventCallbacks",
-    "rclpy.qos_event.PublisherEventCallbacks",
-    "rclpy.qos_event.SubscriptionEventCallbacks",
-)
 _QOS_POLICIES = ("deadline", "lifespan", "liveliness", "liveliness_lease_duration")
+_QOS_EVENTS = ("deadline", "liveliness", "matched", "message_lost")
+_QOS_KEYWORDS: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
+    "rclpy.qos.QoSProfile": ("policy", _QOS_POLICIES),
+    "rclpy.event_handler.PublisherEventCallbacks": ("event", _QOS_EVENTS),
+    "rclpy.event_handler.SubscriptionEventCallbacks": ("event", _QOS_EVENTS),
+    "rclpy.qos_event.PublisherEventCallbacks": ("event", _QOS_EVENTS),
+    "rclpy.qos_event.SubscriptionEventCallbacks": ("event", _QOS_EVENTS),
+}
+"""What is called -> what its keywords set, and those that have an effect in a real run only."""
 _WITHOUT_EFFECT = ("AUTOMATIC", "SYSTEM_DEFAULT", "BEST_AVAILABLE", "UNKNOWN", "Infinite")
 _WANT_NUMBERS = (
     "int",
@@ -214,16 +225,20 @@ def _device(path: ast.expr, block: CodeBlock) -> _Hazard:
     )
 
 
-def _thread_classes(block: CodeBlock) -> Iterator[_Hazard]:
-    """OBK601: classes that are threads or processes themselves."""
+def _classes(block: CodeBlock) -> Iterator[_Hazard]:
+    """OBK601, OBK609: classes that are threads, processes or plain nodes themselves."""
     if block.owner is None or block.function is not None:
         return
+    name = block.owner.name
     for base in block.owner.bases:
-        name = block.name_of(base)
-        if name in _THREADS:
-            span = span_of(base, block.module.source)
-            message = f"class `{block.owner.name}` runs code beside the callbacks, in real time"
-            yield block.owner.name, found("OBK601", message, span, help="do the work in a timer")
+        span = span_of(base, block.module.source)
+        base_name = block.name_of(base)
+        if base_name in _THREADS:
+            message = f"class `{name}` runs code beside the callbacks, in real time"
+            yield name, found("OBK601", message, span, help="do the work in a timer")
+        elif base_name in _PLAIN_NODES:
+            message = f"class `{name}` is a plain rclpy node, which lock-step runs refuse"
+            yield name, found("OBK609", message, span, help="derive it from `ObeliskNode`")
 
 
 def _gpu(block: CodeBlock) -> Iterator[_Hazard]:
@@ -250,31 +265,26 @@ def _gpu(block: CodeBlock) -> Iterator[_Hazard]:
 
 
 def _qos(block: CodeBlock) -> Iterator[_Hazard]:
-    """OBK605: deadlines, lifespans, liveliness, and callbacks of their events."""
+    """OBK605: deadlines, lifespans, liveliness, and callbacks of QoS events."""
     for node in block.nodes:
-        match node:
-            case ast.Call(func=called, keywords=keywords):
-                name = block.name_of(called)
-                if name == _QOS_PROFILE:
-                    places = [(k.arg, k.value) for k in keywords if not _is_default(k.value)]
-                elif name in _QOS_EVENTS:
-                    places = [(k.arg, k.value) for k in keywords if not _is_none(k.value)]
-                else:
-                    continue
-            case ast.Assign(targets=[ast.Attribute(value=profile, attr=policy) as target], value=v):
-                is_profile = "qos" in ast.unparse(profile).lower()
-                places = [(policy, target)] if is_profile and not _is_default(v) else []
-            case _:
-                continue
-        for name, place in places:
-            if name in _QOS_POLICIES:
-                span = span_of(place, block.module.source)
-                message = f"lock-step runs do not simulate the QoS policy `{name}`"
-                yield str(span), found("OBK605", message, span)
+        for what, name, place in _qos_settings(node, block):
+            span = span_of(place, block.module.source)
+            message = f"lock-step runs do not simulate the QoS {what} `{name}`"
+            yield str(span), found("OBK605", message, span)
 
 
-def _is_none(expression: ast.expr) -> bool:
-    return isinstance(expression, ast.Constant) and expression.value is None
+def _qos_settings(node: ast.AST, block: CodeBlock) -> Iterator[tuple[str, str, ast.expr]]:
+    match node:
+        case ast.Call(func=called, keywords=keywords):
+            what, names = _QOS_KEYWORDS.get(block.name_of(called) or "", ("", ()))
+            for keyword in keywords:
+                if keyword.arg in names and not _is_default(keyword.value):
+                    yield what, keyword.arg, keyword.value
+        case ast.Assign(
+            targets=[ast.Attribute(value=profile, attr=name) as target], value=value
+        ) if name in _QOS_POLICIES:
+            if "qos" in ast.unparse(profile).lower() and not _is_default(value):
+                yield "policy", name, target
 
 
 def _is_default(expression: ast.expr) -> bool:
@@ -342,7 +352,7 @@ def _hash(place: ast.expr, block: CodeBlock) -> _Hazard:
 
 _CHECKS: Final[tuple[Callable[[CodeBlock], Iterator[_Hazard]], ...]] = (
     _calls,
-    _thread_classes,
+    _classes,
     _gpu,
     _qos,
     _set_order,

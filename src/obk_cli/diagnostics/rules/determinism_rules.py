@@ -29,8 +29,8 @@ RULES: tuple[Rule, ...] = (
         severity="info",
         title="a clock that is not simulated",
         cause="A lock-step run simulates ROS clocks, `time.time`, `monotonic`, `perf_counter`, "
-        "`sleep` and `datetime.now`. Clocks of processor time, clocks that are read by number, and "
-        "clocks that compiled code reads stay real.",
+        "`sleep` and `datetime.now`. Processor time, clocks that are read by number, and clocks "
+        "that compiled code reads stay real.",
         fix="Read `self.t` or one of the simulated clocks. If the value is only logged, silence "
         "the finding.",
     ),
@@ -47,8 +47,8 @@ RULES: tuple[Rule, ...] = (
         severity="info",
         title="QoS that lock-step runs do not simulate",
         cause="Deadlines, lifespans and liveliness are measured by the middleware in real time. In "
-        "a lock-step run messages do not pass through it: no such event occurs, and no message "
-        "expires.",
+        "a lock-step run messages do not pass through it: no message expires, and a callback of a "
+        "QoS event is refused because it would never be called.",
         fix="Test what depends on them in a real run, `obk rehearse`; otherwise silence the "
         "finding.",
     ),
@@ -78,6 +78,15 @@ RULES: tuple[Rule, ...] = (
         "a result.",
         fix="Compute on the CPU in tests, or select the library's deterministic algorithms; then "
         "silence the finding.",
+    ),
+    Rule(
+        code="OBK609",
+        severity="info",
+        title="a plain rclpy node",
+        cause="Messages and timers of a plain rclpy node are those of DDS and the system's clock. "
+        "A lock-step run refuses the node.",
+        fix="Derive its class from `ObeliskNode` or another base class of the library, or leave "
+        "the executable out of the test.",
     ),
     Rule(
         code="OBK611",

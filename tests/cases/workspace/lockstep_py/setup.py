@@ -10,6 +10,7 @@ setup(
             "executors = lockstep_py.executors:main",
             "gpu = lockstep_py.gpu:main",
             "outside = lockstep_py.outside:main",
+            "plain = lockstep_py.plain:main",
             "qos = lockstep_py.qos:main",
             "repeatable = lockstep_py.repeatable:main",
             "robot = lockstep_py.robot:main",

@@ -76,6 +76,19 @@ def test_a_program_that_chooses_its_executor_may_have_threads_to_wait_on() -> No
     text = NODE.format(**dict.fromkeys(places, "pass"), tick=CALL)
     for arguments in ("Mine, Pool", "Mine, executor_type=Pool", "Mine, **more"):
         source = HEAD + text + TAIL.replace("Mine", arguments)
-        facts = read_node_code("m", "main", lambda name, s=source: load_from({"m": s}, name))
-        assert isinstance(facts, NodeFacts)
-        assert facts.findings == ()
+        assert findings(source) == []
+
+
+@pytest.mark.parametrize("executor", ["None", "SingleThreadedExecutor"])
+def test_one_thread_is_one_thread_however_it_is_chosen(executor: str) -> None:
+    places = ("constructor", "update", "helper", "loop", "work")
+    text = NODE.format(**dict.fromkeys(places, "pass"), tick=CALL)
+    known = "from rclpy.executors import SingleThreadedExecutor\n"
+    source = HEAD + known + text + TAIL.replace("Mine", f"Mine, {executor}")
+    assert findings(source) == ["OBK426"]
+
+
+def findings(source: str) -> list[str]:
+    facts = read_node_code("m", "main", lambda name: load_from({"m": source}, name))
+    assert isinstance(facts, NodeFacts)
+    return [finding.code for finding in facts.findings]

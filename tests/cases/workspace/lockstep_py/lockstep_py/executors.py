@@ -6,11 +6,11 @@ from obelisk_py.core.utils.ros import spin_obelisk
 
 
 class ExecutorController(Controller):
-    """Has a second node, which it spins in its own callback."""
+    """Makes a second node, which it spins in its own callback."""
 
     def __init__(self, node_name: str = "executors") -> None:
         super().__init__(node_name)
-        self.second = rclpy.create_node("second")
+        self.second = Controller("second")
 
     def compute_control(self) -> PositionSetpoint:
         rclpy.spin_once(self.second, timeout_sec=0.0)
