@@ -1,10 +1,12 @@
 """What may differ between two lock-step runs, and what they simulate and is no finding."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from obk_cli.source_analysis.hazards import find_hazards
 
-from .test_entry_point import HEAD, TAIL, load_from
+from .test_entry_point import HEAD, LIBRARY, TAIL, load_from
 
 NODE = """
 class Mine(ObeliskNode):
@@ -187,3 +189,19 @@ def test_source_that_is_not_python_has_no_hazards() -> None:
 def test_a_set_that_refers_to_itself_ends() -> None:
     assert hazards(node("names = names | other\nfor x in names: print(x)")) == []
     assert hazards(node("self.a = self.a | msg.b\nfor x in self.a: print(x)")) == []
+
+
+def test_bases_in_a_circle_end() -> None:
+    assert hazards("class Mine(Other):\n    pass\nclass Other(Mine):\n    pass\n") == []
+
+
+SOURCES = [path.read_text(encoding="utf-8") for path in sorted(LIBRARY.rglob("core/*.py"))]
+
+
+@given(st.sampled_from(SOURCES), st.data())
+def test_any_source_has_hazards_or_none(text: str, data: st.DataObject) -> None:
+    at = data.draw(st.integers(0, len(text)))
+    cut = data.draw(st.integers(0, 30))
+    text = text[:at] + data.draw(st.text(max_size=5)) + text[at + cut :]
+    for function in ("main", None):
+        find_hazards("m", function, lambda name: load_from({"m": text + TAIL}, name))
