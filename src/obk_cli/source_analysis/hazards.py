@@ -126,8 +126,6 @@ _CALLS: Final[Mapping[str, tuple[str, str, str]]] = {
 }
 """Full name of what is called -> code, message and help of the finding."""
 
-_SIMULATOR_LOOP = "run_simulator"
-"""The method whose thread lock-step runs control."""
 _QOS_POLICIES = ("deadline", "lifespan", "liveliness", "liveliness_lease_duration")
 _QOS_EVENTS = ("deadline", "liveliness", "matched", "message_lost")
 _QOS_KEYWORDS: Final[Mapping[str, tuple[str, tuple[str, ...]]]] = {
@@ -190,7 +188,7 @@ def _calls(block: CodeBlock) -> Iterator[_Hazard]:
             case ast.Call(func=called):
                 name = block.name_of(called) or ""
                 row = _CALLS.get(name)
-                if row is not None and not _is_exempt(row[0], block):
+                if row is not None and not _is_of_program(row[0], block):
                     code, message, help = row
                     span = span_of(called, block.module.source)
                     yield name, found(code, message.format(name), span, help=help)
@@ -198,10 +196,8 @@ def _calls(block: CodeBlock) -> Iterator[_Hazard]:
                     yield _device(node.args[0], block)
 
 
-def _is_exempt(code: str, block: CodeBlock) -> bool:
-    if code == "OBK601":
-        return block.function is not None and block.function.name == _SIMULATOR_LOOP
-    # A program may spin before the run, or instead of `spin_obelisk`.
+def _is_of_program(code: str, block: CodeBlock) -> bool:
+    """Whether it is an executor that the program itself spins, outside of all callbacks."""
     return code == "OBK604" and block.function is None
 
 

@@ -11,8 +11,8 @@ RULES: tuple[Rule, ...] = (
         title="a thread, process or event loop of the node's own",
         cause="A lock-step run calls all callbacks on one thread, in simulated time. What a node "
         "starts beside them runs in real time, so its effects come at another simulated time in "
-        "each run. `run_simulator` of a simulated robot is exempt: lock-step runs control its "
-        "thread.",
+        "each run. The thread in which `run_simulator` of a simulated robot runs is in lock-step; "
+        "threads that it starts are not.",
         fix="Do the work in a timer, or in `run_simulator`. If results do not depend on when the "
         "thread runs, silence the finding.",
     ),

@@ -127,11 +127,11 @@ def test_what_lockstep_runs_simulate_is_no_hazard(imports: str, callback: str) -
     assert hazards(f"{imports}\n{node(callback)}") == []
 
 
-def test_the_thread_of_a_simulator_is_no_hazard_but_one_of_its_constructor_is() -> None:
-    loop = "    def run_simulator(self):\n        threading.Thread(target=f).start()\n"
-    assert hazards("import threading\n" + node() + loop) == []
-    begun = node(constructor="threading.Thread(target=f).start()")
-    assert hazards("import threading\n" + begun + loop) == ["OBK601"]
+def test_the_thread_of_a_simulator_is_no_hazard_but_one_that_it_starts_is() -> None:
+    loop = "    def run_simulator(self):\n        while self.goes_on():\n            {}\n"
+    assert hazards("import time\n" + node() + loop.format("time.sleep(0.001)")) == []
+    started = loop.format("threading.Thread(target=f).start()")
+    assert hazards("import threading\n" + node() + started) == ["OBK601"]
 
 
 def test_a_class_that_is_a_thread_is_found_where_the_node_uses_it() -> None:

@@ -1,4 +1,3 @@
-import threading
 import time
 
 from obelisk_control_msgs.msg import PositionSetpoint
@@ -20,8 +19,6 @@ class Arm(ObeliskSimRobot):
         self.u = control_msg.u_mujoco[0]
 
     def run_simulator(self) -> None:
-        watchdog = threading.Timer(1.0, self.simulator_stop.set)
-        watchdog.start()
         while not self.simulator_stop.is_set():
             self.q += 0.01 * (self.u - self.q)
             self.obk_publishers["pub_joints"].publish(JointEncoders(y=[self.q]))
