@@ -3,6 +3,7 @@
 The adapters answer; tests answer with tables. Looks at nothing itself.
 """
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Protocol
@@ -51,6 +52,14 @@ class Command:
     """The Python module that holds what is run, where that is known."""
     function: str | None = None
     """The function of `module` that is called; None for a module that is run as a program."""
+
+    @property
+    def is_of_this_python(self) -> bool:
+        """Whether it is Python that this interpreter runs, or installed in its environment."""
+        if self.module is None:
+            return False
+        program = Path(self.arguments[0])
+        return program == Path(sys.executable) or program.is_relative_to(sys.prefix)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,6 +152,9 @@ class Environment(Protocol):
 
     def read_node_code(self, package: str, executable: str) -> "NodeCode | None":
         """What the Python source of an executable defines, None if that cannot be known."""
+
+    def read_hazards(self, package: str, executable: str) -> tuple[Diagnostic, ...]:
+        """What in the source of an executable may differ between two lock-step runs."""
 
     def is_cpp(self, package: str, executable: str) -> bool:
         """Whether an executable is in C++, as far as that can be known."""

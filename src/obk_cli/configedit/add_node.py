@@ -89,6 +89,12 @@ class PlannedEnvironment:
             return None
         return self.current.read_node_code(package, executable)
 
+    def read_hazards(self, package: str, executable: str) -> tuple[Diagnostic, ...]:
+        """What in the source of an executable may differ between two lock-step runs."""
+        if (package, executable) == (self.package, self.executable):
+            return ()
+        return self.current.read_hazards(package, executable)
+
     def is_cpp(self, package: str, executable: str) -> bool:
         """Whether an executable is in C++."""
         if (package, executable) == (self.package, self.executable):

@@ -220,7 +220,7 @@ def test_standard_input(
         ("validate f --format xml", "`--format xml`: expected one of `text`, `json`, `sarif`, "
          "`github`"),
         ("validate f --ignore OBK9", "`--ignore OBK9` names no rule\n"
-         "  help: did you mean `OBK409` or `OBK319` or `OBK309`?"),
+         "  help: did you mean `OBK609` or `OBK409` or `OBK319`?"),
         ("validate f --color green", "`--color green`: expected `auto`, `always` or `never`"),
         ("compile f --to bmp", "`--to bmp`: expected one of `plan`, `params`, `launch`, "
          "`mermaid`, `dot`, `svg`, `json`"),
