@@ -1,6 +1,6 @@
 """End a command by Ctrl-C: KeyboardInterrupt reaches the caller even if a library drops it.
 
-Python prints and drops an exception that is raised in a callback of C code, such as the one that
+Python drops an exception that is raised in a callback of C code, such as the one that
 removes the lock of an import; extensions turn it into errors of their own. Ctrl-C is also handled
 in a program that was started with SIGINT ignored, as shells start programs in the background.
 """
@@ -28,6 +28,13 @@ def insist_on_interrupt() -> Iterator[None]:
     Raises:
         KeyboardInterrupt: also in place of an error that a library made of it.
     """
+    report = sys.unraisablehook
+
+    def report_others(dropped: "sys.UnraisableHookArgs") -> None:
+        if not issubclass(dropped.exc_type, KeyboardInterrupt):
+            report(dropped)
+
+    sys.unraisablehook = report_others
     before = signal.signal(signal.SIGINT, _interrupt)
     try:
         yield
@@ -38,6 +45,7 @@ def insist_on_interrupt() -> Iterator[None]:
     finally:
         accept_interrupt()
         signal.signal(signal.SIGINT, before)
+        sys.unraisablehook = report
 
 
 @contextmanager
