@@ -132,6 +132,8 @@ def test_tool_and_run_time_never_import_each_other() -> None:
         assert not libraries(path) & {"obk_cli", "obk_interfaces"}, path
     for path in modules_of("obk_cli"):
         assert "obelisk_py" not in libraries(path), path
+    for path in (*modules_of("obelisk_py"), *modules_of("obk_cli"), *modules_of("obelisk_spec")):
+        assert "obk_testing" not in libraries(path), path
     for path in modules_of("obk_interfaces"):
         assert not libraries(path) & {"obk_cli", "obelisk_py"}, path
 

@@ -36,7 +36,15 @@ from obelisk_py.core.spinning import (
     wait_at_startup_barrier,
 )
 
-__all__ = ["Program", "logger_name", "main", "read_programs", "run_composed"]
+__all__ = [
+    "Program",
+    "logger_name",
+    "main",
+    "read_programs",
+    "ros_arguments_of",
+    "run_composed",
+    "set_log_levels",
+]
 
 ROS_ARGUMENTS = "--ros-args"
 LOG_LEVEL = "--log-level"
@@ -207,8 +215,8 @@ class _Host:
 
     def _make(self, program: Program, request: SpinRequest) -> GuardedLifecycleNode | None:
         try:
-            arguments = _ros_arguments(request.args)
-            _set_log_levels(logger_name(program.node), arguments)
+            arguments = ros_arguments_of(request.args)
+            set_log_levels(logger_name(program.node), arguments)
             with program.command_line(), node_arguments(arguments):
                 return request.make()
         except BaseException as error:
@@ -223,12 +231,12 @@ class _Host:
             self.failure = _Failure(node=node, fault=fault)
 
 
-def _ros_arguments(args: Sequence[str]) -> tuple[str, ...]:
+def ros_arguments_of(args: Sequence[str]) -> tuple[str, ...]:
     """The ROS arguments of a command line."""
     return tuple(args[args.index(ROS_ARGUMENTS) :]) if ROS_ARGUMENTS in args else ()
 
 
-def _set_log_levels(own: str, arguments: Sequence[str]) -> None:
+def set_log_levels(own: str, arguments: Sequence[str]) -> None:
     """Set levels as the ROS arguments of a process do, a bare one for the node's loggers only."""
     for option, value in pairwise(arguments):
         if option == LOG_LEVEL:

@@ -16,12 +16,15 @@ from typing import Any
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rclpy.client import Client
+from rclpy.guard_condition import GuardCondition
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.publisher import LifecyclePublisher
+from rclpy.publisher import Publisher
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Future
-from rclpy.timer import Timer
+from rclpy.timer import Rate, Timer
 from std_srvs.srv import Trigger
 
 from obelisk_py.core.faults import (
@@ -31,15 +34,9 @@ from obelisk_py.core.faults import (
     guard_service,
     wrong_answer,
 )
-from obelisk_py.core.intra_process import IntraProcessPublisher
 from obelisk_py.core.parameters import GuardedCheck, ParameterRules, guard_setting_service
-from obelisk_py.core.shared_clock import (
-    ClockFeed,
-    SharedClock,
-    is_of_time_source,
-    page_to_follow,
-    share_timer,
-)
+from obelisk_py.core.shared_clock import ClockFeed
+from obelisk_py.core.surroundings import current_surroundings
 
 __all__ = ["GuardedLifecycleNode", "NodeFault", "node_arguments"]
 
@@ -82,11 +79,12 @@ class GuardedLifecycleNode(LifecycleNode):
         self._transition_lock = threading.RLock()
         self._is_failing = False
         self._is_unrecoverable = False
-        self._clock_page = page_to_follow()
+        self.surroundings = current_surroundings()
         own = _own_arguments.get()
         if own is not None:
             kwargs = {"cli_args": list(own), "use_global_arguments": False, **kwargs}
-        super().__init__(node_name, **kwargs)
+        with self.surroundings.construction(self):
+            super().__init__(node_name, **kwargs)
         # rclpy has no method for this; it calls the callbacks in this table, by state.
         self._callbacks = {
             state: self._guarded_transition(callback) for state, callback in self._callbacks.items()
@@ -134,9 +132,10 @@ class GuardedLifecycleNode(LifecycleNode):
     def create_lifecycle_publisher(self, *args: Any, **kwargs: Any) -> LifecyclePublisher:
         """As rclpy's, but bypasses DDS if only this process subscribes."""
         # Not through rclpy's method, which does not let its caller choose the class.
-        make: Any = functools.partial(IntraProcessPublisher, self.context)
-        publisher: Any = super().create_publisher(*args, **kwargs, publisher_class=make)
+        make: Any = self.surroundings.publisher_class(self.context, has_lifecycle=True)
+        publisher: Any = LifecycleNode.create_publisher(self, *args, **kwargs, publisher_class=make)
         self._managed_entities.add(publisher)
+        self.surroundings.adopt(self, publisher)
         return publisher  # type: ignore[no-any-return]
 
     def create_timer(
@@ -145,12 +144,42 @@ class GuardedLifecycleNode(LifecycleNode):
         """As rclpy's, but an exception of the callback takes the node to error processing."""
         # rclpy's rates are timers without a callback.
         guarded = self.guarded(callback) if callable(callback) else callback
-        clock = kwargs.get("clock") or self.get_clock()
-        if isinstance(clock, SharedClock):
-            clock.sync()
-        timer = super().create_timer(timer_period_sec, guarded, *args, **kwargs)
-        share_timer(timer)
+        create = super().create_timer
+        timer: Timer = self.surroundings.create_timer(
+            self, create, timer_period_sec, guarded, *args, **kwargs
+        )
         return timer
+
+    def create_rate(self, *args: Any, **kwargs: Any) -> Rate:
+        """As rclpy's."""
+        rate: Rate = self.surroundings.create_rate(self, super().create_rate, *args, **kwargs)
+        return rate
+
+    def create_publisher(self, *args: Any, **kwargs: Any) -> Publisher:
+        """As rclpy's."""
+        make = self.surroundings.publisher_class(self.context, has_lifecycle=False)
+        if make is not None:
+            kwargs.setdefault("publisher_class", make)
+        publisher = super().create_publisher(*args, **kwargs)
+        self.surroundings.adopt(self, publisher)
+        return publisher
+
+    def create_client(self, *args: Any, **kwargs: Any) -> Client:
+        """As rclpy's."""
+        client = super().create_client(*args, **kwargs)
+        self.surroundings.adopt(self, client)
+        return client
+
+    def create_guard_condition(self, callback: Any, *args: Any, **kwargs: Any) -> GuardCondition:
+        """As rclpy's, but an exception of the callback takes the node to error processing."""
+        guard = super().create_guard_condition(self.guarded(callback), *args, **kwargs)
+        self.surroundings.adopt(self, guard)
+        return guard
+
+    def add_waitable(self, waitable: Any) -> None:
+        """As rclpy's."""
+        super().add_waitable(waitable)
+        self.surroundings.adopt(self, waitable)
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any, **kwargs: Any
@@ -159,16 +188,21 @@ class GuardedLifecycleNode(LifecycleNode):
 
         The subscription of rclpy's time source to `/clock` is replaced if the process has the time.
         """
-        if self._clock_page is not None and is_of_time_source(callback):
-            feed: Any = ClockFeed(self.get_clock(), self._clock_page)
+        feed: Any = self.surroundings.clock_feed(self, callback)
+        if feed is not None:
             return feed  # type: ignore[no-any-return]
-        return super().create_subscription(msg_type, topic, self.guarded(callback), *args, **kwargs)
+        subscription = super().create_subscription(
+            msg_type, topic, self.guarded(callback), *args, **kwargs
+        )
+        self.surroundings.adopt(self, subscription)
+        return subscription
 
     def destroy_subscription(self, subscription: Any) -> bool:
         """As rclpy's."""
         if isinstance(subscription, ClockFeed):
             subscription.close()
             return True
+        self.surroundings.release(subscription)
         return bool(super().destroy_subscription(subscription))
 
     def create_service(
@@ -180,9 +214,16 @@ class GuardedLifecycleNode(LifecycleNode):
         """
         # rclpy makes the services of its parameters by this too.
         checked = guard_setting_service(self, srv_type, callback)
-        return super().create_service(
+        service = super().create_service(
             srv_type, srv_name, guard_service(checked, self.fail), *args, **kwargs
         )
+        self.surroundings.adopt(self, service)
+        return service
+
+    def destroy_service(self, service: Service) -> bool:
+        """As rclpy's."""
+        self.surroundings.release(service)
+        return bool(super().destroy_service(service))
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
         """As rclpy's, but an exception of the callback rejects the parameters."""

@@ -471,6 +471,10 @@ class RateMonitoredNode(GuardedLifecycleNode):
         clock: Clock,
     ) -> Timer:
         """A stopped timer, whose rate is monitored while the node is active."""
+        if self.surroundings.is_lockstep:
+            return self.create_timer(
+                period_s, callback, callback_group=group, clock=clock, autostart=False
+            )
         ticks = self.rates.expect_timer(name, period_s, clock)
         timer = self.create_timer(
             period_s, ticks.counted(callback), callback_group=group, clock=clock, autostart=False
@@ -481,7 +485,8 @@ class RateMonitoredNode(GuardedLifecycleNode):
     def _settle(self, state: str) -> None:
         super()._settle(state)
         if state == "active":
-            self.rates.start()
+            if not self.surroundings.is_lockstep:
+                self.rates.start()
             return
         self.rates.stop()
         if state != "inactive":

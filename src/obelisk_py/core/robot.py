@@ -6,6 +6,7 @@ only the header by its type: it describes the message and is left as it is.
 
 import copy
 import ctypes
+import functools
 import math
 import threading
 import time
@@ -28,7 +29,6 @@ from obelisk_py.core.command_watchdog import (
     RejectionReport,
     SilenceLog,
     StalePolicy,
-    WatchdogThread,
 )
 from obelisk_py.core.components import RegisteredComponent
 from obelisk_py.core.exceptions import ObeliskConfigError, ObeliskError
@@ -36,6 +36,7 @@ from obelisk_py.core.messages import optional_message
 from obelisk_py.core.node import ObeliskNode
 from obelisk_py.core.obelisk_typing import ObeliskControlMsg
 from obelisk_py.core.settings import stale_policy
+from obelisk_py.core.surroundings import Watchdog
 from obelisk_spec.components import CONTROL_SUBSCRIPTION
 
 __all__ = ["ObeliskRobot", "ObeliskSimRobot"]
@@ -76,7 +77,7 @@ class ObeliskRobot(ABC, ObeliskNode):
         super().__init__(node_name, **kwargs)
         self._command_age: CommandAge | None = None
         self._silence_log = SilenceLog()
-        self._watchdog: WatchdogThread | None = None
+        self._watchdog: Watchdog | None = None
         self._newest_control: Any = None
         self._rejections = RejectionLog("control rejected", time.monotonic, ONLY_REJECTIONS)
         # apply_control has one caller at a time: the executor's thread or the watchdog.
@@ -251,7 +252,9 @@ class ObeliskRobot(ABC, ObeliskNode):
     def _start_watchdog(self) -> None:
         if self._command_age is not None and self._watchdog is None:
             self._forget_commands()
-            self._watchdog = WatchdogThread(self._next_deadline_s, self._act_if_stale)
+            self._watchdog = self.surroundings.make_watchdog(
+                self, self._next_deadline_s, self._act_if_stale
+            )
             self._watchdog.start()
 
     def _next_deadline_s(self) -> float | None:
@@ -399,13 +402,12 @@ class ObeliskSimRobot(ObeliskRobot):
                 self._shared_ctrl[:] = [0.0] * (getattr(self, "n_u", None) or 0)
             # A new event for each run, so that an old thread cannot run again.
             self._simulator_stop = threading.Event()
-            self._simulator = threading.Thread(
-                target=self._run_simulator_thread,
-                args=[self._simulator_stop],
-                name="simulator",
-                daemon=True,
-            )
+            self._simulator = self._make_simulator(self._simulator_stop)
             self._simulator.start()
+
+    def _make_simulator(self, stop: threading.Event) -> threading.Thread:
+        run = functools.partial(self._run_simulator_thread, stop)
+        return self.surroundings.make_thread(self, run, "simulator")
 
     def _run_simulator_thread(self, stop: threading.Event) -> None:
         with suppress(SystemExit):

@@ -46,6 +46,7 @@ __all__ = [
     "gate_variables",
     "held_at_gate",
     "is_composable",
+    "ros_arguments",
     "unit_commands",
     "with_clock_page",
 ]
@@ -145,7 +146,7 @@ def _write_params(node: Process, folder: Path) -> Path:
 
 def _alone(node: _Node, environment: Mapping[str, str]) -> NodeCommand:
     return NodeCommand(
-        arguments=(*node.command.arguments, *_ros_arguments(node)),
+        arguments=(*node.command.arguments, *ros_arguments(node.process, node.params)),
         environment=_environment(node, environment),
     )
 
@@ -156,7 +157,7 @@ def _shared(nodes: Iterable[_Node], folder: Path, environment: Mapping[str, str]
             ComposedNode(
                 node=node.process.full_name,
                 command=node.command,
-                ros_arguments=tuple(_ros_arguments(node)),
+                ros_arguments=tuple(ros_arguments(node.process, node.params)),
             )
             for node in nodes
         ],
@@ -165,14 +166,14 @@ def _shared(nodes: Iterable[_Node], folder: Path, environment: Mapping[str, str]
     )
 
 
-def _ros_arguments(node: _Node) -> Iterator[str]:
-    process = node.process
+def ros_arguments(process: Process, params: Path) -> Iterator[str]:
+    """The arguments of a node's program: name, namespace, remappings, parameters, log level."""
     yield from ("--ros-args", "-r", f"__node:={process.node}")
     if process.namespace not in ("", "/"):
         yield from ("-r", f"__ns:={process.namespace}")
     for source, target in process.remappings:
         yield from ("-r", f"{source}:={target}")
-    yield from ("--params-file", str(node.params))
+    yield from ("--params-file", str(params))
     if process.log_level:
         yield from ("--log-level", process.log_level)
 

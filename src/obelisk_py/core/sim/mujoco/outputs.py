@@ -12,7 +12,7 @@ rate, and only while that has subscribers.
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Protocol
 
 from rosgraph_msgs.msg import Clock
@@ -204,6 +204,11 @@ class OutputContext:
     """Takes what has to be called when the simulation is freed."""
     is_paced: bool
     """Whether steps are due at times."""
+    is_lockstep: bool = False
+    """Whether a picture is drawn before the simulation continues, and subscribers are counted for
+    each sample."""
+    noise_seed: int = 0
+    """Changes the noise of all groups; 0: it is as the config has it."""
     monitor_rate: MonitorRate = no_rate_monitor
     """Called once per sensor group."""
 
@@ -226,13 +231,18 @@ def outputs_of(
     if errors:
         raise ObeliskConfigError("the sim block cannot be simulated:\n" + "\n".join(errors))
     if config.geoms:
-        outputs.append(_geoms(simulation, config, context.make_publisher))
+        outputs.append(_geoms(simulation, config, context))
     return tuple(outputs)
 
 
 def _group(
     simulation: Simulation, group: SensorGroupConfig, context: OutputContext
 ) -> Iterator[TimedOutput]:
+    if context.noise_seed:
+        noise = group.sensor_noise
+        group = replace(
+            group, sensor_noise=replace(noise, seed=noise.seed + (context.noise_seed << 32))
+        )
     kind = SENSOR_KINDS[group.msg_type]
     message_type = require_message(kind.message_type)
     publisher = context.make_publisher(message_type, group.topic, group.history_depth)
@@ -253,24 +263,35 @@ def _group(
             deliver=deliver,
             on_close=context.on_close,
             is_paced=context.is_paced,
+            is_lockstep=context.is_lockstep,
         )
     )
 
     if sampler.message is not None:
         sampler = Sampler(message=sampler.message, take=in_turn((sampler.take, count)))
-    check = SubscriberCheck(publisher.get_subscription_count)
     return group_outputs(
-        simulation, group, sampler, publish, has_subscribers=check.has_subscribers, left_out=count
+        simulation,
+        group,
+        sampler,
+        publish,
+        has_subscribers=_check_of(publisher, context),
+        left_out=count,
     )
 
 
-def _geoms(simulation: Simulation, config: SimConfig, make_publisher: MakePublisher) -> TimedOutput:
+def _check_of(publisher: Publisher, context: OutputContext) -> Callable[[], bool]:
+    """Whether the topic of a publisher has subscribers."""
+    count = publisher.get_subscription_count
+    return (lambda: count() > 0) if context.is_lockstep else SubscriberCheck(count).has_subscribers
+
+
+def _geoms(simulation: Simulation, config: SimConfig, context: OutputContext) -> TimedOutput:
     sampler = marker_sampler(simulation.model, simulation.data, config.geoms)
-    publishers = [make_publisher(MarkerArray, topic, GEOM_DEPTH) for topic in GEOM_TOPICS]
-    checks = [SubscriberCheck(publisher.get_subscription_count) for publisher in publishers]
+    publishers = [context.make_publisher(MarkerArray, topic, GEOM_DEPTH) for topic in GEOM_TOPICS]
+    checks = [_check_of(publisher, context) for publisher in publishers]
 
     def has_subscribers() -> bool:
-        return any(check.has_subscribers() for check in checks)
+        return any(check() for check in checks)
 
     def send(markers: bytes) -> None:
         for publisher in publishers:

@@ -6,6 +6,7 @@ Services: `~/reset`, `~/pause`, `~/step`. The stepping thread publishes what is 
 simulation time.
 """
 
+import threading
 import time
 from array import array
 from collections.abc import Callable, Iterable
@@ -182,7 +183,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._own_publishers: list[LifecyclePublisher] = []
         self._closing = ExitStack()
         self._video_diagnostics: VideoDiagnostics | None = None
-        self._requests = StepQueue()
+        self._requests = StepQueue(is_immediate=self.surroundings.is_lockstep)
         self._request_services: list[Any] = []
         rules = self._parameter_rules
         rules.add((REALTIME_FACTOR,), lambda value: realtime_factor_of(value(REALTIME_FACTOR)))
@@ -224,13 +225,16 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         self._simulation = Simulation(loaded.model, self._inbox, self._when_stale())
         # Viewers see the start of the run before the first step.
         self._simulation.reset(self._keyframe)
-        is_simulated = self._uses_simulation_time()
+        # In lock-step the clock of all nodes has the time of the step, and never jumps back.
+        is_simulated = self._uses_simulation_time() and not self.surroundings.is_lockstep
         self._stamp_ns = self._simulation_time_ns if is_simulated else self._ros_time_ns
         context = OutputContext(
             make_publisher=self._own_publisher,
             warn=self._warn,
             on_close=self._closing.callback,
             is_paced=factor > 0,
+            is_lockstep=self.surroundings.is_lockstep,
+            noise_seed=self.surroundings.noise_seed,
             monitor_rate=self._monitor_samples if factor else no_rate_monitor,
         )
         if video is not None:
@@ -286,6 +290,18 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             else:
                 self._stepper.run(interrupted)
             requests.run_pending()
+
+    def step_once(self) -> None:
+        """Take the next step and publish what is due after it, unless the robot is paused."""
+        assert self._stepper is not None
+        if not self._requests.is_paused:
+            self._stepper.advance()
+        elif self._command_age is not None:
+            self._command_age.postpone(time.monotonic())
+
+    def next_step_ns(self) -> int:
+        """Simulated time from the present step to the next one [ns]."""
+        return self._configured().next_step_ns
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Free the model."""
@@ -419,6 +435,11 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
             return None
         return WhenStale(action=self._command_age.policy.action, is_stale=self._is_stale)
 
+    def _make_simulator(self, stop: threading.Event) -> threading.Thread:
+        assert self._stepper is not None
+        self._stepper.begin()
+        return self.surroundings.drive(self, self) or super()._make_simulator(stop)
+
     def _start_watchdog(self) -> None:
         """No thread: the stepping thread checks the age before each step."""
 
@@ -455,7 +476,7 @@ class ObeliskMujocoRobot(ObeliskSimRobot):
         )
 
     def _make_clock(self, simulation: Simulation) -> SimulationClock | None:
-        if not self._uses_simulation_time():
+        if not self._uses_simulation_time() or self.surroundings.is_lockstep:
             return None
         return SimulationClock(
             self._own_publisher,

@@ -85,6 +85,11 @@ class Simulation:
         """Simulation time [ns]; `data.time` is a sum of floats and drifts."""
         return self._start_ns + self._step_time.ns(self.steps)
 
+    @property
+    def next_step_ns(self) -> int:
+        """Simulation time that the next step takes [ns], so that they add up without drift."""
+        return self._step_time.ns(self.steps + 1) - self._step_time.ns(self.steps)
+
     def reset(self, keyframe: str | None) -> None:
         """Go to a keyframe, with its control, or to the model's own start; controls are dropped."""
         self._writer.restart()

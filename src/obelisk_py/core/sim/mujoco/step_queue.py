@@ -29,8 +29,13 @@ class StepResult(NamedTuple):
 class StepQueue:
     """Actions that wait for the stepping thread, and whether it is paused."""
 
-    def __init__(self) -> None:
-        """Make an empty queue of a simulation that is not paused."""
+    def __init__(self, *, is_immediate: bool = False) -> None:
+        """Make an empty queue of a simulation that is not paused.
+
+        Args:
+            is_immediate: the caller's thread is the stepping thread, so nothing has to wait.
+        """
+        self._is_immediate = is_immediate
         self.is_paused = False
         """Whether steps are taken only when asked for; belongs to the stepping thread."""
         self._waiting: deque[tuple[Callable[[], StepResult], Future[StepResult]]] = deque()
@@ -40,7 +45,10 @@ class StepQueue:
         """Queue an action for the stepping thread."""
         answer: Future[StepResult] = Future()
         self._waiting.append((action, answer))
-        self._arrived.set()
+        if self._is_immediate:
+            self.run_pending()
+        else:
+            self._arrived.set()
         return answer
 
     def is_waiting(self) -> bool:

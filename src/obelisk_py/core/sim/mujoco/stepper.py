@@ -117,6 +117,8 @@ class Stepper:
         self._ticks = ticks or TickCounter()
         self._time_output = time_output or _NoTimeOutput()
         self._shortest_share = 0.0 if time_output is None else SHORTEST_SHARE
+        self._due = 0
+        """The step after which `advance` publishes next."""
 
     def begin(self) -> None:
         """Count sample times from the present step, and restart the outputs."""
@@ -126,6 +128,7 @@ class Stepper:
             output.times.pass_step(self._simulation.steps)
             if self._simulation.steps == 0 and output.restart is not None:
                 output.restart()
+        self._due = self._next_due()
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Step until `stopped`, from where the simulation is.
@@ -170,10 +173,20 @@ class Stepper:
             DivergenceError: the state is no longer finite.
         """
         self.begin()
+        self.advance()
+
+    def advance(self) -> None:
+        """Take one step, after `begin`, and publish what is due after it.
+
+        Raises:
+            DivergenceError: the state is no longer finite.
+        """
         for warning in self._simulation.advance(1):
             self._warn(warning)
         self._time_output.advance()
-        self._publish_due()
+        if self._simulation.steps >= self._due:
+            self._publish_due()
+            self._due = self._next_due()
 
     def _next_due(self) -> int:
         never = self._simulation.steps + LONGEST_BATCH

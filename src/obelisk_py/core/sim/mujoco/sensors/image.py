@@ -43,11 +43,16 @@ class _Feed:
         self._left_out = 0
         self._last_report_s = -float("inf")
         self._pending: Future[None] | None = None
-        camera = source.model.camera(self._name).id
         self._thread = ThreadPoolExecutor(1, thread_name_prefix=f"camera {self._name}")
+        self._view: CameraView | None = None
+        if not source.is_lockstep:
+            self._view = self._open()
+
+    def _open(self) -> CameraView:
+        source, camera = self._source, self._source.model.camera(self._name).id
         try:
             opening = self._thread.submit(CameraView, source.model, camera, choose_back_end())
-            self._view = opening.result(_OPEN_S)
+            return opening.result(_OPEN_S)
         except TimeoutError as error:
             self._thread.shutdown(wait=False)
             raise ObeliskConfigError(
@@ -64,12 +69,18 @@ class _Feed:
                 self._leave_out()
                 return
             self._wait_for(self._pending)
+        if self._view is None:
+            # With the first picture: to open OpenGL takes longer than a short run in lock-step.
+            self._view = self._open()
         self._view.update(self._source.data)
-        self._pending = self._thread.submit(self._draw)
+        self._pending = self._thread.submit(self._draw, self._view)
+        if self._source.is_lockstep:
+            self._wait_for(self._pending)
 
     def close(self) -> None:
         """End the thread once it has finished its picture."""
-        self._wait_for(self._thread.submit(self._view.close))
+        if self._view is not None:
+            self._wait_for(self._thread.submit(self._view.close))
         self._thread.shutdown()
 
     def _wait_for(self, drawing: Future[None]) -> None:
@@ -81,8 +92,8 @@ class _Feed:
                 "`obk doctor mujoco` reports which back ends draw on this machine"
             ) from error
 
-    def _draw(self) -> None:
-        picture = self._view.draw()
+    def _draw(self, view: CameraView) -> None:
+        picture = view.draw()
         self._source.deliver(ObkImage(y=np_to_multiarray(picture, _AXES)))
 
     def _leave_out(self) -> None:

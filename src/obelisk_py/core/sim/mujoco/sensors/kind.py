@@ -75,6 +75,8 @@ class SensorSource:
     """Registers a function to call when the simulation is freed."""
     is_paced: bool
     """Whether steps have deadlines; otherwise the simulation may wait for slow samples."""
+    is_lockstep: bool = False
+    """Whether the simulation has to wait for them."""
 
     def of_type(self, sensor_type: str) -> tuple[str, ...]:
         """Names of the group's sensors of one type."""

@@ -1,0 +1,1 @@
+"""Nodes in lock-step: one process, simulated time, every event in an exact order."""

@@ -1,0 +1,352 @@
+"""Timers, rates, services and clients of nodes in lock-step; their classes are rclpy's."""
+
+import functools
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.client import Client
+from rclpy.clock import Clock
+from rclpy.service import Service
+from rclpy.task import Future
+from rclpy.timer import Timer
+
+from obelisk_py.core.lockstep.guest_thread import GuestThread
+from obelisk_py.core.lockstep.scheduler import (
+    MESSAGE,
+    NS_PER_S,
+    LockstepError,
+    ScheduledNode,
+    Scheduler,
+)
+from obelisk_py.core.lockstep.tasks import LockstepExecutor
+
+__all__ = ["LockstepClient", "LockstepRate", "LockstepTimer", "LockstepWatchdog", "ServiceTable"]
+
+
+class LockstepTimer(Timer):
+    """A timer that the scheduler calls; nothing of it is rcl's."""
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        node: ScheduledNode,
+        callback: Callable[[], Any] | None,
+        *,
+        period_ns: int,
+        clock: Clock,
+        autostart: bool,
+    ) -> None:
+        """Make a timer.
+
+        Args:
+            scheduler: calls it.
+            node: its node.
+            callback: called at each period.
+            period_ns: simulated time between two calls [ns].
+            clock: shown as the timer's clock.
+            autostart: whether it starts now.
+        """
+        self.label = f"timer of {period_ns / NS_PER_S:g} s"
+        self.callback: Any = callback
+        self._scheduler = scheduler
+        self._node = node
+        self._clock = clock
+        self._period_ns = period_ns
+        self._number = scheduler.next_timer() << 32
+        self._starts = 0
+        """Number of starts; an event of an earlier one has no effect."""
+        self._is_canceled = True
+        self._next_ns = 0
+        self._last_ns: int | None = None
+        self._executor_event = False
+        if autostart:
+            self.reset()
+
+    @property
+    def handle(self) -> Any:
+        """The timer itself: it has no part in C."""
+        return self
+
+    def __enter__(self) -> "LockstepTimer":
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def destroy(self) -> None:
+        """Stop for good."""
+        self.cancel()
+
+    @property
+    def timer_period_ns(self) -> int:
+        """Simulated time between two calls [ns]."""
+        return self._period_ns
+
+    @timer_period_ns.setter
+    def timer_period_ns(self, value: int) -> None:
+        self._period_ns = int(value)  # from the next call on, as in rcl
+
+    def is_ready(self) -> bool:
+        """Whether the timer is due."""
+        return not self._is_canceled and self._next_ns <= self._scheduler.time_ns
+
+    def is_canceled(self) -> bool:
+        """Whether the timer is stopped."""
+        return self._is_canceled
+
+    def cancel(self) -> None:
+        """Stop."""
+        self._is_canceled = True
+        self._starts += 1
+
+    def reset(self) -> None:
+        """Start a period now."""
+        self._is_canceled = False
+        self._starts += 1
+        phase_ns = self._scheduler.phase_ns(self._period_ns) if self._last_ns is None else 0
+        self._next_ns = self._scheduler.time_ns + self._period_ns + phase_ns
+        self._schedule()
+
+    def time_since_last_call(self) -> int:
+        """Simulated time since the last call [ns]."""
+        return self._scheduler.time_ns - (self._last_ns or 0)
+
+    def time_until_next_call(self) -> int | None:
+        """Simulated time until the next call [ns]; None if the timer is stopped."""
+        return None if self._is_canceled else self._next_ns - self._scheduler.time_ns
+
+    def _schedule(self) -> None:
+        place = self._number + self._starts
+        call = functools.partial(_call_timer, self, self._starts)
+        self._scheduler.push_timer(self._next_ns, place, self._node, call)
+
+
+def _call_timer(timer: LockstepTimer, start: int) -> bool:
+    if start != timer._starts:
+        return False
+    scheduler, period_ns = timer._scheduler, timer._period_ns
+    now_ns = timer._last_ns = scheduler.now_ns
+    timer._next_ns += period_ns
+    if timer._next_ns < now_ns and period_ns:
+        # As rcl_timer_call: missed periods are left out.
+        timer._next_ns += (1 + (now_ns - timer._next_ns) // period_ns) * period_ns
+    timer._schedule()
+    result = timer.callback()
+    if result is not None and hasattr(result, "__await__"):
+        executor = timer._node.node.executor
+        assert isinstance(executor, LockstepExecutor)
+        executor.run_coroutine(result, timer._node)
+    return True
+
+
+class LockstepRate:
+    """A rate whose `sleep` lets the callback, or the thread, take time until the next period."""
+
+    def __init__(self, scheduler: Scheduler, period_ns: int) -> None:
+        """Make a rate whose first period begins now [ns]."""
+        self._scheduler = scheduler
+        self._period_ns = period_ns
+        self._next_ns = scheduler.time_ns + period_ns
+        self._is_destroyed = False
+
+    def sleep(self) -> None:
+        """Take time until the next multiple of the period.
+
+        Raises:
+            RuntimeError: the rate is destroyed.
+        """
+        if self._is_destroyed:
+            raise RuntimeError("Rate cannot sleep because it has been destroyed")
+        now_ns = self._scheduler.time_ns
+        while self._next_ns <= now_ns:
+            self._next_ns += self._period_ns
+        left_s = (self._next_ns - now_ns) / NS_PER_S
+        thread = threading.current_thread()
+        if isinstance(thread, GuestThread):
+            thread.sleep(left_s)
+        else:
+            self._scheduler.sleep(left_s, "Rate.sleep")
+
+    def destroy(self) -> None:
+        """Let `sleep` raise from now on."""
+        self._is_destroyed = True
+
+
+class LockstepWatchdog:
+    """Checks the age of commands in events; see `WatchdogThread`."""
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        node: ScheduledNode,
+        deadline_s: Callable[[], float | None],
+        check: Callable[[], None],
+    ) -> None:
+        """Make a watchdog that is not started; the arguments are those of `WatchdogThread`."""
+        self._scheduler = scheduler
+        self._node = node
+        self._deadline_s = deadline_s
+        self._check = check
+        self._is_running = False
+        self._is_armed = False
+
+    def start(self) -> None:
+        """Start to check."""
+        self._is_running = True
+        self._arm()
+
+    def wake(self) -> None:
+        """Check the deadline again, after there was none."""
+        self._arm()
+
+    def stop(self, timeout_s: float) -> bool:
+        """Stop; always true."""
+        del timeout_s
+        self._is_running = False
+        return True
+
+    def _arm(self) -> None:
+        deadline_s = self._deadline_s()
+        if self._is_armed or not self._is_running or deadline_s is None:
+            return
+        self._is_armed = True
+        # A nanosecond later, so that the rounded time is not before the deadline.
+        due_ns = max(int(deadline_s * NS_PER_S) + 1, self._scheduler.now_ns + 1)
+        self._scheduler.push(due_ns, MESSAGE, self._node, self._look)
+
+    def _look(self) -> bool:
+        self._is_armed = False
+        if not self._is_running:
+            return False
+        deadline_s = self._deadline_s()
+        if deadline_s is not None and deadline_s * NS_PER_S <= self._scheduler.time_ns:
+            self._check()
+        self._arm()
+        return True
+
+
+class ServiceTable:
+    """The services of a run, by full name."""
+
+    def __init__(self, scheduler: Scheduler) -> None:
+        """Make an empty table."""
+        self._scheduler = scheduler
+        self._services: dict[str, tuple[Service, ScheduledNode]] = {}
+
+    def add(self, node: ScheduledNode, service: Service) -> None:
+        """Let clients call a service of a node."""
+        self._services[service.service_name] = (service, node)
+
+    def remove(self, service: Service) -> None:
+        """Let nobody call a service any more."""
+        known = self._services.get(service.service_name)
+        if known is not None and known[0] is service:
+            del self._services[service.service_name]
+
+    def leave(self, node: ScheduledNode) -> None:
+        """Remove the services of a node."""
+        for service, owner in list(self._services.values()):
+            if owner is node:
+                self.remove(service)
+
+    def names(self) -> list[str]:
+        """The names that are served."""
+        return sorted(self._services)
+
+    def has(self, name: str) -> bool:
+        """Whether a node serves this name."""
+        return name in self._services
+
+    def call(
+        self, name: str, request: Any, client: ScheduledNode | None, answered: Callable[[Any], None]
+    ) -> None:
+        """Call a service: an event of the server, then one of the client.
+
+        Args:
+            name: full name of the service.
+            request: the request.
+            client: the node that calls; None: the test.
+            answered: called with the response.
+        """
+        if name not in self._services:
+            self._scheduler.note(
+                ("service", name), f"no node serves {name}: its future is never done"
+            )
+            return
+        service, server = self._services[name]
+        scheduler = self._scheduler
+
+        def answer() -> None:
+            kind: Any = service.srv_type
+            response = service.callback(request or kind.Request(), kind.Response())
+            if hasattr(response, "__await__"):
+                executor = server.node.executor
+                executor.run_coroutine(_await_response(response, respond), server)
+            else:
+                respond(response)
+
+        def respond(response: Any) -> None:
+            due_ns = scheduler.time_ns + scheduler.delay_ns()
+            scheduler.push(due_ns, MESSAGE, client, functools.partial(answered, response))
+
+        scheduler.push(scheduler.time_ns + scheduler.delay_ns(), MESSAGE, server, answer)
+
+
+async def _await_response(response: Any, respond: Callable[[Any], None]) -> None:
+    respond(await response)
+
+
+class LockstepClient(Client):
+    """A client whose requests go to a service of its run; made of rclpy's by `adopt_client`."""
+
+    services: ServiceTable
+    owner: ScheduledNode
+
+    def call_async(self, request: Any) -> Future:
+        """A future of the response.
+
+        Raises:
+            TypeError: the request is of another type.
+        """
+        kind: Any = self.srv_type
+        if not isinstance(request, kind.Request):
+            raise TypeError(f"Expected {kind.Request}, got {type(request)}")
+        future = Future(executor=self.owner.node.executor)
+        self.services.call(self.service_name, request, self.owner, future.set_result)
+        return future
+
+    def call(self, request: Any, timeout_sec: float | None = None) -> Any:
+        """The response, on a thread of the node's own.
+
+        Raises:
+            LockstepError: it is called in a callback, which the response would have to wait for.
+        """
+        thread = threading.current_thread()
+        if not isinstance(thread, GuestThread):
+            caller = sys._getframe(1)
+            raise LockstepError(
+                f"{self.owner.name} waits in a callback for the response of {self.service_name} "
+                f"({caller.f_code.co_filename}:{caller.f_lineno}): with one thread that is a "
+                "deadlock. Use call_async with `await` or a done callback"
+            )
+        future = self.call_async(request)
+        thread.wait_for(future.done, timeout_sec)
+        return future.result()
+
+    def service_is_ready(self) -> bool:
+        """Whether a node serves this name."""
+        return self.services.has(self.service_name)
+
+    def wait_for_service(self, timeout_sec: float | None = None) -> bool:
+        """Whether a node serves this name; a callback cannot wait for it."""
+        thread = threading.current_thread()
+        if isinstance(thread, GuestThread):
+            thread.wait_for(self.service_is_ready, timeout_sec)
+        return self.service_is_ready()
+
+
+def adopt_client(client: Any, services: ServiceTable, owner: ScheduledNode) -> None:
+    """Let the requests of a client of rclpy's go to the services of a run."""
+    client.__class__ = LockstepClient
+    client.services, client.owner = services, owner

@@ -1,0 +1,277 @@
+"""The surroundings of nodes in lock-step, and the run that they are in."""
+
+import random
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any, Final
+
+import rclpy.node as rclpy_node
+from rclpy.action import ActionClient, ActionServer
+from rclpy.client import Client
+from rclpy.event_handler import EventHandler
+from rclpy.guard_condition import GuardCondition
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+
+from obelisk_py.core.lockstep.actions import ActionTable, lockstep_actions
+from obelisk_py.core.lockstep.clock import make_clock
+from obelisk_py.core.lockstep.entities import (
+    LockstepRate,
+    LockstepTimer,
+    LockstepWatchdog,
+    ServiceTable,
+    adopt_client,
+)
+from obelisk_py.core.lockstep.guest_thread import GuestThread
+from obelisk_py.core.lockstep.interception import Interception, run_in_progress
+from obelisk_py.core.lockstep.scheduler import (
+    MESSAGE,
+    NS_PER_S,
+    LockstepError,
+    ScheduledNode,
+    Scheduler,
+    TimingModel,
+)
+from obelisk_py.core.lockstep.simulator import StepEvents
+from obelisk_py.core.lockstep.tasks import LockstepExecutor
+from obelisk_py.core.lockstep.topics import (
+    LockstepLifecyclePublisher,
+    LockstepPublisher,
+    RoutedPublisher,
+    TopicTable,
+)
+from obelisk_py.core.shared_clock import is_of_time_source
+from obelisk_py.core.surroundings import SteppedRobot, Surroundings, Watchdog, new_nodes_are_in
+
+__all__ = ["LockstepRun", "LockstepSurroundings"]
+
+_UNSUPPORTED_EVENTS: Final = ("DEADLINE", "LIVELINESS", "LIFESPAN")
+
+
+class LockstepRun:
+    """One run: its time, its nodes, and everything between them."""
+
+    def __init__(
+        self,
+        *,
+        seed: int = 0,
+        timing: TimingModel | None = None,
+        watched: Iterable[str] = (),
+        is_recorded: Callable[[str], bool] = lambda _: True,
+        on_simulator: Callable[[StepEvents], None] = lambda _: None,
+    ) -> None:
+        """Make a run at time 0 without nodes.
+
+        Args:
+            seed: of everything that is drawn.
+            timing: how long messages take; None: no time.
+            watched: topics that are published although no node subscribes.
+            is_recorded: whether the messages of a topic are kept.
+            on_simulator: called with each simulator before its first step.
+        """
+        self.seed = seed
+        self.scheduler = Scheduler(seed=seed, timing=timing)
+        self.topics = TopicTable(self.scheduler, watched=watched, is_recorded=is_recorded)
+        self.services = ServiceTable(self.scheduler)
+        self.actions = ActionTable(self.scheduler)
+        self.executor = LockstepExecutor(self.scheduler)
+        self.interception = Interception(
+            scheduler=self.scheduler,
+            entropy=random.Random(f"entropy {seed}"),  # noqa: S311
+        )
+        self.nodes: dict[str, ScheduledNode] = {}
+        """The nodes by full name."""
+        self.simulators: dict[str, StepEvents] = {}
+        """The simulators that are stepped, by the node's full name."""
+        self.on_simulator = on_simulator
+        self.clock = make_clock(self.scheduler)
+
+    @contextmanager
+    def entered(self) -> Iterator[None]:
+        """While entered, new nodes are in this run, and their code sees its time."""
+        with ExitStack() as stack:
+            stack.enter_context(run_in_progress(self.interception))
+            stack.enter_context(lockstep_actions(self.actions))
+            stack.enter_context(new_nodes_are_in(LockstepSurroundings(self)))
+            yield
+
+    def make_node(self, name: str, make: Callable[[], Any], compute_s: float = 0.0) -> Any:
+        """Make a node of the run.
+
+        Args:
+            name: its full name.
+            make: calls its class.
+            compute_s: time that each of its callbacks takes [s].
+        """
+        scheduled = ScheduledNode(name=name, node=None, compute_ns=round(compute_s * NS_PER_S))
+        self.nodes[name] = scheduled
+        node = self.scheduler.run_as(scheduled, make)
+        scheduled.node = node
+        self.executor.add_node(node)
+        return node
+
+    def scheduled(self, node: Any) -> ScheduledNode:
+        """A node that is being made, or has been."""
+        owner = getattr(node, "_scheduled", None)
+        if owner is None:
+            owner = self.scheduler.running
+            assert owner is not None
+            owner.node = node
+            node._scheduled = owner
+        return owner
+
+    def kill(self, node: ScheduledNode) -> None:
+        """End a node as SIGKILL ends its process: it does nothing any more."""
+        node.is_alive = False
+        self.topics.leave(node)
+        self.services.leave(node)
+        self.actions.leave(node)
+        self.simulators.pop(node.name, None)
+
+    def close(self) -> None:
+        """Let go of all nodes."""
+        self.scheduler.clear()
+        self.nodes.clear()
+        self.simulators.clear()
+        for topic in self.topics.by_name.values():
+            topic.subscribers = ()
+            topic.publishers.clear()
+        self.executor.shutdown()
+
+
+class LockstepSurroundings(Surroundings):
+    """A lock-step run in place of DDS, clocks and threads."""
+
+    is_lockstep = True
+
+    def __init__(self, run: LockstepRun) -> None:
+        """Take the run."""
+        self._run = run
+        self._scheduler = run.scheduler
+        self.noise_seed = run.seed
+
+    @contextmanager
+    def construction(self, node: Any) -> Iterator[None]:
+        """Entered while rclpy constructs a node, which makes its own clock."""
+        self._run.scheduled(node)
+        module: Any = rclpy_node
+        ros_clock, module.ROSClock = module.ROSClock, lambda: self._run.clock
+        try:
+            yield
+        finally:
+            module.ROSClock = ros_clock
+
+    def publisher_class(self, context: Any, *, has_lifecycle: bool) -> Any:
+        """The class of a new publisher."""
+        del context
+        return LockstepLifecyclePublisher if has_lifecycle else LockstepPublisher
+
+    def create_timer(self, node: Any, create: Any, *args: Any, **kwargs: Any) -> Any:
+        """A timer of a node."""
+        del create
+        return self._create_timer(node, *args, **kwargs)
+
+    def _create_timer(
+        self,
+        node: Any,
+        timer_period_sec: float,
+        callback: Any,
+        callback_group: Any = None,
+        clock: Any = None,
+        autostart: bool = True,
+    ) -> LockstepTimer:
+        timer = LockstepTimer(
+            self._scheduler,
+            self._run.scheduled(node),
+            callback,
+            period_ns=int(float(timer_period_sec) * NS_PER_S),
+            clock=clock or node.get_clock(),
+            autostart=autostart,
+        )
+        timer.callback_group = callback_group or node.default_callback_group
+        timer.callback_group.add_entity(timer)
+        node._timers.append(timer)
+        return timer
+
+    def create_rate(self, node: Any, create: Any, frequency: float, clock: Any = None) -> Any:
+        """A rate of a node.
+
+        Raises:
+            ValueError: the frequency is not positive.
+        """
+        del node, create, clock
+        if frequency <= 0:
+            raise ValueError("frequency must be > 0")
+        return LockstepRate(self._scheduler, round(NS_PER_S / frequency))
+
+    def clock_feed(self, node: Any, callback: Any) -> Any | None:
+        """What replaces the subscription of a node's time source to `/clock`."""
+        del node
+        return _NoFeed() if is_of_time_source(callback) else None
+
+    def adopt(self, node: Any, entity: Any) -> None:
+        """Take over an entity of a node.
+
+        Raises:
+            LockstepError: it needs QoS events, which only DDS has.
+        """
+        owner = self._run.scheduled(node)
+        if isinstance(entity, RoutedPublisher):
+            entity.join(self._run.topics, owner)
+        elif isinstance(entity, Subscription):
+            self._run.topics.subscribe(owner, entity)
+        elif isinstance(entity, Service):
+            self._run.services.add(owner, entity)
+        elif isinstance(entity, Client):
+            adopt_client(entity, self._run.services, owner)
+        elif isinstance(entity, ActionServer):
+            entity._handle.attach(owner, entity)
+        elif isinstance(entity, ActionClient):
+            entity._client_handle.attach(owner, entity)
+        elif isinstance(entity, GuardCondition):
+            self._adopt_guard(owner, entity)
+        elif isinstance(entity, EventHandler):
+            name = getattr(entity.event_type, "name", "")
+            if any(part in name for part in _UNSUPPORTED_EVENTS):
+                raise LockstepError(
+                    f"{owner.name} has a callback of the QoS event {name}, which only DDS raises"
+                )
+
+    def _adopt_guard(self, owner: ScheduledNode, guard: Any) -> None:
+        def trigger() -> None:
+            self._scheduler.push(self._scheduler.time_ns, MESSAGE, owner, guard.callback)
+
+        guard.trigger = trigger
+
+    def release(self, entity: Any) -> None:
+        """Let go of an entity before it is destroyed."""
+        if isinstance(entity, Subscription):
+            self._run.topics.unsubscribe(entity)
+        elif isinstance(entity, Service):
+            self._run.services.remove(entity)
+
+    def make_thread(self, node: Any, target: Callable[[], None], name: str) -> threading.Thread:
+        """A thread that takes turns with the scheduler."""
+        return GuestThread(self._scheduler, self._run.scheduled(node), target, name)
+
+    def make_watchdog(
+        self, node: Any, deadline_s: Callable[[], float | None], check: Callable[[], None]
+    ) -> Watchdog:
+        """A watchdog that checks in events."""
+        return LockstepWatchdog(self._scheduler, self._run.scheduled(node), deadline_s, check)
+
+    def drive(self, node: Any, robot: SteppedRobot) -> threading.Thread:
+        """Take the steps of a simulated robot in events."""
+        owner = self._run.scheduled(node)
+        steps = StepEvents(self._scheduler, owner, robot)
+        self._run.simulators[owner.name] = steps
+        self._run.on_simulator(steps)
+        return steps
+
+
+class _NoFeed:
+    """Stands in for the subscription to `/clock`: the clock has the time already."""
+
+    def close(self) -> None:
+        """Nothing is to be closed."""

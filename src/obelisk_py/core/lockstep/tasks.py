@@ -1,0 +1,99 @@
+"""Run tasks and coroutines as events: the executor of nodes in lock-step.
+
+rclpy's executors run a waiting coroutine again and again until its future is done. Here it goes on
+in the event in which the future is done.
+"""
+
+import functools
+import inspect
+import types
+from typing import Any
+
+from rclpy.executors import Executor
+from rclpy.task import Future, Task
+
+from obelisk_py.core.lockstep.scheduler import MESSAGE, LockstepError, ScheduledNode, Scheduler
+
+__all__ = ["LockstepExecutor"]
+
+
+class LockstepExecutor(Executor):
+    """What rclpy and the library ask of an executor, without spinning."""
+
+    def __init__(self, scheduler: Scheduler) -> None:
+        """Run tasks as events of a scheduler."""
+        super().__init__()
+        self._scheduler = scheduler
+
+    def wake(self) -> None:
+        """Nothing waits."""
+
+    def create_task(self, callback: Any, *args: Any, **kwargs: Any) -> Task:
+        """Run a function or coroutine in an event of the node that runs now."""
+        task = Task(callback, args, kwargs, executor=self)
+        if inspect.iscoroutine(callback):
+            task._handler = callback
+        self._push(task, self._scheduler.running)
+        return task
+
+    def run_coroutine(self, coroutine: Any, node: ScheduledNode) -> None:
+        """Run a coroutine that a callback of a node returned, up to its first wait, now."""
+        task = Task(None, executor=self)
+        task._handler = coroutine
+        self._run(task, node)
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Fail: there is nothing to spin.
+
+        Raises:
+            LockstepError: always.
+        """
+        del timeout_sec
+        raise LockstepError(
+            "a node spins an executor in a callback; in a real run that waits for itself. Use "
+            "`await`, or a done callback of the future"
+        )
+
+    def spin_once_until_future_complete(self, future: Any, timeout_sec: Any = None) -> None:
+        """Fail: there is nothing to spin.
+
+        Raises:
+            LockstepError: always.
+        """
+        del future
+        self.spin_once(timeout_sec)
+
+    def _push(self, task: Task, node: ScheduledNode | None) -> None:
+        call = functools.partial(self._run, task, node)
+        self._scheduler.push(self._scheduler.time_ns, MESSAGE, node, call)
+
+    def _run(self, task: Task, node: ScheduledNode | None) -> None:
+        coroutine = task._handler
+        task()
+        if task.done() or task.cancelled():
+            if (error := task.exception()) is not None:
+                raise error
+            return
+        future = _awaited_future(coroutine)
+        resume = functools.partial(self._push, task, node)
+        if future is None:
+            # `yield` of an awaitable of the user's own: look again a millisecond later.
+            due_ns = self._scheduler.time_ns + 1_000_000
+            self._scheduler.push(due_ns, MESSAGE, node, functools.partial(self._run, task, node))
+        else:
+            future.add_done_callback(lambda _future: resume())
+
+
+def _awaited_future(coroutine: Any) -> Future | None:
+    """The future that a suspended coroutine waits for, through all coroutines that it awaits."""
+    inner = coroutine
+    while inner is not None:
+        if isinstance(inner, types.GeneratorType):
+            if inner.gi_yieldfrom is None:
+                frame = inner.gi_frame
+                awaited = frame.f_locals.get("self") if frame is not None else None
+                return awaited if isinstance(awaited, Future) else None
+            inner = inner.gi_yieldfrom
+        else:
+            inner = getattr(inner, "cr_await", None)
+    return None

@@ -1,0 +1,350 @@
+"""Topics of a lock-step run: publishers hand messages to subscriptions, without DDS.
+
+Each subscription receives a copy of its own, as from the wire, and keeps a history of the depth of
+its profile, which drops the oldest. Profiles match as in DDS; a late subscription receives what
+transient-local publishers keep.
+"""
+
+import functools
+import inspect
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Any, Final, cast
+
+from rclpy.lifecycle.publisher import LifecyclePublisher
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.subscription import Subscription
+
+from obelisk_py.core.intra_process import is_compatible
+from obelisk_py.core.lockstep.scheduler import MESSAGE, ScheduledNode, Scheduler
+from obelisk_py.core.messages import message_name
+from obelisk_py.core.serialization.codec import codec_for
+
+__all__ = [
+    "LockstepLifecyclePublisher",
+    "LockstepPublisher",
+    "MessageRule",
+    "RoutedPublisher",
+    "Topic",
+    "TopicTable",
+]
+
+MessageRule = Callable[[int, Any], int | None]
+"""Time of publication [ns], message or bytes -> further delay [ns]; None: the message is lost."""
+_INTERNAL: Final = ("/parameter_events", "/rosout", "/diagnostics")
+"""Topics that are not recorded: what nodes log is kept with its text."""
+_UNLIMITED: Final = 1 << 31
+
+
+class _RclpyCodec:
+    """Packs messages that the library's codecs do not support, by rclpy."""
+
+    def __init__(self, message_class: type[Any]) -> None:
+        self._class = message_class
+
+    def pack(self, message: Any) -> bytes:
+        return bytes(serialize_message(message))
+
+    def unpack(self, data: bytes) -> Any:
+        return deserialize_message(data, self._class)
+
+    def copy(self, message: Any) -> Any:
+        return self.unpack(self.pack(message))
+
+
+class Topic:
+    """One topic with one message type."""
+
+    def __init__(self, name: str, message_class: type[Any], *, is_watched: bool) -> None:
+        self.label = name
+        self.message_class = message_class
+        self.codec: Any = codec_for(cast(Any, message_class)) or _RclpyCodec(message_class)
+        self.log: list[tuple[int, bytes]] | None = None
+        """Time of publication [ns] and bytes of all messages; None: they are not recorded."""
+        self.subscribers: tuple[_Subscriber, ...] = ()
+        self.publishers: list[RoutedPublisher] = []
+        self.rules: list[MessageRule] = []
+        self.filters: list[Callable[[int, Any], None]] = []
+        """Change a message at its publication [ns]."""
+        self.is_watched = is_watched
+        """Whether publishers see a subscription even if there is none."""
+
+
+class _Subscriber:
+    """A subscription and its history."""
+
+    __slots__ = ("call", "depth", "label", "node", "queue", "raw", "subscription", "unpack")
+
+    def __init__(self, node: ScheduledNode, subscription: Subscription, topic: Topic) -> None:
+        profile = subscription.qos_profile
+        self.label = topic.label
+        self.node = node
+        self.subscription = subscription
+        self.unpack = topic.codec.unpack
+        self.raw = subscription.raw
+        keeps_all = profile.history == HistoryPolicy.KEEP_ALL
+        self.depth = _UNLIMITED if keeps_all else max(1, profile.depth)
+        self.queue: deque[tuple[int, int, Any]] = deque()
+        """Place among the events, time of publication [ns], message or bytes."""
+        self.call = self._call()
+
+    def _call(self) -> Callable[[Any, int], None]:
+        """What is called with a message and the time of its publication [ns]."""
+        callback = self.subscription.callback
+        has_info = self.subscription._callback_type is Subscription.CallbackType.WithMessageInfo
+        is_coroutine = inspect.iscoroutinefunction(callback)
+        if not has_info and not is_coroutine:
+            return lambda message, _sent_ns: callback(message)
+        node = self.node.node
+
+        def call(message: Any, sent_ns: int) -> None:
+            now_ns = node.get_clock().now().nanoseconds
+            infos = (_info(sent_ns, now_ns),) if has_info else ()
+            if is_coroutine:
+                node.executor.create_task(callback, message, *infos)
+            else:
+                callback(message, *infos)
+
+        return call
+
+
+def _info(sent_ns: int, received_ns: int) -> dict[str, int | None]:
+    return {
+        "source_timestamp": sent_ns,
+        "received_timestamp": received_ns,
+        "publication_sequence_number": None,
+        "reception_sequence_number": None,
+    }
+
+
+class TopicTable:
+    """The topics of a run, by full name."""
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        *,
+        watched: Iterable[str] = (),
+        is_recorded: Callable[[str], bool] = lambda _: True,
+    ) -> None:
+        """Make an empty table.
+
+        Args:
+            scheduler: delivers the messages.
+            watched: topics whose publishers always see a subscription.
+            is_recorded: whether the messages of a topic are kept.
+        """
+        self.by_name: dict[str, Topic] = {}
+        self._scheduler = scheduler
+        self._watched = frozenset(watched)
+        self._is_recorded = is_recorded
+
+    def topic(self, name: str, message_class: type[Any]) -> Topic:
+        """The topic of a name; made at its first use."""
+        topic = self.by_name.get(name)
+        if topic is not None and topic.message_class is message_class:
+            return topic
+        if topic is not None:
+            # As in DDS, endpoints of another type do not match.
+            self._scheduler.note(
+                ("type", name),
+                f"{name} has endpoints of the types {message_name(topic.message_class)} and "
+                f"{message_name(message_class)}, which do not match",
+            )
+            return Topic(name, message_class, is_watched=False)
+        topic = Topic(name, message_class, is_watched=name in self._watched)
+        if name not in _INTERNAL and self._is_recorded(name):
+            topic.log = []
+        self.by_name[name] = topic
+        return topic
+
+    def subscribe(self, node: ScheduledNode, subscription: Subscription) -> None:
+        """Let a subscription receive what is published from now on, and what is kept for it."""
+        topic = self.topic(subscription.topic_name, cast(Any, subscription.msg_type))
+        subscriber = _Subscriber(node, subscription, topic)
+        topic.subscribers = (*topic.subscribers, subscriber)
+        for publisher in topic.publishers:
+            if matches(publisher, subscriber):
+                for data in publisher.kept:
+                    self.send(subscriber, data, self._scheduler.time_ns)
+
+    def unsubscribe(self, subscription: Subscription) -> None:
+        """Deliver nothing more to a subscription."""
+        topic = self.by_name.get(subscription.topic_name)
+        if topic is not None:
+            topic.subscribers = tuple(
+                each for each in topic.subscribers if each.subscription is not subscription
+            )
+
+    def publish(self, name: str, message: Any) -> None:
+        """Publish a message as a node outside the run does; it takes no time."""
+        topic = self.topic(name, type(message))
+        data = topic.codec.pack(message)
+        if topic.log is not None:
+            topic.log.append((self._scheduler.time_ns, data))
+        for subscriber in topic.subscribers:
+            self.send(subscriber, data, self._scheduler.time_ns)
+
+    def leave(self, node: ScheduledNode) -> None:
+        """Remove all endpoints of a node."""
+        for topic in self.by_name.values():
+            topic.subscribers = tuple(each for each in topic.subscribers if each.node is not node)
+            topic.publishers = [each for each in topic.publishers if each.owner is not node]
+
+    def send(self, subscriber: _Subscriber, message: Any, arrives_ns: int) -> None:
+        """Deliver a message or its bytes to one subscription at a time [ns]."""
+        scheduler = self._scheduler
+        place, sent_ns = scheduler.next_place(), scheduler.time_ns
+        if arrives_ns > scheduler.now_ns:
+            # It enters the history when it arrives, whatever the node does then.
+            arrive = functools.partial(self._arrive, subscriber, place, sent_ns, message)
+            scheduler.push_at_place(arrives_ns, MESSAGE, place, None, arrive)
+        else:
+            self._enqueue(subscriber, place, sent_ns, message)
+
+    def _arrive(self, subscriber: _Subscriber, place: int, sent_ns: int, message: Any) -> bool:
+        self._enqueue(subscriber, place, sent_ns, message)
+        return False
+
+    def _enqueue(self, subscriber: _Subscriber, place: int, sent_ns: int, message: Any) -> None:
+        queue = subscriber.queue
+        if len(queue) >= subscriber.depth:
+            queue.popleft()
+        queue.append((place, sent_ns, message))
+        self._scheduler.push_at_place(
+            self._scheduler.now_ns,
+            MESSAGE,
+            place,
+            subscriber.node,
+            functools.partial(_deliver, subscriber, place),
+        )
+
+
+def _deliver(subscriber: _Subscriber, place: int) -> bool:
+    queue = subscriber.queue
+    if not queue or queue[0][0] != place:
+        return False  # newer messages have pushed it out
+    _, sent_ns, message = queue.popleft()
+    if not subscriber.raw and isinstance(message, bytes):
+        message = subscriber.unpack(message)
+    subscriber.call(message, sent_ns)
+    return True
+
+
+def _filtered(topic: Topic, message: Any, now_ns: int) -> Any:
+    codec = topic.codec
+    own = codec.unpack(message) if isinstance(message, bytes) else codec.copy(message)
+    for change in topic.filters:
+        change(now_ns, own)
+    return own
+
+
+def matches(publisher: "RoutedPublisher", subscriber: _Subscriber) -> bool:
+    """Whether DDS would match two ends of a topic.
+
+    Source: OMG DDS 1.4, 2.2.3 (offered against requested reliability and durability).
+    """
+    offered, requested = publisher.qos_profile, subscriber.subscription.qos_profile
+    is_late_joiner = requested.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    keeps = offered.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return is_compatible(offered, requested) and (keeps or not is_late_joiner)
+
+
+class RoutedPublisher(Publisher):
+    """Publishes to the subscriptions of its run; what both kinds of publishers share."""
+
+    def join(self, table: TopicTable, node: ScheduledNode) -> None:
+        """Take a place in the topics of a run."""
+        self.owner = node
+        self.kept: deque[bytes] = deque(maxlen=0)
+        """What a late subscription receives."""
+        profile = self.qos_profile
+        if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+            keeps_all = profile.history == HistoryPolicy.KEEP_ALL
+            self.kept = deque(maxlen=None if keeps_all else max(1, profile.depth))
+        self._keeps = self.kept.maxlen != 0
+        self._table = table
+        self._scheduler = table._scheduler
+        self._topic = table.topic(self.topic_name, cast(Any, self.msg_type))
+        self._topic.publishers.append(self)
+        self._all: tuple[_Subscriber, ...] = ()
+        self._matched: tuple[_Subscriber, ...] = ()
+
+    def send(self, message: Any) -> None:
+        """Publish a message, or the bytes of a packed one.
+
+        Raises:
+            TypeError: it is neither.
+            ObeliskMsgError: a field holds what its type cannot.
+        """
+        topic, scheduler = self._topic, self._scheduler
+        if topic.filters:
+            message = _filtered(topic, message, scheduler.time_ns)
+        is_packed = isinstance(message, bytes)
+        if not is_packed and not isinstance(message, topic.message_class):
+            raise TypeError(f"Expected {topic.message_class}, got {type(message)}")
+        node = scheduler.running
+        sent_ns = scheduler.time_ns + (node.compute_ns if node is not None else 0)
+        subscribers = self._matching()
+        data: Any = message if is_packed else None
+        if data is None and (topic.log is not None or self._keeps or not subscribers):
+            data = topic.codec.pack(message)  # also finds values that cannot be packed
+        if topic.log is not None:
+            topic.log.append((sent_ns, data))
+        if self._keeps:
+            self.kept.append(data)
+        arrives_ns = sent_ns + scheduler.delay_ns()
+        for rule in topic.rules:
+            delay_ns = rule(sent_ns, message)
+            if delay_ns is None:
+                return
+            arrives_ns += delay_ns
+        for subscriber in subscribers:
+            if is_packed:
+                copy = message
+            elif subscriber.raw:
+                copy = data if data is not None else topic.codec.pack(message)
+            else:
+                copy = topic.codec.copy(message)
+            self._table.send(subscriber, copy, arrives_ns)
+
+    def _matching(self) -> tuple[_Subscriber, ...]:
+        subscribers = self._topic.subscribers
+        if self._all is not subscribers:
+            self._all = subscribers
+            self._matched = tuple(each for each in subscribers if matches(self, each))
+        return self._matched
+
+    def get_subscription_count(self) -> int:
+        """The number of matching subscriptions; a watched topic has one more."""
+        return len(self._matching()) + self._topic.is_watched
+
+    def wait_for_all_acked(self, timeout: Any = None) -> bool:
+        """True: whatever was published has arrived, or will."""
+        del timeout
+        return True
+
+    def destroy(self) -> None:
+        """Destroy the publisher; for `Node.destroy_publisher`."""
+        if self in self._topic.publishers:
+            self._topic.publishers.remove(self)
+        super().destroy()
+
+
+class LockstepPublisher(RoutedPublisher):
+    """A publisher without a life cycle."""
+
+    def publish(self, msg: Any) -> None:
+        """Publish a message, or the bytes of a packed one."""
+        self.send(msg)
+
+
+class LockstepLifecyclePublisher(RoutedPublisher, LifecyclePublisher):
+    """A publisher that is silent while its node is not active."""
+
+    def publish(self, msg: Any) -> None:
+        """Publish a message, or the bytes of a packed one, if the publisher is enabled."""
+        if self._enabled:
+            self.send(msg)

@@ -1,0 +1,6 @@
+"""Closed-loop tests of a config: its nodes in lock-step, in one process, from pytest."""
+
+from obk_testing.result import TopicLog, TrialResult
+from obk_testing.trial import StackTrial
+
+__all__ = ["StackTrial", "TopicLog", "TrialResult"]

@@ -1,0 +1,255 @@
+"""Compile a config and load the programs of its nodes, to make nodes for trial after trial.
+
+The programs run one inside another, as in a composed process, each up to its `spin_obelisk`. There
+they stay, on a thread of their own, until the process ends. Every trial makes new nodes from what
+they asked for, so no attribute of a node passes from one trial to the next.
+"""
+
+import gc
+import os
+import sys
+import tempfile
+import threading
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
+from obelisk_py.core.composition import (
+    Program,
+    logger_name,
+    ros_arguments_of,
+    set_log_levels,
+)
+from obelisk_py.core.lifecycle import node_arguments
+from obelisk_py.core.spinning import SpinRequest, spin_requests_served_by
+from obelisk_spec.values import ParameterValue
+from obk_cli.compiler import Options, Outcome, compile_config
+from obk_cli.emit.params import emit_params, params_file_name
+from obk_cli.errors import CommandFailedError
+from obk_cli.launch.commands import find_executables, is_composable, ros_arguments
+from obk_cli.plan.plan import Plan, Process
+from obk_cli.report import report_text
+from obk_cli.workspace.package_index import PackageIndex
+
+__all__ = ["LoadedStack", "compile_stack", "load_stack"]
+
+_NOT_FOR_TESTS: Final = {"viewer": "none", "render": ""}
+"""Parameters of the simulator that open windows or write files."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CompiledStack:
+    """A config that can run in lock-step."""
+
+    config: Path
+    plan: Plan
+    packages: PackageIndex
+
+
+def compile_stack(
+    config: Path, overrides: Sequence[str] = (), *, without: Iterable[str] = ()
+) -> CompiledStack:
+    """Compile a config for tests.
+
+    Args:
+        config: the file.
+        overrides: `path=value`, as `--set` takes them.
+        without: full names of nodes that are left out.
+
+    Raises:
+        CommandFailedError: it has errors, its robot is hardware, or a node cannot be in lock-step.
+    """
+    options = Options(
+        variables=dict(os.environ), working_folder=Path.cwd(), overrides=tuple(overrides)
+    )
+    outcome = compile_config(str(config), options)
+    if outcome.plan is None or outcome.config is None:
+        errors = tuple(each for each in outcome.diagnostics if each.severity == "error")
+        raise CommandFailedError(
+            f"{config} has errors\n{report_text(errors, colour=False)}",
+            help=f"`obk validate {config}` reports them too",
+        )
+    _refuse_hardware(outcome)
+    left_out = _full_names(outcome.plan, without)
+    nodes = tuple(each for each in outcome.plan.processes if each.full_name not in left_out)
+    packages = PackageIndex.around(config.parent, Path.cwd(), dict(os.environ))
+    return CompiledStack(
+        config=config, plan=replace(outcome.plan, processes=nodes), packages=packages
+    )
+
+
+def _refuse_hardware(outcome: Outcome) -> None:
+    assert outcome.config is not None
+    for robot in outcome.config.section("robot"):
+        if (
+            not robot.runs_simulation
+            and robot.is_simulated is not None
+            and not (robot.is_simulated.value)
+        ):
+            span = robot.is_simulated.span
+            raise CommandFailedError(
+                f"{span.path}:{span.line}:{span.column}: the robot {robot.full_name} is hardware, "
+                "and a test never opens hardware",
+                help="name a variant whose robot is simulated, or override it: "
+                "set=['robot[0].is_simulated=true']",
+            )
+
+
+def _full_names(plan: Plan, names: Iterable[str]) -> set[str]:
+    return {find_node(plan, name).full_name for name in names}
+
+
+def find_node(plan: Plan, name: str) -> Process:
+    """The node of a full name, a node name, or a section that has only one node.
+
+    Raises:
+        LookupError: there is none, or more than one.
+    """
+    found = [each for each in plan.processes if name in (each.full_name, each.node, each.section)]
+    if len(found) != 1:
+        names = ", ".join(f"{each.full_name} ({each.section})" for each in plan.processes)
+        reason = "more than one node is" if found else "no node is"
+        raise LookupError(f"{reason} called `{name}`; there are {names}")
+    return found[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadedNode:
+    """A node that can be made."""
+
+    process: Process
+    program: Program
+    request: SpinRequest
+
+    def make(self) -> Any:
+        """Make the node, in the surroundings that are in force."""
+        arguments = ros_arguments_of(self.request.args)
+        set_log_levels(logger_name(self.program.node), arguments)
+        with self.program.command_line(), node_arguments(arguments):
+            return self.request.make()
+
+
+class LoadedStack:
+    """The programs of a config; makes the nodes of its trials."""
+
+    def __init__(self, compiled: CompiledStack) -> None:
+        """Import the programs and run each up to its `spin_obelisk`.
+
+        Raises:
+            CommandFailedError: a program is missing, is not Python of this interpreter, or ends
+                without a call of `spin_obelisk`.
+        """
+        self.plan = compiled.plan
+        self.config = compiled.config
+        self.nodes: list[LoadedNode] = []
+        self._ready, self._over = threading.Event(), threading.Event()
+        self._error: BaseException | None = None
+        self._resources = ExitStack()
+        if not rclpy.ok():
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        programs = self._programs(compiled)
+        arguments = sys.argv
+        self._thread = threading.Thread(
+            target=self._run_all, args=[programs], name="programs", daemon=True
+        )
+        self._thread.start()
+        self._ready.wait()
+        sys.argv = arguments  # each program has its own until it waits
+        if self._error is not None:
+            raise self._error
+        # Keeps DDS's participant, which takes longer to make than all nodes of a trial.
+        self._keeper: Any = rclpy.create_node(
+            "obk_test", start_parameter_services=False, enable_rosout=False
+        )
+        gc.collect()
+        gc.freeze()  # what is loaded now need not be looked through after each trial
+
+    def close(self) -> None:
+        """Let the programs end."""
+        self._over.set()
+        self._thread.join(5.0)
+        self._keeper.destroy_node()
+        self._resources.close()
+
+    def _programs(self, compiled: CompiledStack) -> list[tuple[Process, Program]]:
+        nodes = compiled.plan.processes
+        executables = find_executables(nodes, compiled.packages)
+        for node in nodes:
+            if not is_composable(replace(node, env={}), executables[node.full_name]):
+                raise CommandFailedError(
+                    f"{node.origin}: {node.full_name} ({node.package}/{node.executable}) is no "
+                    "Python node with a life cycle of this interpreter, so it cannot be in "
+                    "lock-step",
+                    help=f"leave it out, stack(..., without=['{node.full_name}']), and put "
+                    "something in its place with `stub`",
+                )
+        # Parameters may be secret; the folder belongs to this user only.
+        folder = self._resources.enter_context(tempfile.TemporaryDirectory(prefix="obk-test-"))
+        programs = []
+        for tier in compiled.plan.tiers:
+            for node in tier:
+                command = executables[node.full_name]
+                new = [str(path) for path in command.python_path if str(path) not in sys.path]
+                sys.path[:0] = new
+                path = Path(folder) / params_file_name(node)
+                path.write_text(emit_params((_for_tests(node),)), encoding="utf-8")
+                assert command.module is not None
+                program = Program(
+                    node=node.full_name,
+                    module=command.module,
+                    function=command.function,
+                    arguments=tuple(ros_arguments(node, path)),
+                )
+                programs.append((node, program))
+        return programs
+
+    def _run_all(self, programs: list[tuple[Process, Program]]) -> None:
+        try:
+            self._run(programs)
+        except BaseException as error:
+            self._error = error
+        self._ready.set()
+
+    def _run(self, programs: list[tuple[Process, Program]]) -> None:
+        """Run the first program and, within its call of `spin_obelisk`, the others."""
+        if not programs:
+            self._ready.set()
+            self._over.wait()
+            return
+        (process, program), *others = programs
+        before = len(self.nodes)
+
+        def take(request: SpinRequest) -> int:
+            if len(self.nodes) == before:
+                self.nodes.append(LoadedNode(process=process, program=program, request=request))
+                self._run(others)
+            return 0
+
+        try:
+            with spin_requests_served_by(take):
+                program.run()
+        except SystemExit:
+            pass
+        if len(self.nodes) == before:
+            raise CommandFailedError(
+                f"{process.full_name}: {program} ended without a call of spin_obelisk"
+            )
+
+
+def _for_tests(node: Process) -> Process:
+    if not node.model:
+        return node
+    parameters: Mapping[str, ParameterValue] = {**node.parameters, **_NOT_FOR_TESTS}
+    return replace(node, parameters=parameters)
+
+
+def load_stack(
+    config: Path, overrides: Sequence[str] = (), *, without: Iterable[str] = ()
+) -> LoadedStack:
+    """Compile and load a config; the arguments and errors are those of `compile_stack`."""
+    return LoadedStack(compile_stack(config, overrides, without=without))

@@ -1,0 +1,501 @@
+"""One trial: the nodes of a stack in lock-step, and what a test does to them.
+
+A test is sequential code: time stands still between two calls of `run`, so it looks, decides and
+acts at exact times. What it does without a time, it does now.
+"""
+
+import functools
+import gc
+import random
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.parameter import Parameter
+
+from obelisk_py.core.lifecycle import GuardedLifecycleNode
+from obelisk_py.core.lockstep.scheduler import (
+    FAULT,
+    NS_PER_S,
+    LockstepError,
+    ScheduledNode,
+    TimingModel,
+)
+from obelisk_py.core.lockstep.simulator import StepEvents
+from obelisk_py.core.lockstep.surroundings import LockstepRun
+from obelisk_py.core.lockstep.topics import Topic
+from obelisk_spec.suggestions import did_you_mean
+from obk_testing.programs import LoadedNode, LoadedStack, find_node
+from obk_testing.result import StateLog, TrialResult, joints_of
+
+__all__ = ["Schedule", "StackTrial"]
+
+_ANSWER_S: Final = 1.0
+"""Simulated time that a service may take to answer a test [s]."""
+_KEYFRAME: Final = "ic_keyframe"
+_STUB_DEPTH: Final = 10
+Vector = Sequence[float] | NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Schedule:
+    """How a trial differs from the ideal one, in which nothing takes time; times in seconds."""
+
+    latency: float = 0.0
+    """From the publication of a message to its arrival."""
+    jitter: float = 0.0
+    """The most that is added to the latency, drawn by the seed for each message."""
+    phases: bool = False
+    """Whether timers start at a part of their period that is drawn by the seed."""
+    compute: Mapping[str, float] = field(default_factory=dict)
+    """Node -> time that each of its callbacks takes."""
+    bring_up: Mapping[str, float] = field(default_factory=dict)
+    """Node -> when it becomes active; others at once."""
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether nothing takes time."""
+        return self == Schedule()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Push:
+    """A force on a body during some steps."""
+
+    body: int
+    wrench: NDArray[np.float64]
+    begin_ns: int
+    end_ns: int
+
+
+class StackTrial:
+    """The nodes of a stack, active, at time 0 and later."""
+
+    def __init__(
+        self,
+        stack: LoadedStack,
+        *,
+        seed: int = 0,
+        schedule: Schedule | None = None,
+        parameters: Mapping[str, Mapping[str, Any]] | None = None,
+        keyframe: str | None = None,
+        watch: Iterable[str] = (),
+        record: Iterable[str] | None = None,
+    ) -> None:
+        """Make the nodes and bring them up.
+
+        Args:
+            stack: the stack.
+            seed: of noise, of unseeded generators, and of what the schedule draws; 0 leaves the
+                noise as the config has it.
+            schedule: None: the ideal one.
+            parameters: node -> parameter -> value, set before the nodes are configured.
+            keyframe: of the model, where the simulation starts; None: as the config says.
+            watch: topics that are published although no node subscribes.
+            record: topics whose messages are kept; None: all.
+
+        Raises:
+            LockstepError: a node cannot be brought up, or cannot be in lock-step.
+            LookupError: a node does not exist.
+        """
+        self.stack = stack
+        self.seed = seed
+        self.schedule = schedule or Schedule()
+        self.nodes: dict[str, Any] = {}
+        """The node objects by full name."""
+        self._faults: dict[str, None] = {}
+        self._states: StateLog | None = None
+        self._pushes: list[_Push] = []
+        self._is_closed = False
+        # Generators of user code that nobody seeds.
+        random.seed(seed)
+        np.random.seed(seed % 2**32)
+        recorded = None if record is None else frozenset(record)
+        self._lockstep = LockstepRun(
+            seed=seed,
+            timing=TimingModel(
+                latency=self.schedule.latency,
+                jitter=self.schedule.jitter,
+                random_phases=self.schedule.phases,
+            ),
+            watched=watch,
+            is_recorded=lambda topic: recorded is None or topic in recorded,
+            on_simulator=self._observe,
+        )
+        self._compute_s = self._by_full_name(self.schedule.compute)
+        self._start_s = self._by_full_name(self.schedule.bring_up)
+        self._parameters = {n: dict(p) for n, p in self._by_full_name(parameters or {}).items()}
+        if keyframe is not None:
+            simulators = [node for node in stack.plan.processes if node.model]
+            for node in simulators:
+                self._parameters.setdefault(node.full_name, {})[_KEYFRAME] = keyframe
+        try:
+            self._bring_up()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def t(self) -> float:
+        """Simulated time [s]."""
+        return self._lockstep.scheduler.now_ns / NS_PER_S
+
+    def run(self, duration: float) -> TrialResult:
+        """Let time go on.
+
+        Args:
+            duration: simulated time [s].
+
+        Returns:
+            The trial from its start up to now.
+
+        Raises:
+            LockstepError: nodes cause events without end, or a thread does not give its turn back.
+        """
+        scheduler = self._lockstep.scheduler
+        with self._lockstep.entered():
+            scheduler.run_until(scheduler.now_ns + round(duration * NS_PER_S))
+        self._collect_faults()
+        return self.result()
+
+    def result(self) -> TrialResult:
+        """The trial from its start up to now."""
+        lockstep = self._lockstep
+        return TrialResult(
+            seed=self.seed,
+            duration_s=self.t,
+            topics=lockstep.topics.by_name,
+            states=self._states,
+            faults=tuple(self._faults),
+            notes=tuple(lockstep.scheduler.notes),
+            log=tuple(lockstep.interception.log),
+            ways=self._unpublished(),
+        )
+
+    def at(self, t: float, call: Callable[[], object]) -> None:
+        """Call something at a time [s], after the steps and before the messages of that time."""
+        due_ns = max(round(t * NS_PER_S), self._lockstep.scheduler.now_ns)
+        self._lockstep.scheduler.push(due_ns, FAULT, None, lambda: (call(), None)[1])
+
+    # --- the robot
+
+    def push(
+        self, body: str, force: Vector, duration: float, torque: Vector = (0.0, 0.0, 0.0)
+    ) -> None:
+        """Push a body of the model from now on.
+
+        Args:
+            body: its name.
+            force: at its centre of mass, in the world frame [N], shape `(3,)`.
+            duration: how long [s].
+            torque: in the world frame [N m], shape `(3,)`.
+
+        Raises:
+            LookupError: the model has no such body, or the stack has no simulator.
+        """
+        model = self._simulator().robot.mj_model
+        names = [model.body(number).name for number in range(model.nbody)]
+        if body not in names:
+            raise LookupError(
+                f"the model has no body `{body}`: {did_you_mean(body, names) or ', '.join(names)}"
+            )
+        now_ns = self._lockstep.scheduler.now_ns
+        self._pushes.append(
+            _Push(
+                body=names.index(body),
+                wrench=np.concatenate([np.asarray(force, float), np.asarray(torque, float)]),
+                begin_ns=now_ns,
+                end_ns=now_ns + round(duration * NS_PER_S),
+            )
+        )
+
+    # --- topics
+
+    def drop(self, topic: str, share: float = 1.0, duration: float = float("inf")) -> None:
+        """Lose a share of the messages that are published from now on, drawn by the seed.
+
+        Args:
+            topic: full name.
+            share: 0 to 1.
+            duration: how long [s].
+        """
+        draw = random.Random(f"drop {topic} {self.seed}")  # noqa: S311
+        during = self._during(duration)
+        self._topic(topic).rules.append(
+            lambda now_ns, _: None if during(now_ns) and draw.random() < share else 0
+        )
+
+    def delay(self, topic: str, seconds: float, duration: float = float("inf")) -> None:
+        """Let the messages that are published from now on arrive later.
+
+        Args:
+            topic: full name.
+            seconds: how much later [s].
+            duration: how long this lasts [s].
+        """
+        during, delay_ns = self._during(duration), round(seconds * NS_PER_S)
+        self._topic(topic).rules.append(lambda now_ns, _: delay_ns if during(now_ns) else 0)
+
+    def noise(self, topic: str, field: str, sigma: float, duration: float = float("inf")) -> None:
+        """Add noise to a field of numbers of what is published from now on, drawn by the seed.
+
+        Args:
+            topic: full name.
+            field: of the message; a number or an array of numbers.
+            sigma: standard deviation, in the unit of the field.
+            duration: how long [s].
+
+        Raises:
+            LookupError: the messages have no such field.
+        """
+        found = self._topic(topic)
+        fields = list(found.message_class.get_fields_and_field_types())
+        if field not in fields:
+            raise LookupError(f"{topic} has no field `{field}`; it has {', '.join(fields)}")
+        numbers = np.random.default_rng([self.seed, *topic.encode(), *field.encode()])
+        during = self._during(duration)
+
+        def disturb(now_ns: int, message: Any) -> None:
+            if during(now_ns):
+                value = getattr(message, field)
+                if isinstance(value, float):
+                    setattr(message, field, value + float(numbers.normal(0.0, sigma)))
+                else:
+                    noisy = np.asarray(value, float) + numbers.normal(0.0, sigma, len(value))
+                    setattr(message, field, noisy.tolist())
+
+        found.filters.append(disturb)
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Publish a message now, as a node outside the stack."""
+        with self._lockstep.entered():
+            self._lockstep.topics.publish(topic, message)
+
+    # --- nodes
+
+    def freeze(self, node: str, duration: float) -> None:
+        """Let a node do nothing for some time [s]; what was due meanwhile comes afterwards."""
+        scheduler, scheduled = self._lockstep.scheduler, self._scheduled(node)
+        scheduler.freeze(scheduled)
+        self.at(self.t + duration, lambda: scheduler.thaw(scheduled))
+
+    def kill(self, node: str) -> None:
+        """End a node at once, as SIGKILL does."""
+        self._lockstep.kill(self._scheduled(node))
+
+    def restart(self, node: str, after: float = 0.0) -> None:
+        """Kill a node, and make and bring up a new one after some time [s]."""
+        name = find_node(self.stack.plan, node).full_name
+        self.kill(name)
+        self.at(self.t + after, functools.partial(self._remake, name))
+
+    def call(self, service: str, request: Any = None) -> Any:
+        """Call a service and let time go on until it answers.
+
+        Args:
+            service: full name.
+            request: None: an empty one.
+
+        Returns:
+            The response.
+
+        Raises:
+            LookupError: no node serves the name.
+            LockstepError: it does not answer within a second.
+        """
+        services, scheduler = self._lockstep.services, self._lockstep.scheduler
+        if not services.has(service):
+            near = did_you_mean(service, services.names()) or ", ".join(services.names())
+            raise LookupError(f"no node serves {service}: {near}")
+        answers: list[Any] = []
+        with self._lockstep.entered():
+            services.call(service, request, None, answers.append)
+            end_ns = scheduler.now_ns + round(_ANSWER_S * NS_PER_S)
+            while not answers and scheduler.now_ns < end_ns:
+                scheduler.run_until(scheduler.next_due_ns(end_ns))
+        if not answers:
+            raise LockstepError(
+                f"{service} gave no answer within {_ANSWER_S:g} s of simulated time"
+            )
+        return answers[0]
+
+    def set_parameter(self, node: str, name: str, value: Any) -> None:
+        """Set a parameter of a node now.
+
+        Raises:
+            LockstepError: the node rejects it; the message has its reason.
+        """
+        with self._lockstep.entered():
+            self._set_parameter(find_node(self.stack.plan, node).full_name, name, value)
+
+    def stub(
+        self, name: str, on: str, do: Callable[[Any], Mapping[str, Any] | None], kind: type[Any]
+    ) -> None:
+        """Put a stand-in in the place of a node that was left out.
+
+        Args:
+            name: its full name.
+            on: the topic that it subscribes to.
+            do: called with each message; returns what to publish, topic -> message.
+            kind: the class of the messages of `on`.
+        """
+        topics = self._lockstep.topics
+
+        def answer(message: Any) -> None:
+            for topic, published in (do(message) or {}).items():
+                topics.publish(topic, published)
+
+        def make() -> GuardedLifecycleNode:
+            namespace, _, own = name.rpartition("/")
+            node = GuardedLifecycleNode(own, namespace=namespace or "/")
+            node.create_subscription(kind, on, answer, _STUB_DEPTH)
+            return node
+
+        with self._lockstep.entered():
+            self.nodes[name] = self._lockstep.make_node(name, make)
+
+    def close(self) -> None:
+        """Shut the nodes down and let go of them; more than one call has no effect."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        lockstep = self._lockstep
+        with lockstep.entered():
+            for name, node in reversed(self.nodes.items()):
+                scheduled = lockstep.nodes[name]
+                if node.state_label != "finalized":
+                    lockstep.scheduler.run_as(scheduled, node.trigger_shutdown)
+                lockstep.executor.remove_node(node)
+                lockstep.scheduler.run_as(scheduled, node.destroy_node)
+                scheduled.node = None
+            self.nodes.clear()
+            lockstep.close()
+        # Without it the nodes keep their names in rcl until a later collection.
+        gc.collect()
+
+    # --- how
+
+    def _by_full_name(self, given: Mapping[str, Any]) -> dict[str, Any]:
+        plan = self.stack.plan
+        return {find_node(plan, name).full_name: value for name, value in given.items()}
+
+    def _bring_up(self) -> None:
+        with self._lockstep.entered():
+            for node in self.stack.nodes:
+                self._make(node)
+            for name in self.nodes:
+                self._transition(name, "configure")
+            for name in self.nodes:
+                start_s = self._start_s.get(name, 0.0)
+                if start_s > 0.0:
+                    self.at(start_s, functools.partial(self._transition, name, "activate"))
+                else:
+                    self._transition(name, "activate")
+
+    def _make(self, loaded: LoadedNode) -> None:
+        name = loaded.process.full_name
+        compute_s = self._compute_s.get(name, 0.0)
+        self.nodes[name] = self._lockstep.make_node(name, loaded.make, compute_s)
+        for parameter, value in self._parameters.get(name, {}).items():
+            self._set_parameter(name, parameter, value)
+
+    def _remake(self, name: str) -> None:
+        old = self.nodes.pop(name)
+        self._lockstep.executor.remove_node(old)
+        dead = ScheduledNode(name=name, node=old, is_alive=False)
+        self._lockstep.scheduler.run_as(dead, old.destroy_node)
+        self._make(next(node for node in self.stack.nodes if node.process.full_name == name))
+        self._transition(name, "configure")
+        self._transition(name, "activate")
+
+    def _set_parameter(self, name: str, parameter: str, value: Any) -> None:
+        node, scheduled = self.nodes[name], self._lockstep.nodes[name]
+        make: Any = Parameter
+        setting = make(parameter, value=value)
+        results = self._lockstep.scheduler.run_as(
+            scheduled, functools.partial(node.set_parameters, [setting])
+        )
+        if not results[0].successful:
+            raise LockstepError(f"{name} rejects `{parameter}` = {value!r}: {results[0].reason}")
+
+    def _transition(self, name: str, label: str) -> None:
+        node = self.nodes[name]
+        trigger = getattr(node, f"trigger_{label}")
+        result = self._lockstep.scheduler.run_as(self._lockstep.nodes[name], trigger)
+        if result != TransitionCallbackReturn.SUCCESS:
+            raise LockstepError(f"{name} did not {label}: {node.last_fault}")
+
+    def _observe(self, steps: StepEvents) -> None:
+        """Log the states of a simulator, and push its bodies."""
+        data, scheduler = steps.robot.mj_data, self._lockstep.scheduler
+        if self._states is None:
+            self._states = StateLog(joints_of(steps.robot.mj_model))
+        states = self._states
+        steps.before_step.append(lambda: self._apply_pushes(data))
+        steps.after_step.append(lambda: states.add(scheduler.now_ns, data))
+
+    def _apply_pushes(self, data: Any) -> None:
+        # A step that ends now has begun a step ago.
+        now_ns = self._lockstep.scheduler.now_ns
+        if not self._pushes:
+            return
+        for push in self._pushes:
+            data.xfrc_applied[push.body] = 0.0
+        for push in self._pushes:
+            if push.begin_ns < now_ns <= push.end_ns:
+                data.xfrc_applied[push.body] += push.wrench
+        self._pushes = [push for push in self._pushes if now_ns <= push.end_ns]
+
+    def _simulator(self) -> StepEvents:
+        simulators = list(self._lockstep.simulators.values())
+        if not simulators:
+            raise LookupError("the stack has no simulator of ours whose bodies can be pushed")
+        return simulators[0]
+
+    def _topic(self, name: str) -> Topic:
+        topics = self._lockstep.topics.by_name
+        if name not in topics:
+            near = did_you_mean(name, topics) or ", ".join(sorted(topics))
+            raise LookupError(f"no node has the topic `{name}`: {near}")
+        return topics[name]
+
+    def _scheduled(self, node: str) -> ScheduledNode:
+        if node in self._lockstep.nodes:
+            return self._lockstep.nodes[node]
+        return self._lockstep.nodes[find_node(self.stack.plan, node).full_name]
+
+    def _during(self, duration: float) -> Callable[[int], bool]:
+        begin_ns = self._lockstep.scheduler.now_ns
+        end_ns = begin_ns + duration * NS_PER_S
+        return lambda now_ns: begin_ns <= now_ns < end_ns
+
+    def _collect_faults(self) -> None:
+        for name, node in self.nodes.items():
+            if node.last_fault is not None:
+                self._faults[f"{name}: {node.last_fault}"] = None
+
+    def _unpublished(self) -> dict[str, str]:
+        """Why topics of the plan have no messages."""
+        listened = {end.topic for node in self.stack.plan.processes for end in node.subscribes}
+        return {
+            end.topic: f"{end.topic} has no message: no node subscribes, so {node.full_name} does "
+            f"not publish it. Pass `watch=['{end.topic}']` to the stack"
+            for node in self.stack.plan.processes
+            for end in node.publishes
+            if end.topic not in listened and end.topic not in self._lockstep.topics.by_name
+        }
