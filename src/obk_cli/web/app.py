@@ -27,6 +27,7 @@ from obk_cli.introspect.lifecycle import possible_transitions
 from obk_cli.introspect.message_text import json_line
 from obk_cli.monitor.model import StackView
 from obk_cli.monitor.table import monitor_data
+from obk_cli.process.interrupt import until_interrupt
 from obk_cli.ros.types import fields_of, short_type
 from obk_cli.runs.lifecycle import TRANSITIONS
 from obk_cli.runs.protocol import ChangeAnswer, change_data
@@ -94,10 +95,8 @@ class WebServer:
             )
         )
         self._server.should_exit = self._is_ended
-        try:
+        with until_interrupt():  # raised by uvicorn after its shutdown
             self._server.run(sockets=[listener])
-        except KeyboardInterrupt:  # raised again by uvicorn after its shutdown
-            return
 
     def end(self) -> None:
         """End soon; from any thread."""
@@ -261,15 +260,15 @@ class PageApi:
         """The samples since the last call; updates the times in `until_ns`."""
         curves = []
         for field_request, after_ns in until_ns.items():
-            heard = self._fields.data_after(field_request, after_ns)
-            if heard.samples:
-                until_ns[field_request] = heard.samples[-1][0]
+            received = self._fields.data_after(field_request, after_ns)
+            if received.samples:
+                until_ns[field_request] = received.samples[-1][0]
             curves.append(
                 {
                     "curve": f"{field_request.topic} {field_request.field}",
-                    "labels": list(heard.labels),
-                    "fault": heard.fault,
-                    "rows": samples_data(heard.samples),
+                    "labels": list(received.labels),
+                    "fault": received.fault,
+                    "rows": samples_data(received.samples),
                 }
             )
         return {"now_s": wall_s(), "curves": curves}
