@@ -3,14 +3,16 @@
 Each test leaves a `TrialRecord` in its report, as plain data that pytest-xdist can send.
 """
 
-import json
 import re
 import shlex
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Final
 
+import msgspec
+
+from obelisk_spec.suggestions import with_number
 from obk_cli.terminal import plain
 
 __all__ = ["TrialRecord", "record_of", "rerun_command", "summary_lines"]
@@ -46,13 +48,13 @@ class TrialRecord:
 
     def as_property(self) -> tuple[str, str]:
         """The record as a property of a report."""
-        return PROPERTY, json.dumps(asdict(self))
+        return PROPERTY, msgspec.json.encode(self).decode()
 
 
 def record_of(report: Any) -> TrialRecord | None:
     """The record in a report; None: it has none."""
     texts = [text for name, text in report.user_properties if name == PROPERTY]
-    return TrialRecord(**json.loads(texts[-1])) if texts else None
+    return msgspec.json.decode(texts[-1], type=TrialRecord) if texts else None
 
 
 def rerun_command(config: str | None, overrides: Sequence[str], node_id: str) -> str:
@@ -164,13 +166,13 @@ def _total(records: Sequence[TrialRecord], duration_s: float, processes: int) ->
         "own": "own schedule",
     }
     schedules = ", ".join(
-        name if len(kinds) == 1 else f"{name} in {kinds[kind]} tests"
+        name if len(kinds) == 1 else f"{name} in {with_number(kinds[kind], 'test')}"
         for kind, name in names.items()
         if kind in kinds
     )
     return (
-        f"{trials} {'trial' if trials == 1 else 'trials'}, {simulated_s:.1f} s simulated in "
-        f"{_time(duration_s)} on {processes} {'core' if processes == 1 else 'cores'}; "
+        f"{with_number(trials, 'trial')}, {simulated_s:.1f} s simulated in "
+        f"{_time(duration_s)} on {with_number(processes, 'core')}; "
         f"{simulated_s / wall_s if wall_s else 0.0:.1f}x real time; {schedules}"
     )
 
