@@ -66,7 +66,7 @@ class Schedule:
 
         Args:
             seed: of the trial.
-            nodes: full names of the nodes, in bring-up order.
+            nodes: full names of the nodes that may become active later.
         """
         if seed == 0:
             return cls()
@@ -125,7 +125,8 @@ class StackTrial:
         """
         self.stack = stack
         self.seed = seed
-        names = [node.process.full_name for node in stack.nodes]
+        # Simulators are active at time 0, so that a test can act on them at once.
+        names = [node.process.full_name for node in stack.nodes if not node.process.model]
         self.schedule = Schedule.varied(seed, names) if schedule is None else schedule
         self.nodes: dict[str, Any] = {}
         """The node objects by full name."""
