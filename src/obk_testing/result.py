@@ -92,6 +92,9 @@ class FieldLog:
         self._steps = steps
         self._values = values
 
+    def __repr__(self) -> str:
+        return f"<{self._log.label}.{_path(self._steps)}: {len(self)} messages>"
+
     def __len__(self) -> int:
         return len(self._values)
 
@@ -147,6 +150,9 @@ class TopicLog:
     def of(cls, topic: Topic, on_look: Callable[[tuple[str, ...]], None]) -> "TopicLog":
         """What a topic has logged so far."""
         return cls(topic.label, topic.message_class, topic.log or (), topic.codec.unpack, on_look)
+
+    def __repr__(self) -> str:
+        return f"<{self.label}: {self._count} messages>"
 
     def __len__(self) -> int:
         return self._count
@@ -367,6 +373,9 @@ class TrialResult:
         """Of the simulator; it may go on after this result."""
         self._ways = ways
         self._count = len(states.times_ns) if states else 0
+
+    def __repr__(self) -> str:
+        return f"<{self.duration_s:g} s of {self.facts.plan.name}, seed {self.seed}>"
 
     @property
     def seed(self) -> int:

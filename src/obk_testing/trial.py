@@ -8,6 +8,7 @@ import functools
 import gc
 import random
 import time
+import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from types import TracebackType
@@ -424,18 +425,26 @@ class StackTrial:
             return
         self._is_closed = True
         lockstep = self._lockstep
+        nodes = [weakref.ref(node) for node in self.nodes.values()]
         with lockstep.entered():
-            for name, node in reversed(self.nodes.items()):
-                scheduled = lockstep.nodes[name]
-                if node.state_label != "finalized":
-                    lockstep.scheduler.run_as(scheduled, node.trigger_shutdown)
-                lockstep.executor.remove_node(node)
-                lockstep.scheduler.run_as(scheduled, node.destroy_node)
-                scheduled.node = None
-            self.nodes.clear()
+            for name in reversed([*self.nodes]):
+                self._destroy(name)
             lockstep.close()
-        # Without it the nodes keep their names in rcl until a later collection.
-        gc.collect()
+        # Nodes keep their names in rcl until they are collected; what a C extension holds on to
+        # takes a second time.
+        for _ in range(2):
+            gc.collect()
+            if not any(node() for node in nodes):
+                break
+
+    def _destroy(self, name: str) -> None:
+        # A method of its own, so that no variable keeps the last node over the collection.
+        node, scheduled = self.nodes.pop(name), self._lockstep.nodes[name]
+        if node.state_label != "finalized":
+            self._lockstep.scheduler.run_as(scheduled, node.trigger_shutdown)
+        self._lockstep.executor.remove_node(node)
+        self._lockstep.scheduler.run_as(scheduled, node.destroy_node)
+        scheduled.node = None
 
     # --- how
 
