@@ -116,7 +116,7 @@ class StackTrial:
                 noise as the config has it.
             schedule: None: the one that the seed draws, see `Schedule.varied`.
             parameters: node -> parameter -> value, set before the nodes are configured.
-            keyframe: of the model, where the simulation starts; None: as the config says.
+            keyframe: of the model, where the simulation starts; None: as in the config.
             watch: topics that are published although no node subscribes.
             record: topics whose messages are kept; None: all.
 
@@ -140,7 +140,7 @@ class StackTrial:
         self.interventions: list[Intervention] = []
         """What the test did to the stack."""
         self._looked_at: dict[tuple[str, ...], None] = {}
-        # Generators of user code that nobody seeds.
+        # Generators of user code without a seed of their own.
         random.seed(seed)
         np.random.seed(seed % 2**32)
         recorded = None if record is None else frozenset(record)
