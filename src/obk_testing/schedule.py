@@ -7,10 +7,11 @@ a real run hold when each node became active; `bring_up_times` reads them.
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+import random
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Plan
@@ -25,6 +26,9 @@ BringUp = Mapping[str, float] | str | Path
 """Node -> when it becomes active [s]; or `measured`; or a run's folder or its `events.jsonl`."""
 
 _EVENTS: Final = "events.jsonl"
+_MOST_JITTER_S: Final = 0.0003
+_LATEST_START_S: Final = 0.02
+"""What a varied schedule draws at most: more than between nodes of one calm host."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +45,23 @@ class Schedule:
     """Node -> time that each of its callbacks takes."""
     bring_up: Mapping[str, float] = field(default_factory=dict)
     """Node -> when it becomes active; others at once."""
+
+    @classmethod
+    def varied(cls, seed: int, nodes: Iterable[str]) -> Self:
+        """The schedule that a seed draws; seed 0 has the ideal one.
+
+        Args:
+            seed: of the trial.
+            nodes: full names of the nodes that may become active later.
+        """
+        if seed == 0:
+            return cls()
+        draw = random.Random(f"varied schedule {seed}")  # noqa: S311
+        return cls(
+            jitter=draw.uniform(0.0, _MOST_JITTER_S),
+            phases=True,
+            bring_up={node: draw.uniform(0.0, _LATEST_START_S) for node in nodes},
+        )
 
     @property
     def is_ideal(self) -> bool:

@@ -1,4 +1,4 @@
-"""The bring-up of a real run, read from its events."""
+"""Schedules that a seed draws, and the bring-up of a real run, read from its events."""
 
 import json
 from pathlib import Path
@@ -7,7 +7,7 @@ import pytest
 
 from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Origin, Plan, Process
-from obk_testing.schedule import bring_up_times
+from obk_testing.schedule import Schedule, bring_up_times
 
 BEGIN_S = 1_795_000_000.0
 
@@ -86,3 +86,30 @@ def test_a_path_without_the_nodes_is_an_error(tmp_path, given):
 
 def test_times_that_are_given_stay_as_they_are():
     assert bring_up_times({"control": 0.02}, PLAN) == {"control": 0.02}
+
+
+NODES = ("/robot", "/estimation", "/control")
+
+
+def test_seed_0_has_the_ideal_schedule() -> None:
+    assert Schedule.varied(0, NODES).is_ideal
+
+
+@pytest.mark.parametrize("seed", range(1, 50))
+def test_other_seeds_vary_phases_jitter_and_bring_up(seed: int) -> None:
+    schedule = Schedule.varied(seed, NODES)
+    assert schedule == Schedule.varied(seed, NODES)
+    assert schedule.phases
+    assert 0.0 <= schedule.jitter <= 0.0003
+    assert schedule.bring_up.keys() == set(NODES)
+    assert all(0.0 <= start <= 0.02 for start in schedule.bring_up.values())
+
+
+def test_seeds_draw_different_schedules() -> None:
+    drawn = {Schedule.varied(seed, NODES).jitter for seed in range(1, 50)}
+    orders = {
+        tuple(sorted(NODES, key=Schedule.varied(seed, NODES).bring_up.__getitem__))
+        for seed in range(1, 50)
+    }
+    assert len(drawn) == 49
+    assert len(orders) == 6

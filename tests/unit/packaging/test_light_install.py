@@ -40,6 +40,7 @@ NEEDS = {
     "param": ("ros", ["list"]),
     "service": ("ros", ["list"]),
     "monitor": ("ros", ["--once"]),
+    "test": ("test", ["my_robot/my_robot.yaml"]),
     "record": ("record", []),
     "bag": ("record", ["info", "run.mcap"]),
     "plot": ("plot", ["run.mcap", "est.q"]),
