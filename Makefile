@@ -21,7 +21,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help setup demo test test-unit test-slow check golden docs bench clean
 .PHONY: lock audit wheel release
 .PHONY: $(addprefix docs-,pages pictures site)
-.PHONY: $(addprefix bench-,all loop tool launches simulator looking summary soak soak-short fuzz)
+.PHONY: $(addprefix bench-,all loop tool launches simulator lockstep-truth looking summary soak soak-short fuzz)
 .DELETE_ON_ERROR:
 
 setup: $(VENV)/.interfaces
@@ -38,7 +38,7 @@ make golden      rewrite the expected outputs of the tests
 make docs        rewrite the generated pages and pictures
                    PART=pictures  pictures of a running stack too; PART=site  pages without a network
 make bench       all benchmarks with a goal; GO_ON=1, PARTS="loop tool", QUICK=1
-                   PART=loop|tool|launches|simulator|looking|summary  one, with all its rounds
+                   PART=loop|tool|launches|simulator|looking|lockstep-truth|summary  one, with all its rounds
                    PART=soak|soak-short|fuzz                          SECONDS=60
 make clean       remove the environment and everything built
 
@@ -127,6 +127,11 @@ bench-tool: setup $(PEER)
 bench-looking: setup
 	$(BIN)/python -m benchmarks.looking
 	$(BIN)/python -m benchmarks.watched
+
+# Real runs of the quadruped next to lock-step runs of it.
+bench-lockstep-truth: setup
+	$(BIN)/python -m benchmarks.lockstep_truth
+	cp benchmarks/results/lockstep_truth.svg docs/pictures
 
 # Compares the results that exist with their goals; writes benchmarks/results/goals.md.
 bench-summary: setup
