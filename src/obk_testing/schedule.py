@@ -17,7 +17,7 @@ from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Plan
 from obk_cli.runs.folder import config_of, run_folders, runs_folder
 
-__all__ = ["MEASURED", "BringUp", "Schedule", "activation_times", "bring_up_times"]
+__all__ = ["MEASURED", "Activation", "BringUp", "Schedule", "bring_up_times", "read_activations"]
 
 MEASURED: Final = "measured"
 """The bring-up of the newest real run of the stack on this machine."""
@@ -95,23 +95,33 @@ def bring_up_times(
     if path.is_dir():
         path /= _EVENTS
     try:
-        times = activation_times(path)
+        found = read_activations(path)
     except OSError as error:
         raise CommandFailedError(
             f"the bring-up cannot be read from {path}: {error.strerror}",
             help=f"pass a run folder of `obk launch`, its `{_EVENTS}`, or '{MEASURED}'",
         ) from error
-    missing = sorted(_nodes(plan) - times.keys())
+    missing = sorted(_nodes(plan) - found.keys())
     if missing:
         raise CommandFailedError(
             f"{', '.join(missing)} did not become active in {path}",
             help=f"pass a run of `{plan.name}` that brought up all of its nodes",
         )
-    return _after_first_step(plan, times)
+    return _after_first_step(plan, found)
 
 
-def activation_times(events: Path) -> dict[str, float]:
-    """When each node of a run became active for the first time [s since 1970], by full name.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Activation:
+    """A node's first activation in a real run."""
+
+    answered_s: float
+    """When the launcher had the node's answer [s since 1970]."""
+    took_s: float
+    """Time from the launcher's request to that answer [s]."""
+
+
+def read_activations(events: Path) -> dict[str, Activation]:
+    """The first activation of each node of a run, by full name.
 
     Args:
         events: its `events.jsonl`.
@@ -119,14 +129,17 @@ def activation_times(events: Path) -> dict[str, float]:
     Raises:
         OSError: the file cannot be read.
     """
-    times: dict[str, float] = {}
+    found: dict[str, Activation] = {}
     for event in _events(events):
         is_activation = event.get("event") == "TransitionEnded" and (
             (event.get("transition"), event.get("result")) == ("activate", "reached")
         )
         if is_activation:
-            times.setdefault(str(event.get("node")), float(event.get("time", 0.0)))
-    return times
+            activation = Activation(
+                answered_s=float(event.get("time", 0.0)), took_s=float(event.get("seconds", 0.0))
+            )
+            found.setdefault(str(event.get("node")), activation)
+    return found
 
 
 def _events(path: Path) -> Iterator[Mapping[str, Any]]:
@@ -146,11 +159,11 @@ def _newest_bring_up(plan: Plan, runs: Path) -> dict[str, float]:
         if config_of(folder) != name:
             continue
         try:
-            times = activation_times(folder / _EVENTS)
+            found = read_activations(folder / _EVENTS)
         except OSError:
             continue
-        if times.keys() >= _nodes(plan):
-            return _after_first_step(plan, times)
+        if found.keys() >= _nodes(plan):
+            return _after_first_step(plan, found)
     raise CommandFailedError(
         f"no run of `{plan.name}` in {runs} brought up all of its nodes, so its bring-up is "
         "not measured",
@@ -163,16 +176,21 @@ def _nodes(plan: Plan) -> set[str]:
     return {node.full_name for node in plan.processes}
 
 
-def _after_first_step(plan: Plan, times: Mapping[str, float]) -> dict[str, float]:
-    """Activation times from the first step of the simulator on, which its activation starts [s].
+def _after_first_step(plan: Plan, found: Mapping[str, Activation]) -> dict[str, float]:
+    """When nodes become active, from the first step of the simulator on [s].
 
-    The launcher notes an activation when it has the node's answer. The answers are as late for the
-    simulator as for the others, so the differences hold.
+    The launcher notes an activation when it has the node's answer. The simulator steps from within
+    its activation on, so its first step is half of that time earlier, give or take as much.
     """
-    simulators = [node.full_name for node in plan.processes if node.model]
-    begin_s = times[simulators[0]] if simulators else min(times.values())
+    simulators = [found[node.full_name] for node in plan.processes if node.model]
+    if simulators:
+        begin_s = simulators[0].answered_s - simulators[0].took_s / 2
+    else:
+        begin_s = min(activation.answered_s for activation in found.values())
     # To the microsecond: times since 1970 have no more digits.
     return {
-        name: round(max(0.0, times[name] - begin_s), 6)
-        for name in (node.full_name for node in plan.processes)
+        node.full_name: 0.0
+        if node.model
+        else round(max(0.0, found[node.full_name].answered_s - begin_s), 6)
+        for node in plan.processes
     }

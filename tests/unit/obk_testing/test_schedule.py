@@ -41,6 +41,7 @@ def write_run(folder: Path, **activated_ms: float) -> Path:
                     "node": f"/{node}",
                     "transition": transition,
                     "result": "reached",
+                    "seconds": 0.004,
                 }
             )
     text = "".join(json.dumps(event) + "\n" for event in events)
@@ -48,9 +49,9 @@ def write_run(folder: Path, **activated_ms: float) -> Path:
     return folder
 
 
-def test_times_count_from_the_simulators_first_activation(tmp_path):
+def test_times_count_from_the_middle_of_the_simulators_first_activation(tmp_path):
     run = write_run(tmp_path / "run", robot=10.0, control=28.5)
-    expected = {"/control": 0.0185, "/robot": 0.0}
+    expected = {"/control": 0.0205, "/robot": 0.0}
     assert bring_up_times(run, PLAN) == expected
     assert bring_up_times("run/events.jsonl", PLAN, tmp_path) == expected
 
@@ -68,7 +69,7 @@ def test_measured_takes_the_newest_whole_run_of_the_stack(tmp_path):
     write_run(runs / "other_20260104_120000", robot=0.0, control=10.0)
     (runs / "walker_20260105_120000").mkdir()
     environment = {"OBK_HOME": str(tmp_path)}
-    assert bring_up_times("measured", PLAN, environment=environment)["/control"] == 0.02
+    assert bring_up_times("measured", PLAN, environment=environment)["/control"] == 0.022
 
 
 def test_without_a_run_the_error_names_what_measures_one(tmp_path):
