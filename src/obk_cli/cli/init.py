@@ -118,7 +118,7 @@ def _next_commands(stack: str, root: Path) -> tuple[str, ...]:
         *(() if is_here else (f"cd {short(root)}",)),
         f"{prefix}obk validate {stack}.yaml",
         f"{prefix}obk launch {stack}.yaml",
-        f"{prefix}python -m pytest",
+        f"{prefix}obk test {stack}.yaml",
     )
 
 

@@ -165,7 +165,7 @@ def compose_workspace(
     """
     variables = {
         "stack": stack,
-        "install": source.pip_install("ros", "sim"),
+        "install": source.pip_install("ros", "sim", "test"),
         "is_local_source": source.is_local,
     }
     files = [*render_templates(library.read([WORKSPACE_LAYER]), variables)]

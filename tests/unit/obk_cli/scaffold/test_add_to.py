@@ -1,7 +1,10 @@
 """`obk new ... --add-to`: the package and the config's entry are made together, or neither."""
 
 import json
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -116,6 +119,49 @@ def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_type_that_was_left_open_is_the_configs(arguments: tuple[str, ...], fresh: Path) -> None:
     assert "/arm/encoders (ObkJointEncoders)" in obk_new(*arguments, "--add-to", "arm.yaml")
     assert errors(fresh) == []
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize(
+    ("arguments", "topic"),
+    [
+        (("controller", "foo", "--replace", "obelisk_control_0"), "/arm/ctrl"),
+        (("estimator", "foo", "--replace", "obelisk_estimation_0"), "/arm/est"),
+        (("robot", "foo", "--replace", "obelisk_robot_0"), None),
+    ],
+    ids=["controller", "estimator", "robot"],
+)
+def test_its_test_runs_the_stack_unless_a_robot_is_hardware(
+    arguments: tuple[str, ...], topic: str | None, fresh: Path
+) -> None:
+    obk_new(*arguments, "--add-to", "arm.yaml")
+    test = (fresh.parent / "src/foo/test/test_foo.py").read_text()
+    assert ('stack("../../../arm.yaml", seed=seed)' in test) == (topic is not None)
+    assert topic is None or f'run["{topic}"]' in test
+
+
+@pytest.mark.mujoco
+def test_its_test_leaves_out_a_stack_that_cannot_be_in_lock_step(fresh: Path) -> None:
+    obk_new("controller", "bar", "--lang", "cpp", "--add-to", "arm.yaml")
+    obk_new("sensor", "foo", "--add-to", "arm.yaml")
+    assert "arm.yaml" not in (fresh.parent / "src/foo/test/test_foo.py").read_text()
+
+
+@pytest.mark.ros
+@pytest.mark.mujoco
+def test_its_test_passes_at_once(fresh: Path) -> None:
+    obk_new("controller", "foo", "--replace", "obelisk_control_0", "--add-to", "arm.yaml")
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "src/foo"],
+        cwd=fresh.parent,
+        env=os.environ | {"ROS_LOG_DIR": str(fresh.parent / "log")},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "3 passed" in done.stdout
 
 
 def test_a_type_that_was_asked_for_is_not_exchanged(fresh: Path) -> None:

@@ -59,7 +59,7 @@ def test_it_says_what_to_type_next(here: Path, monkeypatch: pytest.MonkeyPatch) 
     said = obk_init("my_robot")
     assert said.endswith(
         "next:\n  cd my_robot\n  obk validate my_robot.yaml\n  obk launch my_robot.yaml\n"
-        "  python -m pytest\n"
+        "  obk test my_robot.yaml\n"
     )
 
 
@@ -243,7 +243,7 @@ def test_the_commands_of_its_readme_work_in_their_order(here: Path) -> None:
     blocks = re.findall(r"```sh\n(.*?)```", (root / "README.md").read_text(), re.DOTALL)
     lines = [shlex.split(line, comments=True) for line in "".join(blocks).splitlines()]
     commands = [words[1:] for words in lines if words[:1] == ["obk"] and words[1] != "launch"]
-    usual = ["validate", "new", "new", "new", "graph", "new"]
+    usual = ["validate", "test", "new", "new", "new", "graph", "new"]
     assert [words[0] for words in commands] == usual
     for words in (*commands, ["validate", "--strict", "my_robot.yaml"]):
         done = subprocess.run(
