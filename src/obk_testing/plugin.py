@@ -6,7 +6,9 @@ test modules and nodes are imported. A test that fails leaves its trials as reco
 
 import os
 import re
+import signal
 import sys
+import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -163,6 +165,9 @@ def pytest_configure(config: pytest.Config) -> None:
         "filterwarnings",
         "ignore:module 'sre_(parse|constants)' is deprecated:DeprecationWarning",
     )
+    if threading.current_thread() is threading.main_thread():
+        # As Ctrl-C does, so that nothing is left behind.
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     session = config.stash[_SESSION] = _Session()
     session.patches.enter_context(intercepted())
     config.pluginmanager.register(_Reports(session), "obk_reports")
