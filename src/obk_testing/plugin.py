@@ -9,6 +9,7 @@ import re
 import signal
 import sys
 import threading
+from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -40,6 +41,8 @@ _SHOWN_LOG: Final = 10
 """Log entries of a failed trial that its report shows."""
 _WARNING: Final = 30
 _LONGEST_NAME: Final = 120
+_MOST_KEPT: Final = 10
+"""Failures of one test that each process records; the others can be repeated."""
 _SMOKE: Final = "smoke"
 
 
@@ -120,6 +123,8 @@ class _Session:
     begin_s: float = field(default_factory=perf_counter)
     patches: ExitStack = field(default_factory=ExitStack)
     records: list[TrialRecord] = field(default_factory=list)
+    kept: Counter[str] = field(default_factory=Counter)
+    """Recorded failures by the name of the test, in this process."""
 
 
 _Stacks = dict[tuple[Path, tuple[str, ...], tuple[str, ...]], LoadedStack]
@@ -247,15 +252,19 @@ def stack(request: pytest.FixtureRequest, _stacks: _Stacks) -> Iterator[StartSta
     trials = request.node.stash[_TRIALS] = _Trials()
 
     def start(config: str | Path | None = None, **options: Any) -> StackTrial:
+        __tracebackhide__ = True
         changes = options.pop("set", ())
         without = tuple(options.pop("without", ()))
         given = {name: options.pop(name, None) for name in _SCHEDULE}
         given = {name: value for name, value in given.items() if value is not None}
         loaded = _load(request, _stacks, config, changes, without)
+        schedule = Schedule(**given) if given else None
+        error: LockstepError | None = None
         try:
-            schedule = Schedule(**given) if given else None
             trial = StackTrial(loaded, schedule=schedule, **options)
-        except LockstepError as error:
+        except LockstepError as raised:
+            error = raised
+        if error is not None:
             pytest.fail(str(error), pytrace=False)
         trials.started.append(trial)
         trials.schedules.add("own" if given else "varied" if trial.seed else "ideal")
@@ -276,12 +285,15 @@ def _load(
     """A loaded stack; a config that cannot be loaded fails the test without a traceback."""
     path, settings = _config_of(request, config)
     key = (path, (*settings, *changes), without)
+    error: CommandFailedError | None = None
     if key not in stacks:
         try:
             stacks[key] = load_stack(path, key[1], without=without)
-        except CommandFailedError as error:
-            help = f"\n  help: {error.help}" if error.help else ""
-            pytest.fail(f"{error.message}{help}", pytrace=False)
+        except CommandFailedError as raised:
+            error = raised
+    if error is not None:  # outside of `except`, so that pytest shows no chain
+        help = f"\n  help: {error.help}" if error.help else ""
+        pytest.fail(f"{error.message}{help}", pytrace=False)
     return stacks[key]
 
 
@@ -368,15 +380,17 @@ def pytest_runtest_makereport(
     """Keep the trials of a test that fails, and record what the summary needs."""
     report = yield
     trials = item.stash.get(_TRIALS, None)
-    if report.when == "call" and trials is not None and (trials.started or report.failed):
+    is_over = report.when == "call" and not report.skipped
+    if is_over and trials is not None and (trials.started or report.failed):
         _keep(item, report, trials)
     return report
 
 
 def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None:
     config = item.config
-    is_kept = report.failed or bool(config.getoption("keep_all"))
     node_id = _node_id(item)
+    kept_before = config.stash[_SESSION].kept[getattr(item, "originalname", item.name)]
+    is_kept = bool(config.getoption("keep_all")) or (report.failed and kept_before < _MOST_KEPT)
     folder = Path(config.getoption("trial_folder") or config.rootpath / "build" / "obk-test")
     stem = _stem(node_id)
     results = trials.results()
@@ -389,6 +403,7 @@ def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None
         kept = [(result, "") for result in results]
         if trials.earlier and report.failed:
             kept += [(result, ".first") for result in trials.earlier]
+        config.stash[_SESSION].kept[getattr(item, "originalname", item.name)] += 1
         try:
             for number, (result, ending) in enumerate(kept):
                 place = f".{number % len(results) + 1}" if len(results) > 1 else ""
@@ -446,7 +461,7 @@ def _reason(report: pytest.TestReport) -> str:
     crash = getattr(report.longrepr, "reprcrash", None)
     text = crash.message if crash is not None else str(report.longrepr)
     lines = [line for line in text.splitlines() if line.strip()]
-    return lines[0].removeprefix("AssertionError: ") if lines else report.outcome
+    return re.sub(r"^(AssertionError|Failed): ", "", lines[0]) if lines else report.outcome
 
 
 def _write(path: Path, result: TrialResult, title: str, about: Mapping[str, str]) -> Iterator[str]:

@@ -38,6 +38,9 @@ __all__ = [
     "TrialResult",
 ]
 
+__tracebackhide__ = True
+"""Pytest shows the line of the test, not those in here."""
+
 Array = NDArray[Any]
 Steps = tuple[str | int, ...]
 """Names of fields and places in arrays, outermost first."""
