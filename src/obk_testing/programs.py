@@ -26,6 +26,7 @@ from obelisk_py.core.composition import (
     set_log_levels,
 )
 from obelisk_py.core.lifecycle import node_arguments
+from obelisk_py.core.lockstep.interception import refuse_plain_nodes
 from obelisk_py.core.spinning import SpinRequest, spin_requests_served_by
 from obelisk_spec.values import ParameterValue
 from obk_cli.compiler import Options, Outcome, compile_config
@@ -49,6 +50,8 @@ class CompiledStack:
     config: Path
     plan: Plan
     packages: PackageIndex
+    unclear_robots: frozenset[str] = frozenset()
+    """Robots, by full name, of which the config does not say whether they are hardware."""
 
 
 def compile_stack(
@@ -78,8 +81,16 @@ def compile_stack(
     left_out = _full_names(outcome.plan, without)
     nodes = tuple(each for each in outcome.plan.processes if each.full_name not in left_out)
     packages = PackageIndex.around(config.parent, Path.cwd(), dict(os.environ))
+    unclear = frozenset(
+        robot.full_name
+        for robot in outcome.config.section("robot")
+        if robot.is_simulated is None and not robot.runs_simulation
+    )
     return CompiledStack(
-        config=config, plan=replace(outcome.plan, processes=nodes), packages=packages
+        config=config,
+        plan=replace(outcome.plan, processes=nodes),
+        packages=packages,
+        unclear_robots=unclear,
     )
 
 
@@ -146,6 +157,7 @@ class LoadedStack:
         """
         self.plan = compiled.plan
         self.config = compiled.config
+        self.unclear_robots = compiled.unclear_robots
         self.nodes: list[LoadedNode] = []
         self._ready, self._over = threading.Event(), threading.Event()
         self._error: BaseException | None = None
@@ -157,8 +169,9 @@ class LoadedStack:
         self._thread = threading.Thread(
             target=self._run_all, args=[programs], name="programs", daemon=True
         )
-        self._thread.start()
-        self._ready.wait()
+        with refuse_plain_nodes():
+            self._thread.start()
+            self._ready.wait()
         sys.argv = arguments  # each program has its own until it waits
         if self._error is not None:
             raise self._error

@@ -1,0 +1,45 @@
+"""A process that can run nodes in lock-step, for one file of tests at a time."""
+
+import gc
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
+from obelisk_py.core.lockstep.interception import intercepted
+
+from .world import World
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _lockstep_process() -> Iterator[None]:
+    """Simulated time and a context of rclpy that no other process sees."""
+    with pytest.MonkeyPatch.context() as patch, intercepted():
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        yield
+        gc.collect()
+        rclpy.shutdown()
+
+
+@pytest.fixture
+def make_world() -> Iterator[Callable[..., World]]:
+    """Makes runs that are closed after the test; the options are those of `LockstepRun`."""
+    worlds: list[World] = []
+
+    def make(**options: Any) -> World:
+        worlds.append(World(**options))
+        return worlds[-1]
+
+    yield make
+    for world in worlds:
+        world.close()
+    gc.collect()
+
+
+@pytest.fixture
+def world(make_world: Callable[..., World]) -> World:
+    """The ideal run, without nodes."""
+    return make_world()
