@@ -161,9 +161,22 @@ class LoadedStack:
         self.nodes: list[LoadedNode] = []
         self._ready, self._over = threading.Event(), threading.Event()
         self._error: BaseException | None = None
+        self._thread: threading.Thread | None = None
         self._resources = ExitStack()
+        with ExitStack() as failed:
+            failed.callback(self.close)
+            self._load(compiled)
+            failed.pop_all()
+        gc.collect()
+        gc.freeze()  # what is loaded now need not be looked through after each trial
+
+    def _load(self, compiled: CompiledStack) -> None:
         if not rclpy.ok():
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            self._resources.callback(rclpy.try_shutdown)
+        # Keeps DDS's participant, which takes longer to make than all nodes of a trial.
+        keeper = rclpy.create_node("obk_test", start_parameter_services=False, enable_rosout=False)
+        self._resources.callback(keeper.destroy_node)
         programs = self._programs(compiled)
         arguments = sys.argv
         self._thread = threading.Thread(
@@ -175,18 +188,12 @@ class LoadedStack:
         sys.argv = arguments  # each program has its own until it waits
         if self._error is not None:
             raise self._error
-        # Keeps DDS's participant, which takes longer to make than all nodes of a trial.
-        self._keeper: Any = rclpy.create_node(
-            "obk_test", start_parameter_services=False, enable_rosout=False
-        )
-        gc.collect()
-        gc.freeze()  # what is loaded now need not be looked through after each trial
 
     def close(self) -> None:
         """Let the programs end."""
         self._over.set()
-        self._thread.join(5.0)
-        self._keeper.destroy_node()
+        if self._thread is not None:
+            self._thread.join(5.0)
         self._resources.close()
 
     def _programs(self, compiled: CompiledStack) -> list[tuple[Process, Program]]:
