@@ -5,6 +5,7 @@ they stay, on a thread of their own, until the process ends. Every trial makes n
 they asked for, so no attribute of a node passes from one trial to the next.
 """
 
+import ctypes
 import gc
 import os
 import sys
@@ -39,6 +40,7 @@ from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = ["LoadedStack", "compile_stack", "load_stack"]
 
+_TRIALS_OF_A_PARTICIPANT: Final = 20
 _NOT_FOR_TESTS: Final = {"viewer": "none", "render": ""}
 """Parameters of the simulator that open windows or write files."""
 
@@ -145,6 +147,73 @@ class LoadedNode:
             return self.request.make()
 
 
+class Participant:
+    """DDS's participant of this process, which takes longer to make than the nodes of a trial.
+
+    It grows with every node that it has had, so a new one takes its place now and then.
+    """
+
+    def __init__(self) -> None:
+        """Make none yet."""
+        self._stacks = self._trials = self._trials_since = 0
+        self._owns_context = False
+        self._keeper: Any = None
+
+    def open(self) -> None:
+        """Make it for the first stack."""
+        if not rclpy.ok():
+            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            self._owns_context = True
+        self._stacks += 1
+        if self._keeper is None:
+            self._make()
+
+    def close(self) -> None:
+        """Destroy it after the last stack."""
+        self._stacks -= 1
+        if self._stacks == 0:
+            self._destroy()
+            if self._owns_context:
+                rclpy.try_shutdown()
+            self._owns_context = False
+
+    def enter(self) -> None:
+        """Keep it during a trial."""
+        self._trials += 1
+        self._trials_since += 1
+
+    def leave(self) -> None:
+        """End a trial; perhaps make a new participant."""
+        self._trials -= 1
+        if self._trials == 0 and self._trials_since >= _TRIALS_OF_A_PARTICIPANT:
+            self._destroy()
+            _return_memory()
+            self._make()
+
+    def _make(self) -> None:
+        # With its first node; it goes with the last.
+        self._keeper = rclpy.create_node(
+            "obk_test", start_parameter_services=False, enable_rosout=False
+        )
+        self._trials_since = 0
+
+    def _destroy(self) -> None:
+        self._keeper.destroy_node()
+        self._keeper = None
+        gc.collect()
+
+
+def _return_memory() -> None:
+    """Return what the C library keeps of freed memory, if it is glibc."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
+
+
+_participant: Final = Participant()
+"""One for the process, as rclpy's context is."""
+
+
 class LoadedStack:
     """The programs of a config; makes the nodes of its trials."""
 
@@ -157,6 +226,7 @@ class LoadedStack:
         """
         self.plan = compiled.plan
         self.config = compiled.config
+        self.participant = _participant
         self.unclear_robots = compiled.unclear_robots
         self.nodes: list[LoadedNode] = []
         self._ready, self._over = threading.Event(), threading.Event()
@@ -171,12 +241,8 @@ class LoadedStack:
         gc.freeze()  # what is loaded now need not be looked through after each trial
 
     def _load(self, compiled: CompiledStack) -> None:
-        if not rclpy.ok():
-            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-            self._resources.callback(rclpy.try_shutdown)
-        # Keeps DDS's participant, which takes longer to make than all nodes of a trial.
-        keeper = rclpy.create_node("obk_test", start_parameter_services=False, enable_rosout=False)
-        self._resources.callback(keeper.destroy_node)
+        self.participant.open()
+        self._resources.callback(self.participant.close)
         programs = self._programs(compiled)
         arguments = sys.argv
         self._thread = threading.Thread(

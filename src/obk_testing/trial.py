@@ -115,7 +115,7 @@ class StackTrial:
         self._faults: dict[str, None] = {}
         self._states: StateLog | None = None
         self._pushes: list[_Push] = []
-        self._is_closed = False
+        self._is_closed = self._has_begun = False
         recorded = None if record is None else frozenset(record)
         self._lockstep = LockstepRun(
             seed=seed,
@@ -135,6 +135,8 @@ class StackTrial:
             simulators = [node for node in stack.plan.processes if node.model]
             for node in simulators:
                 self._parameters.setdefault(node.full_name, {})[_KEYFRAME] = keyframe
+        stack.participant.enter()
+        self._has_begun = True
         try:
             self._bring_up()
         except BaseException:
@@ -379,14 +381,16 @@ class StackTrial:
         self._is_closed = True
         lockstep = self._lockstep
         with lockstep.entered():
-            for name, node in reversed(self.nodes.items()):
-                scheduled = lockstep.nodes[name]
-                _destroy(lockstep, scheduled, node)
-                scheduled.node = None
-            self.nodes.clear()
+            while self.nodes:
+                name, node = self.nodes.popitem()
+                _destroy(lockstep, lockstep.nodes[name], node)
+                lockstep.nodes[name].node = None
+                del node
             lockstep.close()
         # Without it the nodes keep their names in rcl until a later collection.
         gc.collect()
+        if self._has_begun:
+            self.stack.participant.leave()
 
     # --- how
 
