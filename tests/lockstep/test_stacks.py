@@ -1,9 +1,10 @@
 """Stacks without MuJoCo in lock-step: programs, robots, faults, restarts and stand-ins."""
 
+import functools
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from obk_cli.launch import commands
 from obk_cli.launch.commands import Command
 from obk_cli.plan.plan import Process
 from obk_testing import programs
-from obk_testing.programs import LoadedStack, load_stack
+from obk_testing.programs import load_stack
 from obk_testing.trial import Schedule, StackTrial
 
 CONFIG = Path(__file__).parent / "workspace" / "hazards.yaml"
@@ -29,29 +30,10 @@ CONTROL, ESTIMATION, ROBOT = "/obelisk_control_0", "/obelisk_estimation_0", "/ob
 Start = Callable[..., StackTrial]
 
 
-@pytest.fixture(scope="module")
-def _stacks(_lockstep_process: None) -> Iterator[dict[Any, LoadedStack]]:
-    stacks: dict[Any, LoadedStack] = {}
-    yield stacks
-    for stack in stacks.values():
-        stack.close()
-
-
 @pytest.fixture
-def start(_stacks: dict[Any, LoadedStack]) -> Iterator[Start]:
-    """Starts trials of the config, which end with the test."""
-    trials: list[StackTrial] = []
-
-    def begin(*overrides: str, without: tuple[str, ...] = (), **options: Any) -> StackTrial:
-        key = (overrides, without)
-        if key not in _stacks:
-            _stacks[key] = load_stack(CONFIG, overrides, without=without)
-        trials.append(StackTrial(_stacks[key], **options))
-        return trials[-1]
-
-    yield begin
-    for trial in trials:
-        trial.close()
+def start(start_config: Start) -> Start:
+    """Starts trials of the config, with changes of it."""
+    return functools.partial(start_config, CONFIG)
 
 
 def test_components_of_the_config_run_on_simulated_time(start: Start) -> None:
@@ -266,23 +248,15 @@ def test_a_parameter_that_a_node_rejects_is_an_error(start: Start) -> None:
 
 
 @pytest.mark.usefixtures("_lockstep_process")
-def test_nothing_is_left_of_a_stack() -> None:
-    def folders() -> set[Path]:
-        return set(Path(tempfile.gettempdir()).glob("obk-test-*"))
-
-    threads, before, shared = threading.active_count(), folders(), _shared_memory()
-    arguments = list(sys.argv)
+def test_nothing_is_left_of_a_stack(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    threads, arguments = threading.active_count(), list(sys.argv)
     stack = load_stack(CONFIG)
+    assert list(tmp_path.iterdir())  # the parameters
     for seed in range(3):
         with StackTrial(stack, seed=seed) as trial:
             trial.run(0.05)
     stack.close()
     assert threading.active_count() == threads
-    assert folders() == before
-    assert _shared_memory() <= shared
+    assert not list(tmp_path.iterdir())
     assert sys.argv == arguments
-
-
-def _shared_memory() -> set[Path]:
-    """Files of this process in /dev/shm, but for those of the participant."""
-    return set(Path("/dev/shm").glob("obk*"))
