@@ -99,7 +99,7 @@ class StackTrial:
                 noise as the config has it.
             schedule: None: the ideal one.
             parameters: node -> parameter -> value, set before the nodes are configured.
-            keyframe: of the model, where the simulation starts; None: as the config says.
+            keyframe: of the model, where the simulation starts; None: as in the config.
             watch: topics that are published although no node subscribes.
             record: topics whose messages are kept; None: all.
 
