@@ -6,25 +6,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
-from rclpy.signals import SignalHandlerOptions
 
-from obelisk_py.core.lockstep.interception import intercepted
 from obk_testing.programs import LoadedStack, load_stack
 from obk_testing.trial import StackTrial
 
-from .world import World
+from .world import World, lockstep_process
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _lockstep_process() -> Iterator[None]:
-    """Simulated time and a context of rclpy that no other process sees."""
-    with pytest.MonkeyPatch.context() as patch, intercepted():
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    with lockstep_process():
         yield
-        gc.collect()
-        rclpy.shutdown()
 
 
 @pytest.fixture

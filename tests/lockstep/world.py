@@ -1,15 +1,33 @@
 """Nodes in lock-step without a config, for tests of the engine."""
 
-from collections.abc import Callable
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import pytest
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
 from obelisk_py.core.lifecycle import GuardedLifecycleNode
+from obelisk_py.core.lockstep.interception import intercepted
 from obelisk_py.core.lockstep.scheduler import NS_PER_S
 from obelisk_py.core.lockstep.surroundings import LockstepRun
 
-__all__ = ["World", "seconds"]
+__all__ = ["World", "lockstep_process", "seconds"]
 
 Node = Any
+
+
+@contextmanager
+def lockstep_process() -> Iterator[None]:
+    """While entered, time can be simulated, and no other process sees the nodes of this one."""
+    with pytest.MonkeyPatch.context() as patch, intercepted():
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        yield
+        gc.collect()
+        rclpy.shutdown()
 
 
 class World:
@@ -71,13 +89,17 @@ class World:
     def close(self) -> None:
         """Destroy the nodes."""
         with self.lockstep.entered():
-            for name, node in reversed(self._nodes):
+            while self._nodes:
+                name, node = self._nodes.pop()
                 scheduled = self.lockstep.nodes[name]
                 self.lockstep.kill(scheduled)
                 for each in (*scheduled.others, node):
                     self.scheduler.run_as(scheduled, each.destroy_node)
+                scheduled.node = None
+                scheduled.others.clear()
+                del node
             self.lockstep.close()
-        self._nodes.clear()
+        gc.collect()  # otherwise the nodes keep their names in rcl
 
 
 def seconds(node: Node) -> float:

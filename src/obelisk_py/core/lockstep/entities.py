@@ -128,7 +128,7 @@ def _call_timer(timer: LockstepTimer, start: int) -> bool:
     scheduler, period_ns = timer._scheduler, timer._period_ns
     now_ns = timer._last_ns = scheduler.now_ns
     timer._next_ns += period_ns
-    if timer._next_ns < now_ns and period_ns:
+    if timer._next_ns <= now_ns and period_ns:
         # As rcl_timer_call: missed periods are left out.
         timer._next_ns += (1 + (now_ns - timer._next_ns) // period_ns) * period_ns
     timer._schedule()
