@@ -4,6 +4,7 @@ Load it with `-p obk_testing.plugin`, as `obk test` does, so that simulated time
 test modules and nodes are imported. A test that fails leaves its trials as recordings and pictures.
 """
 
+import hashlib
 import os
 import re
 import signal
@@ -389,10 +390,11 @@ def pytest_runtest_makereport(
 def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None:
     config = item.config
     node_id = _node_id(item)
-    kept_before = config.stash[_SESSION].kept[getattr(item, "originalname", item.name)]
-    is_kept = bool(config.getoption("keep_all")) or (report.failed and kept_before < _MOST_KEPT)
+    kept_before, name = config.stash[_SESSION].kept, getattr(item, "originalname", item.name)
+    is_new = report.failed and kept_before[name] < _MOST_KEPT
+    is_kept = is_new or bool(config.getoption("keep_all"))
     folder = Path(config.getoption("trial_folder") or config.rootpath / "build" / "obk-test")
-    stem = _stem(node_id)
+    stem = _stem(item)
     results = trials.results()
     reason = _reason(report)
     for old in [*folder.glob(f"{stem}.*")]:
@@ -403,7 +405,7 @@ def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None
         kept = [(result, "") for result in results]
         if trials.earlier and report.failed:
             kept += [(result, ".first") for result in trials.earlier]
-        config.stash[_SESSION].kept[getattr(item, "originalname", item.name)] += 1
+        kept_before[name] += 1
         try:
             for number, (result, ending) in enumerate(kept):
                 place = f".{number % len(results) + 1}" if len(results) > 1 else ""
@@ -432,26 +434,32 @@ def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None
     report.user_properties.append(record.as_property())
 
 
+def _is_smoke(item: pytest.Item) -> bool:
+    return item.path == Path(__file__).with_name("smoke.py")
+
+
 def _node_id(item: pytest.Item) -> str:
     """The id by which the test can be run from the folder of this run."""
-    if item.path.parent == Path(__file__).parent and item.path.stem == _SMOKE:
+    if _is_smoke(item):
         return item.name.replace("test_", "", 1)
     path = os.path.relpath(item.path, item.config.invocation_params.dir)
     return "::".join([path, *item.nodeid.split("::")[1:]])
 
 
-def _stem(node_id: str) -> str:
-    """The name of the files of a test."""
-    path, *names = node_id.split("::")
-    words = [Path(path).stem, *names] if names else [path]
+def _stem(item: pytest.Item) -> str:
+    """The name of the files of a test: the same wherever the test run was started."""
+    options = item.config.option
+    start = item.config.invocation_params.dir
+    base = Path(start, options.stack).parent if options.stack else item.config.rootpath
+    parts = Path(os.path.relpath(item.path, base)).with_suffix("").parts
+    names = [part for part in parts if part not in ("..", "tests")]
+    if _is_smoke(item):
+        names = []
+    words = [*names, *item.nodeid.split("::")[1:-1], item.name.replace("test_smoke", _SMOKE)]
     text = re.sub(r"[^\w=]+", "-", "-".join(words)).strip("-")
-    return text if len(text) <= _LONGEST_NAME else f"{text[:_LONGEST_NAME]}-{_short_hash(text)}"
-
-
-def _short_hash(text: str) -> str:
-    import hashlib
-
-    return hashlib.sha256(text.encode()).hexdigest()[:8]
+    if len(text) <= _LONGEST_NAME:
+        return text
+    return f"{text[:_LONGEST_NAME]}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 
 
 def _reason(report: pytest.TestReport) -> str:
@@ -469,11 +477,8 @@ def _write(path: Path, result: TrialResult, title: str, about: Mapping[str, str]
     from obk_testing.plot import draw_trial, is_drawable
     from obk_testing.recording import write_recording
 
-    looked_at = dict(result.facts.looked_at)
     write_recording(path, result, about)
     yield os.path.relpath(path)
-    result.facts.looked_at.clear()
-    result.facts.looked_at.update(looked_at)
     picture = path.with_suffix(".png")
     if is_drawable() and draw_trial(result, title, picture):
         yield os.path.relpath(picture)
