@@ -4,7 +4,6 @@ Load it with `-p obk_testing.plugin`, as `obk test` does, so that simulated time
 test modules and nodes are imported. A test that fails leaves its trials as recordings and pictures.
 """
 
-import hashlib
 import os
 import re
 import signal
@@ -25,11 +24,19 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 import pytest  # noqa: E402
+from rclpy.logging import LoggingSeverity, set_logger_level  # noqa: E402
 
 from obelisk_py.core.lockstep.interception import intercepted  # noqa: E402
 from obelisk_py.core.lockstep.scheduler import LockstepError  # noqa: E402
 from obk_cli.errors import CommandFailedError  # noqa: E402
 from obk_cli.plan.plan import Plan  # noqa: E402
+from obk_testing.kept_trials import (  # noqa: E402
+    account_of,
+    failure_reason,
+    file_stem,
+    node_id_of,
+    write_trial,
+)
 from obk_testing.programs import LoadedStack, load_stack  # noqa: E402
 from obk_testing.result import TrialResult  # noqa: E402
 from obk_testing.summary import TrialRecord, record_of, summary_lines  # noqa: E402
@@ -38,13 +45,8 @@ from obk_testing.trial import Schedule, StackTrial  # noqa: E402
 __all__ = ["StartStack", "describe_check", "given_plan"]
 
 _SCHEDULE: Final = ("latency", "jitter", "phases", "compute", "bring_up")
-_SHOWN_LOG: Final = 10
-"""Log entries of a failed trial that its report shows."""
-_WARNING: Final = 30
-_LONGEST_NAME: Final = 120
 _MOST_KEPT: Final = 10
 """Failures of one test that each process records; the others can be repeated."""
-_SMOKE: Final = "smoke"
 
 
 class StartStack(Protocol):
@@ -174,6 +176,8 @@ def pytest_configure(config: pytest.Config) -> None:
     if threading.current_thread() is threading.main_thread():
         # As Ctrl-C does, so that nothing is left behind.
         signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Nodes of several trials have the same names; in lock-step /rosout takes another way.
+    set_logger_level("rcl.logging_rosout", LoggingSeverity.ERROR)
     session = config.stash[_SESSION] = _Session()
     session.patches.enter_context(intercepted())
     config.pluginmanager.register(_Reports(session), "obk_reports")
@@ -220,6 +224,9 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
     )
     for line in lines:
         terminalreporter.line(line)
+    seeds = str(config.getoption("seeds"))
+    if seeds != "1" and not any("seed" in record.node_id for record in session.records):
+        terminalreporter.line(f"note: `--seeds {seeds}` has no effect: no test takes `seed`")
 
 
 def _seeds(config: pytest.Config) -> Sequence[int]:
@@ -389,32 +396,31 @@ def pytest_runtest_makereport(
 
 def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None:
     config = item.config
-    node_id = _node_id(item)
+    node_id = node_id_of(item)
     kept_before, name = config.stash[_SESSION].kept, getattr(item, "originalname", item.name)
     is_new = report.failed and kept_before[name] < _MOST_KEPT
     is_kept = is_new or bool(config.getoption("keep_all"))
     folder = Path(config.getoption("trial_folder") or config.rootpath / "build" / "obk-test")
-    stem = _stem(item)
+    stem = file_stem(item)
     results = trials.results()
-    reason = _reason(report)
+    reason = failure_reason(report)
     for old in [*folder.glob(f"{stem}.*")]:
         old.unlink()
     files: list[str] = []
     if is_kept:
         about = {"test": node_id, "outcome": report.outcome, "reason": reason}
-        kept = [(result, "") for result in results]
-        if trials.earlier and report.failed:
-            kept += [(result, ".first") for result in trials.earlier]
         kept_before[name] += 1
         try:
-            for number, (result, ending) in enumerate(kept):
-                place = f".{number % len(results) + 1}" if len(results) > 1 else ""
-                path = folder / f"{stem}{place}{ending}.mcap"
-                files += _write(path, result, f"{node_id}, seed {result.seed}: {reason}", about)
+            for ending, kept in (("", results), (".first", trials.earlier)):
+                for number, result in enumerate(kept):
+                    place = f".{number + 1}" if len(kept) > 1 else ""
+                    path = folder / f"{stem}{place}{ending}.mcap"
+                    title = f"{node_id}, seed {result.seed}: {reason}"
+                    files += write_trial(path, result, title, about)
         except (CommandFailedError, OSError) as error:
             report.sections.append(("trials", f"the recording cannot be written: {error}"))
     if report.failed:
-        report.sections += [("trial", "\n".join(_account(result))) for result in results]
+        report.sections += [("trial", "\n".join(account_of(result))) for result in results]
     seeds = [trial.seed for trial in trials.started]
     callspec = getattr(item, "callspec", None)
     seed = callspec.params.get("seed") if callspec is not None else None
@@ -432,64 +438,3 @@ def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None
     )
     item.user_properties.append(record.as_property())
     report.user_properties.append(record.as_property())
-
-
-def _is_smoke(item: pytest.Item) -> bool:
-    return item.path == Path(__file__).with_name("smoke.py")
-
-
-def _node_id(item: pytest.Item) -> str:
-    """The id by which the test can be run from the folder of this run."""
-    if _is_smoke(item):
-        return item.name.replace("test_", "", 1)
-    path = os.path.relpath(item.path, item.config.invocation_params.dir)
-    return "::".join([path, *item.nodeid.split("::")[1:]])
-
-
-def _stem(item: pytest.Item) -> str:
-    """The name of the files of a test: the same wherever the test run was started."""
-    options = item.config.option
-    start = item.config.invocation_params.dir
-    base = Path(start, options.stack).parent if options.stack else item.config.rootpath
-    parts = Path(os.path.relpath(item.path, base)).with_suffix("").parts
-    names = [part for part in parts if part not in ("..", "tests")]
-    if _is_smoke(item):
-        names = []
-    words = [*names, *item.nodeid.split("::")[1:-1], item.name.replace("test_smoke", _SMOKE)]
-    text = re.sub(r"[^\w=]+", "-", "-".join(words)).strip("-")
-    if len(text) <= _LONGEST_NAME:
-        return text
-    return f"{text[:_LONGEST_NAME]}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
-
-
-def _reason(report: pytest.TestReport) -> str:
-    """Why a test failed, in one line."""
-    if not report.failed:
-        return ""
-    crash = getattr(report.longrepr, "reprcrash", None)
-    text = crash.message if crash is not None else str(report.longrepr)
-    lines = [line for line in text.splitlines() if line.strip()]
-    return re.sub(r"^(AssertionError|Failed): ", "", lines[0]) if lines else report.outcome
-
-
-def _write(path: Path, result: TrialResult, title: str, about: Mapping[str, str]) -> Iterator[str]:
-    """Write the recording and, if it can be drawn, the picture of a trial; yields their paths."""
-    from obk_testing.plot import draw_trial, is_drawable
-    from obk_testing.recording import write_recording
-
-    write_recording(path, result, about)
-    yield os.path.relpath(path)
-    picture = path.with_suffix(".png")
-    if is_drawable() and draw_trial(result, title, picture):
-        yield os.path.relpath(picture)
-
-
-def _account(result: TrialResult) -> Iterator[str]:
-    """The lines about a trial in the report of a failed test."""
-    yield f"{result.facts.plan.name}, seed {result.seed}, {result.duration_s:g} s simulated"
-    yield from (f"{one.t:.3f} s: {one.text}" for one in result.facts.interventions)
-    yield from (f"fault: {fault}" for fault in result.faults)
-    yield from (f"note: {note}" for note in result.notes)
-    warnings = [entry for entry in result.log if entry.severity >= _WARNING]
-    for entry in warnings[-_SHOWN_LOG:]:
-        yield f"{entry.time_ns * 1e-9:.4f} s: {entry.name}: {entry.text}"

@@ -17,6 +17,7 @@ from obelisk_py.core.lockstep.interception import LogEntry
 from obelisk_py.core.lockstep.scheduler import NS_PER_S
 from obelisk_py.core.lockstep.topics import Topic
 from obelisk_spec.suggestions import did_you_mean
+from obk_cli.errors import CommandFailedError
 from obk_cli.plan.plan import Plan
 from obk_testing.topic_log import Array, TopicLog
 
@@ -239,8 +240,7 @@ class TrialResult:
             True in a condition if they agree; shown as the greatest difference otherwise.
 
         Raises:
-            LookupError: a run lacks a field or the states.
-            CommandFailedError: the file cannot be read.
+            LookupError: a run lacks a field or the states, or the file cannot be read.
         """
         names = tuple(fields)
         if isinstance(other, TrialResult):
@@ -249,7 +249,11 @@ class TrialResult:
             from obk_testing.recording import read_signals
 
             width = None if self.states is None else self._qpos.shape[1]
-            theirs = read_signals(Path(other), names, positions=width)
+            try:
+                theirs = read_signals(Path(other), names, positions=width)
+            except CommandFailedError as error:
+                help = "`obk test --keep-all` leaves recordings of tests that pass"
+                raise LookupError(f"{error.message}\n  help: {error.help or help}") from None
         for name, (t, mine) in self.signals(names).items():
             difference = _compare(name, t, mine, theirs[name][1], atol)
             if difference is not None:
