@@ -221,6 +221,7 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
         overrides=config.getoption("stack_set"),
         duration_s=perf_counter() - session.begin_s,
         processes=int(config.getoption("numprocesses", None) or 1),
+        twice=config.getoption("twice"),
     )
     for line in lines:
         terminalreporter.line(line)
@@ -352,7 +353,7 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, object, o
     second_error = _error_of(pyfuncitem.obj, {name: pyfuncitem.funcargs[name] for name in names})
     difference = _first_difference(trials.earlier, trials.results())
     if difference is not None:
-        pytest.fail(f"a second run of this test differs, first at {difference}", pytrace=False)
+        pytest.fail(f"a second run of this test differs: {difference}", pytrace=False)
     if (first_error is None) != (second_error is None):
         pytest.fail(
             f"one of two runs with the same trials fails: {first_error or second_error}",
@@ -373,11 +374,15 @@ def _error_of(call: Callable[..., object], arguments: Mapping[str, Any]) -> Exce
 
 def _first_difference(one: Sequence[TrialResult], two: Sequence[TrialResult]) -> str | None:
     if len(one) != len(two):
-        return f"the number of trials: {len(one)} and {len(two)}"
+        return f"{len(one)} and {len(two)} trials"
     for number, (first, second) in enumerate(zip(one, two, strict=True)):
         difference = first.first_difference(second)
         if difference is not None:
-            return difference if len(one) == 1 else f"{difference} of trial {number + 1}"
+            return (
+                f"first at {difference}"
+                if len(one) == 1
+                else (f"trial {number + 1}, first at {difference}")
+            )
     return None
 
 
