@@ -70,7 +70,7 @@ def rerun_command(
     """
     options = ("--twice",) if twice else ()
     if config is None:
-        seed = re.search(r"seed(\d+)", node_id.partition("[")[2])
+        seed = re.search(r"\bseed(\d+)\b", node_id.partition("[")[2])
         seeds = ("--seeds", f"={seed[1]}") if seed else ()
         return shlex.join(["pytest", "-p", "obk_testing.plugin", *options, *seeds, node_id])
     settings = (word for setting in overrides for word in ("--set", setting))
