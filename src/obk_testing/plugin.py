@@ -6,7 +6,10 @@ test modules and nodes are imported. A test that fails leaves its trials as reco
 
 import os
 import re
+import signal
 import sys
+import threading
+from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -21,11 +24,19 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 import pytest  # noqa: E402
+from rclpy.logging import LoggingSeverity, set_logger_level  # noqa: E402
 
 from obelisk_py.core.lockstep.interception import intercepted  # noqa: E402
 from obelisk_py.core.lockstep.scheduler import LockstepError  # noqa: E402
 from obk_cli.errors import CommandFailedError  # noqa: E402
 from obk_cli.plan.plan import Plan  # noqa: E402
+from obk_testing.kept_trials import (  # noqa: E402
+    account_of,
+    failure_reason,
+    file_stem,
+    node_id_of,
+    write_trial,
+)
 from obk_testing.programs import LoadedStack, load_stack  # noqa: E402
 from obk_testing.result import TrialResult  # noqa: E402
 from obk_testing.schedule import BringUp, Schedule, bring_up_times  # noqa: E402
@@ -35,11 +46,8 @@ from obk_testing.trial import StackTrial  # noqa: E402
 __all__ = ["StartStack", "describe_check", "given_plan"]
 
 _SCHEDULE: Final = ("latency", "jitter", "phases", "compute", "bring_up")
-_SHOWN_LOG: Final = 10
-"""Log entries of a failed trial that its report shows."""
-_WARNING: Final = 30
-_LONGEST_NAME: Final = 120
-_SMOKE: Final = "smoke"
+_MOST_KEPT: Final = 10
+"""Failures of one test that each process records; the others can be repeated."""
 
 
 class StartStack(Protocol):
@@ -120,6 +128,8 @@ class _Session:
     begin_s: float = field(default_factory=perf_counter)
     patches: ExitStack = field(default_factory=ExitStack)
     records: list[TrialRecord] = field(default_factory=list)
+    kept: Counter[str] = field(default_factory=Counter)
+    """Recorded failures by the name of the test, in this process."""
 
 
 _Stacks = dict[tuple[Path, tuple[str, ...], tuple[str, ...]], LoadedStack]
@@ -165,6 +175,11 @@ def pytest_configure(config: pytest.Config) -> None:
         "filterwarnings",
         "ignore:module 'sre_(parse|constants)' is deprecated:DeprecationWarning",
     )
+    if threading.current_thread() is threading.main_thread():
+        # As Ctrl-C does, so that nothing is left behind.
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Nodes of several trials have the same names; in lock-step /rosout takes another way.
+    set_logger_level("rcl.logging_rosout", LoggingSeverity.ERROR)
     session = config.stash[_SESSION] = _Session()
     session.patches.enter_context(intercepted())
     config.pluginmanager.register(_Reports(session), "obk_reports")
@@ -208,9 +223,13 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
         overrides=config.getoption("stack_set"),
         duration_s=perf_counter() - session.begin_s,
         processes=int(config.getoption("numprocesses", None) or 1),
+        twice=config.getoption("twice"),
     )
     for line in lines:
         terminalreporter.line(line)
+    seeds = str(config.getoption("seeds"))
+    if seeds != "1" and not any("seed" in record.node_id for record in session.records):
+        terminalreporter.line(f"note: `--seeds {seeds}` has no effect: no test takes `seed`")
 
 
 def _seeds(config: pytest.Config) -> Sequence[int]:
@@ -244,21 +263,23 @@ def stack(request: pytest.FixtureRequest, _stacks: _Stacks) -> Iterator[StartSta
     trials = request.node.stash[_TRIALS] = _Trials()
 
     def start(config: str | Path | None = None, **options: Any) -> StackTrial:
+        __tracebackhide__ = True
         changes = options.pop("set", ())
         without = tuple(options.pop("without", ()))
         given = {name: options.pop(name, None) for name in _SCHEDULE}
         given = {name: value for name, value in given.items() if value is not None}
         loaded = _load(request, _stacks, config, changes, without)
+        error: CommandFailedError | LockstepError | None = None
         try:
             if "bring_up" in given:
                 folder = request.path.parent
                 given["bring_up"] = bring_up_times(given["bring_up"], loaded.plan, folder)
             schedule = Schedule(**given) if given else None
             trial = StackTrial(loaded, schedule=schedule, **options)
-        except CommandFailedError as error:
+        except (CommandFailedError, LockstepError) as raised:
+            error = raised
+        if error is not None:
             _fail(error)
-        except LockstepError as error:
-            pytest.fail(str(error), pytrace=False)
         trials.started.append(trial)
         trials.schedules.add("own" if given else "varied" if trial.seed else "ideal")
         return trial
@@ -278,18 +299,21 @@ def _load(
     """A loaded stack; a config that cannot be loaded fails the test without a traceback."""
     path, settings = _config_of(request, config)
     key = (path, (*settings, *changes), without)
+    error: CommandFailedError | None = None
     if key not in stacks:
         try:
             stacks[key] = load_stack(path, key[1], without=without)
-        except CommandFailedError as error:
-            _fail(error)
+        except CommandFailedError as raised:
+            error = raised
+    if error is not None:
+        _fail(error)
     return stacks[key]
 
 
-def _fail(error: CommandFailedError) -> NoReturn:
-    """Let the test fail without a traceback."""
-    help = f"\n  help: {error.help}" if error.help else ""
-    pytest.fail(f"{error.message}{help}", pytrace=False)
+def _fail(error: CommandFailedError | LockstepError) -> NoReturn:
+    """Let the test fail without a traceback; outside of `except`, so that pytest shows no chain."""
+    help = getattr(error, "help", None)
+    pytest.fail(f"{error}\n  help: {help}" if help else str(error), pytrace=False)
 
 
 @pytest.fixture
@@ -339,7 +363,7 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, object, o
     second_error = _error_of(pyfuncitem.obj, {name: pyfuncitem.funcargs[name] for name in names})
     difference = _first_difference(trials.earlier, trials.results())
     if difference is not None:
-        pytest.fail(f"a second run of this test differs, first at {difference}", pytrace=False)
+        pytest.fail(f"a second run of this test differs: {difference}", pytrace=False)
     if (first_error is None) != (second_error is None):
         pytest.fail(
             f"one of two runs with the same trials fails: {first_error or second_error}",
@@ -360,11 +384,15 @@ def _error_of(call: Callable[..., object], arguments: Mapping[str, Any]) -> Exce
 
 def _first_difference(one: Sequence[TrialResult], two: Sequence[TrialResult]) -> str | None:
     if len(one) != len(two):
-        return f"the number of trials: {len(one)} and {len(two)}"
+        return f"{len(one)} and {len(two)} trials"
     for number, (first, second) in enumerate(zip(one, two, strict=True)):
         difference = first.first_difference(second)
         if difference is not None:
-            return difference if len(one) == 1 else f"{difference} of trial {number + 1}"
+            return (
+                f"first at {difference}"
+                if len(one) == 1
+                else (f"trial {number + 1}, first at {difference}")
+            )
     return None
 
 
@@ -375,36 +403,39 @@ def pytest_runtest_makereport(
     """Keep the trials of a test that fails, and record what the summary needs."""
     report = yield
     trials = item.stash.get(_TRIALS, None)
-    if report.when == "call" and trials is not None and (trials.started or report.failed):
+    is_over = report.when == "call" and not report.skipped
+    if is_over and trials is not None and (trials.started or report.failed):
         _keep(item, report, trials)
     return report
 
 
 def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None:
     config = item.config
-    is_kept = report.failed or bool(config.getoption("keep_all"))
-    node_id = _node_id(item)
+    node_id = node_id_of(item)
+    kept_before, name = config.stash[_SESSION].kept, getattr(item, "originalname", item.name)
+    is_new = report.failed and kept_before[name] < _MOST_KEPT
+    is_kept = is_new or bool(config.getoption("keep_all"))
     folder = Path(config.getoption("trial_folder") or config.rootpath / "build" / "obk-test")
-    stem = _stem(node_id)
+    stem = file_stem(item)
     results = trials.results()
-    reason = _reason(report)
+    reason = failure_reason(report)
     for old in [*folder.glob(f"{stem}.*")]:
         old.unlink()
     files: list[str] = []
     if is_kept:
         about = {"test": node_id, "outcome": report.outcome, "reason": reason}
-        kept = [(result, "") for result in results]
-        if trials.earlier and report.failed:
-            kept += [(result, ".first") for result in trials.earlier]
+        kept_before[name] += 1
         try:
-            for number, (result, ending) in enumerate(kept):
-                place = f".{number % len(results) + 1}" if len(results) > 1 else ""
-                path = folder / f"{stem}{place}{ending}.mcap"
-                files += _write(path, result, f"{node_id}, seed {result.seed}: {reason}", about)
+            for ending, kept in (("", results), (".first", trials.earlier)):
+                for number, result in enumerate(kept):
+                    place = f".{number + 1}" if len(kept) > 1 else ""
+                    path = folder / f"{stem}{place}{ending}.mcap"
+                    title = f"{node_id}, seed {result.seed}: {reason}"
+                    files += write_trial(path, result, title, about)
         except (CommandFailedError, OSError) as error:
             report.sections.append(("trials", f"the recording cannot be written: {error}"))
     if report.failed:
-        report.sections += [("trial", "\n".join(_account(result))) for result in results]
+        report.sections += [("trial", "\n".join(account_of(result))) for result in results]
     seeds = [trial.seed for trial in trials.started]
     callspec = getattr(item, "callspec", None)
     seed = callspec.params.get("seed") if callspec is not None else None
@@ -422,61 +453,3 @@ def _keep(item: pytest.Item, report: pytest.TestReport, trials: _Trials) -> None
     )
     item.user_properties.append(record.as_property())
     report.user_properties.append(record.as_property())
-
-
-def _node_id(item: pytest.Item) -> str:
-    """The id by which the test can be run from the folder of this run."""
-    if item.path.parent == Path(__file__).parent and item.path.stem == _SMOKE:
-        return item.name.replace("test_", "", 1)
-    path = os.path.relpath(item.path, item.config.invocation_params.dir)
-    return "::".join([path, *item.nodeid.split("::")[1:]])
-
-
-def _stem(node_id: str) -> str:
-    """The name of the files of a test."""
-    path, *names = node_id.split("::")
-    words = [Path(path).stem, *names] if names else [path]
-    text = re.sub(r"[^\w=]+", "-", "-".join(words)).strip("-")
-    return text if len(text) <= _LONGEST_NAME else f"{text[:_LONGEST_NAME]}-{_short_hash(text)}"
-
-
-def _short_hash(text: str) -> str:
-    import hashlib
-
-    return hashlib.sha256(text.encode()).hexdigest()[:8]
-
-
-def _reason(report: pytest.TestReport) -> str:
-    """Why a test failed, in one line."""
-    if not report.failed:
-        return ""
-    crash = getattr(report.longrepr, "reprcrash", None)
-    text = crash.message if crash is not None else str(report.longrepr)
-    lines = [line for line in text.splitlines() if line.strip()]
-    return lines[0].removeprefix("AssertionError: ") if lines else report.outcome
-
-
-def _write(path: Path, result: TrialResult, title: str, about: Mapping[str, str]) -> Iterator[str]:
-    """Write the recording and, if it can be drawn, the picture of a trial; yields their paths."""
-    from obk_testing.plot import draw_trial, is_drawable
-    from obk_testing.recording import write_recording
-
-    looked_at = dict(result.facts.looked_at)
-    write_recording(path, result, about)
-    yield os.path.relpath(path)
-    result.facts.looked_at.clear()
-    result.facts.looked_at.update(looked_at)
-    picture = path.with_suffix(".png")
-    if is_drawable() and draw_trial(result, title, picture):
-        yield os.path.relpath(picture)
-
-
-def _account(result: TrialResult) -> Iterator[str]:
-    """The lines about a trial in the report of a failed test."""
-    yield f"{result.facts.plan.name}, seed {result.seed}, {result.duration_s:g} s simulated"
-    yield from (f"{one.t:.3f} s: {one.text}" for one in result.facts.interventions)
-    yield from (f"fault: {fault}" for fault in result.faults)
-    yield from (f"note: {note}" for note in result.notes)
-    warnings = [entry for entry in result.log if entry.severity >= _WARNING]
-    for entry in warnings[-_SHOWN_LOG:]:
-        yield f"{entry.time_ns * 1e-9:.4f} s: {entry.name}: {entry.text}"

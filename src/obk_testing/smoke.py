@@ -14,7 +14,8 @@ import pytest
 
 from obk_cli.plan.plan import Plan
 from obk_testing.plugin import StartStack, describe_check
-from obk_testing.result import TopicLog, TrialResult
+from obk_testing.result import TrialResult
+from obk_testing.topic_log import TopicLog
 
 DURATION_S: Final = 5.0
 _SETTLED_S: Final = 1.0
@@ -117,7 +118,7 @@ def _field_not_finite(message: Any) -> str | None:
 
 
 def _wrong_rate(name: str, topic: TopicLog | None, rate_hz: float) -> Iterator[str]:
-    times = () if topic is None else topic.t[topic.t > _SETTLED_S]
+    times = () if topic is None else topic.t[topic.t >= _SETTLED_S]
     span_s = DURATION_S - _SETTLED_S
     measured_hz = len(times) / span_s
     # One message more or less is no other rate.

@@ -13,7 +13,8 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from obelisk_py.core.lockstep.topics import Topic
 from obk_cli.plan.plan import Plan
-from obk_testing.result import StateLog, TopicLog, TrialFacts, TrialResult
+from obk_testing.result import StateLog, TrialFacts, TrialResult
+from obk_testing.topic_log import TopicLog
 
 PLAN = Plan(name="stack", processes=())
 MS = 1_000_000
@@ -113,6 +114,16 @@ def test_a_joint_by_its_name() -> None:
     assert log.joint("elbow", "q_joints").tolist() == [2, 4]
     with pytest.raises(LookupError, match="did you mean `elbow`"):
         log.joint("elbw", "q_joints")
+
+
+def test_units_are_those_of_the_definition() -> None:
+    log = result(topic("/est", estimate(1, 2)))["/est"]
+    assert log.unit("q_joints") == log.unit("q_joints[1]") == "rad or m"
+    assert log.unit("joint_names") is None
+    assert log.unit("nothing") is None
+    assert log.unit("q_base") == "m"
+    assert log.unit("v_base") is None, "two units"
+    assert log.unit("header.stamp.sec") is None
 
 
 def test_the_newest_message_at_a_time() -> None:
