@@ -39,8 +39,9 @@ _OF_A_TIME: Final = ("localtime", "gmtime", "ctime")
 """Functions of `time` that take the present unless they are given a time."""
 _CLOCKS: Final = ("CLOCK_REALTIME", "CLOCK_MONOTONIC", "CLOCK_MONOTONIC_RAW", "CLOCK_BOOTTIME")
 """Clocks of the system that show the time, not what a process or thread has used."""
-_LIBRARY: Final = ("obelisk_py.", "rclpy.", "threading.", "mujoco.")
-"""Modules whose own waits and threads are not the user's."""
+_OWN_WAITS: Final = ("obelisk_py.", "threading.")
+_OWN_THREADS: Final = (*_OWN_WAITS, "rclpy.", "mujoco.")
+"""Modules whose waits and threads are not the user's."""
 _SEED_BITS: Final = 256
 
 
@@ -197,7 +198,8 @@ def _sleep_function(real: Callable[[float], None]) -> Callable[[float], None]:
 def _wait_function(real: Callable[..., bool]) -> Callable[..., bool]:
     def wait(self: threading.Event, timeout: float | None = None) -> bool:
         run = _process.inside()
-        if run is None or _is_library(sys._getframe(1)):
+        # Events that rclpy waits for are those of calls that block, such as `send_goal`.
+        if run is None or _is_of(_OWN_WAITS, sys._getframe(1)):
             return real(self, timeout)
         thread = threading.current_thread()
         if isinstance(thread, GuestThread):
@@ -219,8 +221,8 @@ def _wait_function(real: Callable[..., bool]) -> Callable[..., bool]:
     return wait
 
 
-def _is_library(frame: FrameType) -> bool:
-    return f"{frame.f_globals.get('__name__', '')}.".startswith(_LIBRARY)
+def _is_of(modules: tuple[str, ...], frame: FrameType) -> bool:
+    return f"{frame.f_globals.get('__name__', '')}.".startswith(modules)
 
 
 def _datetime_class(real: type[datetime.datetime]) -> type[datetime.datetime]:
@@ -299,7 +301,7 @@ def _seed_function(real: Callable[..., None]) -> Callable[..., None]:
 def _start_function(real: Callable[[threading.Thread], None]) -> Callable[[Any], None]:
     def start(self: threading.Thread) -> None:
         run = _process.inside()
-        if run is not None and not _is_library(sys._getframe(1)):
+        if run is not None and not _is_of(_OWN_THREADS, sys._getframe(1)):
             run.has_threads = True
             node, place = run.scheduler.running, user_place()
             run.scheduler.note(
