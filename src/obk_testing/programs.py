@@ -40,6 +40,7 @@ from obk_cli.workspace.package_index import PackageIndex
 
 __all__ = ["LoadedStack", "compile_stack", "load_stack"]
 
+_DISCOVERY: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _TRIALS_OF_A_PARTICIPANT: Final = 20
 _NOT_FOR_TESTS: Final = {"viewer": "none", "render": ""}
 """Parameters of the simulator that open windows or write files."""
@@ -162,7 +163,13 @@ class Participant:
     def open(self) -> None:
         """Make it for the first stack."""
         if not rclpy.ok():
+            before = os.environ.get(_DISCOVERY)
+            os.environ[_DISCOVERY] = "OFF"  # no other process sees the nodes
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+            if before is None:
+                del os.environ[_DISCOVERY]
+            else:
+                os.environ[_DISCOVERY] = before
             self._owns_context = True
         self._stacks += 1
         if self._keeper is None:

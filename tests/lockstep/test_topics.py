@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import (
     DurabilityPolicy,
@@ -224,6 +225,14 @@ def test_quality_of_service_events_are_refused_by_name(world: World) -> None:
     world.at(node, 0.1, subscribe)
     with pytest.raises(LockstepError, match=r"REQUESTED_DEADLINE_MISSED \(.*test_topics\.py:\d+\)"):
         world.run(0.2)
+
+
+def test_a_lifespan_is_noted(world: World) -> None:
+    world.node().create_publisher(
+        String, "/text", QoSProfile(depth=1, lifespan=Duration(seconds=1))
+    )
+    (note,) = world.notes
+    assert "/text with a lifespan" in note
 
 
 def test_nodes_that_answer_each_other_without_end_are_named(world: World) -> None:
