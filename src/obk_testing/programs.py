@@ -192,7 +192,8 @@ class Participant:
     def leave(self) -> None:
         """End a trial; perhaps make a new participant."""
         self._trials -= 1
-        if self._trials == 0 and self._trials_since >= _TRIALS_OF_A_PARTICIPANT:
+        is_due = self._trials_since >= _TRIALS_OF_A_PARTICIPANT
+        if self._trials == 0 and is_due and self._keeper is not None:
             self._destroy()
             _return_memory()
             self._make()

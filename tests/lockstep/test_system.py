@@ -1,5 +1,6 @@
 """What code asks the system for, in lock-step: time, dates, sleep, chance, threads and logs."""
 
+import asyncio
 import datetime
 import random
 import threading
@@ -70,6 +71,7 @@ SLEEPS: dict[str, Callable[[Any], object]] = {
     "own clock": lambda _: Clock(clock_type=ClockType.STEADY_TIME).sleep_for(
         Duration(seconds=0.03)
     ),
+    "asyncio": lambda _: asyncio.run(asyncio.sleep(0.03)),
     "event": lambda _: threading.Event().wait(0.03),
 }
 

@@ -183,6 +183,7 @@ def test_timers_are_those_of_rcl(
         world.run(0.0)
         assert ticks == expected
         assert ours.time_until_next_call() == theirs.time_until_next_call()
+        assert ours.time_since_last_call() == theirs.time_since_last_call()
     theirs.destroy()
     world.close()
 
