@@ -26,6 +26,8 @@ from obk_testing import programs
 from obk_testing.programs import load_stack
 from obk_testing.trial import Schedule, StackTrial
 
+pytestmark = pytest.mark.ros
+
 CONFIG = Path(__file__).parent / "workspace" / "hazards.yaml"
 CONTROL, ESTIMATION, ROBOT = "/obelisk_control_0", "/obelisk_estimation_0", "/obelisk_robot_0"
 

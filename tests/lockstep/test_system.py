@@ -20,6 +20,8 @@ from obelisk_py.core.lockstep.scheduler import LockstepError
 
 from .world import World, seconds
 
+pytestmark = pytest.mark.ros
+
 
 def _in_callback(world: World, read: Callable[[], Any], t: float = 1.5) -> Any:
     """What `read` returns in a callback at a time."""

@@ -21,6 +21,8 @@ from obelisk_py.core.lockstep.scheduler import LockstepError, TimingModel
 
 from .world import World, seconds
 
+pytestmark = pytest.mark.ros
+
 LATCHED = QoSProfile(depth=2, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 

@@ -18,6 +18,8 @@ from obelisk_py.core.lockstep.scheduler import NS_PER_S, TimingModel
 
 from ..lockstep.world import World, lockstep_process  # noqa: TID252 - shared by folders of tests
 
+pytestmark = pytest.mark.ros
+
 MS = 1_000_000
 DURATION_MS = 200
 
