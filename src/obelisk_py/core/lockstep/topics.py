@@ -255,9 +255,14 @@ class TopicTable:
 
 def _deliver(subscriber: _Subscriber, place: int) -> bool:
     queue = subscriber.queue
-    if not queue or queue[0][0] != place:
-        return False  # newer messages have pushed it out
-    _, sent_ns, message = queue.popleft()
+    if queue and queue[0][0] == place:
+        _, sent_ns, message = queue.popleft()
+    else:
+        found = next((each for each in queue if each[0] == place), None)
+        if found is None:
+            return False  # newer messages have pushed it out
+        queue.remove(found)  # it has overtaken others on its way
+        _, sent_ns, message = found
     if not subscriber.raw and isinstance(message, bytes):
         message = subscriber.unpack(message)
     subscriber.call(message, sent_ns)
