@@ -43,7 +43,7 @@ from obk_testing.schedule import BringUp, Schedule, bring_up_times  # noqa: E402
 from obk_testing.summary import TrialRecord, record_of, summary_lines  # noqa: E402
 from obk_testing.trial import StackTrial  # noqa: E402
 
-__all__ = ["StartStack", "describe_check", "given_plan"]
+__all__ = ["StartStack"]
 
 _SCHEDULE: Final = ("latency", "jitter", "phases", "compute", "bring_up")
 _MOST_KEPT: Final = 10
@@ -340,9 +340,14 @@ def _config_of(
     return path, options.stack_set if is_given else ()
 
 
-def describe_check(request: pytest.FixtureRequest, sentence: str) -> None:
-    """Have the summary show what a test has checked."""
-    request.node.stash[_TRIALS].checked = sentence
+@pytest.fixture
+def describe_check(request: pytest.FixtureRequest) -> Callable[[str], None]:
+    """Have the summary show what a test has checked, in a sentence."""
+
+    def describe(sentence: str) -> None:
+        request.node.stash[_TRIALS].checked = sentence
+
+    return describe
 
 
 @pytest.hookimpl(wrapper=True)
