@@ -50,7 +50,7 @@ def stands(qpos):
 
 @pytest.mark.parametrize(("late_ms", "duration"), [(0, 26.0), (20, 14.0)])
 def test_it_gets_up_sways_and_trots_on_its_spot(stack, seed, late_ms, duration):
-    quadruped = stack(CONFIG, seed=seed)
+    quadruped = stack(CONFIG, seed=seed, record=["/quadruped/est"])  # other messages are not kept
     quadruped.delay("/quadruped/ctrl", late_ms / 1000)
     run = quadruped.run(duration)
     assert not run.faults
