@@ -19,11 +19,15 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import pytest  # noqa: E402
 
 from obelisk_py.core.lockstep.interception import intercepted  # noqa: E402
-from obk_testing.programs import LoadedStack, load_stack  # noqa: E402
+from obk_testing.programs import LoadedStacks  # noqa: E402
 from obk_testing.trial import Schedule, StackTrial  # noqa: E402
 
-__all__ = ["StartStack"]
+__all__ = ["OVERRIDES", "TRIALS", "StartStack"]
 
+OVERRIDES = pytest.StashKey[tuple[Path, tuple[str, ...]]]()
+"""Of the session's config: a config, and `path=value` for each of its trials, before `set`."""
+TRIALS = pytest.StashKey[list[StackTrial]]()
+"""Of a test: the trials that it has started."""
 _INTERCEPTION = pytest.StashKey[ExitStack]()
 
 
@@ -99,27 +103,25 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 @pytest.fixture(scope="session")
-def _stacks() -> Iterator[dict[tuple[Any, ...], LoadedStack]]:
-    """The stacks that are loaded, by config, changes and nodes left out."""
-    stacks: dict[tuple[Any, ...], LoadedStack] = {}
+def _stacks() -> Iterator[LoadedStacks]:
+    stacks = LoadedStacks()
     yield stacks
-    for loaded in stacks.values():
-        loaded.close()
+    stacks.close()
 
 
 @pytest.fixture
-def stack(
-    request: pytest.FixtureRequest, _stacks: dict[tuple[Any, ...], LoadedStack]
-) -> Iterator[StartStack]:
+def stack(request: pytest.FixtureRequest, _stacks: LoadedStacks) -> Iterator[StartStack]:
     """`stack("my_robot.yaml")` brings a config up in lock-step; see `StartStack`."""
+    changed, changes = request.config.stash.get(OVERRIDES, (Path(), ()))
+    started = request.node.stash.setdefault(TRIALS, [])
     with ExitStack() as trials:
 
         def start(config: str | Path, **options: Any) -> StackTrial:
             path = (request.path.parent / config).resolve()
             overrides, without = tuple(options.pop("set", ())), tuple(options.pop("without", ()))
-            key = (path, overrides, without)
-            if key not in _stacks:
-                _stacks[key] = load_stack(path, overrides, without=without)
+            if path == changed:
+                overrides = (*changes, *overrides)
+            loaded = _stacks.get(path, overrides, without=without)
             schedule = Schedule(
                 **{
                     name: options.pop(name)
@@ -127,6 +129,10 @@ def stack(
                     if options.get(name) is not None
                 }
             )
-            return trials.enter_context(StackTrial(_stacks[key], schedule=schedule, **options))
+            trial = trials.enter_context(StackTrial(loaded, schedule=schedule, **options))
+            started.append(trial)
+            return trial
 
         yield start
+    started.clear()
+    _stacks.trim()
