@@ -1,0 +1,332 @@
+"""Run a sweep: `python -m obk_testing.sweep REQUEST`, which `obk sweep` starts.
+
+REQUEST is a `SweepRequest` as JSON. Exit code 0: all cases passed; 1: one did not, or the config
+has errors; 2: the request is wrong; 130: interrupted.
+"""
+
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NoReturn
+
+from obelisk_spec.suggestions import with_number
+from obk_cli.errors import (
+    EXIT_DONE,
+    EXIT_FAILED,
+    EXIT_INTERRUPTED,
+    CommandFailedError,
+    MisuseError,
+    ObkError,
+)
+from obk_cli.optional_deps import require_extra
+from obk_cli.plan.plan import Plan
+from obk_cli.terminal import visible
+from obk_testing.programs import CompiledStack, compile_stack
+from obk_testing.sweep.cases import (
+    Case,
+    FoundTest,
+    Varied,
+    make_cases,
+    parse_varied,
+    with_types_of_config,
+)
+from obk_testing.sweep.engines import Engine, LocalEngine, WorkerProcess
+from obk_testing.sweep.report import report_page
+from obk_testing.sweep.store import SweepStore, hashes_of, installed_sources
+from obk_testing.sweep.summary import Result, Summary, duration_text, summary_json, summary_text
+from obk_testing.sweep.worker import machine
+
+__all__ = ["SweepRequest", "run_sweep"]
+
+_LINE_S: Final = 10.0
+"""Between two lines of progress where they are not overwritten [s]."""
+_SOURCES: Final = frozenset(
+    {".py", ".yaml", ".yml", ".json", ".xml", ".urdf", ".npy", ".npz", ".csv", ".obj", ".stl"}
+)
+_BUILT: Final = frozenset({"__pycache__", "build", ".git", ".venv"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepRequest:
+    """What to run."""
+
+    config: str
+    test: str | None = None
+    """As pytest takes it; None: all tests beside the config."""
+    seeds: int = 1
+    vary: Sequence[str] = ()
+    is_grid: bool = False
+    workers: int = 1
+    engine: str = "local"
+    scheduler: str | None = None
+    output: str | None = None
+    is_restart: bool = False
+    overrides: Sequence[str] = ()
+    is_json: bool = False
+
+
+class _Progress:
+    """Counts, failures, rate and time left, on the standard error."""
+
+    def __init__(self, count: int, done: int, bad: int) -> None:
+        self._count, self._done, self._bad = count, done, bad
+        self._before = done
+        self._begin = time.monotonic()
+        self._printed = self._begin
+        self._on_terminal = sys.stderr.isatty()
+
+    def add(self, *, is_bad: bool) -> None:
+        """Count a case that has ended."""
+        self._done += 1
+        self._bad += is_bad
+        now = time.monotonic()
+        if now - self._printed >= (0.1 if self._on_terminal else _LINE_S):
+            self._printed = now
+            self._print(self._text(now - self._begin))
+
+    def note(self, text: str) -> None:
+        """Print a line that stays."""
+        print(f"{self._clear()}{visible(text)}", file=sys.stderr, flush=True)
+
+    def end(self) -> None:
+        """Remove the line that was overwritten."""
+        print(self._clear(), end="", file=sys.stderr, flush=True)
+
+    def _text(self, seconds: float) -> str:
+        rate = (self._done - self._before) / max(seconds, 1e-3)
+        left = (self._count - self._done) / rate
+        return (
+            f"{self._done} of {self._count}, {self._bad} failed, {rate:.1f} a second, "
+            f"{duration_text(left)} left"
+        )
+
+    def _print(self, text: str) -> None:
+        end = "" if self._on_terminal else "\n"
+        print(f"{self._clear()}{text}", end=end, file=sys.stderr, flush=True)
+
+    def _clear(self) -> str:
+        return "\r\x1b[K" if self._on_terminal else ""
+
+
+def run_sweep(request: SweepRequest) -> int:
+    """Run the cases that have no result yet, and report all; the exit code.
+
+    Raises:
+        ObkError: the sweep cannot run.
+    """
+    begin = time.monotonic()
+    config = Path(request.config).resolve()
+    if request.engine == "dask":
+        require_extra("distributed", "sweep")
+    varied = tuple(map(parse_varied, request.vary))
+    varied = with_types_of_config(varied, config, dict(os.environ))
+    compiled = _checked(config, varied, request.overrides)
+    folder = Path(request.output or Path("build", "obk-sweep", compiled.plan.name))
+    with (
+        SweepStore(folder.absolute(), restart=request.is_restart) as store,
+        _terminated_as_interrupted(),
+    ):
+        first = WorkerProcess(config, _tests_of(config, request.test), store.scratch)
+        try:
+            tests = _require_tests(first, request)
+            hashes = hashes_of(_inputs(compiled, first.hello.files), Path.cwd())
+            store.require_same_inputs({**hashes, **installed_sources()})
+            cases = make_cases(
+                tests,
+                seeds=request.seeds,
+                varied=varied,
+                is_grid=request.is_grid,
+                overrides=request.overrides,
+            )
+            is_complete = _run(request, config, cases, store, first)
+        finally:
+            first.close()
+        rows = store.rows()
+        summary = Summary(
+            name=compiled.plan.name,
+            config=request.config,
+            results=tuple(Result(case=c, row=rows[c.key]) for c in cases if c.key in rows),
+            count=len(cases),
+            varied=tuple(each.path for each in varied),
+            notes=store.notes(),
+            seconds=time.monotonic() - begin,
+            machine=machine(),
+            workers=request.workers,
+            engine=request.engine,
+        )
+        page = folder / "report.html"
+        page.write_text(report_page(summary), encoding="utf-8")
+    if request.is_json:
+        print(json.dumps(summary_json(summary, str(page), str(folder / "sweep.sqlite")), indent=1))
+    else:
+        print(summary_text(summary, str(page)))
+    if not is_complete:
+        print("interrupted; the same command continues", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    return EXIT_DONE if summary.all_passed else EXIT_FAILED
+
+
+def _checked(config: Path, varied: Sequence[Varied], overrides: Sequence[str]) -> CompiledStack:
+    """Compile the config as it is, and with the ends of every range."""
+    compiled = compile_stack(config, overrides)
+    for each in varied:
+        for value in each.ends():
+            changes = (*overrides, f"{each.path}={value}")
+            compile_stack(config, changes, environment=compiled.environment)
+    return compiled
+
+
+def _tests_of(config: Path, test: str | None) -> tuple[str, ...]:
+    """What pytest collects from, as absolute paths."""
+    if test is None:
+        folder = config.parent / "tests"
+        found = (folder,) if folder.is_dir() else tuple(sorted(config.parent.glob("test_*.py")))
+        return tuple(map(str, found))
+    path, colons, name = test.partition("::")
+    for folder in (Path.cwd(), config.parent):
+        if (folder / path).exists():
+            return (f"{(folder / path).resolve()}{colons}{name}",)
+    raise MisuseError(
+        f"the test `{path}` does not exist",
+        help=f"give it relative to this folder or to {config.parent}, such as "
+        "`tests/test_robot.py::test_it_stands`",
+    )
+
+
+def _require_tests(worker: WorkerProcess, request: SweepRequest) -> tuple[FoundTest, ...]:
+    hello = worker.hello
+    if hello.problem:
+        raise CommandFailedError(f"the tests cannot be collected\n{hello.problem}")
+    if not hello.tests:
+        what = f"`{request.test}`" if request.test else "the tests beside the config"
+        raise MisuseError(
+            f"{what}: no test takes the fixture `stack`",
+            help="write one: `def test_it_stands(stack, seed): ...`",
+        )
+    if hello.left_out:
+        count = with_number(hello.left_out, "test")
+        print(f"without {count} that do not take `stack`", file=sys.stderr)
+    return hello.tests
+
+
+def _inputs(compiled: CompiledStack, tests: Sequence[str]) -> Iterator[Path]:
+    """The files that results depend on."""
+    yield compiled.config
+    for name in tests:
+        yield Path(name)
+        yield from (folder / "conftest.py" for folder in (Path(name).parent, *Path(name).parents))
+    yield from _config_files(compiled.plan)
+    folders = {process.package for process in compiled.plan.processes}
+    for package in sorted(folders):
+        if (source := compiled.packages.source_packages.get(package)) is not None:
+            yield from _sources(source)
+    for process in compiled.plan.processes:
+        if process.model:
+            yield from _sources(Path(process.model).parent)
+
+
+def _config_files(plan: Plan) -> Iterator[Path]:
+    """The files that nodes are written in, the config and what it includes."""
+    yield from {Path(process.origin.path).resolve() for process in plan.processes}
+
+
+def _sources(folder: Path) -> Iterator[Path]:
+    for path in sorted(folder.rglob("*")):
+        if path.suffix.lower() in _SOURCES and _BUILT.isdisjoint(path.parts):
+            yield path
+
+
+def _run(
+    request: SweepRequest,
+    config: Path,
+    cases: Sequence[Case],
+    store: SweepStore,
+    first: WorkerProcess,
+) -> bool:
+    """Run the cases without a result; whether all of them have ended."""
+    rows = store.rows()
+    pending = [case for case in cases if case.key not in rows]
+    bad = sum(row.outcome in ("failed", "died") for row in rows.values())
+    done = len(cases) - len(pending)
+    if done:
+        print(f"continuing: {done} of {with_number(len(cases), 'case')} done", file=sys.stderr)
+    if not pending:
+        return True
+    by_key = {case.key: case for case in pending}
+    progress = _Progress(len(cases), done, bad)
+    seen: set[str] = set(store.notes())
+    try:
+        with _engine(request, config, store.scratch, first, cases[0]) as engine:
+            for placed in engine.map(pending):
+                store.add(by_key[placed.row.key], placed.row)
+                progress.add(is_bad=placed.row.outcome in ("failed", "died"))
+                if placed.note and placed.note not in seen:
+                    seen.add(placed.note)
+                    store.add_note(placed.note)
+                    progress.note(f"note: {placed.note}")
+    except KeyboardInterrupt:
+        return False
+    finally:
+        progress.end()
+    return True
+
+
+@contextmanager
+def _engine(
+    request: SweepRequest, config: Path, scratch: Path, first: WorkerProcess, probe: Case
+) -> Iterator[Engine]:
+    tests = _tests_of(config, request.test)
+    if request.engine == "local":
+        with LocalEngine(config, tests, scratch, workers=request.workers, first=first) as local:
+            yield local
+        return
+    from obk_testing.sweep.dask_engine import DaskEngine
+
+    digest = first.run(probe).digest
+    first.close()
+    with DaskEngine(
+        config,
+        tests,
+        scratch,
+        scheduler=request.scheduler,
+        workers=request.workers,
+        probe=probe,
+        digest=digest or "none",
+    ) as engine:
+        yield engine
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """While entered, SIGTERM ends the sweep as Ctrl-C does."""
+
+    def interrupt(*_: Any) -> NoReturn:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def main() -> None:
+    """Run the sweep of the command line."""
+    try:
+        sys.exit(run_sweep(SweepRequest(**json.loads(sys.argv[1]))))
+    except ObkError as error:
+        text = f"error: {error.message}" + (f"\n  help: {error.help}" if error.help else "")
+        print("\n".join(map(visible, text.split("\n"))), file=sys.stderr)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(EXIT_INTERRUPTED)
+
+
+if __name__ == "__main__":
+    main()
