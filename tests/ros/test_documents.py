@@ -49,6 +49,7 @@ SLOW = {
     "docs/how-to/looking-into-a-stack.md",
     "docs/how-to/recording.md",
     "docs/how-to/running.md",
+    "docs/how-to/sweeps.md",
     "docs/how-to/viewing.md",
     "examples/arm/README.md",
     "examples/dummy/README.md",

@@ -120,7 +120,6 @@ def run_sweep(request: SweepRequest) -> int:
     Raises:
         ObkError: the sweep cannot run.
     """
-    begin = time.monotonic()
     config = Path(request.config).resolve()
     if request.engine == "dask":
         require_extra("distributed", "sweep")
@@ -155,9 +154,7 @@ def run_sweep(request: SweepRequest) -> int:
             count=len(cases),
             varied=tuple(each.path for each in varied),
             notes=store.notes(),
-            seconds=time.monotonic() - begin,
             machine=machine(),
-            workers=request.workers,
             engine=request.engine,
         )
         page = folder / "report.html"
@@ -178,7 +175,13 @@ def _checked(config: Path, varied: Sequence[Varied], overrides: Sequence[str]) -
     for each in varied:
         for value in each.ends():
             changes = (*overrides, f"{each.path}={value}")
-            compile_stack(config, changes, environment=compiled.environment)
+            try:
+                compile_stack(config, changes, environment=compiled.environment)
+            except CommandFailedError as error:
+                raise MisuseError(
+                    f"`--vary {each.path}`: with the value {value} {error.message}",
+                    help="vary it over values that the config allows",
+                ) from error
     return compiled
 
 

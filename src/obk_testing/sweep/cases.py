@@ -177,7 +177,7 @@ def parse_varied(text: str) -> Varied:
         if len(listed) < 2 or not all(listed):
             raise MisuseError(
                 f"`--vary {text}`: `{values}` is no range and no list",
-                help=f"such as `{path}=50..200` or `{path}=1,2,5`",
+                help="write `PATH=50..200` or `PATH=1,2,5`",
             )
         return Varied(path=path, values=listed)
     low, high = float(found[1]), float(found[2])

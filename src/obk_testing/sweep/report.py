@@ -6,6 +6,7 @@ the worst cases with the commands that run them again, and what the results depe
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from html import escape
 from typing import Final
 
@@ -51,6 +52,7 @@ _FOOT: Final = 30
 _HEAD: Final = 14
 """Above a chart, for the counts."""
 _BARS: Final = 20
+_LONGEST_LABEL: Final = 8
 
 
 def report_page(summary: Summary) -> str:
@@ -70,7 +72,7 @@ def _body(summary: Summary) -> Iterator[str]:
     for test, results in summary.tests.items():
         yield _test_card(test, results)
     for path in summary.varied:
-        yield f"<h2>Pass rate over <code>{escape(path)}</code></h2>"
+        yield f"<h2>Pass rate [%] over <code>{escape(path)}</code></h2>"
         yield '<div class="grid">'
         for test in summary.tests:
             yield f'<div class="card"><h3>{escape(test)}</h3>'
@@ -130,7 +132,7 @@ def _rates_chart(parts: Sequence[Part]) -> str:
             _label(middle, _HEAD - 4, f"{100 * share:.0f}%" if part.count else "", "middle")
         )
         if part.low is None:
-            labels.append(_label(middle, _HEAD + _HEIGHT + 14, part.label, "middle"))
+            labels.append(_label(middle, _HEAD + _HEIGHT + 14, _short(part.label), "middle"))
     if parts and parts[0].low is not None:
         labels.append(_label(0, _HEAD + _HEIGHT + 14, f"{parts[0].low:.4g}", "start"))
         labels.append(_label(_WIDTH, _HEAD + _HEIGHT + 14, f"{parts[-1].high:.4g}", "end"))
@@ -206,19 +208,26 @@ def _worst(summary: Summary) -> Iterator[str]:
     if not worst:
         return
     yield "<h2>Worst cases</h2>"
-    for result in worst:
+    for result, reason in worst:
         kind = "bad" if result.is_bad else "dim"
         yield f'<div class="card"><h3>{escape(result.case.test)}</h3>'
-        yield f"<p>{escape(result.title)}: <span class={kind}>{result.row.outcome}</span></p>"
+        yield f"<p>{escape(result.title)}: <span class={kind}>{escape(reason)}</span></p>"
         if result.row.why:
             yield f"<p><code>{escape(result.row.why)}</code></p>"
         if result.row.metrics:
             values = ", ".join(f"{name} = {_shown(v)}" for name, v in result.row.metrics.items())
             yield f'<p class="dim">{escape(values)}</p>'
         yield f"<pre>{escape(rerun_command(summary.config, result.case))}</pre></div>"
-    hidden = len(summary.bad) - sum(result.is_bad for result in worst)
+    hidden = len(summary.bad) - sum(result.is_bad for result, _ in worst)
     if hidden > 0:
         yield f'<p class="dim">{with_number(hidden, "more failed case")} in sweep.sqlite</p>'
+
+
+def _short(label: str) -> str:
+    """A label that fits below a bar."""
+    with suppress(ValueError):
+        return f"{float(label):.3g}"
+    return label if len(label) <= _LONGEST_LABEL else f"{label[: _LONGEST_LABEL - 1]}…"
 
 
 def _shown(value: object) -> str:

@@ -3,6 +3,7 @@
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, Final
 
 from obelisk_spec.suggestions import with_number
@@ -61,10 +62,7 @@ class Summary:
     varied: tuple[str, ...]
     """Paths of the config."""
     notes: tuple[str, ...]
-    seconds: float
-    """Wall time of the command [s]."""
     machine: Mapping[str, str]
-    workers: int
     engine: str
 
     @property
@@ -101,15 +99,15 @@ class Summary:
                     found[name].append((result, float(value)))
         return {name: tuple(values) for name, values in found.items()}
 
-    def worst(self) -> tuple[Result, ...]:
-        """Bad cases, then those with the extremes of a metric."""
-        extremes = (
-            end
-            for test in self.tests
-            for values in self.metrics(test).values()
-            for end in (max(values, key=_value)[0], min(values, key=_value)[0])
-        )
-        found = {result.case.key: result for result in (*self.bad[:_MOST_WORST], *extremes)}
+    def worst(self) -> tuple[tuple[Result, str], ...]:
+        """Bad cases, then those with the extremes of a metric; each with what it stands out by."""
+        found = {result.case.key: (result, str(result.row.outcome)) for result in self.bad}
+        found = dict(islice(found.items(), _MOST_WORST))
+        for test in self.tests:
+            for name, values in self.metrics(test).items():
+                for end, word in ((max, "largest"), (min, "smallest")):
+                    result = end(values, key=_value)[0]
+                    found.setdefault(result.case.key, (result, f"{word} `{name}`"))
         return tuple(found.values())[:_MOST_WORST]
 
     def parts(self, test: str, path: str) -> tuple[Part, ...]:

@@ -98,7 +98,7 @@ class _CaseLoop:
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         """Serve cases until the input ends."""
         found = {
-            FoundTest(node_id=item.nodeid, takes_seed="seed" in item.fixturenames): item
+            FoundTest(node_id=self._id(item), takes_seed="seed" in item.fixturenames): item
             for item in session.items
             if isinstance(item, pytest.Function) and "stack" in item.fixturenames
         }
@@ -115,6 +115,11 @@ class _CaseLoop:
             case = case_of(json.loads(line))
             self._send(self._run(items[case.test], case).data())
         return True
+
+    def _id(self, item: pytest.Item) -> str:
+        """The id relative to the folder of the config, where pytest has none for other folders."""
+        path = os.path.relpath(item.path, self._config.parent)
+        return f"{path}::{item.nodeid.partition('::')[2]}"
 
     def _run(self, pattern: pytest.Function, case: Case) -> Row:
         from obk_testing.plugin import OVERRIDES  # pytest has to load it first
@@ -165,7 +170,8 @@ def _item_of(pattern: pytest.Function, node_id: str) -> pytest.Item:
         name=pattern.originalname,
         obj=getattr(collector.obj, pattern.originalname),
     )
-    items = [item for item in made if item.nodeid == node_id]
+    name = node_id.partition("::")[2]
+    items = [item for item in made if item.nodeid.partition("::")[2] == name]
     session = pattern.session
     session.config.hook.pytest_collection_modifyitems(
         session=session, config=session.config, items=items

@@ -43,6 +43,7 @@ NEEDS = {
     "record": ("record", []),
     "bag": ("record", ["info", "run.mcap"]),
     "plot": ("plot", ["run.mcap", "est.q"]),
+    "sweep": ("ros", ["my_robot/my_robot.yaml"]),
     "web": ("web", []),
 }
 """Verb -> the extra that it asks for first, and arguments."""
