@@ -6,6 +6,7 @@ import shutil
 import signal
 import sqlite3
 import subprocess
+import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -255,52 +256,60 @@ def test_a_worker_without_its_parent_does_not_start(config: Path) -> None:
     assert (result.returncode, result.stdout) == (0, "")
 
 
-@pytest.mark.slow
-def test_a_dask_cluster_gives_the_same_bits_from_a_shipped_workspace(config: Path) -> None:
-    dask_engine = pytest.importorskip("obk_testing.sweep.dask_engine")
-    cases = [*make_cases([STAYS], seeds=6)]
-    local = run_alone(config, cases, workers=2)
-    scratch, tests = config.parent / "scratch", (str(config.parent / "tests"),)
+DASK = """\
+import json
+import sys
+from pathlib import Path
+
+from obk_testing.sweep.cases import FoundTest, make_cases
+from obk_testing.sweep.dask_engine import DaskEngine
+
+if __name__ == "__main__":
+    folder, node_id, digest = Path(sys.argv[1]), *sys.argv[2:]
+    cases = make_cases([FoundTest(node_id=node_id, takes_seed=True)], seeds=6)
     seeds = {case.key: case.seed for case in cases}
-    for is_shipped in (False, True):
-        with dask_engine.DaskEngine(
-            config,
-            tests,
-            scratch,
-            scheduler=None,
-            workers=2,
-            probe=cases[0],
-            digest=local[0],
-            is_shipped=is_shipped,
-        ) as engine:
-            placed = list(engine.map(cases))
-        assert {seeds[each.row.key]: each.row.digest for each in placed} == local
-        assert {each.note for each in placed} == {""}
+    with DaskEngine(
+        folder / "dummy.yaml",
+        (str(folder / "tests"),),
+        folder / "scratch",
+        scheduler=None,
+        workers=2,
+        probe=cases[0],
+        digest=digest,
+        is_shipped=True,
+    ) as engine:
+        placed = list(engine.map(cases))
+    rows = [[seeds[each.row.key], each.row.digest] for each in placed]
+    print(json.dumps({"rows": rows, "notes": sorted({each.note for each in placed})}))
+"""
 
 
 @pytest.mark.slow
-def test_a_sweep_on_dask_notes_workers_with_other_bits(config: Path) -> None:
-    dask_engine = pytest.importorskip("obk_testing.sweep.dask_engine")
-    (case,) = make_cases([STAYS], seeds=1)
-    scratch = config.parent / "scratch"
-    scratch.mkdir()
-    with dask_engine.DaskEngine(
-        config,
-        (str(config.parent / "tests"),),
-        scratch,
-        scheduler=None,
-        workers=1,
-        probe=case,
-        digest="of another machine",
-    ) as engine:
-        (placed,) = engine.map([case])
-    assert "statistics, not replays" in placed.note
+def test_two_dask_workers_give_the_bits_of_local_ones(config: Path) -> None:
+    pytest.importorskip("distributed", reason="it is in the extra `sweep`")
+    folder, test = config.parent, "tests/test_dummy.py::test_it_stays"
+    local = run_alone(config, [*make_cases([STAYS], seeds=6)], workers=2)
     result = obk(
-        *("sweep", config, "tests/test_dummy.py::test_it_stays", "--seeds", "3", "-j", "2"),
-        *("--engine", "dask", "--output", config.parent / "out"),
+        *("sweep", config, test, "--seeds", "6", "-j", "2", "--engine", "dask"),
+        *("--output", folder / "out"),
     )
-    assert result.returncode == 0, result.stderr
-    assert digests(config.parent / "out") == run_alone(config, [*make_cases([STAYS], seeds=3)])
+    assert result.returncode == 1, result.stderr  # seed 3
+    assert digests(folder / "out") == local
+    assert "other bits" not in result.stdout
+
+    # From a copy of the workspace, on a machine that has other bits.
+    (folder / "on_dask.py").write_text(DASK)
+    shipped = subprocess.run(
+        [sys.executable, folder / "on_dask.py", folder, STAYS.node_id, "of another CPU"],
+        capture_output=True,
+        text=True,
+    )
+    assert shipped.returncode == 0, shipped.stderr
+    found = json.loads(shipped.stdout)
+    assert dict(found["rows"]) == local
+    (note,) = found["notes"]
+    assert "statistics, not replays" in note
+    assert not list((folder / "scratch").iterdir())
 
 
 @pytest.mark.slow
